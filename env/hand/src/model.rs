@@ -1,0 +1,195 @@
+//! The description of a hand, as read from a URDF (links, joints, shapes) and a `hand.toml` (the rest).
+//!
+//! Every finger is one tendon over a proximal and a distal revolute joint, optionally on a swivel that the preshape motor turns.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
+
+/// What a surface is made of; friction is looked up by pairs of these.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Material {
+    /// Rubber of the finger and palm pads.
+    Pad,
+    /// Bare plastic of links and base.
+    Bare,
+}
+
+/// A collision primitive; all lengths in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A box by its half extents.
+    Cuboid(Vector3<f64>),
+    /// A cylinder about its z axis.
+    Cylinder {
+        /// Radius.
+        radius: f64,
+        /// Half the length along z.
+        half_length: f64,
+    },
+    /// A ball.
+    Sphere {
+        /// Radius.
+        radius: f64,
+    },
+}
+
+/// One collision shape of a link.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Collider {
+    /// Name, unique in the hand.
+    pub name: String,
+    /// The primitive.
+    pub shape: Shape,
+    /// Where it sits.
+    pub link_from_shape: Isometry3<f64>,
+    /// Its surface.
+    pub material: Material,
+}
+
+/// A rigid part of the hand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Link {
+    /// Name in the URDF.
+    pub name: String,
+    /// Mass, kg.
+    pub mass: f64,
+    /// Centre of mass in the link's frame, metres.
+    pub center_of_mass: Point3<f64>,
+    /// Inertia about the centre of mass, axes of the link, kg m2.
+    pub inertia: Matrix3<f64>,
+    /// Its collision shapes.
+    pub colliders: Vec<Collider>,
+}
+
+/// A revolute joint, or a fixed one (`limits` equal to `[0, 0]` and `fixed`).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// Name in the URDF.
+    pub name: String,
+    /// Index of the parent link.
+    pub parent: usize,
+    /// Index of the child link.
+    pub child: usize,
+    /// The joint's frame at angle 0.
+    pub parent_from_joint: Isometry3<f64>,
+    /// Axis in the joint's frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// Least and greatest angle, radians.
+    pub limits: [f64; 2],
+    /// True where the joint does not move.
+    pub fixed: bool,
+}
+
+/// The tendon law: `T = clamp(stiffness e - damping de/dt.., 0, max_tension)` with the stretch
+/// `e = spool_radius * spool_angle - moment_arms . q`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tendon {
+    /// Moment arm at the proximal joint, metres.
+    pub proximal_arm: f64,
+    /// Moment arm at the distal joint, metres.
+    pub distal_arm: f64,
+    /// Spool radius, metres: tendon length a radian of spool takes up.
+    pub spool_radius: f64,
+    /// Stiffness, N/m.
+    pub stiffness: f64,
+    /// Damping, N s/m.
+    pub damping: f64,
+    /// Tension at which the motor stops pulling, N.
+    pub max_tension: f64,
+}
+
+/// The elastic distal joint, and losses in both joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flexure {
+    /// Stiffness of the distal flexure, N m/rad.
+    pub stiffness: f64,
+    /// Rest angle of the flexure, radians.
+    pub rest: f64,
+    /// Damping of the distal joint, N m s/rad.
+    pub distal_damping: f64,
+    /// Damping of the proximal joint, N m s/rad.
+    pub proximal_damping: f64,
+    /// Rotor and transmission inertia seen at each joint, kg m2.
+    pub armature: f64,
+    /// Stiffness of the soft joint stops, N m/rad.
+    pub stop_stiffness: f64,
+}
+
+/// One finger: indices into the hand's joints and links.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finger {
+    /// Name.
+    pub name: String,
+    /// Swivel joint that the preshape turns, and its sign.
+    pub swivel: Option<(usize, f64)>,
+    /// Proximal joint.
+    pub proximal: usize,
+    /// Distal joint.
+    pub distal: usize,
+    /// Its tendon.
+    pub tendon: Tendon,
+    /// Its elastic joint and losses.
+    pub flexure: Flexure,
+    /// Index of its motor.
+    pub motor: usize,
+}
+
+/// What a motor drives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MotorKind {
+    /// The tendon of this finger.
+    Finger(usize),
+    /// The preshape of all swivels.
+    Preshape,
+}
+
+/// A position-commanded motor; angles are on the joint's side of the gear.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motor {
+    /// Name.
+    pub name: String,
+    /// What it drives.
+    pub kind: MotorKind,
+    /// Least and greatest position, radians.
+    pub travel: [f64; 2],
+    /// Speed of a position command, rad/s.
+    pub default_speed: f64,
+    /// Greatest speed, rad/s.
+    pub max_speed: f64,
+    /// Gear ratio: motor radians a radian at the joint's side.
+    pub ratio: f64,
+}
+
+/// A pressure sensor on a link's surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TactileSensor {
+    /// Finger that it belongs to.
+    pub finger: usize,
+    /// Link that it sits on.
+    pub link: usize,
+    /// Position in the link's frame, metres.
+    pub position: Point3<f64>,
+    /// Outward normal in the link's frame.
+    pub normal: Unit<Vector3<f64>>,
+}
+
+/// A whole hand. Link 0 is the base.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hand {
+    /// Name.
+    pub name: String,
+    /// Links; the base is first, parents stand before children.
+    pub links: Vec<Link>,
+    /// Joints, in the order of their child links (joint `i` moves link `i + 1`).
+    pub joints: Vec<Joint>,
+    /// Fingers.
+    pub fingers: Vec<Finger>,
+    /// Motors.
+    pub motors: Vec<Motor>,
+    /// Tactile sensors, finger by finger, from the root to the tip.
+    pub sensors: Vec<TactileSensor>,
+    /// The grasp frame in the base's frame.
+    pub base_from_hand: Isometry3<f64>,
+    /// Least and greatest preshape angle, radians.
+    pub preshape_limits: [f64; 2],
+}

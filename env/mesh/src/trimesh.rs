@@ -1,0 +1,93 @@
+//! The triangle mesh that every other crate takes.
+
+use crate::MeshError;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// An indexed triangle mesh in metres, in the frame of its file.
+///
+/// Always valid: coordinates are finite and every index exists. It need not be closed, connected or oriented.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TriMesh {
+    vertices: Vec<Point3<f64>>,
+    faces: Vec<[u32; 3]>,
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    /// Least corner, metres.
+    pub min: Point3<f64>,
+    /// Greatest corner, metres.
+    pub max: Point3<f64>,
+}
+
+impl TriMesh {
+    /// Takes vertices (metres) and counter-clockwise faces.
+    ///
+    /// # Errors
+    /// [`MeshError::Empty`], [`MeshError::NotFinite`] or [`MeshError::BadIndex`], naming the first offender.
+    pub fn new(vertices: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        if faces.is_empty() {
+            return Err(MeshError::Empty);
+        }
+        if let Some(vertex) = vertices.iter().position(|p| !p.coords.iter().all(|x| x.is_finite())) {
+            return Err(MeshError::NotFinite { vertex });
+        }
+        let count = vertices.len();
+        for (face, f) in faces.iter().enumerate() {
+            if let Some(&vertex) = f.iter().find(|&&v| v as usize >= count) {
+                return Err(MeshError::BadIndex { face, vertex, count });
+            }
+        }
+        Ok(Self { vertices, faces })
+    }
+
+    /// Vertices, metres.
+    pub fn vertices(&self) -> &[Point3<f64>] {
+        &self.vertices
+    }
+
+    /// Faces as vertex indices, counter-clockwise seen from outside.
+    pub fn faces(&self) -> &[[u32; 3]] {
+        &self.faces
+    }
+
+    /// The three corners of face `face`.
+    pub fn triangle(&self, face: usize) -> [Point3<f64>; 3] {
+        self.faces[face].map(|v| self.vertices[v as usize])
+    }
+
+    /// Axis-aligned bounds of all vertices.
+    pub fn aabb(&self) -> Aabb {
+        let mut min = self.vertices[0];
+        let mut max = min;
+        for p in &self.vertices {
+            min = min.inf(p);
+            max = max.sup(p);
+        }
+        Aabb { min, max }
+    }
+
+    /// Surface area, m2.
+    pub fn area(&self) -> f64 {
+        (0..self.faces.len()).map(|f| self.face_area_vector(f).norm()).sum()
+    }
+
+    /// Half the cross product of two edges of face `face`: its normal times its area.
+    pub fn face_area_vector(&self, face: usize) -> Vector3<f64> {
+        let [a, b, c] = self.triangle(face);
+        (b - a).cross(&(c - a)) * 0.5
+    }
+
+    /// The mesh moved by `parent_from_mesh`.
+    pub fn transformed(&self, parent_from_mesh: &Isometry3<f64>) -> Self {
+        let vertices = self.vertices.iter().map(|p| parent_from_mesh * p).collect();
+        Self { vertices, faces: self.faces.clone() }
+    }
+
+    /// The mesh with every coordinate times `scale`.
+    pub fn scaled(&self, scale: f64) -> Self {
+        let vertices = self.vertices.iter().map(|p| p * scale).collect();
+        Self { vertices, faces: self.faces.clone() }
+    }
+}

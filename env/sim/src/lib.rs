@@ -1,0 +1,1 @@
+//! One world on rapier: table, object, hand; contacts, tactile, snapshots.
