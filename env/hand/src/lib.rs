@@ -3,14 +3,26 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`model`] | the description, as read from a URDF and a `hand.toml` |
+//! | [`load`] | reads and checks the two files together (`urdf` and `table` read one each) |
+//! | [`error`] | what can be wrong with them, with file and line |
+//! | [`reflex`] | the ReFlex hand, embedded |
+//! | [`kinematics`] | from joint angles to the poses of links and shapes |
 //! | [`pose`] | the grasp pose: where the hand goes, and its preshape |
 //!
 //! The hand frame is the grasp frame: the base's axes, its origin on the palm's surface (`base_from_hand`).
 
+pub mod error;
+pub mod kinematics;
+pub mod load;
 pub mod model;
 pub mod pose;
+pub mod reflex;
+mod table;
+mod urdf;
 
+pub use error::{HandError, Problem, ProblemKind, Problems};
+pub use kinematics::{HandConfiguration, PlacedShape};
 pub use model::{
-    Collider, Finger, Flexure, Hand, Joint, Link, Material, Motor, MotorKind, Shape, TactileSensor, Tendon,
+    Collider, Finger, Flexure, Friction, Hand, Joint, Link, Material, Motor, MotorKind, Shape, TactileSensor, Tendon,
 };
 pub use pose::GraspPose;

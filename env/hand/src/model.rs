@@ -33,6 +33,26 @@ pub enum Shape {
     },
 }
 
+/// Coulomb friction of the hand's surfaces on an object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Friction {
+    /// Coefficient of [`Material::Pad`].
+    pub pad: f64,
+    /// Coefficient of [`Material::Bare`].
+    pub bare: f64,
+}
+
+impl Friction {
+    /// Coefficient of a material.
+    #[must_use]
+    pub fn of(&self, material: Material) -> f64 {
+        match material {
+            Material::Pad => self.pad,
+            Material::Bare => self.bare,
+        }
+    }
+}
+
 /// One collision shape of a link.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Collider {
@@ -80,8 +100,9 @@ pub struct Joint {
     pub fixed: bool,
 }
 
-/// The tendon law: `T = clamp(stiffness e - damping de/dt.., 0, max_tension)` with the stretch
-/// `e = spool_radius * spool_angle - moment_arms . q`.
+/// A tendon, unilateral and compliant. With the length that the joints take up, `l = r_p q_p + r_d q_d`,
+/// and the stretch `e = spool_radius * spool - l`, its tension is
+/// `T = clamp(stiffness e - damping dl/dt, 0, max_tension)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tendon {
     /// Moment arm at the proximal joint, metres.
@@ -109,7 +130,7 @@ pub struct Flexure {
     pub distal_damping: f64,
     /// Damping of the proximal joint, N m s/rad.
     pub proximal_damping: f64,
-    /// Rotor and transmission inertia seen at each joint, kg m2.
+    /// Rotor and transmission inertia seen at each of the two joints, kg m2.
     pub armature: f64,
     /// Stiffness of the soft joint stops, N m/rad.
     pub stop_stiffness: f64,
@@ -158,6 +179,10 @@ pub struct Motor {
     pub max_speed: f64,
     /// Gear ratio: motor radians a radian at the joint's side.
     pub ratio: f64,
+    /// Load at which the motor stops pulling: tendon tension in N for a finger, torque in N m for the preshape.
+    pub load_limit: f64,
+    /// Speed of a force command for each unit of load error: rad/s for each N (N m for the preshape).
+    pub force_gain: f64,
 }
 
 /// A pressure sensor on a link's surface.
@@ -192,4 +217,6 @@ pub struct Hand {
     pub base_from_hand: Isometry3<f64>,
     /// Least and greatest preshape angle, radians.
     pub preshape_limits: [f64; 2],
+    /// Friction of its surfaces.
+    pub friction: Friction,
 }

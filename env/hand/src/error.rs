@@ -1,0 +1,270 @@
+//! What can be wrong with a hand's two files; every finding names its file and line.
+
+use std::fmt;
+use std::path::PathBuf;
+
+/// Why a hand could not be made or used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum HandError {
+    /// A file could not be opened or read.
+    #[error("cannot read {path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The two files do not describe a hand.
+    #[error("the hand is not valid:\n{0}")]
+    Invalid(Problems),
+    /// A configuration does not fit the hand.
+    #[error(
+        "the configuration has {found} {joint} angles, but the hand has {expected} fingers; give one angle a finger"
+    )]
+    FingerCount {
+        /// Which joints: proximal or distal.
+        joint: &'static str,
+        /// How many angles were given.
+        found: usize,
+        /// How many fingers there are.
+        expected: usize,
+    },
+    /// An angle of a configuration is NaN or infinite.
+    #[error("the configuration's {joint} angle is {value}; give a finite number of radians")]
+    NotFinite {
+        /// Which joint.
+        joint: &'static str,
+        /// What was given.
+        value: f64,
+    },
+}
+
+/// Every problem found, in the order of the files' lines; never empty.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problems(pub Vec<Problem>);
+
+/// One problem at one place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// Name of the file, as it was given.
+    pub file: String,
+    /// Line in it, from 1.
+    pub line: usize,
+    /// What is wrong.
+    pub kind: ProblemKind,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}: {}", self.file, self.line, self.kind)
+    }
+}
+
+impl fmt::Display for Problems {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.0.iter().enumerate() {
+            let separator = if i == 0 { "" } else { "\n" };
+            write!(f, "{separator}{problem}")?;
+        }
+        Ok(())
+    }
+}
+
+/// What is wrong, as a sentence about the input.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ProblemKind {
+    /// More bytes than a description may have.
+    #[error("the file has {bytes} bytes; a hand description has at most {limit}")]
+    TooLarge {
+        /// Size of the file.
+        bytes: u64,
+        /// What is allowed.
+        limit: u64,
+    },
+    /// The bytes are not UTF-8.
+    #[error("the file is not UTF-8 text")]
+    NotText,
+    /// The TOML reader refused the text.
+    #[error("{0}")]
+    Toml(String),
+    /// The XML reader refused the text.
+    #[error("{0}")]
+    Xml(String),
+    /// The URDF reader refused the text.
+    #[error("not a URDF: {0}")]
+    Urdf(String),
+    /// A document type declaration.
+    #[error("a document type declaration is not allowed; remove it")]
+    Doctype,
+    /// Elements inside elements without end.
+    #[error("elements are nested deeper than {0}")]
+    TooDeep(usize),
+    /// More parts than a hand has.
+    #[error("there are {count} {what}; at most {limit} are allowed")]
+    TooMany {
+        /// What there are too many of.
+        what: &'static str,
+        /// How many.
+        count: usize,
+        /// How many are allowed.
+        limit: usize,
+    },
+    /// Fewer parts than a hand needs.
+    #[error("there are no {0}; a hand needs at least one")]
+    Empty(&'static str),
+    /// An attribute is not a list of so many numbers.
+    #[error("attribute {attribute} is \"{text}\"; give {count} finite number(s) within +-{limit}")]
+    Attribute {
+        /// Name of the attribute.
+        attribute: String,
+        /// What it says.
+        text: String,
+        /// How many numbers it should have.
+        count: usize,
+        /// Bound on each.
+        limit: f64,
+    },
+    /// An element or attribute that must be there is not.
+    #[error("{item} \"{name}\" has no {missing}")]
+    Missing {
+        /// Link or joint.
+        item: &'static str,
+        /// Its name.
+        name: String,
+        /// What is missing.
+        missing: &'static str,
+    },
+    /// Two things of the same name.
+    #[error("the {what} name \"{name}\" is used twice; names must be unique")]
+    Duplicate {
+        /// What kind of thing.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A name that nothing has.
+    #[error("there is no {what} \"{name}\"{}", hint(known))]
+    Unknown {
+        /// What kind of thing was named.
+        what: &'static str,
+        /// The name.
+        name: String,
+        /// The names that exist.
+        known: Vec<String>,
+    },
+    /// Two joints move the same link.
+    #[error("link \"{0}\" is the child of more than one joint")]
+    TwoParents(String),
+    /// Not a single tree.
+    #[error("link \"{0}\" cannot be reached from the base: the joints form a cycle or a second tree")]
+    Unreachable(String),
+    /// Every link has a parent.
+    #[error("no link is a root: the joints form a cycle")]
+    NoRoot,
+    /// A joint type that the hand has no use for.
+    #[error("joint \"{name}\" is {found}; only revolute and fixed joints are supported")]
+    JointType {
+        /// The joint.
+        name: String,
+        /// Its type.
+        found: String,
+    },
+    /// A finger uses a fixed joint.
+    #[error("joint \"{0}\" is fixed; a finger needs a revolute one")]
+    FixedJoint(String),
+    /// A joint that no finger uses.
+    #[error("joint \"{0}\" moves but belongs to no finger; make it fixed or name it in a finger")]
+    Undriven(String),
+    /// A joint used twice.
+    #[error("joint \"{0}\" is used more than once by the fingers")]
+    UsedTwice(String),
+    /// A chain that is not proximal then distal.
+    #[error("joint \"{child}\" is not below joint \"{parent}\"; a finger is swivel, proximal, distal, outward")]
+    Chain {
+        /// The joint that should be above.
+        parent: String,
+        /// The joint that should be below.
+        child: String,
+    },
+    /// A mass, inertia or length that matter cannot have.
+    #[error("{item} \"{name}\": {quantity} is {value}; it must be {must}")]
+    Value {
+        /// Link, joint, ...
+        item: &'static str,
+        /// Its name.
+        name: String,
+        /// Which number.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// An interval with its ends swapped, or a value outside of it.
+    #[error("{item} \"{name}\": {quantity} is [{lower}, {upper}]; {must}")]
+    Interval {
+        /// Joint, motor, ...
+        item: &'static str,
+        /// Its name.
+        name: String,
+        /// Which interval.
+        quantity: &'static str,
+        /// Lower end.
+        lower: f64,
+        /// Upper end.
+        upper: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// The shape is not one of ours.
+    #[error("collider \"{name}\" is a {found}; only box, cylinder and sphere are supported")]
+    Geometry {
+        /// The collider.
+        name: String,
+        /// What it is.
+        found: &'static str,
+    },
+    /// Another unit than the quantity has.
+    #[error("{quantity} is in \"{found}\"; give it in \"{expected}\"")]
+    Unit {
+        /// Which quantity.
+        quantity: &'static str,
+        /// The unit that was given.
+        found: String,
+        /// The unit that it must have.
+        expected: &'static str,
+    },
+    /// A source left blank.
+    #[error("{0} has an empty source; say where the number comes from")]
+    NoSource(&'static str),
+    /// A number that is not finite or far too large.
+    #[error("{quantity} is not a finite number within +-{limit:e}")]
+    TooBig {
+        /// Which quantity.
+        quantity: &'static str,
+        /// Bound on it.
+        limit: f64,
+    },
+    /// A sensor on a link of no finger.
+    #[error("link \"{0}\" belongs to no finger, so it can carry no finger's sensor")]
+    SensorLink(String),
+    /// A finger or preshape with not exactly one motor.
+    #[error("\"{drives}\" is driven by {count} motors; it needs exactly one")]
+    MotorCount {
+        /// What is driven.
+        drives: String,
+        /// By how many motors.
+        count: usize,
+    },
+}
+
+/// Names to choose from, when there are few.
+fn hint(known: &[String]) -> String {
+    match known.len() {
+        0 => String::new(),
+        1..=12 => format!("; known: {}", known.join(", ")),
+        n => format!("; {n} others are known"),
+    }
+}

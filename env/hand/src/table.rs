@@ -1,0 +1,292 @@
+//! The TOML side: the tables of `hand.toml` as they are written, every number with unit and source.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+
+use crate::error::ProblemKind;
+use crate::urdf::Report;
+
+/// A number (or a list of them), its unit, and where it comes from.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Quantity<T> {
+    value: T,
+    unit: String,
+    source: String,
+}
+
+/// A quantity that knows where it stands in the file.
+pub(crate) type Number<T> = Spanned<Quantity<T>>;
+
+/// The whole file.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct HandTable {
+    pub name: Spanned<String>,
+    pub pads: Vec<Spanned<String>>,
+    pub base_from_hand: PoseTable,
+    pub preshape: PreshapeTable,
+    pub friction: FrictionTable,
+    pub tendons: BTreeMap<String, TendonTable>,
+    pub flexures: BTreeMap<String, FlexureTable>,
+    pub fingers: Vec<FingerTable>,
+    pub motors: Vec<MotorTable>,
+    #[serde(default)]
+    pub sensors: Vec<SensorTable>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PoseTable {
+    pub xyz: Number<[f64; 3]>,
+    pub rpy: Number<[f64; 3]>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PreshapeTable {
+    pub limits: Number<[f64; 2]>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FrictionTable {
+    pub pad: Number<f64>,
+    pub bare: Number<f64>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct TendonTable {
+    pub proximal_arm: Number<f64>,
+    pub distal_arm: Number<f64>,
+    pub spool_radius: Number<f64>,
+    pub stiffness: Number<f64>,
+    pub damping: Number<f64>,
+    pub max_tension: Number<f64>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FlexureTable {
+    pub stiffness: Number<f64>,
+    pub rest: Number<f64>,
+    pub distal_damping: Number<f64>,
+    pub proximal_damping: Number<f64>,
+    pub armature: Number<f64>,
+    pub stop_stiffness: Number<f64>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SwivelTable {
+    pub joint: Spanned<String>,
+    pub sign: Number<f64>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FingerTable {
+    pub name: Spanned<String>,
+    pub swivel: Option<SwivelTable>,
+    pub proximal: Spanned<String>,
+    pub distal: Spanned<String>,
+    pub tendon: Spanned<String>,
+    pub flexure: Spanned<String>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MotorTable {
+    pub name: Spanned<String>,
+    /// A finger's name, or `preshape`.
+    pub drives: Spanned<String>,
+    pub travel: Number<[f64; 2]>,
+    pub default_speed: Number<f64>,
+    pub max_speed: Number<f64>,
+    pub ratio: Number<f64>,
+    pub load_limit: Number<f64>,
+    pub force_gain: Number<f64>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SensorTable {
+    pub links: Vec<Spanned<String>>,
+    pub position: Number<[f64; 3]>,
+    pub normal: Number<[f64; 3]>,
+}
+
+/// What the numbers of a quantity are checked for.
+pub(crate) trait Numbers: Copy {
+    /// True when every number is finite and no larger than `limit`.
+    fn within(&self, limit: f64) -> bool;
+}
+
+impl Numbers for f64 {
+    fn within(&self, limit: f64) -> bool {
+        self.abs() <= limit
+    }
+}
+
+impl<const N: usize> Numbers for [f64; N] {
+    fn within(&self, limit: f64) -> bool {
+        self.iter().all(|x| x.abs() <= limit)
+    }
+}
+
+/// Greatest number of any kind in `hand.toml`; the largest real one is a tendon's stiffness (5e4 N/m).
+const MAX_NUMBER: f64 = 1e7;
+
+/// A `hand.toml` and its problems.
+pub(crate) struct Reader<'a, 'r> {
+    text: &'a str,
+    /// Where problems go.
+    pub report: &'r mut Report<'a>,
+}
+
+impl<'a, 'r> Reader<'a, 'r> {
+    /// Begins to read a text.
+    pub fn new(text: &'a str, report: &'r mut Report<'a>) -> Self {
+        Self { text, report }
+    }
+
+    /// The tables, or a problem at the line where the text leaves the form.
+    pub fn parse<T: DeserializeOwned>(&mut self) -> Option<T> {
+        match toml::from_str(self.text) {
+            Ok(table) => Some(table),
+            Err(error) => {
+                let line = self.line(error.span().map_or(0, |s| s.start));
+                self.report.add(line, ProblemKind::Toml(error.message().to_owned()));
+                None
+            }
+        }
+    }
+
+    /// Line of a byte of the text, from 1.
+    fn line(&self, byte: usize) -> usize {
+        let end = byte.min(self.text.len());
+        1 + self.text.as_bytes()[..end].iter().filter(|b| **b == b'\n').count()
+    }
+
+    /// Line where a value stands.
+    pub fn line_of<T>(&self, spanned: &Spanned<T>) -> usize {
+        self.line(spanned.span().start)
+    }
+
+    /// Notes a problem at a value.
+    pub fn add<T>(&mut self, at: &Spanned<T>, kind: ProblemKind) {
+        let line = self.line_of(at);
+        self.report.add(line, kind);
+    }
+
+    /// The value of a quantity, after a check of its unit, source and size.
+    pub fn value<T: Numbers>(&mut self, quantity: &'static str, number: &Number<T>, unit: &'static str) -> T {
+        let Quantity {
+            value,
+            unit: found,
+            source,
+        } = number.get_ref();
+        if found != unit {
+            self.add(
+                number,
+                ProblemKind::Unit {
+                    quantity,
+                    found: found.clone(),
+                    expected: unit,
+                },
+            );
+        }
+        if source.trim().is_empty() {
+            self.add(number, ProblemKind::NoSource(quantity));
+        }
+        if !value.within(MAX_NUMBER) {
+            self.add(
+                number,
+                ProblemKind::TooBig {
+                    quantity,
+                    limit: MAX_NUMBER,
+                },
+            );
+        }
+        *value
+    }
+
+    /// A number that must be greater than 0.
+    pub fn positive(
+        &mut self,
+        item: Item<'_>,
+        quantity: &'static str,
+        number: &Number<f64>,
+        unit: &'static str,
+    ) -> f64 {
+        self.at_least(item, quantity, number, unit, f64::MIN_POSITIVE, "greater than 0")
+    }
+
+    /// A number that must not be negative.
+    pub fn not_negative(
+        &mut self,
+        item: Item<'_>,
+        quantity: &'static str,
+        number: &Number<f64>,
+        unit: &'static str,
+    ) -> f64 {
+        self.at_least(item, quantity, number, unit, 0.0, "0 or greater")
+    }
+
+    fn at_least(
+        &mut self,
+        item: Item<'_>,
+        quantity: &'static str,
+        number: &Number<f64>,
+        unit: &'static str,
+        least: f64,
+        must: &'static str,
+    ) -> f64 {
+        let value = self.value(quantity, number, unit);
+        if value < least {
+            let kind = ProblemKind::Value {
+                item: item.0,
+                name: item.1.to_owned(),
+                quantity,
+                value,
+                must,
+            };
+            self.add(number, kind);
+        }
+        value
+    }
+
+    /// An interval whose upper end must be the greater one.
+    pub fn interval(
+        &mut self,
+        item: Item<'_>,
+        quantity: &'static str,
+        number: &Number<[f64; 2]>,
+        unit: &'static str,
+    ) -> [f64; 2] {
+        let [lower, upper] = self.value(quantity, number, unit);
+        if lower >= upper {
+            let must = "the upper end must be greater";
+            let name = item.1.to_owned();
+            self.add(
+                number,
+                ProblemKind::Interval {
+                    item: item.0,
+                    name,
+                    quantity,
+                    lower,
+                    upper,
+                    must,
+                },
+            );
+        }
+        [lower, upper]
+    }
+}
+
+/// What a number belongs to: kind and name.
+pub(crate) type Item<'a> = (&'static str, &'a str);

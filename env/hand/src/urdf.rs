@@ -1,0 +1,532 @@
+//! The URDF side: strict scan with line numbers, then `urdf-rs`, then links and joints in tree order.
+//!
+//! `urdf-rs` forgives what should not be forgiven (a bad token in a vector is skipped, missing limits and masses become 0)
+//! and forgets line numbers; the scan before it finds both.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use urdf_rs::{Geometry, JointType};
+use xml::reader::{EventReader, XmlEvent};
+
+use crate::error::{Problem, ProblemKind};
+use crate::model::{Collider, Joint, Link, Material, Shape};
+
+/// Elements inside elements; a URDF needs 5 (robot, link, collision, geometry, box).
+const MAX_DEPTH: usize = 16;
+/// Greatest coordinate, angle or limit, in metres or radians: no hand is 10 m long.
+const MAX_COORDINATE: f64 = 10.0;
+/// Greatest other number (mass in kg, effort, velocity, inertia): no hand weighs a tonne.
+const MAX_NUMBER: f64 = 1000.0;
+/// Greatest number of links; the largest real hands have about 30.
+const MAX_LINKS: usize = 64;
+/// Greatest number of colliders.
+const MAX_COLLIDERS: usize = 256;
+
+/// Links and joints in tree order, and where their names stand in the file.
+pub(crate) struct Tree {
+    /// Links, the base first, parents before children.
+    pub links: Vec<Link>,
+    /// Joint `i` moves link `i + 1`.
+    pub joints: Vec<Joint>,
+    /// Line of each joint, by its index.
+    pub joint_lines: Vec<usize>,
+}
+
+/// Lines of named elements, and which of them have the children that `urdf-rs` would make up.
+#[derive(Default)]
+struct Scan {
+    links: BTreeMap<String, usize>,
+    joints: BTreeMap<String, usize>,
+    /// `(link or joint, child element)` pairs that exist.
+    children: BTreeMap<(String, String), usize>,
+    colliders: BTreeMap<String, usize>,
+}
+
+/// Gathers problems of one file.
+pub(crate) struct Report<'a> {
+    /// Name of the file.
+    pub file: &'a str,
+    /// What was found.
+    pub problems: Vec<Problem>,
+}
+
+impl Report<'_> {
+    /// Notes a problem at a line.
+    pub fn add(&mut self, line: usize, kind: ProblemKind) {
+        self.problems.push(Problem {
+            file: self.file.to_owned(),
+            line,
+            kind,
+        });
+    }
+}
+
+/// Reads links and joints; `None` where the problems do not let a tree be made.
+pub(crate) fn read(text: &str, report: &mut Report<'_>) -> Option<Tree> {
+    let scan = scan(text, report)?;
+    if !report.problems.is_empty() {
+        return None;
+    }
+    let robot = match urdf_rs::read_from_string(text) {
+        Ok(robot) => robot,
+        Err(error) => {
+            report.add(1, ProblemKind::Urdf(one_line(&error.to_string())));
+            return None;
+        }
+    };
+    check_counts(&robot, report);
+    let order = tree_order(&robot, &scan, report)?;
+    let tree = build(&robot, &order, &scan, report);
+    report.problems.is_empty().then_some(tree)
+}
+
+fn one_line(text: &str) -> String {
+    text.lines().map(str::trim).collect::<Vec<_>>().join("; ")
+}
+
+/// Walks the XML once: bounded depth, strict numbers, unique names, line of each link and joint.
+fn scan(text: &str, report: &mut Report<'_>) -> Option<Scan> {
+    if let Some(at) = text.find("<!DOCTYPE").or_else(|| text.find("<!ENTITY")) {
+        report.add(1 + text[..at].matches('\n').count(), ProblemKind::Doctype);
+        return None;
+    }
+    let mut scan = Scan::default();
+    let mut owner: Option<String> = None;
+    let mut depth = 0usize;
+    let mut reader = EventReader::new(text.as_bytes());
+    loop {
+        let event = reader.next();
+        let line = line_of(&reader);
+        match event {
+            Ok(XmlEvent::StartElement { name, attributes, .. }) => {
+                depth += 1;
+                if depth > MAX_DEPTH {
+                    report.add(line, ProblemKind::TooDeep(MAX_DEPTH));
+                    return None;
+                }
+                let element = name.local_name.as_str();
+                let label = attributes
+                    .iter()
+                    .find(|a| a.name.local_name == "name")
+                    .map(|a| a.value.clone());
+                match (depth, &owner) {
+                    (2, _) => owner = scan.enter(element, label, line, report),
+                    (3, Some(owner)) => scan.child(owner, element, label, line),
+                    _ => {}
+                }
+                for attribute in &attributes {
+                    check_attribute(element, &attribute.name.local_name, &attribute.value, line, report);
+                }
+            }
+            Ok(XmlEvent::EndElement { .. }) => depth = depth.saturating_sub(1),
+            Ok(XmlEvent::EndDocument) => return Some(scan),
+            Ok(_) => {}
+            Err(error) => {
+                report.add(line, ProblemKind::Xml(one_line(error.msg())));
+                return None;
+            }
+        }
+    }
+}
+
+fn line_of(reader: &EventReader<&[u8]>) -> usize {
+    use xml::common::Position;
+    usize::try_from(reader.position().row)
+        .unwrap_or(usize::MAX)
+        .saturating_add(1)
+}
+
+impl Scan {
+    /// Notes a link or a joint; returns the key under which its children are noted.
+    fn enter(&mut self, element: &str, name: Option<String>, line: usize, report: &mut Report<'_>) -> Option<String> {
+        let (what, names) = match element {
+            "link" => ("link", &mut self.links),
+            "joint" => ("joint", &mut self.joints),
+            _ => return None,
+        };
+        let Some(name) = name.filter(|n| !n.is_empty()) else {
+            report.add(
+                line,
+                ProblemKind::Missing {
+                    item: what,
+                    name: String::new(),
+                    missing: "name",
+                },
+            );
+            return None;
+        };
+        if names.insert(name.clone(), line).is_some() {
+            report.add(
+                line,
+                ProblemKind::Duplicate {
+                    what,
+                    name: name.clone(),
+                },
+            );
+        }
+        Some(format!("{what} {name}"))
+    }
+
+    /// Notes a child element of a link or a joint.
+    fn child(&mut self, owner: &str, element: &str, name: Option<String>, line: usize) {
+        self.children.insert((owner.to_owned(), element.to_owned()), line);
+        if let Some(name) = name.filter(|_| element == "collision") {
+            self.colliders.insert(name, line);
+        }
+    }
+
+    fn link_line(&self, name: &str) -> usize {
+        self.links.get(name).copied().unwrap_or(1)
+    }
+
+    fn joint_line(&self, name: &str) -> usize {
+        self.joints.get(name).copied().unwrap_or(1)
+    }
+
+    /// Line of a child element of a link or joint, else of the element itself.
+    fn child_line(&self, what: &str, name: &str, child: &str) -> Option<usize> {
+        self.children
+            .get(&(format!("{what} {name}"), child.to_owned()))
+            .copied()
+    }
+}
+
+/// Numbers must be numbers, all of them, finite and of a hand's size.
+fn check_attribute(element: &str, attribute: &str, text: &str, line: usize, report: &mut Report<'_>) {
+    let (count, limit) = match (element, attribute) {
+        (_, "xyz" | "rpy" | "size") => (3, MAX_COORDINATE),
+        (_, "radius" | "length" | "lower" | "upper") => (1, MAX_COORDINATE),
+        ("mass", "value") => (1, MAX_NUMBER),
+        ("inertia", _) | ("limit", _) | ("mimic", "multiplier" | "offset") => (1, MAX_NUMBER),
+        _ => return,
+    };
+    let numbers: Vec<_> = text.split_whitespace().map(str::parse::<f64>).collect();
+    let good = numbers.len() == count && numbers.iter().all(|n| n.as_ref().is_ok_and(|x| x.abs() <= limit));
+    if !good {
+        let text = text.chars().take(60).collect();
+        report.add(
+            line,
+            ProblemKind::Attribute {
+                attribute: attribute.to_owned(),
+                text,
+                count,
+                limit,
+            },
+        );
+    }
+}
+
+fn check_counts(robot: &urdf_rs::Robot, report: &mut Report<'_>) {
+    let colliders = robot.links.iter().map(|l| l.collision.len()).sum();
+    for (what, count, limit) in [
+        ("links", robot.links.len(), MAX_LINKS),
+        ("joints", robot.joints.len(), MAX_LINKS),
+        ("collision shapes", colliders, MAX_COLLIDERS),
+    ] {
+        if count > limit {
+            report.add(1, ProblemKind::TooMany { what, count, limit });
+        }
+    }
+}
+
+/// For each link in tree order (depth first, in the order of the file): its index in the file and that of its parent joint.
+fn tree_order(robot: &urdf_rs::Robot, scan: &Scan, report: &mut Report<'_>) -> Option<Vec<(usize, Option<usize>)>> {
+    let index: BTreeMap<&str, usize> = robot
+        .links
+        .iter()
+        .enumerate()
+        .map(|(i, l)| (l.name.as_str(), i))
+        .collect();
+    let mut parent_joint = vec![None; robot.links.len()];
+    let mut children = vec![Vec::new(); robot.links.len()];
+    for (j, joint) in robot.joints.iter().enumerate() {
+        let line = scan.joint_line(&joint.name);
+        let ends = [&joint.parent.link, &joint.child.link].map(|name| {
+            let found = index.get(name.as_str()).copied();
+            if found.is_none() {
+                let known = robot.links.iter().map(|l| l.name.clone()).collect();
+                report.add(
+                    line,
+                    ProblemKind::Unknown {
+                        what: "link",
+                        name: name.clone(),
+                        known,
+                    },
+                );
+            }
+            found
+        });
+        let [Some(parent), Some(child)] = ends else {
+            continue;
+        };
+        if parent_joint[child].replace(j).is_some() {
+            report.add(line, ProblemKind::TwoParents(joint.child.link.clone()));
+        }
+        children[parent].push((j, child));
+    }
+    let Some(root) = parent_joint.iter().position(Option::is_none) else {
+        report.add(
+            1,
+            if robot.links.is_empty() {
+                ProblemKind::Empty("links")
+            } else {
+                ProblemKind::NoRoot
+            },
+        );
+        return None;
+    };
+    if !report.problems.is_empty() {
+        return None;
+    }
+    let mut order = Vec::with_capacity(robot.links.len());
+    let mut seen = vec![false; robot.links.len()];
+    let mut stack = vec![(root, None)];
+    while let Some((link, joint)) = stack.pop() {
+        seen[link] = true;
+        order.push((link, joint));
+        stack.extend(children[link].iter().rev().map(|&(j, child)| (child, Some(j))));
+    }
+    for (link, _) in robot.links.iter().zip(&seen).filter(|(_, seen)| !**seen) {
+        report.add(scan.link_line(&link.name), ProblemKind::Unreachable(link.name.clone()));
+    }
+    Some(order)
+}
+
+fn build(robot: &urdf_rs::Robot, order: &[(usize, Option<usize>)], scan: &Scan, report: &mut Report<'_>) -> Tree {
+    let position: BTreeMap<&str, usize> = order
+        .iter()
+        .enumerate()
+        .map(|(i, &(l, _))| (robot.links[l].name.as_str(), i))
+        .collect();
+    let mut names = BTreeMap::new();
+    let mut tree = Tree {
+        links: Vec::new(),
+        joints: Vec::new(),
+        joint_lines: Vec::new(),
+    };
+    for (i, &(l, joint)) in order.iter().enumerate() {
+        tree.links.push(read_link(&robot.links[l], scan, &mut names, report));
+        if let Some(j) = joint {
+            let joint = &robot.joints[j];
+            let parent = position.get(joint.parent.link.as_str()).copied().unwrap_or(0);
+            tree.joints.push(read_joint(joint, parent, i, scan, report));
+            tree.joint_lines.push(scan.joint_line(&joint.name));
+        }
+    }
+    tree
+}
+
+fn isometry(pose: &urdf_rs::Pose) -> Isometry3<f64> {
+    let [r, p, y] = *pose.rpy;
+    Isometry3::from_parts(
+        Translation3::from(Vector3::from(*pose.xyz)),
+        UnitQuaternion::from_euler_angles(r, p, y),
+    )
+}
+
+fn read_link(link: &urdf_rs::Link, scan: &Scan, names: &mut BTreeMap<String, usize>, report: &mut Report<'_>) -> Link {
+    let line = scan.child_line("link", &link.name, "inertial");
+    if line.is_none() {
+        let missing = "inertial";
+        report.add(
+            scan.link_line(&link.name),
+            ProblemKind::Missing {
+                item: "link",
+                name: link.name.clone(),
+                missing,
+            },
+        );
+    }
+    let line = line.unwrap_or_else(|| scan.link_line(&link.name));
+    let mass = link.inertial.mass.value;
+    let mut value = |quantity, value, must| {
+        report.add(
+            line,
+            ProblemKind::Value {
+                item: "link",
+                name: link.name.clone(),
+                quantity,
+                value,
+                must,
+            },
+        );
+    };
+    if mass <= 0.0 {
+        value("mass", mass, "greater than 0 kg");
+    }
+    let i = &link.inertial.inertia;
+    let own = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
+    let moments = own.symmetric_eigenvalues();
+    if moments.min() <= 0.0 {
+        value(
+            "least principal moment of inertia",
+            moments.min(),
+            "greater than 0 kg m2",
+        );
+    } else if moments.sum() < 2.0 * moments.max() * (1.0 - 1e-3) {
+        value(
+            "greatest principal moment of inertia",
+            moments.max(),
+            "at most the sum of the other two",
+        );
+    }
+    let pose = isometry(&link.inertial.origin);
+    let turn = pose.rotation.to_rotation_matrix();
+    let colliders = link
+        .collision
+        .iter()
+        .enumerate()
+        .map(|(n, c)| read_collider(link, n, c, scan, names, report));
+    Link {
+        name: link.name.clone(),
+        mass,
+        center_of_mass: Point3::from(pose.translation.vector),
+        inertia: turn.matrix() * own * turn.matrix().transpose(),
+        colliders: colliders.collect(),
+    }
+}
+
+fn read_collider(
+    link: &urdf_rs::Link,
+    number: usize,
+    collision: &urdf_rs::Collision,
+    scan: &Scan,
+    names: &mut BTreeMap<String, usize>,
+    report: &mut Report<'_>,
+) -> Collider {
+    let name = collision
+        .name
+        .clone()
+        .unwrap_or_else(|| format!("{}_{number}", link.name));
+    let line = scan
+        .colliders
+        .get(&name)
+        .copied()
+        .unwrap_or_else(|| scan.link_line(&link.name));
+    if names.insert(name.clone(), line).is_some() {
+        report.add(
+            line,
+            ProblemKind::Duplicate {
+                what: "collider",
+                name: name.clone(),
+            },
+        );
+    }
+    let mut geometry = |found| {
+        report.add(
+            line,
+            ProblemKind::Geometry {
+                name: name.clone(),
+                found,
+            },
+        )
+    };
+    let shape = match &collision.geometry {
+        Geometry::Box { size } => Shape::Cuboid(Vector3::from(**size) / 2.0),
+        Geometry::Cylinder { radius, length } => Shape::Cylinder {
+            radius: *radius,
+            half_length: length / 2.0,
+        },
+        Geometry::Sphere { radius } => Shape::Sphere { radius: *radius },
+        Geometry::Capsule { radius, .. } => {
+            geometry("capsule");
+            Shape::Sphere { radius: *radius }
+        }
+        Geometry::Mesh { .. } => {
+            geometry("mesh");
+            Shape::Sphere { radius: 1.0 }
+        }
+    };
+    let least = match shape {
+        Shape::Cuboid(half) => half.min(),
+        Shape::Cylinder { radius, half_length } => radius.min(half_length),
+        Shape::Sphere { radius } => radius,
+    };
+    if least <= 0.0 {
+        let must = "greater than 0 m";
+        let kind = ProblemKind::Value {
+            item: "collider",
+            name: name.clone(),
+            quantity: "least size",
+            value: least,
+            must,
+        };
+        report.add(line, kind);
+    }
+    Collider {
+        name,
+        shape,
+        link_from_shape: isometry(&collision.origin),
+        material: Material::Bare,
+    }
+}
+
+fn read_joint(joint: &urdf_rs::Joint, parent: usize, child: usize, scan: &Scan, report: &mut Report<'_>) -> Joint {
+    let line = scan.joint_line(&joint.name);
+    let name = || joint.name.clone();
+    let fixed = match joint.joint_type {
+        JointType::Fixed => true,
+        JointType::Revolute => false,
+        ref other => {
+            let found = format!("{other:?}").to_lowercase();
+            report.add(line, ProblemKind::JointType { name: name(), found });
+            true
+        }
+    };
+    let mut limits = [0.0; 2];
+    if !fixed {
+        limits = [joint.limit.lower, joint.limit.upper];
+        let line = scan.child_line("joint", &joint.name, "limit");
+        if line.is_none() {
+            report.add(
+                scan.joint_line(&joint.name),
+                ProblemKind::Missing {
+                    item: "joint",
+                    name: name(),
+                    missing: "limit",
+                },
+            );
+        } else if limits[0] >= limits[1] {
+            let must = "the upper end must be greater";
+            let [lower, upper] = limits;
+            let kind = ProblemKind::Interval {
+                item: "joint",
+                name: name(),
+                quantity: "limit",
+                lower,
+                upper,
+                must,
+            };
+            report.add(line.unwrap_or(1), kind);
+        }
+    }
+    let xyz = Vector3::from(*joint.axis.xyz);
+    let axis = Unit::try_new(xyz, 1e-6).unwrap_or_else(|| {
+        if !fixed {
+            let line = scan.child_line("joint", &joint.name, "axis").unwrap_or(line);
+            let must = "longer than 0";
+            let value = xyz.norm();
+            report.add(
+                line,
+                ProblemKind::Value {
+                    item: "joint",
+                    name: name(),
+                    quantity: "axis length",
+                    value,
+                    must,
+                },
+            );
+        }
+        Vector3::x_axis()
+    });
+    Joint {
+        name: name(),
+        parent,
+        child,
+        parent_from_joint: isometry(&joint.origin),
+        axis,
+        limits,
+        fixed,
+    }
+}
