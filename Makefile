@@ -1,0 +1,94 @@
+# Every recipe does its whole set-up: Rust and Python 3.11 are enough to begin with. Warm runs are short, thanks to the stamps.
+# One cargo profile (release) and one target directory, so that nothing heavy is compiled twice.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3.11
+VENV := $(CURDIR)/.venv
+BIN := $(VENV)/bin
+STAMPS := $(VENV)/.stamps
+RUST := $(shell find env -name '*.rs' -o -name '*.toml' -o -name '*.urdf') Cargo.toml Cargo.lock
+
+# maturin reads VIRTUAL_ENV; with one description of the interpreter, cargo and maturin share what they build.
+export VIRTUAL_ENV := $(VENV)
+export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
+export PATH := $(BIN):$(PATH)
+
+.PHONY: help demo test test-rust test-python test-train test-all lint fmt bench docs clean
+
+help:
+	@echo "make demo        a table of simulated grasps and its pictures, in out/demo/"
+	@echo "make test        Rust and Python tests, without torch"
+	@echo "make test-train  tests that need torch and Stable-Baselines3 (several GB the first time)"
+	@echo "make test-all    all of them, the slow ones too"
+	@echo "make lint        clippy, rustfmt, ruff, mypy, stubtest"
+	@echo "make fmt         format Rust and Python"
+	@echo "make bench       the figures of the benchmarks"
+	@echo "make docs        API pages of both languages, in out/docs/"
+
+# --- set-up ----------------------------------------------------------------------------------------------------------
+
+$(STAMPS)/venv:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9,<2'
+	mkdir -p $(STAMPS) && touch $@
+
+# One stamp for each set of extras; `maturin develop` installs the package in place together with what the extras name.
+EXTRAS_demo := cli,ycb
+EXTRAS_dev := dev
+EXTRAS_train := dev,train
+$(STAMPS)/demo $(STAMPS)/dev $(STAMPS)/train: $(STAMPS)/%: pyproject.toml $(STAMPS)/venv
+	maturin develop --release --extras $(EXTRAS_$*)
+	touch $@ $(STAMPS)/core
+
+# The extension alone, when only Rust has changed.
+$(STAMPS)/core: $(RUST) $(STAMPS)/venv
+	maturin develop --release --skip-install
+	touch $@
+
+# --- what one runs ---------------------------------------------------------------------------------------------------
+
+demo: $(STAMPS)/demo $(STAMPS)/core
+	graspbox demo --out out/demo
+
+test: test-rust test-python
+
+test-rust: $(STAMPS)/dev
+	cargo test --release --workspace
+
+test-python: $(STAMPS)/dev $(STAMPS)/core
+	pytest -m 'not train and not slow'
+
+# Here a skipped test is a failure: these tests are the reason for the target.
+test-train: $(STAMPS)/train $(STAMPS)/core
+	GRASPBOX_REQUIRE_TRAIN=1 pytest -m train
+
+test-all: $(STAMPS)/train $(STAMPS)/core
+	cargo test --release --workspace -- --include-ignored
+	GRASPBOX_REQUIRE_TRAIN=1 pytest
+
+lint: $(STAMPS)/dev $(STAMPS)/core
+	cargo fmt --all --check
+	cargo clippy --release --workspace --all-targets -- -D warnings
+	ruff check .
+	ruff format --check .
+	mypy
+	python -m mypy.stubtest graspbox._core
+
+fmt: $(STAMPS)/dev
+	cargo fmt --all
+	ruff check --fix .
+	ruff format .
+
+bench: $(STAMPS)/demo $(STAMPS)/core
+	graspbox bench
+
+docs: $(STAMPS)/dev $(STAMPS)/core
+	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps --target-dir $${CARGO_TARGET_DIR:-target}
+	pdoc --docformat numpy --output-directory out/docs/python graspbox
+	mkdir -p out/docs && rm -rf out/docs/rust && cp -r $${CARGO_TARGET_DIR:-target}/doc out/docs/rust
+
+clean:
+	rm -rf out $(VENV) target

@@ -1,0 +1,81 @@
+//! The one place where errors of the core become Python exceptions.
+//!
+//! The classes themselves live in `graspbox.errors`, because Rust cannot give an exception two bases.
+
+use graspbox_mesh::MeshError;
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+use std::path::PathBuf;
+
+/// Whatever a call into the core can end in, other than its result.
+#[derive(Debug, thiserror::Error)]
+pub enum CoreError {
+    /// A value of a configuration or an argument is out of place.
+    #[error("{0}")]
+    Config(String),
+    /// A file could not be read or written.
+    #[error("{source}: {path}")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The mesh or its file is wrong.
+    #[error("{0}")]
+    Mesh(String),
+    /// The call was stopped by a signal.
+    #[error("the call was interrupted")]
+    Interrupted,
+    /// A defect of graspbox itself.
+    #[error("internal error, please report it together with the input: {0}")]
+    Internal(String),
+}
+
+impl From<MeshError> for CoreError {
+    fn from(error: MeshError) -> Self {
+        match error {
+            MeshError::Io { path, source } => Self::File { path, source },
+            other => Self::Mesh(other.to_string()),
+        }
+    }
+}
+
+/// The class of that name in `graspbox.errors`, looked up once.
+fn class<'py>(py: Python<'py>, cell: &'static PyOnceLock<Py<PyType>>, name: &str) -> PyResult<Bound<'py, PyType>> {
+    cell.import(py, "graspbox.errors", name).cloned()
+}
+
+/// The Python exception for `error`.
+fn exception(py: Python<'_>, error: CoreError) -> PyResult<PyErr> {
+    static CONFIG: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static MESH: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static INTERNAL: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    let message = error.to_string();
+    Ok(match error {
+        CoreError::Config(_) => PyErr::from_type(class(py, &CONFIG, "ConfigError")?, message),
+        CoreError::Mesh(_) => PyErr::from_type(class(py, &MESH, "MeshError")?, message),
+        CoreError::Internal(_) => PyErr::from_type(class(py, &INTERNAL, "InternalError")?, message),
+        CoreError::Interrupted => PyKeyboardInterrupt::new_err(()),
+        CoreError::File { path, source } => {
+            let class = class(py, &FILE, "FileError")?;
+            match source.raw_os_error() {
+                // `OSError(errno, text, filename)` fills the attributes that callers look at.
+                Some(code) => {
+                    let text = py.import("os")?.call_method1("strerror", (code,))?.unbind();
+                    PyErr::from_type(class, (code, text, path))
+                }
+                None => PyErr::from_type(class, message),
+            }
+        }
+    })
+}
+
+impl From<CoreError> for PyErr {
+    fn from(error: CoreError) -> Self {
+        Python::attach(|py| exception(py, error).unwrap_or_else(|import_error| import_error))
+    }
+}

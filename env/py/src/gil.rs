@@ -1,0 +1,164 @@
+//! The one place that releases the GIL.
+//!
+//! Work runs on a rayon pool of this process while the calling thread waits and looks for signals every [`PATIENCE`]. On
+//! Ctrl-C it raises the shared [`CancelFlag`], gives the work [`GRACE`] to return, and leaves it behind if it does not.
+
+use crate::errors::CoreError;
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// How long the calling thread sleeps between two looks for signals; a fifth of the promised second.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// How long cancelled work may take to return before it is left behind.
+const GRACE: Duration = Duration::from_millis(500);
+/// Stack of a pool thread, bytes: that of a main thread, since hull and tree code recurses.
+const STACK: usize = 8 << 20;
+/// More threads than this is a slip of the keyboard.
+const MAX_THREADS: usize = 1024;
+
+/// Set once the result of a call is no longer wanted.
+pub type CancelFlag = Arc<AtomicBool>;
+
+/// Pools by process and size. A forked child finds its parent's pools here, whose threads it does not have.
+static POOLS: Mutex<BTreeMap<(u32, usize), Arc<ThreadPool>>> = Mutex::new(BTreeMap::new());
+
+/// The number of threads a call uses: `requested`, else `GRASPBOX_THREADS`, else every core.
+///
+/// # Errors
+/// [`CoreError::Config`] for 0, more than 1024, or a variable that is not a number.
+pub fn thread_count(requested: Option<usize>) -> Result<usize, CoreError> {
+    let (count, origin) = match (requested, std::env::var("GRASPBOX_THREADS")) {
+        (Some(count), _) => (count, "num_threads"),
+        (None, Ok(text)) => {
+            let count = text.trim().parse().map_err(|_| {
+                CoreError::Config(format!(
+                    "GRASPBOX_THREADS is {text:?}; set it to a number of threads or unset it"
+                ))
+            })?;
+            (count, "GRASPBOX_THREADS")
+        }
+        (None, Err(_)) => return Ok(std::thread::available_parallelism().map_or(1, usize::from)),
+    };
+    if (1..=MAX_THREADS).contains(&count) {
+        Ok(count)
+    } else {
+        Err(CoreError::Config(format!(
+            "{origin} is {count}; it must be between 1 and {MAX_THREADS}"
+        )))
+    }
+}
+
+/// The pool of this process with `count` threads, started at its first use.
+fn pool(count: usize) -> Result<Arc<ThreadPool>, CoreError> {
+    let build = || {
+        ThreadPoolBuilder::new()
+            .num_threads(count)
+            .stack_size(STACK)
+            .thread_name(|i| format!("graspbox-{i}"))
+            .build()
+            .map(Arc::new)
+            .map_err(|error| CoreError::Internal(format!("cannot start {count} threads: {error}")))
+    };
+    // Never wait for the lock: a fork may have copied it while it was held.
+    let Ok(mut pools) = POOLS.try_lock() else {
+        return build();
+    };
+    let pid = std::process::id();
+    while let Some(key) = pools.keys().copied().find(|key| key.0 != pid) {
+        // Dropping a pool would wake its threads, which live in the parent only.
+        std::mem::forget(pools.remove(&key));
+    }
+    if let Some(pool) = pools.get(&(pid, count)) {
+        return Ok(Arc::clone(pool));
+    }
+    let pool = build()?;
+    pools.insert((pid, count), Arc::clone(&pool));
+    Ok(pool)
+}
+
+/// What a panic said.
+fn panic_text(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().copied();
+    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("no message")
+        .to_owned()
+}
+
+/// Waits for the result with the GIL released, taking it every [`PATIENCE`] to look for signals.
+fn wait<T: Send>(
+    py: Python<'_>,
+    mut results: Receiver<Result<T, CoreError>>,
+    cancel: &CancelFlag,
+) -> PyResult<Result<T, CoreError>> {
+    let lost = || CoreError::Internal("the worker went away without a result".into());
+    loop {
+        // The receiver goes in and out by value, because it cannot be shared with another thread.
+        let (answer, receiver) = py.detach(move || (results.recv_timeout(PATIENCE), results));
+        results = receiver;
+        match answer {
+            Ok(result) => return Ok(result),
+            Err(RecvTimeoutError::Disconnected) => return Ok(Err(lost())),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        if let Err(signal) = py.check_signals() {
+            cancel.store(true, Ordering::Relaxed);
+            py.detach(move || drop(results.recv_timeout(GRACE)));
+            return Err(signal);
+        }
+    }
+}
+
+/// Runs `work` on a pool of `num_threads` threads without the GIL; rayon inside `work` stays on that pool.
+///
+/// # Errors
+/// What `work` returns, mapped by [`CoreError`]; `InternalError` for a panic; the signal handler's exception after a signal.
+pub fn detached<T, E, F>(py: Python<'_>, num_threads: Option<usize>, work: F) -> PyResult<T>
+where
+    T: Send + 'static,
+    E: Into<CoreError>,
+    F: FnOnce(&CancelFlag) -> Result<T, E> + Send + 'static,
+{
+    let cancel = CancelFlag::default();
+    let (sender, results) = sync_channel(1);
+    let flag = Arc::clone(&cancel);
+    pool(thread_count(num_threads)?)?.spawn(move || {
+        let result = catch_unwind(AssertUnwindSafe(|| work(&flag).map_err(Into::into)))
+            .unwrap_or_else(|payload| Err(CoreError::Internal(panic_text(payload.as_ref()))));
+        // Nobody listens any more after an interruption.
+        drop(sender.send(result));
+    });
+    Ok(wait(py, results, &cancel)??)
+}
+
+/// The number of threads that calls use by default.
+#[pyfunction]
+pub fn num_threads() -> PyResult<usize> {
+    Ok(thread_count(None)?)
+}
+
+/// Busies the pool for `seconds`, then returns the number of its threads: for tests of threads, forks, signals and panics.
+#[pyfunction]
+#[pyo3(name = "_spin", signature = (seconds, *, num_threads=None, deaf=false, fail=false))]
+pub fn spin(py: Python<'_>, seconds: f64, num_threads: Option<usize>, deaf: bool, fail: bool) -> PyResult<usize> {
+    detached(py, num_threads, move |cancel| {
+        let started = Instant::now();
+        while started.elapsed().as_secs_f64() < seconds {
+            if !deaf && cancel.load(Ordering::Relaxed) {
+                return Err(CoreError::Interrupted);
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        if fail {
+            let nothing: [usize; 0] = [];
+            return Ok(nothing[started.elapsed().subsec_nanos() as usize]);
+        }
+        Ok(rayon::broadcast(|_| ()).len())
+    })
+}

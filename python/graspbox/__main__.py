@@ -1,0 +1,25 @@
+"""The ``graspbox`` command; it needs the extra ``cli`` and says so where that is missing."""
+
+import sys
+
+#: What the extra ``cli`` brings that the command line cannot do without.
+_CLI_MODULES = ("typer", "rich", "matplotlib")
+
+
+def main() -> None:
+    """Run the command line, or name the extra that it needs (exit status 2)."""
+    try:
+        from graspbox.cli import app
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] not in _CLI_MODULES:
+            raise
+        print(
+            f"graspbox: the command line needs {error.name}, from the extra 'cli': pip install 'graspbox[cli]'",
+            file=sys.stderr,
+        )
+        raise SystemExit(2) from None
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,33 @@
+"""What all Python tests share."""
+
+import os
+
+import pytest
+
+#: Where the training extra must be present, a skipped test would hide that it is not.
+REQUIRE_TRAIN = os.environ.get("GRASPBOX_REQUIRE_TRAIN", "0") not in ("", "0")
+
+_skipped: list[str] = []
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.skipped and "train" in report.keywords and not hasattr(report, "wasxfail"):
+        _skipped.append(report.nodeid)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    # A module that skips itself while it is imported (`importorskip`) carries no marker yet.
+    if report.skipped:
+        _skipped.append(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if REQUIRE_TRAIN and _skipped and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if REQUIRE_TRAIN and _skipped:
+        terminalreporter.section("training tests must run here", red=True)
+        for nodeid in _skipped:
+            terminalreporter.line(f"SKIPPED, which counts as failed: {nodeid}")
