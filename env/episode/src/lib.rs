@@ -1,1 +1,23 @@
-//! One state machine: reset, act, observe, reward, label; and a batch of them on rayon.
+//! One state machine for every driver: a scripted trial labels data with it, an agent acts in it.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`scene`] | an object at rest on the table, ready to be cloned into episodes |
+//! | [`episode`] | the state machine: reset, advance, observe, verdict |
+//! | [`judge`] | the one definition of success, and every number that describes a grasp |
+//! | [`trial`] | the scripted driver: close, lift, hold |
+//! | [`batch`] | many trials on rayon, with progress and cancellation |
+
+pub mod batch;
+pub mod episode;
+mod error;
+pub mod judge;
+pub mod scene;
+pub mod trial;
+
+pub use batch::{Progress, run_trials};
+pub use episode::Episode;
+pub use error::EpisodeError;
+pub use judge::{FailureKind, Judge, Verdict};
+pub use scene::Scene;
+pub use trial::{Sample, Trial, TrialConfig, TrialOutcome};

@@ -82,12 +82,18 @@ impl TriMesh {
     /// The mesh moved by `parent_from_mesh`.
     pub fn transformed(&self, parent_from_mesh: &Isometry3<f64>) -> Self {
         let vertices = self.vertices.iter().map(|p| parent_from_mesh * p).collect();
-        Self { vertices, faces: self.faces.clone() }
+        Self {
+            vertices,
+            faces: self.faces.clone(),
+        }
     }
 
     /// The mesh with every coordinate times `scale`.
     pub fn scaled(&self, scale: f64) -> Self {
         let vertices = self.vertices.iter().map(|p| p * scale).collect();
-        Self { vertices, faces: self.faces.clone() }
+        Self {
+            vertices,
+            faces: self.faces.clone(),
+        }
     }
 }

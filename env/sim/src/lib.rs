@@ -1,1 +1,30 @@
-//! One world on rapier: table, object, hand; contacts, tactile, snapshots.
+//! One world on rapier: a table, one object, one hand.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`config`] | physics settings and friction, with the reason for each number |
+//! | [`object`] | the object: convex parts, mass, inertia |
+//! | [`world`] | the world itself: step, observe, clone, snapshot |
+//! | [`contacts`] | who touches whom, how deep and how hard; tactile pressures |
+//! | `build`, `finger`, `motion`, `frames` | assembly, tendon law, the moving frame, conversions |
+//!
+//! The world is simulated in the hand's base frame: the hand's root stands still, the table moves, and gravity carries the
+//! fictitious accelerations. That halves the cost of a step and removes every error of a driven root. Everything that this crate
+//! hands out is in the world's frame (z up, table top at z = 0) unless its name says otherwise.
+
+mod build;
+pub mod config;
+pub mod contacts;
+mod error;
+mod finger;
+mod frames;
+mod motion;
+pub mod object;
+mod snapshot;
+pub mod world;
+
+pub use config::{Friction, PhysicsConfig};
+pub use contacts::{Contacts, Tactile};
+pub use error::SimError;
+pub use object::{Geometry, ObjectModel};
+pub use world::{FingerState, MotorCommand, Template, World};

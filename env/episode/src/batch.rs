@@ -1,0 +1,64 @@
+//! Many trials on rayon: results in the order of the poses, whatever the number of threads.
+
+use crate::trial::{Trial, TrialConfig, TrialOutcome};
+use crate::{EpisodeError, Scene};
+use graspbox_hand::GraspPose;
+use rayon::prelude::*;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// Shared between a running batch and whoever watches it.
+#[derive(Debug, Default)]
+pub struct Progress {
+    done: AtomicUsize,
+    stop: AtomicBool,
+}
+
+impl Progress {
+    /// Trials that are finished.
+    pub fn done(&self) -> usize {
+        self.done.load(Ordering::Relaxed)
+    }
+
+    /// Asks the batch to stop; it does so within a fraction of a second.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// True once the batch was asked to stop.
+    pub fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn step(&self) {
+        self.done.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Tries every pose (`object_from_hand`) on the scene's object, in parallel on the current rayon pool.
+///
+/// # Errors
+/// An impossible setting, or [`EpisodeError::Cancelled`] when `progress` was told to stop.
+pub fn run_trials(
+    scene: &Arc<Scene>,
+    poses: &[GraspPose],
+    config: TrialConfig,
+    progress: &Progress,
+) -> Result<Vec<TrialOutcome>, EpisodeError> {
+    config.validate()?;
+    let one = |pose: &GraspPose| {
+        let outcome = Trial::new(scene, pose, config, false).run(&|| progress.stopped());
+        progress.step();
+        outcome.map(|(outcome, _)| outcome)
+    };
+    let outcomes: Vec<Option<TrialOutcome>> = poses.par_iter().map(one).collect();
+    let total = outcomes.len();
+    let finished: Vec<TrialOutcome> = outcomes.into_iter().flatten().collect();
+    if finished.len() < total {
+        return Err(EpisodeError::Cancelled {
+            done: finished.len(),
+            total,
+        });
+    }
+    Ok(finished)
+}

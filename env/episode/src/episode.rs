@@ -1,0 +1,61 @@
+//! The state machine that every driver shares: reset, advance, verdict.
+
+use crate::judge::{Judge, Verdict};
+use crate::scene::Scene;
+use graspbox_sim::{MotorCommand, World};
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+/// One attempt to grasp: a world and its judge.
+#[derive(Clone)]
+pub struct Episode {
+    scene: Arc<Scene>,
+    world: World,
+    judge: Judge,
+}
+
+impl Episode {
+    /// A fresh episode: the hand open at `world_from_hand` with `preshape` (rad), the object at rest.
+    pub fn reset(scene: &Arc<Scene>, world_from_hand: &Isometry3<f64>, preshape: f64) -> Self {
+        let world = scene
+            .template()
+            .spawn(world_from_hand, scene.world_from_object(), preshape);
+        let judge = Judge::new(&world, scene.base_point(), scene.center_of_mass());
+        Self {
+            scene: Arc::clone(scene),
+            world,
+            judge,
+        }
+    }
+
+    /// One time step: the hand reaches `world_from_hand`, the motors follow their commands, the judge looks.
+    pub fn advance(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) {
+        self.world.step(world_from_hand, commands);
+        self.judge.observe(&self.world);
+    }
+
+    /// Tells the judge that lifting begins now.
+    pub fn begin_lift(&mut self) {
+        self.judge.begin_lift(&self.world);
+    }
+
+    /// What the judge says now.
+    pub fn verdict(&self) -> Verdict {
+        self.judge.verdict(&self.world)
+    }
+
+    /// The scene that this episode plays in.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The world as it stands.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// The judge as it stands.
+    pub fn judge(&self) -> &Judge {
+        &self.judge
+    }
+}

@@ -1,0 +1,114 @@
+//! An object at rest on the table, ready to be cloned into episodes.
+
+use crate::EpisodeError;
+use graspbox_hand::Hand;
+use graspbox_sim::{MotorCommand, ObjectModel, PhysicsConfig, Template, World};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::sync::Arc;
+
+/// The object is at rest below this speed, m/s, and [`REST_SPIN`], rad/s, for [`REST_STEPS`] steps.
+const REST_SPEED: f64 = 1e-3;
+const REST_SPIN: f64 = 2e-2;
+const REST_STEPS: usize = 50;
+/// Longest time to settle, seconds. A ball that still rolls then is stopped where it is.
+const SETTLE_TIME: f64 = 3.0;
+/// The hand waits this high above the table while the object settles, metres.
+const OUT_OF_THE_WAY: f64 = 2.0;
+
+/// An object at rest on the table, with everything that its episodes share.
+pub struct Scene {
+    name: String,
+    template: Template,
+    world_from_object: Isometry3<f64>,
+    center_of_mass: Point3<f64>,
+    base_point: Point3<f64>,
+}
+
+impl Scene {
+    /// Lets `object` settle on the table from `world_from_object`.
+    ///
+    /// * `base_point`: origin of the study's object frame (middle of the base), object frame, metres.
+    ///
+    /// # Errors
+    /// An impossible object or setting, or an object that leaves the table.
+    pub fn settle(
+        name: &str,
+        hand: Arc<Hand>,
+        object: &ObjectModel,
+        physics: PhysicsConfig,
+        world_from_object: &Isometry3<f64>,
+        base_point: Point3<f64>,
+    ) -> Result<Self, EpisodeError> {
+        let template = Template::new(hand, object, physics).map_err(|source| EpisodeError::Sim {
+            object: name.to_owned(),
+            source,
+        })?;
+        let lowest = object.lowest_point(world_from_object);
+        let start = Translation3::new(0.0, 0.0, -lowest) * world_from_object;
+        let away = Isometry3::from_parts(Translation3::new(0.0, 0.0, OUT_OF_THE_WAY), UnitQuaternion::identity());
+        let mut world = template.spawn(&away, &start, 0.0);
+        let no_rest = |why| EpisodeError::NoRest {
+            object: name.to_owned(),
+            why,
+        };
+        let center = object.center_of_mass();
+        let mut quiet = 0;
+        for _ in 0..(SETTLE_TIME / physics.dt) as usize {
+            world.step(&away, &[] as &[MotorCommand]);
+            let (speed, spin) = world.object_velocity_in_hand();
+            quiet = if speed.norm() < REST_SPEED && spin.norm() < REST_SPIN {
+                quiet + 1
+            } else {
+                0
+            };
+            if quiet >= REST_STEPS {
+                break;
+            }
+        }
+        if !world.is_finite() {
+            return Err(no_rest("the simulation diverged"));
+        }
+        if world.object_center().z < 0.0 {
+            return Err(no_rest("it falls off"));
+        }
+        let world_from_object = recentred(&world, &(start * center));
+        Ok(Self {
+            name: name.to_owned(),
+            template,
+            world_from_object,
+            center_of_mass: center,
+            base_point,
+        })
+    }
+
+    /// Name of the object.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The world that episodes are cloned from.
+    pub fn template(&self) -> &Template {
+        &self.template
+    }
+
+    /// The object at rest.
+    pub fn world_from_object(&self) -> &Isometry3<f64> {
+        &self.world_from_object
+    }
+
+    /// Centre of mass, object frame, metres.
+    pub fn center_of_mass(&self) -> Point3<f64> {
+        self.center_of_mass
+    }
+
+    /// Origin of the study's object frame, object frame, metres.
+    pub fn base_point(&self) -> Point3<f64> {
+        self.base_point
+    }
+}
+
+/// The settled pose, moved back so that a rolling object does not wander off the middle of the table.
+fn recentred(world: &World, start: &Point3<f64>) -> Isometry3<f64> {
+    let drift: Vector3<f64> = start - world.object_center();
+    Translation3::new(drift.x, drift.y, 0.0) * world.world_from_object()
+}

@@ -1,0 +1,275 @@
+//! The scripted driver: approach, close, lift, hold. It drives the same [`Episode`] as an agent does.
+
+use crate::episode::Episode;
+use crate::judge::{FailureKind, KINDNESS_PERIOD, LEGACY_TIME, LIFT_HEIGHT};
+use crate::{EpisodeError, Scene};
+use graspbox_hand::{GraspPose, MotorKind};
+use graspbox_sim::MotorCommand;
+use nalgebra::{Isometry3, Translation3};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// How a trial runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrialConfig {
+    /// The hand approaches from this far back along its -z, metres.
+    pub standoff: f64,
+    /// Time to close, seconds (the study lifts 1.3 s after closing begins).
+    pub close_time: f64,
+    /// Height to lift, metres.
+    pub lift_height: f64,
+    /// Time to lift, seconds.
+    pub lift_time: f64,
+    /// Time to hold, seconds.
+    pub hold_time: f64,
+    /// Stop as soon as success is out of reach.
+    pub early_stop: bool,
+    /// Read the study's own measures as well; switches early stops off.
+    pub legacy: bool,
+}
+
+impl Default for TrialConfig {
+    fn default() -> Self {
+        Self {
+            standoff: 0.10,
+            close_time: 1.3,
+            lift_height: 0.20,
+            lift_time: 1.0,
+            hold_time: 1.0,
+            early_stop: true,
+            legacy: false,
+        }
+    }
+}
+
+impl TrialConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`EpisodeError::BadConfig`], naming the first setting that is out of range.
+    pub fn validate(&self) -> Result<(), EpisodeError> {
+        let rows = [
+            ("standoff", self.standoff, 0.0, 0.5, "between 0 and 0.5 m"),
+            ("close_time", self.close_time, 0.1, 10.0, "between 0.1 and 10 s"),
+            (
+                "lift_height",
+                self.lift_height,
+                LIFT_HEIGHT,
+                1.0,
+                "between 0.15 and 1 m",
+            ),
+            ("lift_time", self.lift_time, 0.1, 10.0, "between 0.1 and 10 s"),
+            (
+                "hold_time",
+                self.hold_time,
+                crate::judge::HOLD_TIME,
+                60.0,
+                "between 0.5 and 60 s",
+            ),
+        ];
+        for (field, value, low, high, expected) in rows {
+            if !(low..=high).contains(&value) {
+                return Err(EpisodeError::BadConfig { field, value, expected });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What came of a trial.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrialOutcome {
+    /// Held high, free and still at the end.
+    pub success: bool,
+    /// Success without shifting or turning in the hand.
+    pub secure: bool,
+    /// Why it failed; none for a success.
+    pub failure: Option<FailureKind>,
+    /// Rise of the object's centre of mass at the end, metres.
+    pub lift: f64,
+    /// Mean of |d distance/dt| since lifting began, m/s.
+    pub kindness_rate: f64,
+    /// The study's success; none where an early stop cut it off.
+    pub legacy_success: Option<bool>,
+    /// The study's kindness; none where an early stop cut it off.
+    pub kindness: Option<f64>,
+    /// Simulated seconds.
+    pub time: f64,
+}
+
+/// One row of a trial's trace, every 10 ms.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sample {
+    /// Seconds since closing began.
+    pub time: f64,
+    /// Distance between hand frame and object frame, metres.
+    pub distance: f64,
+    /// Grasp frame in the world.
+    pub world_from_hand: Isometry3<f64>,
+    /// Object in the world.
+    pub world_from_object: Isometry3<f64>,
+    /// Proximal and distal angle of every finger, rad.
+    pub fingers: Vec<[f64; 2]>,
+    /// Tension of every tendon, N.
+    pub tensions: Vec<f64>,
+    /// Sum of the normal forces between hand and object, N.
+    pub hand_force: f64,
+}
+
+/// A trial in progress.
+pub struct Trial {
+    episode: Episode,
+    config: TrialConfig,
+    start: Isometry3<f64>,
+    close: Vec<MotorCommand>,
+    step: u64,
+    contact_lost: u64,
+    legacy: Option<(bool, f64)>,
+    trace: Option<Vec<Sample>>,
+}
+
+/// Steps without contact, seconds, after which an object in the air is lost.
+const LOST_AFTER: f64 = 0.06;
+/// The object may rise relative to the hand by this much while fingers settle, metres.
+const CURL_RISE: f64 = 0.03;
+
+impl Trial {
+    /// Begins a trial with the hand at `pose`; the caller has checked that pose and approach are free of collision.
+    pub fn new(scene: &Arc<Scene>, pose: &GraspPose, config: TrialConfig, trace: bool) -> Self {
+        let start = scene.world_from_object() * pose.object_from_hand;
+        let episode = Episode::reset(scene, &start, pose.preshape);
+        let hand = Arc::clone(episode.world().hand());
+        let close = hand.motors.iter().map(|m| match m.kind {
+            MotorKind::Finger(_) => MotorCommand::Position(m.travel[1]),
+            MotorKind::Preshape => MotorCommand::Position(pose.preshape),
+        });
+        let close = close.collect();
+        let trace = trace.then(Vec::new);
+        Self {
+            episode,
+            config,
+            start,
+            close,
+            step: 0,
+            contact_lost: 0,
+            legacy: None,
+            trace,
+        }
+    }
+
+    /// Runs to the end; `stop` is asked now and then and ends the trial when it says so (then the result is none).
+    pub fn run(mut self, stop: &dyn Fn() -> bool) -> Option<(TrialOutcome, Option<Vec<Sample>>)> {
+        let dt = self.episode.world().dt();
+        let steps = |time: f64| (time / dt).round() as u64;
+        let close = steps(self.config.close_time);
+        let end = close + steps(self.config.lift_time) + steps(self.config.hold_time);
+        let legacy_at = steps(LEGACY_TIME);
+        let sample_every = steps(KINDNESS_PERIOD).max(1);
+        self.sample();
+        while self.step < end {
+            if self.step.is_multiple_of(64) && stop() {
+                return None;
+            }
+            if self.step == close {
+                self.episode.begin_lift();
+                if self.ends_early() && !self.touches() {
+                    return Some(self.finish(Some(FailureKind::NoContact)));
+                }
+            }
+            self.step += 1;
+            let target = self.target(self.step as f64 * dt);
+            self.episode.advance(&target, &self.close);
+            if self.step.is_multiple_of(sample_every) {
+                self.sample();
+            }
+            if self.step == legacy_at {
+                let judge = self.episode.judge();
+                self.legacy = Some((judge.legacy_success(self.episode.world()), judge.kindness()));
+            }
+            if self.step > close && self.ends_early() && self.hopeless(dt) {
+                return Some(self.finish(None));
+            }
+            if self.step.is_multiple_of(64) && !self.episode.world().is_finite() {
+                return Some(self.finish(Some(FailureKind::Unstable)));
+            }
+        }
+        Some(self.finish(None))
+    }
+
+    /// Where the hand is to be `time` seconds after closing began: still, then up along a minimum-jerk curve, then still.
+    fn target(&self, time: f64) -> Isometry3<f64> {
+        let s = ((time - self.config.close_time) / self.config.lift_time).clamp(0.0, 1.0);
+        let rise = self.config.lift_height * s * s * s * (10.0 + s * (6.0 * s - 15.0));
+        Translation3::new(0.0, 0.0, rise) * self.start
+    }
+
+    fn ends_early(&self) -> bool {
+        self.config.early_stop && !self.config.legacy
+    }
+
+    fn touches(&self) -> bool {
+        !self.episode.world().contacts().links.is_empty()
+    }
+
+    /// True once the object cannot be held high enough at the end any more.
+    fn hopeless(&mut self, dt: f64) -> bool {
+        if !self.step.is_multiple_of(5) {
+            return false;
+        }
+        let verdict = self.episode.verdict();
+        self.contact_lost = if self.touches() { 0 } else { self.contact_lost + 5 };
+        let lost = self.contact_lost as f64 * dt >= LOST_AFTER;
+        let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
+        lost || reach < LIFT_HEIGHT
+    }
+
+    fn sample(&mut self) {
+        let Some(trace) = &mut self.trace else { return };
+        let world = self.episode.world();
+        let fingers: Vec<_> = (0..world.hand().fingers.len()).map(|i| world.finger(i)).collect();
+        trace.push(Sample {
+            time: world.time(),
+            distance: self.episode.judge().distance(),
+            world_from_hand: world.world_from_hand(),
+            world_from_object: world.world_from_object(),
+            fingers: fingers.iter().map(|f| [f.proximal, f.distal]).collect(),
+            tensions: fingers.iter().map(|f| f.tension).collect(),
+            hand_force: world.contacts().hand_force,
+        });
+    }
+
+    fn finish(self, failure: Option<FailureKind>) -> (TrialOutcome, Option<Vec<Sample>>) {
+        let world = self.episode.world();
+        let verdict = self.episode.verdict();
+        let success = verdict.success && failure.is_none() && world.is_finite();
+        let why = failure.unwrap_or_else(|| self.episode.judge().failure(world, self.touches()));
+        let outcome = TrialOutcome {
+            success,
+            secure: success && verdict.secure,
+            failure: (!success).then_some(why),
+            lift: verdict.lift,
+            kindness_rate: verdict.kindness_rate,
+            legacy_success: self.legacy.map(|l| l.0),
+            kindness: self.legacy.map(|l| l.1),
+            time: world.time(),
+        };
+        (outcome, self.trace)
+    }
+}
+
+impl TrialOutcome {
+    /// The outcome of a pose that collides before anything moves.
+    pub fn infeasible() -> Self {
+        Self {
+            success: false,
+            secure: false,
+            failure: Some(FailureKind::Infeasible),
+            lift: 0.0,
+            kindness_rate: 0.0,
+            legacy_success: None,
+            kindness: None,
+            time: 0.0,
+        }
+    }
+}

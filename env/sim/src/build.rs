@@ -1,0 +1,372 @@
+//! Assembles the engine's world: a fixed hand root, one multibody a finger, the object, the moving table.
+
+use crate::config::PhysicsConfig;
+use crate::object::ObjectModel;
+use crate::{SimError, frames};
+use graspbox_hand::{Hand, Material, Shape};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rapier3d::math::Vector;
+use rapier3d::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Side of the table top, metres.
+pub(crate) const TABLE_SIDE: f64 = 1.2;
+/// Thickness of the table top, metres.
+const TABLE_THICKNESS: f64 = 0.1;
+/// Height of the table top above the ground, metres: a usual table.
+const TABLE_HEIGHT: f64 = 0.75;
+
+const OBJECT: Group = Group::GROUP_1;
+const GROUND: Group = Group::GROUP_2;
+const PALM: Group = Group::GROUP_3;
+/// Groups of the fingers' proximal (and distal) links begin here; with two each, this leaves room for 13 fingers.
+const FIRST_FINGER_GROUP: u32 = 4;
+
+/// What a collider belongs to; kept in the collider's user data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    Object,
+    Table,
+    Ground,
+    /// Index of the hand's link, and of the shape within it.
+    Link {
+        link: usize,
+        shape: usize,
+    },
+}
+
+impl Part {
+    fn tag(self) -> u128 {
+        match self {
+            Part::Object => 0,
+            Part::Table => 1,
+            Part::Ground => 2,
+            Part::Link { link, shape } => 16 + ((link as u128) << 32 | shape as u128),
+        }
+    }
+
+    pub(crate) fn of(collider: &Collider) -> Self {
+        match collider.user_data {
+            0 => Part::Object,
+            1 => Part::Table,
+            2 => Part::Ground,
+            n => Part::Link {
+                link: ((n - 16) >> 32) as usize,
+                shape: ((n - 16) & 0xffff_ffff) as usize,
+            },
+        }
+    }
+}
+
+/// Joints and bodies of one finger.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct FingerHandles {
+    pub swivel: Option<MultibodyJointHandle>,
+    pub proximal: MultibodyJointHandle,
+    pub distal: MultibodyJointHandle,
+    pub bodies: [RigidBodyHandle; 2],
+}
+
+/// Everything in the world that is looked up by name.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Handles {
+    pub object: RigidBodyHandle,
+    pub object_collider: ColliderHandle,
+    pub scenery: RigidBodyHandle,
+    pub fingers: Vec<FingerHandles>,
+}
+
+/// Links that move as one rigid body, with the pose of each in the frame of the first.
+struct Carrier {
+    links: Vec<(usize, Isometry3<f64>)>,
+}
+
+pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
+    IntegrationParameters {
+        dt: config.dt as f32,
+        num_solver_iterations: config.solver_iterations,
+        contact_softness: SpringCoefficients::new(config.contact_frequency as f32, config.contact_damping_ratio as f32),
+        static_contact_softness: SpringCoefficients::new(
+            config.static_contact_frequency as f32,
+            config.contact_damping_ratio as f32,
+        ),
+        normalized_prediction_distance: config.prediction as f32,
+        normalized_allowed_linear_error: config.allowed_penetration as f32,
+        // The engine's recycling threshold (5 cm) is a large part of a grasp: contacts would go stale.
+        contact_recycling: false,
+        // Household objects and fingers move slower than their own thickness a step.
+        max_ccd_substeps: 0,
+        friction_model: FrictionModel::Coulomb,
+        ..IntegrationParameters::default()
+    }
+}
+
+/// Builds the world with the hand's base at the origin, all joints at 0 and the object and table posed in the base's frame.
+pub(crate) fn build(
+    hand: &Hand,
+    object: &ObjectModel,
+    config: &PhysicsConfig,
+    base_from_world: &Isometry3<f64>,
+    world_from_object: &Isometry3<f64>,
+) -> Result<(PhysicsWorld, Handles), SimError> {
+    let mut world = PhysicsWorld {
+        integration_parameters: integration_parameters(config),
+        ..PhysicsWorld::default()
+    };
+    let scenery = insert_scenery(&mut world, config, base_from_world);
+    let body = RigidBodyBuilder::dynamic()
+        .pose(frames::pose(&(base_from_world * world_from_object)))
+        .additional_mass_properties(object.mass_properties)
+        .gyroscopic_forces_enabled(true)
+        .can_sleep(false);
+    let object_body = world.bodies.insert(body);
+    let collider = surface(
+        object.shape.clone(),
+        config.friction.object,
+        Part::Object,
+        OBJECT,
+        Group::ALL,
+    );
+    let object_collider = world
+        .colliders
+        .insert_with_parent(collider, object_body, &mut world.bodies);
+    insert_base(&mut world, hand, config);
+    let fingers = (0..hand.fingers.len())
+        .map(|finger| insert_finger(&mut world, hand, config, finger))
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok((
+        world,
+        Handles {
+            object: object_body,
+            object_collider,
+            scenery,
+            fingers,
+        },
+    ))
+}
+
+/// Table and ground on one kinematic body, since both move alike in the hand's frame.
+fn insert_scenery(
+    world: &mut PhysicsWorld,
+    config: &PhysicsConfig,
+    base_from_world: &Isometry3<f64>,
+) -> RigidBodyHandle {
+    let body = RigidBodyBuilder::kinematic_position_based()
+        .pose(frames::pose(base_from_world))
+        .can_sleep(false);
+    let body = world.bodies.insert(body);
+    let half = TABLE_SIDE as f32 / 2.0;
+    let thick = TABLE_THICKNESS as f32 / 2.0;
+    let table = surface(
+        SharedShape::cuboid(half, half, thick),
+        config.friction.table,
+        Part::Table,
+        GROUND,
+        Group::ALL,
+    )
+    .translation(Vector::new(0.0, 0.0, -thick));
+    let ground = surface(
+        SharedShape::halfspace(Vector::Z),
+        config.friction.table,
+        Part::Ground,
+        GROUND,
+        Group::ALL,
+    )
+    .translation(Vector::new(0.0, 0.0, -TABLE_HEIGHT as f32));
+    for collider in [table, ground] {
+        world.colliders.insert_with_parent(collider, body, &mut world.bodies);
+    }
+    body
+}
+
+/// A massless collider (bodies carry their mass themselves) with a friction factor.
+fn surface(shape: SharedShape, factor: f64, part: Part, member: Group, filter: Group) -> ColliderBuilder {
+    ColliderBuilder::new(shape)
+        .density(0.0)
+        .friction(factor as f32)
+        .friction_combine_rule(CoefficientCombineRule::Multiply)
+        .collision_groups(InteractionGroups::new(member, filter, InteractionTestMode::And))
+        .user_data(part.tag())
+}
+
+/// The links that hang on `root` by fixed joints, `root` first.
+fn carrier(hand: &Hand, root: usize) -> Carrier {
+    let mut links = vec![(root, Isometry3::identity())];
+    let mut next = 0;
+    while next < links.len() {
+        let (link, pose) = links[next];
+        for joint in hand.joints.iter().filter(|j| j.fixed && j.parent == link) {
+            links.push((joint.child, pose * joint.parent_from_joint));
+        }
+        next += 1;
+    }
+    Carrier { links }
+}
+
+fn insert_base(world: &mut PhysicsWorld, hand: &Hand, config: &PhysicsConfig) {
+    let body = world.bodies.insert(RigidBodyBuilder::fixed());
+    insert_colliders(world, hand, config, &carrier(hand, 0), body, PALM, Group::ALL);
+}
+
+fn insert_colliders(
+    world: &mut PhysicsWorld,
+    hand: &Hand,
+    config: &PhysicsConfig,
+    carrier: &Carrier,
+    body: RigidBodyHandle,
+    member: Group,
+    filter: Group,
+) {
+    for (link, carrier_from_link) in &carrier.links {
+        for (index, collider) in hand.links[*link].colliders.iter().enumerate() {
+            let shape = match collider.shape {
+                Shape::Cuboid(h) => SharedShape::cuboid(h.x as f32, h.y as f32, h.z as f32),
+                Shape::Sphere { radius } => SharedShape::ball(radius as f32),
+                Shape::Cylinder { radius, half_length } => SharedShape::cylinder(half_length as f32, radius as f32),
+            };
+            // The engine's cylinders stand along y, URDF's along z.
+            let turn = match collider.shape {
+                Shape::Cylinder { .. } => {
+                    UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2)
+                }
+                _ => UnitQuaternion::identity(),
+            };
+            let factor = match collider.material {
+                Material::Pad => config.friction.pad,
+                Material::Bare => config.friction.bare,
+            };
+            let pose = carrier_from_link * collider.link_from_shape * turn;
+            let part = Part::Link {
+                link: *link,
+                shape: index,
+            };
+            let built = surface(shape, factor, part, member, filter).position(frames::pose(&pose));
+            world.colliders.insert_with_parent(built, body, &mut world.bodies);
+        }
+    }
+}
+
+/// Group of a finger's links; `distal` links may also meet the palm.
+fn finger_group(finger: usize, distal: bool) -> Group {
+    Group::from_bits_truncate(1 << (FIRST_FINGER_GROUP + 2 * finger as u32 + u32::from(distal)))
+}
+
+fn insert_finger(
+    world: &mut PhysicsWorld,
+    hand: &Hand,
+    config: &PhysicsConfig,
+    finger: usize,
+) -> Result<FingerHandles, SimError> {
+    let f = &hand.fingers[finger];
+    let bad = |why| SimError::BadFinger {
+        finger: f.name.clone(),
+        why,
+    };
+    if finger > 12 {
+        return Err(bad("a hand may have 13 fingers at most"));
+    }
+    let others = (0..hand.fingers.len())
+        .filter(|i| *i != finger)
+        .fold(Group::NONE, |g, i| g | finger_group(i, false) | finger_group(i, true));
+    let mut parent = world.bodies.insert(RigidBodyBuilder::fixed());
+    let mut swivel = None;
+    if let Some((joint, _)) = f.swivel {
+        if hand.joints[joint].parent != 0 {
+            return Err(bad("its swivel does not hang on the base"));
+        }
+        let body = insert_link(world, hand, config, joint, (PALM, OBJECT | GROUND));
+        let handle = world
+            .multibody_joints
+            .insert_kinematic(parent, body, revolute(hand, joint), true);
+        swivel = Some(handle.ok_or_else(|| bad("its swivel closes a loop"))?);
+        parent = body;
+    }
+    let mut handles = Vec::with_capacity(2);
+    let mut bodies = Vec::with_capacity(2);
+    for (joint, distal) in [(f.proximal, false), (f.distal, true)] {
+        let palm = if distal { PALM } else { Group::NONE };
+        let groups = (finger_group(finger, distal), OBJECT | GROUND | others | palm);
+        let body = insert_link(world, hand, config, joint, groups);
+        let handle = world.multibody_joints.insert(parent, body, revolute(hand, joint), true);
+        handles.push(handle.ok_or_else(|| bad("its joints close a loop"))?);
+        bodies.push(body);
+        parent = body;
+    }
+    let found = FingerHandles {
+        swivel,
+        proximal: handles[0],
+        distal: handles[1],
+        bodies: [bodies[0], bodies[1]],
+    };
+    set_losses(world, hand, finger, &found);
+    Ok(found)
+}
+
+fn insert_link(
+    world: &mut PhysicsWorld,
+    hand: &Hand,
+    config: &PhysicsConfig,
+    joint: usize,
+    (member, filter): (Group, Group),
+) -> RigidBodyHandle {
+    let carrier = carrier(hand, hand.joints[joint].child);
+    let mass = carrier
+        .links
+        .iter()
+        .map(|(link, pose)| link_mass(hand, *link, pose))
+        .reduce(|a, b| a + b);
+    let body = RigidBodyBuilder::dynamic()
+        .additional_mass_properties(mass.unwrap_or_default())
+        .can_sleep(false);
+    let body = world.bodies.insert(body);
+    insert_colliders(world, hand, config, &carrier, body, member, filter);
+    body
+}
+
+fn link_mass(hand: &Hand, link: usize, carrier_from_link: &Isometry3<f64>) -> MassProperties {
+    let link = &hand.links[link];
+    let turn = carrier_from_link.rotation.to_rotation_matrix();
+    let inertia = turn.matrix() * link.inertia * turn.matrix().transpose();
+    let center: Point3<f64> = carrier_from_link * link.center_of_mass;
+    MassProperties::with_inertia_matrix(frames::point(&center), link.mass as f32, frames::matrix(&inertia))
+}
+
+/// A revolute joint about the hand's axis: the engine turns about its local x.
+fn revolute(hand: &Hand, joint: usize) -> GenericJoint {
+    let joint = &hand.joints[joint];
+    let turn = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
+        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
+    let axis_frame = Isometry3::from_parts(nalgebra::Translation3::identity(), turn);
+    GenericJointBuilder::new(JointAxesMask::LOCKED_REVOLUTE_AXES)
+        .local_frame1(frames::pose(&(joint.parent_from_joint * axis_frame)))
+        .local_frame2(frames::pose(&axis_frame))
+        .contacts_enabled(false)
+        .build()
+}
+
+/// Damping and armature of both joints, which the engine integrates implicitly.
+fn set_losses(world: &mut PhysicsWorld, hand: &Hand, finger: usize, handles: &FingerHandles) {
+    let flexure = &hand.fingers[finger].flexure;
+    for (handle, damping) in [
+        (handles.proximal, flexure.proximal_damping),
+        (handles.distal, flexure.distal_damping),
+    ] {
+        if let Some((multibody, link)) = world.multibody_joints.get_mut(handle) {
+            let Some(id) = multibody.link(link).map(|l| l.assembly_id()) else {
+                continue;
+            };
+            multibody.damping_mut()[id] = damping as f32;
+            multibody.armature_mut()[id] = flexure.armature as f32;
+        }
+    }
+}
+
+/// Places every link where its joint angles say; to be called once after [`build`] and whenever angles were displaced.
+pub(crate) fn place_links(world: &mut PhysicsWorld, handles: &Handles) {
+    for finger in &handles.fingers {
+        if let Some((multibody, _)) = world.multibody_joints.get_mut(finger.proximal) {
+            multibody.forward_kinematics(&world.bodies, true);
+            multibody.update_rigid_bodies(&mut world.bodies, true);
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Physics settings and friction. Every default passes the hold and label checks in `tests/`; change them together or not at all.
+
+use crate::SimError;
+use serde::{Deserialize, Serialize};
+
+/// Friction factors of surfaces. The coefficient of a pair is the product of its two factors.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Friction {
+    /// Rubber pads of fingers and palm (rubber on a dry household surface: about 1).
+    pub pad: f64,
+    /// Bare plastic of the hand.
+    pub bare: f64,
+    /// Table top and ground.
+    pub table: f64,
+    /// The object: 1 leaves the other surface's factor as the coefficient.
+    pub object: f64,
+}
+
+impl Default for Friction {
+    fn default() -> Self {
+        Self {
+            pad: 1.0,
+            bare: 0.4,
+            table: 0.5,
+            object: 1.0,
+        }
+    }
+}
+
+/// Settings of the integrator and the contact solver.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PhysicsConfig {
+    /// Time step, seconds.
+    pub dt: f64,
+    /// Solver sub-steps a step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
+    pub solver_iterations: usize,
+    /// Natural frequency of contacts, Hz. Stock values of the engine (30 Hz) let fingers sink in by millimetres.
+    pub contact_frequency: f64,
+    /// Damping ratio of contacts.
+    pub contact_damping_ratio: f64,
+    /// Natural frequency of contacts with the hand's root and the table, Hz.
+    pub static_contact_frequency: f64,
+    /// Distance at which contacts are predicted, metres.
+    pub prediction: f64,
+    /// Penetration that is left alone, metres.
+    pub allowed_penetration: f64,
+    /// Gravity, m/s2, along -z of the world.
+    pub gravity: f64,
+    /// Friction factors.
+    pub friction: Friction,
+}
+
+impl Default for PhysicsConfig {
+    fn default() -> Self {
+        Self {
+            dt: 0.002,
+            solver_iterations: 4,
+            contact_frequency: 240.0,
+            contact_damping_ratio: 2.0,
+            static_contact_frequency: 480.0,
+            prediction: 0.005,
+            allowed_penetration: 0.0005,
+            gravity: 9.81,
+            friction: Friction::default(),
+        }
+    }
+}
+
+impl PhysicsConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`SimError::BadConfig`], naming the first setting that is out of range.
+    pub fn validate(&self) -> Result<(), SimError> {
+        let f = &self.friction;
+        let rows: [(&'static str, f64, f64, f64, &'static str); 11] = [
+            ("dt", self.dt, 1e-5, 0.02, "between 1e-5 and 0.02 s"),
+            (
+                "solver_iterations",
+                self.solver_iterations as f64,
+                1.0,
+                64.0,
+                "between 1 and 64",
+            ),
+            (
+                "contact_frequency",
+                self.contact_frequency,
+                1.0,
+                1e4,
+                "between 1 and 1e4 Hz",
+            ),
+            (
+                "contact_damping_ratio",
+                self.contact_damping_ratio,
+                0.01,
+                100.0,
+                "between 0.01 and 100",
+            ),
+            (
+                "static_contact_frequency",
+                self.static_contact_frequency,
+                1.0,
+                1e4,
+                "between 1 and 1e4 Hz",
+            ),
+            ("prediction", self.prediction, 1e-4, 0.05, "between 1e-4 and 0.05 m"),
+            (
+                "allowed_penetration",
+                self.allowed_penetration,
+                0.0,
+                0.005,
+                "between 0 and 0.005 m",
+            ),
+            ("gravity", self.gravity, 0.0, 100.0, "between 0 and 100 m/s2"),
+            ("friction.pad", f.pad, 0.0, 5.0, "between 0 and 5"),
+            ("friction.bare", f.bare, 0.0, 5.0, "between 0 and 5"),
+            ("friction.table", f.table, 0.0, 5.0, "between 0 and 5"),
+        ];
+        for (field, value, low, high, expected) in rows {
+            if !(low..=high).contains(&value) {
+                return Err(SimError::BadConfig { field, value, expected });
+            }
+        }
+        if !(0.0..=5.0).contains(&f.object) {
+            return Err(SimError::BadConfig {
+                field: "friction.object",
+                value: f.object,
+                expected: "between 0 and 5",
+            });
+        }
+        Ok(())
+    }
+}

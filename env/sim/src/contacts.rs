@@ -1,0 +1,147 @@
+//! Who touches whom, how deep and how hard.
+
+use crate::build::Part;
+use crate::frames;
+use crate::world::World;
+use nalgebra::{Point3, Vector3};
+
+/// Two bodies touch when a contact presses, or when they are nearer than this, metres: half the penetration that the solver
+/// leaves alone.
+const TOUCH: f32 = 2.5e-4;
+
+/// What the object touches, summed over its contacts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Contacts {
+    /// The object touches the table or the ground.
+    pub scenery: bool,
+    /// Links of the hand that touch the object, ascending, each once.
+    pub links: Vec<usize>,
+    /// Deepest penetration between hand and object, metres.
+    pub hand_depth: f64,
+    /// Deepest penetration between scenery and object, metres.
+    pub scenery_depth: f64,
+    /// Sum of the normal forces between hand and object, N.
+    pub hand_force: f64,
+}
+
+/// Forces on the tactile sensors in the order of the hand's sensors, N.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tactile {
+    /// One force a sensor.
+    pub force: Vec<f64>,
+}
+
+/// One contact point between the hand and something else.
+pub(crate) struct LinkContact {
+    pub link: usize,
+    pub point: Point3<f64>,
+    pub normal: Vector3<f64>,
+    pub force: f64,
+}
+
+impl World {
+    /// What the object touches now.
+    pub fn contacts(&self) -> Contacts {
+        let mut found = Contacts::default();
+        let object = self.handles().object_collider;
+        let dt = self.dt() as f32;
+        for pair in self.physics().narrow_phase.contact_pairs_with(object) {
+            let other = if pair.collider1 == object {
+                pair.collider2
+            } else {
+                pair.collider1
+            };
+            let (mut least, mut impulse) = (f32::MAX, 0.0);
+            for point in pair.manifolds().iter().flat_map(|m| &m.points) {
+                least = least.min(point.dist);
+                impulse += point.data.impulse;
+            }
+            let touches = impulse > 0.0 || least < TOUCH;
+            let depth = (-least).max(0.0) as f64;
+            match self.part(other) {
+                Part::Table | Part::Ground => {
+                    found.scenery |= touches;
+                    found.scenery_depth = found.scenery_depth.max(depth);
+                }
+                Part::Link { link, .. } => {
+                    found.hand_depth = found.hand_depth.max(depth);
+                    found.hand_force += (impulse / dt) as f64;
+                    if touches {
+                        found.links.push(link);
+                    }
+                }
+                Part::Object => {}
+            }
+        }
+        found.links.sort_unstable();
+        found.links.dedup();
+        found
+    }
+
+    /// True when the object touches table or ground; cheaper than [`World::contacts`].
+    pub fn object_on_scenery(&self) -> bool {
+        self.contacts().scenery
+    }
+
+    /// Forces on the tactile sensors.
+    ///
+    /// A contact presses the sensors of its link in proportion to their nearness: a sensor feels nothing beyond its reach.
+    pub fn tactile(&self) -> Tactile {
+        let hand = self.hand();
+        let mut force = vec![0.0; hand.sensors.len()];
+        for contact in self.link_contacts() {
+            let weight = |i: usize| {
+                let sensor = &hand.sensors[i];
+                let facing = -sensor.normal.dot(&contact.normal);
+                let distance = (sensor.position - contact.point).norm();
+                if sensor.link == contact.link && facing > 0.0 {
+                    facing * (1.0 - distance / REACH).max(0.0)
+                } else {
+                    0.0
+                }
+            };
+            let total: f64 = (0..force.len()).map(weight).sum();
+            if total > 0.0 {
+                for (i, f) in force.iter_mut().enumerate() {
+                    *f += contact.force * weight(i) / total.max(1.0);
+                }
+            }
+        }
+        Tactile { force }
+    }
+
+    /// Contacts of the hand's links in the links' frames; normals point into the link.
+    pub(crate) fn link_contacts(&self) -> Vec<LinkContact> {
+        let mut found = Vec::new();
+        let physics = self.physics();
+        let dt = self.dt() as f32;
+        for pair in physics.narrow_phase.contact_pairs() {
+            for (collider, first) in [(pair.collider1, true), (pair.collider2, false)] {
+                let Part::Link { link, shape } = self.part(collider) else {
+                    continue;
+                };
+                // Only boxes and balls carry pads; their shape frames are the engine's.
+                let pose = self.hand().links[link].colliders[shape].link_from_shape;
+                for manifold in pair.manifolds() {
+                    for p in manifold.points.iter().filter(|p| p.data.impulse > 0.0) {
+                        let (local, normal) = if first {
+                            (p.local_p1, -manifold.local_n1)
+                        } else {
+                            (p.local_p2, -manifold.local_n2)
+                        };
+                        found.push(LinkContact {
+                            link,
+                            point: pose * Point3::from(frames::vector64(local)),
+                            normal: pose * frames::vector64(normal),
+                            force: (p.data.impulse / dt) as f64,
+                        });
+                    }
+                }
+            }
+        }
+        found
+    }
+}
+
+/// Reach of a tactile sensor, metres: its spacing on the link.
+const REACH: f64 = 0.008;

@@ -1,0 +1,138 @@
+//! The tendon law: one unilateral, compliant tendon over two joints, written into the engine's implicit joint springs.
+
+use crate::build::FingerHandles;
+use graspbox_hand::{Finger, Joint};
+use rapier3d::prelude::{MultibodyJointHandle, PhysicsWorld};
+
+/// While the tendon is saturated its damping is this share of the full one: friction of tendon and sheath still brakes the
+/// joints, but the motor no longer resists.
+const SATURATED_DAMPING: f64 = 0.2;
+/// Index of a revolute joint's coordinate in the engine's spatial layout: angular x.
+const ANGLE: usize = 3;
+
+/// Angle and speed of one joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct JointState {
+    pub angle: f64,
+    pub speed: f64,
+}
+
+pub(crate) fn joint_state(world: &PhysicsWorld, handle: MultibodyJointHandle) -> JointState {
+    let state = world.multibody_joints.get(handle).and_then(|(multibody, link)| {
+        let link = multibody.link(link)?;
+        Some(JointState {
+            angle: link.joint().coords()[ANGLE] as f64,
+            speed: multibody.generalized_velocity()[link.assembly_id()] as f64,
+        })
+    });
+    // A handle of this world always resolves; NaN would be caught by the finiteness check of every step.
+    state.unwrap_or(JointState {
+        angle: f64::NAN,
+        speed: f64::NAN,
+    })
+}
+
+/// A joint torque `stiffness * (rest - angle) - damping * speed`, integrated implicitly.
+#[derive(Clone, Copy, Debug, Default)]
+struct Drive {
+    stiffness: f64,
+    /// `stiffness * rest`: stays meaningful as stiffnesses are added up.
+    torque_at_zero: f64,
+    damping: f64,
+}
+
+impl Drive {
+    fn spring(&mut self, stiffness: f64, rest: f64) {
+        self.stiffness += stiffness;
+        self.torque_at_zero += stiffness * rest;
+    }
+
+    /// A torque that does not depend on the angle.
+    fn torque(&mut self, torque: f64) {
+        self.torque_at_zero += torque;
+    }
+
+    /// A stop that pushes back only beyond the joint's limits.
+    fn stop(&mut self, joint: &Joint, angle: f64, stiffness: f64) {
+        let bounded = angle.clamp(joint.limits[0], joint.limits[1]);
+        if bounded != angle {
+            self.spring(stiffness, bounded);
+        }
+    }
+
+    fn write(&self, world: &mut PhysicsWorld, handle: MultibodyJointHandle) {
+        // A little stiffness keeps a pure torque expressible as a spring with a far rest angle.
+        let stiffness = self.stiffness.max(1e-4);
+        if let Some((multibody, link)) = world.multibody_joints.get_mut(handle)
+            && let Some(link) = multibody.link_mut(link)
+        {
+            link.joint
+                .set_spring(ANGLE, stiffness as f32, (self.torque_at_zero / stiffness) as f32);
+            let id = link.assembly_id();
+            multibody.damping_mut()[id] = self.damping as f32;
+        }
+    }
+}
+
+/// Tension (N) of a tendon stretched by `stretch` (m) at `rate` (m/s): it pulls, never pushes, and its motor gives way.
+pub(crate) fn tension(finger: &Finger, stretch: f64, rate: f64) -> f64 {
+    let t = &finger.tendon;
+    if stretch <= 0.0 {
+        0.0
+    } else {
+        (t.stiffness * stretch + t.damping * rate).clamp(0.0, t.max_tension)
+    }
+}
+
+/// Stretch (m) and stretch rate (m/s) of the tendon for a spool angle and speed and the two joints' states.
+pub(crate) fn stretch(finger: &Finger, spool: JointState, proximal: JointState, distal: JointState) -> (f64, f64) {
+    let t = &finger.tendon;
+    (
+        t.spool_radius * spool.angle - t.proximal_arm * proximal.angle - t.distal_arm * distal.angle,
+        t.spool_radius * spool.speed - t.proximal_arm * proximal.speed - t.distal_arm * distal.speed,
+    )
+}
+
+/// Writes tendon, flexure, losses and stops of one finger into its two joints for the coming step; returns the tension, N.
+pub(crate) fn actuate(
+    world: &mut PhysicsWorld,
+    finger: &Finger,
+    joints: [&Joint; 2],
+    handles: &FingerHandles,
+    spool: JointState,
+) -> f64 {
+    let (proximal, distal) = (joint_state(world, handles.proximal), joint_state(world, handles.distal));
+    let (stretch, rate) = stretch(finger, spool, proximal, distal);
+    let (t, flexure) = (&finger.tendon, &finger.flexure);
+    let mut drives = [
+        Drive {
+            damping: flexure.proximal_damping,
+            ..Drive::default()
+        },
+        Drive {
+            damping: flexure.distal_damping,
+            ..Drive::default()
+        },
+    ];
+    drives[1].spring(flexure.stiffness, flexure.rest);
+    let states = [proximal, distal];
+    for (i, arm) in [t.proximal_arm, t.distal_arm].into_iter().enumerate() {
+        drives[i].stop(joints[i], states[i].angle, flexure.stop_stiffness);
+        if stretch <= 0.0 {
+            continue;
+        }
+        let own_damping = t.damping * arm * arm;
+        if t.stiffness * stretch >= t.max_tension {
+            drives[i].torque(t.max_tension * arm);
+            drives[i].damping += SATURATED_DAMPING * own_damping;
+        } else {
+            // The joint's own share of stretch and rate is implicit; the other joint's and the spool's is taken as it stands.
+            drives[i].spring(t.stiffness * arm * arm, states[i].angle + stretch / arm);
+            drives[i].torque(t.damping * arm * (rate + arm * states[i].speed));
+            drives[i].damping += own_damping;
+        }
+    }
+    drives[0].write(world, handles.proximal);
+    drives[1].write(world, handles.distal);
+    tension(finger, stretch, rate)
+}

@@ -1,0 +1,401 @@
+//! The world: a template that is built once an object, and the worlds that are cloned from it, stepped and observed.
+
+use crate::build::{self, Handles, Part};
+use crate::config::PhysicsConfig;
+use crate::finger::{self, JointState};
+use crate::motion::BaseMotion;
+use crate::object::ObjectModel;
+use crate::{SimError, frames};
+use graspbox_hand::{Hand, MotorKind};
+use nalgebra::{Isometry3, Point3, Vector3};
+use rapier3d::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// What a motor is told to do; angles on the joint's side of its gear.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum MotorCommand {
+    /// Go to an angle (rad) at the motor's default speed.
+    Position(f64),
+    /// Turn at a speed (rad/s) until told otherwise.
+    Velocity(f64),
+}
+
+/// One finger as an outside observer knows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FingerState {
+    /// Proximal angle, rad.
+    pub proximal: f64,
+    /// Distal angle, rad.
+    pub distal: f64,
+    /// Proximal speed, rad/s.
+    pub proximal_speed: f64,
+    /// Distal speed, rad/s.
+    pub distal_speed: f64,
+    /// Spool angle, rad.
+    pub spool: f64,
+    /// Tendon tension, N.
+    pub tension: f64,
+}
+
+/// What changes from step to step, beside the engine's own state.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct State {
+    motion: BaseMotion,
+    /// Angle and speed of every motor.
+    motors: Vec<(f64, f64)>,
+    /// Tension of every finger's tendon, N.
+    tensions: Vec<f64>,
+    steps: u64,
+}
+
+/// A world before its first step: cloning it and posing the clone is the only reset there is.
+pub struct Template {
+    physics: PhysicsWorld,
+    shared: Arc<Shared>,
+}
+
+/// What all worlds of one template share.
+struct Shared {
+    hand: Arc<Hand>,
+    handles: Handles,
+    config: PhysicsConfig,
+    mass: f64,
+    object_from_center: Vector3<f64>,
+}
+
+/// A table, one object and one hand, simulated in the frame of the hand's base.
+pub struct World {
+    physics: PhysicsWorld,
+    shared: Arc<Shared>,
+    state: State,
+}
+
+impl Template {
+    /// Builds the world of `object` and `hand` once.
+    ///
+    /// # Errors
+    /// A setting out of range, or a hand that cannot be simulated.
+    pub fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
+        config.validate()?;
+        let (physics, handles) = build::build(&hand, object, &config, &Isometry3::identity(), &Isometry3::identity())?;
+        let shared = Shared {
+            hand,
+            handles,
+            config,
+            mass: object.mass(),
+            object_from_center: object.center_of_mass().coords,
+        };
+        Ok(Self {
+            physics,
+            shared: Arc::new(shared),
+        })
+    }
+
+    /// A fresh world: the hand open at `world_from_hand` with its preshape (rad), the object at rest at `world_from_object`.
+    pub fn spawn(&self, world_from_hand: &Isometry3<f64>, world_from_object: &Isometry3<f64>, preshape: f64) -> World {
+        let hand = &self.shared.hand;
+        let world_from_base = world_from_hand * hand.base_from_hand.inverse();
+        let base_from_world = world_from_base.inverse();
+        let mut physics = clone_physics(&self.physics);
+        let handles = &self.shared.handles;
+        let pose = |x: &Isometry3<f64>| frames::pose(x);
+        if let Some(body) = physics.bodies.get_mut(handles.scenery) {
+            body.set_position(pose(&base_from_world), true);
+        }
+        if let Some(body) = physics.bodies.get_mut(handles.object) {
+            body.set_position(pose(&(base_from_world * world_from_object)), true);
+        }
+        set_swivels(&mut physics, hand, handles, preshape);
+        build::place_links(&mut physics, handles);
+        let motors = hand.motors.iter();
+        let motors = motors
+            .map(|m| {
+                if m.kind == MotorKind::Preshape {
+                    (preshape, 0.0)
+                } else {
+                    (0.0, 0.0)
+                }
+            })
+            .collect();
+        let tensions = vec![0.0; hand.fingers.len()];
+        let state = State {
+            motion: BaseMotion::at_rest(world_from_base),
+            motors,
+            tensions,
+            steps: 0,
+        };
+        World {
+            physics,
+            shared: Arc::clone(&self.shared),
+            state,
+        }
+    }
+
+    /// A world from a saved state, if that state is of this template's hand.
+    pub(crate) fn resume(&self, physics: PhysicsWorld, state: State) -> Option<World> {
+        let hand = &self.shared.hand;
+        let same = state.motors.len() == hand.motors.len()
+            && state.tensions.len() == hand.fingers.len()
+            && physics.bodies.len() == self.physics.bodies.len()
+            && physics.colliders.len() == self.physics.colliders.len();
+        same.then(|| World {
+            physics,
+            shared: Arc::clone(&self.shared),
+            state,
+        })
+    }
+
+    /// The hand of this template.
+    pub fn hand(&self) -> &Arc<Hand> {
+        &self.shared.hand
+    }
+
+    /// The physics settings of this template.
+    pub fn config(&self) -> &PhysicsConfig {
+        &self.shared.config
+    }
+}
+
+fn set_swivels(physics: &mut PhysicsWorld, hand: &Hand, handles: &Handles, preshape: f64) {
+    for (finger, handles) in hand.fingers.iter().zip(&handles.fingers) {
+        let (Some((_, sign)), Some(handle)) = (finger.swivel, handles.swivel) else {
+            continue;
+        };
+        let Some((multibody, link)) = physics.multibody_joints.get_mut(handle) else {
+            continue;
+        };
+        let mut displacement = vec![0.0; multibody.ndofs()];
+        if let Some(link) = multibody.link(link) {
+            displacement[link.assembly_id()] = (sign * preshape) as f32;
+        }
+        multibody.apply_displacements(&displacement);
+    }
+}
+
+/// The engine's world without its workspaces, which carry nothing from step to step.
+fn clone_physics(w: &PhysicsWorld) -> PhysicsWorld {
+    PhysicsWorld {
+        gravity: w.gravity,
+        integration_parameters: w.integration_parameters,
+        physics_pipeline: PhysicsPipeline::new(),
+        collision_pipeline: CollisionPipeline::new(),
+        islands: w.islands.clone(),
+        broad_phase: w.broad_phase.clone(),
+        narrow_phase: w.narrow_phase.clone(),
+        bodies: w.bodies.clone(),
+        colliders: w.colliders.clone(),
+        impulse_joints: w.impulse_joints.clone(),
+        multibody_joints: w.multibody_joints.clone(),
+        soft_bodies: w.soft_bodies.clone(),
+        ccd_solver: CCDSolver::new(),
+    }
+}
+
+impl Clone for World {
+    fn clone(&self) -> Self {
+        Self {
+            physics: clone_physics(&self.physics),
+            shared: Arc::clone(&self.shared),
+            state: self.state.clone(),
+        }
+    }
+}
+
+impl World {
+    /// Advances by one time step: the hand reaches `world_from_hand` at its end, the motors follow their commands.
+    ///
+    /// `commands` has one entry a motor, in the order of the hand's motors; missing ones hold still.
+    pub fn step(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) {
+        let dt = self.shared.config.dt;
+        self.drive_motors(commands, dt);
+        self.drive_fingers(dt);
+        let target = world_from_hand * self.shared.hand.base_from_hand.inverse();
+        let was_turning = self.state.motion.angular != Vector3::zeros();
+        let forces = self.state.motion.advance(target, dt, self.shared.config.gravity);
+        self.physics.gravity = forces.gravity;
+        if forces.turning() || was_turning {
+            let fingers = self.shared.handles.fingers.iter().flat_map(|f| f.bodies);
+            for body in fingers.chain([self.shared.handles.object]) {
+                if let Some(body) = self.physics.bodies.get_mut(body) {
+                    forces.apply(body);
+                }
+            }
+        }
+        if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.scenery) {
+            body.set_next_kinematic_position(frames::pose(&target.inverse()));
+        }
+        self.physics.step();
+        self.state.steps += 1;
+    }
+
+    fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) {
+        let hand = Arc::clone(&self.shared.hand);
+        for (i, motor) in hand.motors.iter().enumerate() {
+            let (angle, _) = self.state.motors[i];
+            let wanted = match commands.get(i) {
+                Some(MotorCommand::Position(goal)) => {
+                    ((goal - angle) / dt).clamp(-motor.default_speed, motor.default_speed)
+                }
+                Some(MotorCommand::Velocity(speed)) => speed.clamp(-motor.max_speed, motor.max_speed),
+                None => 0.0,
+            };
+            // A loaded motor stops pulling; it can always pay out.
+            let stalled = match motor.kind {
+                MotorKind::Finger(f) => wanted > 0.0 && self.state.tensions[f] >= hand.fingers[f].tendon.max_tension,
+                MotorKind::Preshape => false,
+            };
+            let next = if stalled {
+                angle
+            } else {
+                (angle + wanted * dt).clamp(motor.travel[0], motor.travel[1])
+            };
+            self.state.motors[i] = (next, (next - angle) / dt);
+        }
+    }
+
+    fn drive_fingers(&mut self, dt: f64) {
+        let hand = Arc::clone(&self.shared.hand);
+        let preshape = hand.motors.iter().position(|m| m.kind == MotorKind::Preshape);
+        for (i, finger) in hand.fingers.iter().enumerate() {
+            let handles = self.shared.handles.fingers[i];
+            let (angle, speed) = self.state.motors[finger.motor];
+            let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
+            let spool = JointState { angle, speed };
+            self.state.tensions[i] = finger::actuate(&mut self.physics, finger, joints, &handles, spool);
+            if let (Some((_, sign)), Some(handle), Some(motor)) = (finger.swivel, handles.swivel, preshape) {
+                let goal = sign * self.state.motors[motor].0;
+                let speed = (goal - finger::joint_state(&self.physics, handle).angle) / dt;
+                if let Some((multibody, link)) = self.physics.multibody_joints.get_mut(handle)
+                    && let Some(id) = multibody.link(link).map(|l| l.assembly_id())
+                {
+                    multibody.generalized_velocity_mut()[id] = speed as f32;
+                }
+            }
+        }
+    }
+
+    /// Seconds since the world was spawned.
+    pub fn time(&self) -> f64 {
+        self.state.steps as f64 * self.shared.config.dt
+    }
+
+    /// Seconds a step.
+    pub fn dt(&self) -> f64 {
+        self.shared.config.dt
+    }
+
+    /// The hand in this world.
+    pub fn hand(&self) -> &Arc<Hand> {
+        &self.shared.hand
+    }
+
+    /// Mass of the object, kg.
+    pub fn object_mass(&self) -> f64 {
+        self.shared.mass
+    }
+
+    /// Grasp frame in the world.
+    pub fn world_from_hand(&self) -> Isometry3<f64> {
+        self.state.motion.world_from_base * self.shared.hand.base_from_hand
+    }
+
+    /// Object in the world.
+    pub fn world_from_object(&self) -> Isometry3<f64> {
+        self.state.motion.world_from_base * self.base_from_object()
+    }
+
+    /// Object in the grasp frame.
+    pub fn hand_from_object(&self) -> Isometry3<f64> {
+        self.shared.hand.base_from_hand.inverse() * self.base_from_object()
+    }
+
+    fn base_from_object(&self) -> Isometry3<f64> {
+        frames::isometry(self.body(self.shared.handles.object).position())
+    }
+
+    /// Centre of mass of the object in the world, metres.
+    pub fn object_center(&self) -> Point3<f64> {
+        self.world_from_object() * Point3::from(self.shared.object_from_center)
+    }
+
+    /// Linear (m/s, of the centre of mass) and angular (rad/s) velocity of the object in the moving hand frame.
+    pub fn object_velocity_in_hand(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let body = self.body(self.shared.handles.object);
+        let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
+        (
+            hand_from_base * frames::vector64(body.linvel()),
+            hand_from_base * frames::vector64(body.angvel()),
+        )
+    }
+
+    /// Sets the object's velocity in the world's frame, for tests of physics and for thrown objects.
+    pub fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>) {
+        let base_from_world = self.state.motion.world_from_base.rotation.inverse();
+        let arm = self.object_center() - Point3::from(self.state.motion.world_from_base.translation.vector);
+        let frame = self.state.motion.linear + self.state.motion.angular.cross(&arm);
+        let (linear, angular) = (
+            base_from_world * (linear - frame),
+            base_from_world * (angular - self.state.motion.angular),
+        );
+        if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.object) {
+            body.set_linvel(frames::vector(&linear), true);
+            body.set_angvel(frames::vector(&angular), true);
+        }
+    }
+
+    /// State of finger `finger`.
+    pub fn finger(&self, finger: usize) -> FingerState {
+        let handles = &self.shared.handles.fingers[finger];
+        let proximal = finger::joint_state(&self.physics, handles.proximal);
+        let distal = finger::joint_state(&self.physics, handles.distal);
+        FingerState {
+            proximal: proximal.angle,
+            distal: distal.angle,
+            proximal_speed: proximal.speed,
+            distal_speed: distal.speed,
+            spool: self.state.motors[self.shared.hand.fingers[finger].motor].0,
+            tension: self.state.tensions[finger],
+        }
+    }
+
+    /// Angle of the preshape motor, rad.
+    pub fn preshape(&self) -> f64 {
+        let motors = self.shared.hand.motors.iter().zip(&self.state.motors);
+        motors
+            .filter(|(m, _)| m.kind == MotorKind::Preshape)
+            .map(|(_, s)| s.0)
+            .next()
+            .unwrap_or(0.0)
+    }
+
+    /// False once anything in the world is no longer a finite number.
+    pub fn is_finite(&self) -> bool {
+        let fingers = self.shared.handles.fingers.iter().flat_map(|f| f.bodies);
+        let finite = |h| {
+            let body = self.body(h);
+            body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
+        };
+        fingers.chain([self.shared.handles.object]).all(finite)
+    }
+
+    pub(crate) fn body(&self, handle: RigidBodyHandle) -> &RigidBody {
+        &self.physics.bodies[handle]
+    }
+
+    pub(crate) fn physics(&self) -> &PhysicsWorld {
+        &self.physics
+    }
+
+    pub(crate) fn state(&self) -> &State {
+        &self.state
+    }
+
+    pub(crate) fn handles(&self) -> &Handles {
+        &self.shared.handles
+    }
+
+    pub(crate) fn part(&self, collider: ColliderHandle) -> Part {
+        Part::of(&self.physics.colliders[collider])
+    }
+}
