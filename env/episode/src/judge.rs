@@ -187,9 +187,8 @@ impl Judge {
     /// * `touches`: the hand touches the object now.
     pub fn failure(&self, world: &World, touches: bool) -> FailureKind {
         let rise = world.object_center().z - self.resting_height;
-        if !world.is_finite() {
-            FailureKind::Unstable
-        } else if touches && !self.was_on_scenery && rise >= LIFT_HEIGHT {
+        let held_high = touches && !self.was_on_scenery && rise >= LIFT_HEIGHT;
+        if held_high || !world.is_finite() {
             FailureKind::Unstable
         } else if self.highest >= CLEAR_OF_TABLE && self.left_table.is_some() {
             FailureKind::Dropped
