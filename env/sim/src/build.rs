@@ -15,6 +15,8 @@ pub(crate) const TABLE_SIDE: f64 = 1.2;
 const TABLE_THICKNESS: f64 = 0.1;
 /// Height of the table top above the ground, metres: a usual table.
 const TABLE_HEIGHT: f64 = 0.75;
+/// Side of the ground, metres: further than anything rolls in an episode.
+const GROUND_SIDE: f64 = 20.0;
 
 const OBJECT: Group = Group::GROUP_1;
 const GROUND: Group = Group::GROUP_2;
@@ -165,14 +167,10 @@ fn insert_scenery(
         Group::ALL,
     )
     .translation(Vector::new(0.0, 0.0, -thick));
-    let ground = surface(
-        SharedShape::halfspace(Vector::Z),
-        config.friction.table,
-        Part::Ground,
-        GROUND,
-        Group::ALL,
-    )
-    .translation(Vector::new(0.0, 0.0, -TABLE_HEIGHT as f32));
+    // A thick slab, not a half-space: an unbounded shape would be a contact candidate of everything at every step.
+    let ground_half = SharedShape::cuboid(GROUND_SIDE as f32 / 2.0, GROUND_SIDE as f32 / 2.0, thick);
+    let ground = surface(ground_half, config.friction.table, Part::Ground, GROUND, Group::ALL)
+        .translation(Vector::new(0.0, 0.0, -TABLE_HEIGHT as f32 - thick));
     for collider in [table, ground] {
         world.colliders.insert_with_parent(collider, body, &mut world.bodies);
     }

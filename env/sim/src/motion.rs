@@ -37,16 +37,15 @@ impl BaseMotion {
     }
 
     /// Moves on to `target` within `dt` seconds; returns what that adds to the bodies in the base's frame.
-    pub(crate) fn advance(&mut self, target: Isometry3<f64>, dt: f64, gravity: f64) -> FrameForces {
+    pub(crate) fn advance(&mut self, target: Isometry3<f64>, dt: f64, gravity: &Vector3<f64>) -> FrameForces {
         let linear = (target.translation.vector - self.world_from_base.translation.vector) / dt;
         let turn: UnitQuaternion<f64> = target.rotation * self.world_from_base.rotation.inverse();
         let angular = turn.scaled_axis() / dt;
         let acceleration = (linear - self.linear) / dt;
         let angular_acceleration = (angular - self.angular) / dt;
         let base_from_world = self.world_from_base.rotation.inverse();
-        let down = Vector3::new(0.0, 0.0, -gravity);
         let forces = FrameForces {
-            gravity: frames::vector(&(base_from_world * (down - acceleration))),
+            gravity: frames::vector(&(base_from_world * (gravity - acceleration))),
             omega: frames::vector(&(base_from_world * angular)),
             alpha: frames::vector(&(base_from_world * angular_acceleration)),
         };

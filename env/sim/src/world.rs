@@ -42,6 +42,8 @@ pub struct FingerState {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct State {
     motion: BaseMotion,
+    /// Gravity in the world's frame, m/s2.
+    gravity: Vector3<f64>,
     /// Angle and speed of every motor.
     motors: Vec<(f64, f64)>,
     /// Tension of every finger's tendon, N.
@@ -212,7 +214,7 @@ impl World {
         self.drive_fingers(dt);
         let target = world_from_hand * self.shared.hand.base_from_hand.inverse();
         let was_turning = self.state.motion.angular != Vector3::zeros();
-        let forces = self.state.motion.advance(target, dt, self.shared.config.gravity);
+        let forces = self.state.motion.advance(target, dt, &self.state.gravity);
         self.physics.gravity = forces.gravity;
         if forces.turning() || was_turning {
             let fingers = self.shared.handles.fingers.iter().flat_map(|f| f.bodies);
@@ -327,6 +329,11 @@ impl World {
             hand_from_base * frames::vector64(body.linvel()),
             hand_from_base * frames::vector64(body.angvel()),
         )
+    }
+
+    /// Sets gravity in the world's frame, m/s2: a tilted table, or none.
+    pub fn set_gravity(&mut self, gravity: &Vector3<f64>) {
+        self.state.gravity = *gravity;
     }
 
     /// Sets the object's velocity in the world's frame, for tests of physics and for thrown objects.
