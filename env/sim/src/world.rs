@@ -122,6 +122,7 @@ impl Template {
             .collect();
         let tensions = vec![0.0; hand.fingers.len()];
         let state = State {
+            gravity: Vector3::new(0.0, 0.0, -self.shared.config.gravity),
             motion: BaseMotion::at_rest(world_from_base),
             motors,
             tensions,
