@@ -14,6 +14,14 @@ pub enum MeshError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The file could not be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// A coordinate is NaN or infinite.
     #[error("vertex {vertex} is not finite; repair the mesh or drop that vertex")]
     NotFinite {
@@ -33,4 +41,106 @@ pub enum MeshError {
     /// No triangle is left to work with.
     #[error("the mesh has no triangles")]
     Empty,
+    /// The ending names no format that we read.
+    #[error("{path} does not end in .stl, .ply, .obj or .off; convert it to one of these")]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is larger than the caller allows.
+    #[error("the {format} file has {bytes} bytes, more than the limit of {limit}; raise max_bytes or decimate it")]
+    FileTooLarge {
+        /// Format of the file.
+        format: &'static str,
+        /// Its size (or, for a stream, the size at which reading stopped).
+        bytes: u64,
+        /// The limit.
+        limit: u64,
+    },
+    /// The file holds, or claims to hold, more items than the caller allows.
+    #[error("the {format} file names {count} {what}, more than the limit of {limit}; raise the limit or decimate it")]
+    TooMany {
+        /// Format of the file.
+        format: &'static str,
+        /// What is counted: vertices, faces, ...
+        what: &'static str,
+        /// How many there are.
+        count: u64,
+        /// The limit.
+        limit: u64,
+    },
+    /// The file ends before what its header promises.
+    #[error("the {format} file is truncated: {detail}; copy or download it again")]
+    Truncated {
+        /// Format of the file.
+        format: &'static str,
+        /// What is missing.
+        detail: String,
+    },
+    /// The file breaks the rules of its format.
+    #[error("the {format} file cannot be understood: {detail}")]
+    Malformed {
+        /// Format of the file.
+        format: &'static str,
+        /// Where and how.
+        detail: String,
+    },
+    /// A face has fewer than three corners, so it is no triangle and cannot be cut into triangles.
+    #[error("face {face} of the {format} file has {corners} corners; at least 3 are needed")]
+    NotTriangles {
+        /// Format of the file.
+        format: &'static str,
+        /// Index of the face.
+        face: usize,
+        /// How many corners it has.
+        corners: usize,
+    },
+    /// `scale` is zero, negative or not finite.
+    #[error("scale is {scale}; give the positive number of metres in one unit of the file")]
+    BadScale {
+        /// What was given.
+        scale: f64,
+    },
+    /// The mesh is absurdly large or far away: probably not in metres.
+    #[error(
+        "a coordinate is {value} m from the origin, more than {limit} m; if the file is not in metres, say so with scale="
+    )]
+    TooFar {
+        /// The greatest coordinate, metres.
+        value: f64,
+        /// The greatest one allowed, metres.
+        limit: f64,
+    },
+    /// The mesh is absurdly small: probably not in metres.
+    #[error("the mesh measures only {extent} m, less than {limit} m; if the file is not in metres, say so with scale=")]
+    TooSmall {
+        /// Its longest side, metres.
+        extent: f64,
+        /// The least one allowed, metres.
+        limit: f64,
+    },
+    /// The points lie in a plane, on a line or in a point, so they bound no solid.
+    #[error("the {count} points lie (nearly) in one plane, so they span no volume; give a mesh with thickness")]
+    Flat {
+        /// How many points there are.
+        count: usize,
+    },
+    /// The hull algorithm gave up.
+    #[error("no convex hull of {count} points could be built ({detail}); clean the mesh first")]
+    Hull {
+        /// How many points there are.
+        count: usize,
+        /// What the algorithm said.
+        detail: String,
+    },
+    /// A parameter lies outside its range.
+    #[error("{name} is {value}; {rule}")]
+    BadParameter {
+        /// Name of the parameter.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+        /// The range that it must lie in, as a sentence.
+        rule: &'static str,
+    },
 }

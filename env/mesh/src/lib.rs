@@ -2,13 +2,34 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`trimesh`] | the mesh itself: vertices, faces, bounds, area, volume |
+//! | [`trimesh`] | the mesh itself: vertices, faces, bounds, area, volume, hash |
+//! | [`io`] | STL, PLY, OBJ, OFF: bounded, with clear errors |
+//! | [`clean`](mod@clean) | weld, drop, orient, components, watertight test |
+//! | [`sample`] | surface samples, uniform by area |
+//! | [`mass`] | volume, centre of mass, inertia |
+//! | [`hull`] | convex hull |
+//! | [`parts`] | convex parts: the collision geometry |
+//! | [`resting`] | stable poses on a table |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
 //! Units are metres and kilograms; a mesh keeps the frame of its file.
 
+pub mod clean;
 pub mod error;
+pub mod hull;
+pub mod io;
+pub mod mass;
+pub mod parts;
+pub mod resting;
+pub mod sample;
 pub mod trimesh;
 
+pub use clean::{CleanOptions, CleanReport, Defect, check_manifold, check_watertight, clean};
 pub use error::MeshError;
+pub use hull::convex_hull;
+pub use io::{LoadOptions, MeshFormat, load, parse, write_obj, write_stl};
+pub use mass::{Mass, MassMethod, MassProperties, mass_properties, mass_properties_of_parts};
+pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts};
+pub use resting::{RestingOptions, RestingPose, default_pose, resting_poses};
+pub use sample::{SurfaceSample, sample_surface};
 pub use trimesh::{Aabb, TriMesh};

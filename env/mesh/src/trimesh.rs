@@ -96,4 +96,43 @@ impl TriMesh {
             faces: self.faces.clone(),
         }
     }
+
+    /// Longest side of the bounds, metres.
+    pub fn extent(&self) -> f64 {
+        let aabb = self.aabb();
+        (aabb.max - aabb.min).amax()
+    }
+
+    /// Volume by signed tetrahedra, m3: positive for a closed mesh with outward faces; without meaning for an open one.
+    pub fn signed_volume(&self) -> f64 {
+        let aabb = self.aabb();
+        let reference = nalgebra::center(&aabb.min, &aabb.max);
+        let tetrahedron = |f: usize| {
+            let [a, b, c] = self.triangle(f).map(|p| p - reference);
+            a.dot(&b.cross(&c)) / 6.0
+        };
+        (0..self.faces.len()).map(tetrahedron).sum()
+    }
+
+    /// BLAKE3 of vertices (bits) and faces, in their order: equal for equal meshes on every machine.
+    pub fn content_hash(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&(self.vertices.len() as u64).to_le_bytes());
+        let mut block = Vec::with_capacity(24 * 1024);
+        for chunk in self.vertices.chunks(1024) {
+            block.clear();
+            block.extend(
+                chunk
+                    .iter()
+                    .flat_map(|p| p.coords.iter().flat_map(|x| x.to_bits().to_le_bytes())),
+            );
+            hasher.update(&block);
+        }
+        for chunk in self.faces.chunks(2048) {
+            block.clear();
+            block.extend(chunk.iter().flatten().flat_map(|v| v.to_le_bytes()));
+            hasher.update(&block);
+        }
+        *hasher.finalize().as_bytes()
+    }
 }

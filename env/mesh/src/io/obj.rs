@@ -1,0 +1,79 @@
+//! OBJ: the geometry of all objects and groups; materials are not looked up.
+
+use super::{LoadOptions, MeshFormat, Raw, check_count};
+use crate::MeshError;
+use nalgebra::Point3;
+use std::io::Cursor;
+
+pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
+    check_lines(bytes, options)?;
+    let settings = tobj::LoadOptions {
+        ignore_points: true,
+        ignore_lines: true,
+        ..Default::default()
+    };
+    let (models, _) =
+        tobj::load_obj_buf(&mut Cursor::new(bytes), &settings, |_| Ok(Default::default())).map_err(|e| {
+            MeshError::Malformed {
+                format: "OBJ",
+                detail: e.to_string(),
+            }
+        })?;
+    let mut raw = Raw::default();
+    let mut face = 0;
+    for model in models {
+        let mesh = model.mesh;
+        let base = raw.vertices.len() as u32;
+        let (points, rest) = mesh.positions.as_chunks::<3>();
+        if !rest.is_empty() {
+            return Err(MeshError::Malformed {
+                format: "OBJ",
+                detail: "a vertex has fewer than 3 coordinates".into(),
+            });
+        }
+        check_count(
+            MeshFormat::Obj,
+            "vertices",
+            (raw.vertices.len() + points.len()) as u64,
+            options.max_vertices,
+        )?;
+        raw.vertices.extend(points.iter().map(|&p| Point3::from(p)));
+        let mut rest = mesh.indices.as_slice();
+        let mut corners = Vec::new();
+        let triangles_only = mesh.face_arities.is_empty();
+        let mut arities = mesh.face_arities.iter();
+        while !rest.is_empty() {
+            let arity = if triangles_only {
+                3
+            } else {
+                arities.next().map_or(0, |&a| a as usize)
+            };
+            let Some((head, tail)) = (arity > 0).then(|| rest.split_at_checked(arity)).flatten() else {
+                return Err(MeshError::Malformed {
+                    format: "OBJ",
+                    detail: "a face lists too few corners".into(),
+                });
+            };
+            corners.clear();
+            corners.extend(head.iter().map(|&i| base.saturating_add(i)));
+            raw.push_polygon(MeshFormat::Obj, face, &corners, options)?;
+            rest = tail;
+            face += 1;
+        }
+    }
+    Ok(raw)
+}
+
+/// Counts `v` and `f` lines before the parser allocates for them.
+fn check_lines(bytes: &[u8], options: &LoadOptions) -> Result<(), MeshError> {
+    let (mut vertices, mut faces) = (0, 0);
+    for line in bytes.split(|&b| b == b'\n') {
+        match line.trim_ascii_start() {
+            [b'v', b' ' | b'\t', ..] => vertices += 1,
+            [b'f', b' ' | b'\t', ..] => faces += 1,
+            _ => {}
+        }
+    }
+    check_count(MeshFormat::Obj, "vertices", vertices, options.max_vertices)?;
+    check_count(MeshFormat::Obj, "faces", faces, options.max_faces)
+}

@@ -1,0 +1,67 @@
+//! Surface samples, uniform by area.
+
+use crate::TriMesh;
+use nalgebra::{Point3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A point on the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceSample {
+    /// Where, metres, in the mesh's frame.
+    pub point: Point3<f64>,
+    /// Unit normal of its face (outward when the mesh is oriented).
+    pub normal: Vector3<f64>,
+    /// Its face.
+    pub face: u32,
+}
+
+/// `count` points, uniform by area and stratified: the surface is laid out along a line by cumulative area, and each of
+/// `count` equal stretches gets one point.
+///
+/// Same mesh, count and seed: same samples. Degenerate faces get none; a mesh without any area gives no samples.
+pub fn sample_surface(mesh: &TriMesh, count: usize, seed: u64) -> Vec<SurfaceSample> {
+    let mut total = 0.0;
+    let cumulative: Vec<f64> = (0..mesh.faces().len())
+        .map(|f| {
+            total += mesh.face_area_vector(f).norm();
+            total
+        })
+        .collect();
+    if total == 0.0 {
+        return Vec::new();
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let stretch = total / count as f64;
+    let mut face = 0;
+    let mut samples = Vec::with_capacity(count);
+    for i in 0..count {
+        let along = (i as f64 + rng.random::<f64>()) * stretch;
+        while face + 1 < cumulative.len() && cumulative[face] <= along {
+            face += 1;
+        }
+        // Rounding may carry `along` past the last face with an area.
+        let chosen = last_with_area(&cumulative, face);
+        samples.push(sample_face(mesh, chosen, rng.random(), rng.random()));
+    }
+    samples
+}
+
+fn last_with_area(cumulative: &[f64], mut face: usize) -> usize {
+    while face > 0 && cumulative[face] <= cumulative[face - 1] {
+        face -= 1;
+    }
+    face
+}
+
+/// The point of face `face` that `(u, v)` in [0, 1) names; uniform when they are.
+fn sample_face(mesh: &TriMesh, face: usize, u: f64, v: f64) -> SurfaceSample {
+    let [a, b, c] = mesh.triangle(face);
+    // Fold the parallelogram onto the triangle.
+    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+    SurfaceSample {
+        point: a + (b - a) * u + (c - a) * v,
+        normal: mesh.face_area_vector(face).normalize(),
+        face: face as u32,
+    }
+}
