@@ -19,9 +19,7 @@ pub enum HandError {
     #[error("the hand is not valid:\n{0}")]
     Invalid(Problems),
     /// A configuration does not fit the hand.
-    #[error(
-        "the configuration has {found} {joint} angles, but the hand has {expected} fingers; give one angle a finger"
-    )]
+    #[error("the configuration has {found} {joint}s, but the hand has {expected} fingers; give one angle a finger")]
     FingerCount {
         /// Which joints: proximal or distal.
         joint: &'static str,
@@ -30,11 +28,14 @@ pub enum HandError {
         /// How many fingers there are.
         expected: usize,
     },
-    /// An angle of a configuration is NaN or infinite.
-    #[error("the configuration's {joint} angle is {value}; give a finite number of radians")]
+    /// A step of no or negative length.
+    #[error("the time step is {0} s; give a finite one greater than 0")]
+    TimeStep(f64),
+    /// An angle, command or load is NaN or infinite.
+    #[error("the {what} is {value}; give a finite number")]
     NotFinite {
-        /// Which joint.
-        joint: &'static str,
+        /// Which number.
+        what: &'static str,
         /// What was given.
         value: f64,
     },

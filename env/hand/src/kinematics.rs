@@ -1,6 +1,6 @@
 //! Forward kinematics: from joint angles to the poses of links and shapes.
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
 use crate::error::HandError;
@@ -52,7 +52,7 @@ impl Hand {
             distal,
         } = configuration;
         let expected = self.fingers.len();
-        for (joint, angles) in [("proximal", proximal), ("distal", distal)] {
+        for (joint, angles) in [("proximal angle", proximal), ("distal angle", distal)] {
             if angles.len() != expected {
                 return Err(HandError::FingerCount {
                     joint,
@@ -61,12 +61,12 @@ impl Hand {
                 });
             }
             if let Some(&value) = angles.iter().find(|a| !a.is_finite()) {
-                return Err(HandError::NotFinite { joint, value });
+                return Err(HandError::NotFinite { what: joint, value });
             }
         }
         if !preshape.is_finite() {
             return Err(HandError::NotFinite {
-                joint: "preshape",
+                what: "preshape angle",
                 value: *preshape,
             });
         }
@@ -153,13 +153,5 @@ impl Hand {
         self.motors
             .iter()
             .position(|m| m.kind == crate::model::MotorKind::Preshape)
-    }
-
-    /// Pose of the hand frame's origin moved along its approach axis (hand z), in the hand's own frame.
-    ///
-    /// * `distance`: metres; negative steps back from the object.
-    #[must_use]
-    pub fn step_along_approach(distance: f64) -> Isometry3<f64> {
-        Isometry3::from_parts(Translation3::new(0.0, 0.0, distance), UnitQuaternion::identity())
     }
 }

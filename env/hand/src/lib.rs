@@ -3,21 +3,27 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`model`] | the description, as read from a URDF and a `hand.toml` |
-//! | [`load`] | reads and checks the two files together (`urdf` and `table` read one each) |
+//! | [`load`] | reads the two files (`scan` and `urdf`, `table`) and checks them together (`assemble`) |
 //! | [`error`] | what can be wrong with them, with file and line |
 //! | [`reflex`] | the ReFlex hand, embedded |
 //! | [`kinematics`] | from joint angles to the poses of links and shapes |
+//! | [`tendon`] | tendon statics; encoders, and the distal angle estimated from them |
+//! | [`motor`] | position, velocity and force commands; tactile stops |
 //! | [`pose`] | the grasp pose: where the hand goes, and its preshape |
 //!
 //! The hand frame is the grasp frame: the base's axes, its origin on the palm's surface (`base_from_hand`).
 
+mod assemble;
 pub mod error;
 pub mod kinematics;
 pub mod load;
 pub mod model;
+pub mod motor;
 pub mod pose;
 pub mod reflex;
+mod scan;
 mod table;
+pub mod tendon;
 mod urdf;
 
 pub use error::{HandError, Problem, ProblemKind, Problems};
@@ -25,4 +31,6 @@ pub use kinematics::{HandConfiguration, PlacedShape};
 pub use model::{
     Collider, Finger, Flexure, Friction, Hand, Joint, Link, Material, Motor, MotorKind, Shape, TactileSensor, Tendon,
 };
-pub use pose::GraspPose;
+pub use motor::{Hold, MotorCommand, MotorState};
+pub use pose::{GraspPose, HandFrame};
+pub use tendon::FingerEncoders;

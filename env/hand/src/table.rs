@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 
 use crate::error::ProblemKind;
-use crate::urdf::Report;
+use crate::scan::Report;
 
 /// A number (or a list of them), its unit, and where it comes from.
 #[derive(Debug, Clone, Deserialize)]
@@ -26,9 +26,10 @@ pub(crate) type Number<T> = Spanned<Quantity<T>>;
 #[serde(deny_unknown_fields)]
 pub(crate) struct HandTable {
     pub name: Spanned<String>,
+    #[serde(default)]
     pub pads: Vec<Spanned<String>>,
     pub base_from_hand: PoseTable,
-    pub preshape: PreshapeTable,
+    pub preshape: Option<PreshapeTable>,
     pub friction: FrictionTable,
     pub tendons: BTreeMap<String, TendonTable>,
     pub flexures: BTreeMap<String, FlexureTable>,

@@ -1,8 +1,14 @@
 //! The embedded ReFlex against the figures of its data sheet.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_hand::{Hand, HandConfiguration};
-use nalgebra::Point3;
+use std::f64::consts::FRAC_PI_2;
+
+use graspbox_hand::{Finger, Hand, HandConfiguration, Material, MotorKind, Shape};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+fn reflex() -> &'static Hand {
+    Hand::reflex().unwrap()
+}
 
 fn at(preshape: f64, proximal: f64, distal: f64) -> HandConfiguration {
     HandConfiguration {
@@ -14,10 +20,10 @@ fn at(preshape: f64, proximal: f64, distal: f64) -> HandConfiguration {
 
 /// Distal joints of the three fingers in the base frame.
 fn distal_joints(configuration: &HandConfiguration) -> Vec<Point3<f64>> {
-    let hand = Hand::reflex().unwrap();
-    let poses = hand.forward_kinematics(configuration).unwrap();
-    let child = |f: &graspbox_hand::Finger| hand.joints[f.distal].child;
-    hand.fingers
+    let poses = reflex().forward_kinematics(configuration).unwrap();
+    let child = |f: &Finger| reflex().joints[f.distal].child;
+    reflex()
+        .fingers
         .iter()
         .map(|f| Point3::from(poses[child(f)].translation.vector))
         .collect()
@@ -35,15 +41,200 @@ fn distal_joints_stand_where_the_data_sheet_says() {
             [[0.100, -0.026, 0.134], [0.100, 0.026, 0.134], [-0.070, 0.0, 0.134]],
         ),
         (
-            at(std::f64::consts::FRAC_PI_2, 1.0, 0.0),
+            at(FRAC_PI_2, 1.0, 0.0),
             [[0.050, -0.076, 0.134], [0.050, 0.076, 0.134], [-0.070, 0.0, 0.134]],
         ),
     ];
     for (configuration, expected) in figures {
         for (found, expected) in distal_joints(&configuration).iter().zip(expected) {
-            let error = (found - Point3::from(expected)).norm();
+            let error = (found - Point3::from(expected)).abs().max();
             // The figures are rounded to 1 mm in each coordinate.
-            assert!(error < 0.9e-3, "{found} is {error} m from {expected:?}");
+            assert!(error <= 0.5e-3 + 1e-9, "{found} is {error} m from {expected:?}");
         }
     }
+}
+
+/// The same in closed form, over the whole range: a planar two-link arm in the plane of each finger.
+#[test]
+fn kinematics_agree_with_the_closed_form_of_a_planar_finger() {
+    for (theta, p, d) in [
+        (0.0, 0.0, 0.0),
+        (0.3, 0.7, 1.1),
+        (FRAC_PI_2, 2.83, 0.2),
+        (1.0, -0.34, 2.74),
+    ] {
+        let poses = reflex().forward_kinematics(&at(theta, p, d)).unwrap();
+        for (i, finger) in reflex().fingers.iter().enumerate() {
+            let (root, heading) = match i {
+                0 => (Vector3::new(0.0504, -0.026, 0.0), -theta),
+                1 => (Vector3::new(0.0504, 0.026, 0.0), theta),
+                _ => (Vector3::new(-0.030, 0.0, 0.0), std::f64::consts::PI),
+            };
+            // In the finger's plane: forward from the swivel's axis (or the proximal joint) and up from the base.
+            let offset = if i < 2 { 0.010 } else { 0.0 };
+            let joint = (
+                offset + 0.066 * p.cos() + 0.005 * p.sin(),
+                0.0816 + 0.066 * p.sin() - 0.005 * p.cos(),
+            );
+            let tip = (joint.0 + 0.04 * (p + d).cos(), joint.1 + 0.04 * (p + d).sin());
+            let expected = root + Vector3::new(tip.0 * heading.cos(), tip.0 * heading.sin(), tip.1);
+            let found = poses[reflex().joints[finger.distal].child] * Point3::new(0.04, 0.0, 0.0);
+            assert!(
+                (found.coords - expected).norm() < 1e-12,
+                "finger {i}: {found} is not {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_hand_frame_lies_on_the_palm_between_the_finger_roots() {
+    let hand = reflex();
+    assert_eq!(hand.base_from_hand.translation.vector, Vector3::new(0.015, 0.0, 0.09));
+    let palm = hand.links[0].colliders.iter().find(|c| c.name == "palm_pad").unwrap();
+    let Shape::Cuboid(half) = palm.shape else {
+        panic!("the palm is a cuboid")
+    };
+    let top = palm.link_from_shape.translation.z + half.z;
+    assert!((top - 0.09).abs() < 1e-12, "the palm's surface is at z = {top}");
+    let base = hand.hand_from_links(&hand.open_configuration(0.0)).unwrap()[0];
+    assert!((base.translation.vector - Vector3::new(-0.015, 0.0, -0.09)).norm() < 1e-12);
+}
+
+#[test]
+fn parts_are_counted_as_in_the_data_sheet() {
+    let hand = reflex();
+    assert_eq!(
+        (hand.name.as_str(), hand.fingers.len(), hand.motors.len()),
+        ("reflex", 3, 4)
+    );
+    // 8 of the 9 links move: 2 swivels and 2 links a finger.
+    assert_eq!((hand.links.len(), hand.joints.len()), (9, 8));
+    for (i, joint) in hand.joints.iter().enumerate() {
+        assert_eq!(joint.child, i + 1, "joint i moves link i + 1");
+        assert!(joint.parent < joint.child);
+    }
+    let grams: f64 = hand.links.iter().map(|l| l.mass).sum::<f64>() * 1e3;
+    assert!((grams - 800.0).abs() < 1.0, "the hand weighs {grams} g");
+    for (f, finger) in hand.fingers.iter().enumerate() {
+        assert_eq!(hand.motors[finger.motor].kind, MotorKind::Finger(f));
+    }
+    assert_eq!(hand.motors[hand.preshape_motor().unwrap()].ratio, 1.5);
+    assert_eq!(hand.preshape_angle(1.75), FRAC_PI_2);
+}
+
+/// Links move their own masses: inertia is that of a uniform box over the link's colliders.
+#[test]
+fn inertia_of_finger_links_is_that_of_their_boxes() {
+    for link in reflex()
+        .links
+        .iter()
+        .filter(|l| l.name.starts_with("proximal") || l.name.starts_with("distal"))
+    {
+        let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+        for c in &link.colliders {
+            let Shape::Cuboid(half) = c.shape else {
+                panic!("{} is not a cuboid", c.name)
+            };
+            for corner in 0..8 {
+                let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+                let p = c.link_from_shape * Point3::from(half.component_mul(&Vector3::from_fn(|a, _| sign(a))));
+                (low, high) = (low.inf(&p.coords), high.sup(&p.coords));
+            }
+        }
+        let s = (high - low).map(|x| x * x);
+        let expected = Vector3::new(s.y + s.z, s.x + s.z, s.x + s.y) * (link.mass / 12.0);
+        let error = (link.inertia - Matrix3::from_diagonal(&expected)).abs().max() / expected.max();
+        assert!(error < 2e-3, "{}: {} is not {expected}", link.name, link.inertia);
+        assert!(
+            (link.center_of_mass.coords - (low + high) / 2.0).norm() < 0.1e-3,
+            "{}",
+            link.name
+        );
+    }
+}
+
+#[test]
+fn every_sensor_lies_on_rubber_and_looks_outward() {
+    let hand = reflex();
+    assert_eq!(hand.sensors.len(), 27);
+    for f in 0..3 {
+        let own: Vec<_> = hand.sensors.iter().filter(|s| s.finger == f).collect();
+        assert_eq!(own.len(), 9);
+        assert!(
+            own[..5]
+                .iter()
+                .all(|s| s.link == hand.joints[hand.fingers[f].proximal].child),
+            "root first"
+        );
+        assert!(
+            own[5..]
+                .iter()
+                .all(|s| s.link == hand.joints[hand.fingers[f].distal].child),
+            "then the tip"
+        );
+        assert!(own[..5].is_sorted_by(|a, b| a.position.x < b.position.x));
+        assert!(own[5..].is_sorted_by(|a, b| a.position.x < b.position.x));
+    }
+    for sensor in &hand.sensors {
+        let pads = hand.links[sensor.link]
+            .colliders
+            .iter()
+            .filter(|c| c.material == Material::Pad);
+        let on_a_pad = pads.into_iter().any(|c| {
+            let Shape::Cuboid(half) = c.shape else { return false };
+            let local = c.link_from_shape.inverse() * sensor.position;
+            let normal = c.link_from_shape.rotation.inverse() * sensor.normal.into_inner();
+            let inside = local.x.abs() <= half.x + 1e-4 && local.y.abs() <= half.y;
+            inside && (local.z - half.z).abs() < 0.2e-3 && (normal - Vector3::z()).norm() < 1e-3
+        });
+        assert!(
+            on_a_pad,
+            "sensor at {} of link {} is on no pad",
+            sensor.position, sensor.link
+        );
+    }
+}
+
+/// Lying flat, the rubber of the proximal and the distal link is one level, and the palm lies below it.
+#[test]
+fn the_pads_of_an_open_finger_are_level() {
+    let hand = reflex();
+    let poses = hand.forward_kinematics(&hand.open_configuration(0.0)).unwrap();
+    for f in 0..3 {
+        let own: Vec<_> = hand.sensors.iter().filter(|s| s.finger == f).collect();
+        let flat: Vec<f64> = own[..8].iter().map(|s| (poses[s.link] * s.position).z).collect();
+        assert!(flat.iter().all(|z| (z - 0.097).abs() < 1e-4), "levels {flat:?}");
+    }
+}
+
+#[test]
+fn shapes_stand_in_the_hand_frame() {
+    let hand = reflex();
+    let shapes = hand.shapes_at(&hand.open_configuration(0.0)).unwrap();
+    assert_eq!(
+        shapes.len(),
+        hand.links.iter().map(|l| l.colliders.len()).sum::<usize>()
+    );
+    let palm = shapes.iter().find(|s| s.collider.name == "palm_pad").unwrap();
+    assert!((palm.hand_from_shape.translation.vector - Vector3::new(0.0, 0.0, -0.0025)).norm() < 1e-12);
+    let bare = shapes.iter().filter(|s| s.collider.material == Material::Bare).count();
+    assert_eq!((bare, shapes.len() - bare), (7, 10));
+}
+
+#[test]
+fn a_configuration_that_does_not_fit_is_refused() {
+    let hand = reflex();
+    let mut short = hand.open_configuration(0.0);
+    short.distal.pop();
+    let message = hand.forward_kinematics(&short).unwrap_err().to_string();
+    assert_eq!(
+        message,
+        "the configuration has 2 distal angles, but the hand has 3 fingers; give one angle a finger"
+    );
+    let message = hand
+        .forward_kinematics(&hand.open_configuration(f64::NAN))
+        .unwrap_err()
+        .to_string();
+    assert_eq!(message, "the preshape angle is NaN; give a finite number");
 }

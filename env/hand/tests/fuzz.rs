@@ -1,0 +1,126 @@
+//! Mutated descriptions: never a panic, and a hand only where the numbers are a hand's.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use graspbox_hand::reflex::{REFLEX_TOML, REFLEX_URDF};
+use graspbox_hand::{Hand, HandError};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// What a mutation may put in: the words and signs that mean something in the two forms.
+const WORDS: [&str; 22] = [
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e-308",
+    "\"",
+    "<",
+    ">",
+    "/>",
+    "[",
+    "]",
+    "{",
+    "}",
+    "=",
+    "\n",
+    "\u{0}",
+    "\u{fffd}",
+    "&amp;",
+    "<link name=\"base\">",
+    "value",
+    "0 0 0",
+];
+
+/// One to four random edits: delete, repeat, overwrite, insert a word.
+fn mutate(text: &str, rng: &mut ChaCha8Rng) -> String {
+    let mut bytes = text.as_bytes().to_vec();
+    for _ in 0..rng.random_range(1..=4) {
+        let at = rng.random_range(0..bytes.len());
+        let end = (at + rng.random_range(1..=40usize)).min(bytes.len());
+        match rng.random_range(0..4u8) {
+            0 => drop(bytes.drain(at..end)),
+            1 => {
+                let copy = bytes[at..end].to_vec();
+                let to = rng.random_range(0..=bytes.len());
+                bytes.splice(to..to, copy);
+            }
+            2 => bytes[at] = rng.random(),
+            _ => {
+                let word = WORDS[rng.random_range(0..WORDS.len())];
+                let end = if rng.random_bool(0.5) {
+                    end.min(at + word.len())
+                } else {
+                    at
+                };
+                bytes.splice(at..end, word.bytes());
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// How many files to mutate: `GRASPBOX_FUZZ_ROUNDS`, else 2000 (2 s).
+fn rounds() -> usize {
+    std::env::var("GRASPBOX_FUZZ_ROUNDS").map_or(2000, |n| n.parse().unwrap())
+}
+
+#[test]
+fn mutated_files_never_panic_and_never_make_an_impossible_hand() {
+    let mut rng = ChaCha8Rng::seed_from_u64(0x4a9d);
+    let (mut refused, mut accepted) = (0, 0);
+    for round in 0..rounds() {
+        let both = round % 3 == 0;
+        let urdf = if both || round % 3 == 1 {
+            mutate(REFLEX_URDF, &mut rng)
+        } else {
+            REFLEX_URDF.to_owned()
+        };
+        let toml = if both || round % 3 == 2 {
+            mutate(REFLEX_TOML, &mut rng)
+        } else {
+            REFLEX_TOML.to_owned()
+        };
+        match Hand::from_strs(&urdf, &toml, ["hand.urdf", "hand.toml"]) {
+            Ok(hand) => {
+                accepted += 1;
+                assert_sound(&hand);
+            }
+            Err(HandError::Invalid(problems)) => {
+                refused += 1;
+                let lines = [urdf.split('\n').count(), toml.split('\n').count()];
+                assert!(!problems.0.is_empty(), "refused without a reason");
+                for p in &problems.0 {
+                    let last = lines[usize::from(p.file == "hand.toml")];
+                    assert!((1..=last).contains(&p.line), "{p} is past the end of the file, {last}");
+                }
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+    assert!(
+        refused > 500 && accepted > 100,
+        "{refused} refused, {accepted} accepted"
+    );
+}
+
+fn assert_sound(hand: &Hand) {
+    for pose in hand.forward_kinematics(&hand.open_configuration(0.5)).unwrap() {
+        assert!(pose.to_homogeneous().iter().all(|x| x.is_finite() && x.abs() < 1e3));
+    }
+    assert!(
+        hand.links
+            .iter()
+            .all(|l| l.mass > 0.0 && l.inertia.symmetric_eigenvalues().min() > 0.0)
+    );
+    assert!(
+        hand.fingers
+            .iter()
+            .all(|f| f.tendon.proximal_arm > 0.0 && f.tendon.max_tension > 0.0)
+    );
+    assert!(
+        hand.sensors
+            .iter()
+            .all(|s| s.link < hand.links.len() && s.finger < hand.fingers.len())
+    );
+}
