@@ -12,6 +12,18 @@
 //! | [`pose`] | the grasp pose: where the hand goes, and its preshape |
 //!
 //! The hand frame is the grasp frame: the base's axes, its origin on the palm's surface (`base_from_hand`).
+//!
+//! ```
+//! use graspbox_hand::Hand;
+//!
+//! let hand = Hand::reflex()?;
+//! let mut configuration = hand.open_configuration(0.0);
+//! configuration.proximal = vec![1.0; 3];
+//! let base_from_link = hand.forward_kinematics(&configuration)?;
+//! let tip = hand.joints[hand.fingers[0].distal].child;
+//! assert!((base_from_link[tip].translation.z - 0.134).abs() < 1e-3);
+//! # Ok::<(), graspbox_hand::HandError>(())
+//! ```
 
 mod assemble;
 pub mod error;

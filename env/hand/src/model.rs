@@ -102,7 +102,7 @@ pub struct Joint {
 
 /// A tendon, unilateral and compliant. With the length that the joints take up, `l = r_p q_p + r_d q_d`,
 /// and the stretch `e = spool_radius * spool - l`, its tension is
-/// `T = clamp(stiffness e - damping dl/dt, 0, max_tension)`.
+/// `T = clamp(stiffness e + damping de/dt, 0, max_tension)`, and 0 where it is slack (`e <= 0`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tendon {
     /// Moment arm at the proximal joint, metres.

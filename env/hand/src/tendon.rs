@@ -20,13 +20,16 @@ impl Tendon {
         self.spool_radius * spool - self.take_up(proximal, distal)
     }
 
-    /// Tension, N: never negative, at most `max_tension`.
+    /// Tension, N: 0 where slack, never negative, at most `max_tension`.
     ///
     /// * `stretch`: metres.
-    /// * `take_up_rate`: rate of [`Tendon::take_up`], m/s; closing joints relieve the tendon.
+    /// * `stretch_rate`: m/s; a pulling spool adds to it, closing joints take from it.
     #[must_use]
-    pub fn tension(&self, stretch: f64, take_up_rate: f64) -> f64 {
-        (self.stiffness * stretch - self.damping * take_up_rate).clamp(0.0, self.max_tension)
+    pub fn tension(&self, stretch: f64, stretch_rate: f64) -> f64 {
+        if stretch <= 0.0 {
+            return 0.0;
+        }
+        (self.stiffness * stretch + self.damping * stretch_rate).clamp(0.0, self.max_tension)
     }
 
     /// Torques on the proximal and the distal joint, N m: `r_p T` and `r_d T - k (q_d - rest)`.

@@ -38,6 +38,9 @@ proptest! {
     fn tension_is_unilateral_and_bounded(stretch in -0.01..0.01f64, rate in -1.0..1.0f64) {
         let tension = finger().tendon.tension(stretch, rate);
         prop_assert!((0.0..=50.0).contains(&tension));
+        prop_assert!(stretch > 0.0 || tension == 0.0, "a slack tendon pulls with {} N", tension);
+        let still = finger().tendon.tension(stretch, 0.0);
+        prop_assert!((tension - still) * rate >= 0.0, "damping must resist the stretching");
     }
 
     /// Without stretch the distal angle is known; with it, the estimate is too large by T / (k r_d).
