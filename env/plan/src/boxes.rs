@@ -1,0 +1,27 @@
+//! Boxes: fit one, cut it, grow a tree of them.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `obb` | [`OrientedBox`] |
+//! | `fit` | [`fit_box`]: principal axes or least volume |
+//! | `minimum` | the search for the least volume; on `calipers` (plane), `core_set` (few points for many), `moments` (frame, signs) |
+//! | `split` | [`best_split`]: the best cut by sort and sweep |
+//! | `decompose` | [`decompose`], [`decompose_points`]: the tree; on `surface` (clipped triangles) |
+//! | `tree` | [`BoxTree`] and [`check_box_tree`] |
+
+mod calipers;
+mod core_set;
+mod decompose;
+mod fit;
+mod minimum;
+mod moments;
+mod obb;
+mod split;
+mod surface;
+mod tree;
+
+pub use decompose::{DecomposeParams, decompose, decompose_points};
+pub use fit::{Fit, fit_box};
+pub use obb::OrientedBox;
+pub use split::{Split, SplitCost, best_split};
+pub use tree::{BoxNode, BoxTree, BoxTreeFault, check_box_tree};

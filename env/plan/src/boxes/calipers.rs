@@ -1,0 +1,129 @@
+//! The least rectangle around points on a plane: convex hull by monotone chain, then rotating calipers.
+
+/// The least rectangle around a planar cloud.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rectangle {
+    /// Unit vector along one side.
+    pub side: [f64; 2],
+    /// Length along `side`.
+    pub length: f64,
+    /// Length across `side`.
+    pub width: f64,
+}
+
+/// Buffers for repeated queries.
+#[derive(Default)]
+pub(crate) struct Calipers {
+    hull: Vec<[f64; 2]>,
+}
+
+/// Rounding must not choose between equal rectangles: the first edge from the leftmost point wins.
+const BETTER: f64 = 1.0 - 1e-10;
+
+fn cross(o: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+}
+
+fn dot(u: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    u[0] * (b[0] - a[0]) + u[1] * (b[1] - a[1])
+}
+
+impl Calipers {
+    /// The rectangle of least `(length + pad) (width + pad)` around `points`, which are sorted in place.
+    ///
+    /// `pad` gives thin clouds an order: without it every rectangle around points on a line has no area.
+    pub fn least_rectangle(&mut self, points: &mut [[f64; 2]], pad: f64) -> Rectangle {
+        self.build_hull(points);
+        let hull = &self.hull;
+        let n = hull.len();
+        if n < 3 {
+            return segment(hull);
+        }
+        let mut best = Rectangle {
+            side: [1.0, 0.0],
+            length: f64::INFINITY,
+            width: f64::INFINITY,
+        };
+        let mut least = f64::INFINITY;
+        let (mut right, mut top, mut left) = (1, 1, 1);
+        for i in 0..n {
+            let (a, b) = (hull[i], hull[(i + 1) % n]);
+            let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+            let u = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
+            let v = [-u[1], u[0]];
+            right = climb(hull, u, right.max(i + 1));
+            top = climb(hull, v, top.max(right));
+            left = climb(hull, [-u[0], -u[1]], left.max(top));
+            let extent = dot(u, hull[left % n], hull[right % n]);
+            let height = dot(v, a, hull[top % n]);
+            let area = (extent + pad) * (height + pad);
+            if area < least * BETTER {
+                least = area;
+                best = Rectangle {
+                    side: u,
+                    length: extent,
+                    width: height,
+                };
+            }
+        }
+        best
+    }
+
+    /// Counter-clockwise hull without collinear points.
+    fn build_hull(&mut self, points: &mut [[f64; 2]]) {
+        points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        self.hull.clear();
+        for &p in points.iter() {
+            self.push(p, 2);
+        }
+        let lower = self.hull.len() + 1;
+        for &p in points.iter().rev().skip(1) {
+            self.push(p, lower);
+        }
+        self.hull.pop();
+    }
+
+    fn push(&mut self, p: [f64; 2], floor: usize) {
+        let hull = &mut self.hull;
+        while hull.len() >= floor && cross(hull[hull.len() - 2], hull[hull.len() - 1], p) <= 0.0 {
+            hull.pop();
+        }
+        hull.push(p);
+    }
+}
+
+/// Walks counter-clockwise from `start` while the hull still rises along `u`; at most once around.
+fn climb(hull: &[[f64; 2]], u: [f64; 2], start: usize) -> usize {
+    let n = hull.len();
+    let mut at = start;
+    while at < start + n && dot(u, hull[at % n], hull[(at + 1) % n]) > 0.0 {
+        at += 1;
+    }
+    at
+}
+
+fn segment(hull: &[[f64; 2]]) -> Rectangle {
+    let (a, b) = match hull {
+        [a, .., b] => (*a, *b),
+        _ => {
+            return Rectangle {
+                side: [1.0, 0.0],
+                length: 0.0,
+                width: 0.0,
+            };
+        }
+    };
+    let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+    if length == 0.0 {
+        return Rectangle {
+            side: [1.0, 0.0],
+            length: 0.0,
+            width: 0.0,
+        };
+    }
+    Rectangle {
+        side: [(b[0] - a[0]) / length, (b[1] - a[1]) / length],
+        length,
+        width: 0.0,
+    }
+}

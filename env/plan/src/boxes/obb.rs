@@ -1,0 +1,77 @@
+//! An oriented box.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// A box with its own axes, in the frame of the points that it was fitted to; lengths in metres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OrientedBox {
+    /// Centre.
+    pub center: Point3<f64>,
+    /// Unit axes as columns, right-handed; the longest side first, the shortest last.
+    pub axes: Matrix3<f64>,
+    /// Half the length of each side, in the order of `axes`.
+    pub half_extents: Vector3<f64>,
+}
+
+impl OrientedBox {
+    /// The least box with these axes (orthonormal columns, in any order) around `points`; the columns are put in order, longest
+    /// side first, and the last is turned if needed to keep them right-handed. No points give a box of no size at the origin.
+    pub fn around<'a>(axes: &Matrix3<f64>, points: impl IntoIterator<Item = &'a Point3<f64>>) -> Self {
+        let mut min = Vector3::repeat(f64::INFINITY);
+        let mut max = Vector3::repeat(f64::NEG_INFINITY);
+        for p in points {
+            let local = axes.tr_mul(&p.coords);
+            min = min.inf(&local);
+            max = max.sup(&local);
+        }
+        if min.x > max.x {
+            (min, max) = (Vector3::zeros(), Vector3::zeros());
+        }
+        let half = (max - min) * 0.5;
+        let center = Point3::from(axes * ((max + min) * 0.5));
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| half[b].total_cmp(&half[a]));
+        let [x, y] = [axes.column(order[0]).into_owned(), axes.column(order[1]).into_owned()];
+        Self {
+            center,
+            axes: Matrix3::from_columns(&[x, y, x.cross(&y)]),
+            half_extents: Vector3::new(half[order[0]], half[order[1]], half[order[2]]),
+        }
+    }
+
+    /// Volume, m3.
+    pub fn volume(&self) -> f64 {
+        8.0 * self.half_extents.product()
+    }
+
+    /// `point` in the box's own frame: origin at the centre, along the axes, metres.
+    pub fn local(&self, point: &Point3<f64>) -> Vector3<f64> {
+        self.axes.tr_mul(&(point - self.center))
+    }
+
+    /// How far `point` lies outside, metres: the largest excess over the six faces, at most 0 inside.
+    pub fn excess(&self, point: &Point3<f64>) -> f64 {
+        (self.local(point).abs() - self.half_extents).max()
+    }
+
+    /// True where `point` lies inside or at most `tolerance` metres outside each face.
+    pub fn contains(&self, point: &Point3<f64>, tolerance: f64) -> bool {
+        self.excess(point) <= tolerance
+    }
+
+    /// The eight corners.
+    pub fn corners(&self) -> [Point3<f64>; 8] {
+        std::array::from_fn(|i| {
+            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            let local = Vector3::new(sign(0), sign(1), sign(2)).component_mul(&self.half_extents);
+            self.center + self.axes * local
+        })
+    }
+
+    /// Half the extent of the box along the unit vector `direction`, metres.
+    pub fn half_extent_along(&self, direction: &Vector3<f64>) -> f64 {
+        self.axes.tr_mul(direction).abs().dot(&self.half_extents)
+    }
+}

@@ -1,0 +1,43 @@
+//! Every way a plan can be asked for wrongly; each variant is a sentence about the input.
+
+/// What is wrong with the input of the planner.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// Too few points, or all of them on one plane.
+    #[error("{count} points span no volume; give at least 4 points that are not on one plane")]
+    Degenerate {
+        /// How many points there were.
+        count: usize,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("point {index} is not finite; drop or repair it")]
+    NotFinite {
+        /// Index of the first such point.
+        index: usize,
+    },
+    /// A parameter lies outside its range.
+    #[error("{name} = {value} is out of range; give a value in {range}")]
+    OutOfRange {
+        /// Name of the parameter.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+        /// What is allowed.
+        range: &'static str,
+    },
+    /// The hand cannot be planned for.
+    #[error("the hand {name:?} {reason}; the planner needs three fingers on a base, two of them on swivels or none")]
+    UnsupportedHand {
+        /// Name of the hand.
+        name: String,
+        /// What it lacks.
+        reason: &'static str,
+    },
+    /// The object's geometry could not be prepared for collision queries.
+    #[error("the object cannot be prepared for collision queries: {reason}; clean the mesh first")]
+    Collision {
+        /// What the collision library said.
+        reason: String,
+    },
+}
