@@ -10,6 +10,7 @@
 //! | [`hull`] | convex hull |
 //! | [`parts`] | convex parts: the collision geometry |
 //! | [`resting`] | stable poses on a table |
+//! | [`procedural`] | household objects made from a seed, with masses and exact convex parts |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
 //! Units are metres and kilograms; a mesh keeps the frame of its file.
@@ -20,6 +21,7 @@ pub mod hull;
 pub mod io;
 pub mod mass;
 pub mod parts;
+pub mod procedural;
 pub mod resting;
 pub mod sample;
 pub mod trimesh;

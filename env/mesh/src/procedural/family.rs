@@ -1,0 +1,194 @@
+//! The families: their names, and the sizes and masses that each promises.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// A kind of household object with free parameters.
+///
+/// The numbers are part of the seed: they never change, so that `(family, seed)` means the same object for ever.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u8)]
+pub enum Family {
+    /// Grocery box, upright or lying.
+    Box = 0,
+    /// Wooden toy block.
+    WoodBlock = 1,
+    /// Full food can.
+    Can = 2,
+    /// Full bottle or jar, round, oval or squarish.
+    Bottle = 3,
+    /// Table tennis, golf, tennis, base- or softball.
+    Ball = 4,
+    /// Superquadric solid.
+    Superquadric = 5,
+    /// Tumbler, drinking glass or stacking cup.
+    Cup = 6,
+    /// Bowl on a low foot.
+    Bowl = 7,
+    /// Plate with a raised rim.
+    Plate = 8,
+    /// Stemmed glass.
+    WineGlass = 9,
+    /// Mug with a handle.
+    Mug = 10,
+}
+
+/// What a family promises of each of its objects.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FamilyFacts {
+    /// The family.
+    pub family: Family,
+    /// Its name in object sets, snake_case.
+    pub name: &'static str,
+    /// Least extents of the bounding box in the object frame (x, y, z), metres.
+    pub least: [f64; 3],
+    /// Greatest extents of the bounding box in the object frame (x, y, z), metres.
+    pub greatest: [f64; 3],
+    /// Least and greatest mass, kilograms.
+    pub mass: [f64; 2],
+    /// Where sizes and masses come from.
+    pub source: &'static str,
+}
+
+/// "YCB" in a source is Calli et al., "Benchmarking in manipulation research: the YCB object and model set and
+/// benchmarking protocols", IEEE Robotics and Automation Magazine, 2015, which tables sizes and masses.
+const FACTS: &[FamilyFacts] = &[
+    FamilyFacts {
+        family: Family::Box,
+        name: "box",
+        least: [0.025, 0.025, 0.024],
+        greatest: [0.32, 0.2, 0.32],
+        mass: [0.003, 3.0],
+        source: "YCB gelatin, pudding, sugar and cracker boxes: 28 to 60 mm thick, 206 to 868 kg/m3",
+    },
+    FamilyFacts {
+        family: Family::WoodBlock,
+        name: "wood_block",
+        least: [0.021, 0.021, 0.013],
+        greatest: [0.111, 0.056, 0.056],
+        mass: [0.002, 0.25],
+        source: "toy blocks of 1 to 2 inches, as in YCB; pine to beech, 450 to 750 kg/m3",
+    },
+    FamilyFacts {
+        family: Family::Can,
+        name: "can",
+        least: [0.05, 0.05, 0.02],
+        greatest: [0.105, 0.105, 0.17],
+        mass: [0.03, 1.2],
+        source: "YCB tuna, soup and coffee cans: 66 to 102 mm wide, 33 to 139 mm high, 360 to 1010 kg/m3",
+    },
+    FamilyFacts {
+        family: Family::Bottle,
+        name: "bottle",
+        least: [0.043, 0.028, 0.06],
+        greatest: [0.085, 0.085, 0.26],
+        mass: [0.03, 1.2],
+        source: "YCB mustard (58 x 95 x 190 mm, 603 g) and bleach bottles; drinks and shampoo of 50 ml to 0.8 l, full",
+    },
+    FamilyFacts {
+        family: Family::Ball,
+        name: "ball",
+        least: [0.0395, 0.0395, 0.0395],
+        greatest: [0.0981, 0.0981, 0.0981],
+        mass: [0.0026, 0.198],
+        source: "rules of table tennis, golf, tennis, baseball and softball",
+    },
+    FamilyFacts {
+        family: Family::Superquadric,
+        name: "superquadric",
+        least: [0.031, 0.031, 0.031],
+        greatest: [0.085, 0.085, 0.085],
+        mass: [0.003, 0.6],
+        source: "free shapes of palm size, 32 to 84 mm; cork to plastic, 300 to 1100 kg/m3",
+    },
+    FamilyFacts {
+        family: Family::Cup,
+        name: "cup",
+        least: [0.05, 0.05, 0.035],
+        greatest: [0.096, 0.096, 0.14],
+        mass: [0.01, 0.5],
+        source: "YCB stacking cups (51 to 93 mm wide); drinking glasses of 0.1 to 0.4 l",
+    },
+    FamilyFacts {
+        family: Family::Bowl,
+        name: "bowl",
+        least: [0.09, 0.09, 0.02],
+        greatest: [0.18, 0.18, 0.09],
+        mass: [0.03, 0.8],
+        source: "YCB bowl (159 mm wide, 53 mm high); cereal and dessert bowls",
+    },
+    FamilyFacts {
+        family: Family::Plate,
+        name: "plate",
+        least: [0.14, 0.14, 0.009],
+        greatest: [0.28, 0.28, 0.04],
+        mass: [0.05, 1.2],
+        source: "side to dinner plates, 150 to 270 mm; YCB plate 258 mm",
+    },
+    FamilyFacts {
+        family: Family::WineGlass,
+        name: "wine_glass",
+        least: [0.055, 0.055, 0.1],
+        greatest: [0.1, 0.1, 0.22],
+        mass: [0.02, 0.4],
+        source: "port to wine glasses, 110 to 200 mm high; YCB wine cup",
+    },
+    FamilyFacts {
+        family: Family::Mug,
+        name: "mug",
+        least: [0.1, 0.07, 0.065],
+        greatest: [0.14, 0.1, 0.12],
+        mass: [0.05, 0.7],
+        source: "YCB mug (80 mm high, 118 g of enamel); ceramic mugs of 0.2 to 0.5 l",
+    },
+];
+
+impl Family {
+    /// Every family, in the order of its number.
+    pub const ALL: [Family; FACTS.len()] = {
+        let mut all = [Family::Box; FACTS.len()];
+        let mut i = 0;
+        while i < FACTS.len() {
+            all[i] = FACTS[i].family;
+            i += 1;
+        }
+        all
+    };
+
+    /// The ranges of size and mass that every object of the family keeps, and their source.
+    pub fn facts(self) -> &'static FamilyFacts {
+        &FACTS[self as usize]
+    }
+
+    /// The name in object sets, snake_case.
+    pub fn name(self) -> &'static str {
+        self.facts().name
+    }
+}
+
+impl fmt::Display for Family {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// A name that no family has.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is not a family of procedural objects; the families are {names}", names = known_names())]
+pub struct UnknownFamily(pub String);
+
+fn known_names() -> String {
+    Family::ALL.map(Family::name).join(", ")
+}
+
+impl FromStr for Family {
+    type Err = UnknownFamily;
+
+    fn from_str(name: &str) -> Result<Self, UnknownFamily> {
+        let known = FACTS.iter().find(|facts| facts.name == name);
+        known
+            .map(|facts| facts.family)
+            .ok_or_else(|| UnknownFamily(name.to_owned()))
+    }
+}
