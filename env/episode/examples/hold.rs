@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::{Episode, Scene, TrialConfig};
-use graspbox_hand::{Hand, MotorKind};
-use graspbox_sim::{Geometry, MotorCommand, ObjectModel, PhysicsConfig};
+use graspbox_hand::{Hand, MotorCommand, MotorKind};
+use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
@@ -50,11 +50,11 @@ fn main() {
             .motors
             .iter()
             .map(|m| {
-                MotorCommand::Position(if matches!(m.kind, MotorKind::Finger(_)) {
-                    m.travel[1]
-                } else {
-                    get("preshape", 0.0)
-                })
+                let target = match m.kind {
+                    MotorKind::Finger(_) => m.travel[1],
+                    MotorKind::Preshape => get("preshape", 0.0),
+                };
+                MotorCommand::Position { target, speed: None }
             })
             .collect();
         let config = TrialConfig::default();
@@ -69,7 +69,7 @@ fn main() {
             let s = ((t - config.close_time) / config.lift_time).clamp(0.0, 1.0);
             let rise = 0.2 * s * s * s * (10.0 + s * (6.0 * s - 15.0));
             let target = Translation3::new(0.0, 0.0, rise) * start;
-            episode.advance(&target, &close);
+            episode.advance(&target, &close).unwrap();
             steps += 1;
             if args.iter().any(|a| a == "v") && i % 50 == 0 {
                 let w = episode.world();

@@ -49,9 +49,12 @@ pub fn run_trials(
     let one = |pose: &GraspPose| {
         let outcome = Trial::new(scene, pose, config, false).run(&|| progress.stopped());
         progress.step();
-        outcome.map(|(outcome, _)| outcome)
+        outcome.map(|finished| finished.map(|(outcome, _)| outcome))
     };
-    let outcomes: Vec<Option<TrialOutcome>> = poses.par_iter().map(one).collect();
+    let outcomes = poses
+        .par_iter()
+        .map(one)
+        .collect::<Result<Vec<Option<TrialOutcome>>, EpisodeError>>()?;
     let total = outcomes.len();
     let finished: Vec<TrialOutcome> = outcomes.into_iter().flatten().collect();
     if finished.len() < total {

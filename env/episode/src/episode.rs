@@ -1,8 +1,10 @@
 //! The state machine that every driver shares: reset, advance, verdict.
 
+use crate::EpisodeError;
 use crate::judge::{Judge, Verdict};
 use crate::scene::Scene;
-use graspbox_sim::{MotorCommand, World};
+use graspbox_hand::MotorCommand;
+use graspbox_sim::World;
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -29,9 +31,17 @@ impl Episode {
     }
 
     /// One time step: the hand reaches `world_from_hand`, the motors follow their commands, the judge looks.
-    pub fn advance(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) {
-        self.world.step(world_from_hand, commands);
+    ///
+    /// # Errors
+    /// A motor command that is not finite.
+    pub fn advance(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) -> Result<(), EpisodeError> {
+        let sim = |source| EpisodeError::Sim {
+            object: self.scene.name().to_owned(),
+            source,
+        };
+        self.world.step(world_from_hand, commands).map_err(sim)?;
         self.judge.observe(&self.world);
+        Ok(())
     }
 
     /// Tells the judge that lifting begins now.

@@ -2,6 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
+//! | [`body`] | from a mesh to convex parts, mass and inertia |
 //! | [`scene`] | an object at rest on the table, ready to be cloned into episodes |
 //! | [`episode`] | the state machine: reset, advance, observe, verdict |
 //! | [`judge`] | the one definition of success, and every number that describes a grasp |
@@ -9,6 +10,7 @@
 //! | [`batch`] | many trials on rayon, with progress and cancellation |
 
 pub mod batch;
+pub mod body;
 pub mod episode;
 mod error;
 pub mod judge;
@@ -16,6 +18,7 @@ pub mod scene;
 pub mod trial;
 
 pub use batch::{Progress, run_trials};
+pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;
 pub use judge::{FailureKind, Judge, Verdict};

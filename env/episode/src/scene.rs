@@ -1,8 +1,8 @@
 //! An object at rest on the table, ready to be cloned into episodes.
 
-use crate::EpisodeError;
-use graspbox_hand::Hand;
-use graspbox_sim::{MotorCommand, ObjectModel, PhysicsConfig, Template, World};
+use crate::{Body, EpisodeError};
+use graspbox_hand::{Hand, MotorCommand};
+use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
@@ -25,6 +25,28 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Lets `body` settle on the table from `world_from_object` (default: file +z up, centred over the table's origin).
+    ///
+    /// # Errors
+    /// As [`Scene::settle`].
+    pub fn new(
+        body: &Body,
+        hand: Arc<Hand>,
+        physics: PhysicsConfig,
+        world_from_object: Option<&Isometry3<f64>>,
+    ) -> Result<Self, EpisodeError> {
+        let start = world_from_object
+            .copied()
+            .unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
+        let bounds = body.mesh().transformed(&start).aabb();
+        let base = Point3::new(
+            (bounds.min.x + bounds.max.x) / 2.0,
+            (bounds.min.y + bounds.max.y) / 2.0,
+            bounds.min.z,
+        );
+        Self::settle(body.name(), hand, body.model(), physics, &start, start.inverse() * base)
+    }
+
     /// Lets `object` settle on the table from `world_from_object`.
     ///
     /// * `base_point`: origin of the study's object frame (middle of the base), object frame, metres.
@@ -54,7 +76,11 @@ impl Scene {
         let center = object.center_of_mass();
         let mut quiet = 0;
         for _ in 0..(SETTLE_TIME / physics.dt) as usize {
-            world.step(&away, &[] as &[MotorCommand]);
+            let idle: &[MotorCommand] = &[];
+            world.step(&away, idle).map_err(|source| EpisodeError::Sim {
+                object: name.to_owned(),
+                source,
+            })?;
             let (speed, spin) = world.object_velocity_in_hand();
             quiet = if speed.norm() < REST_SPEED && spin.norm() < REST_SPIN {
                 quiet + 1

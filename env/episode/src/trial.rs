@@ -3,8 +3,7 @@
 use crate::episode::Episode;
 use crate::judge::{FailureKind, KINDNESS_PERIOD, LEGACY_TIME, LIFT_HEIGHT};
 use crate::{EpisodeError, Scene};
-use graspbox_hand::{GraspPose, MotorKind};
-use graspbox_sim::MotorCommand;
+use graspbox_hand::{GraspPose, MotorCommand, MotorKind};
 use nalgebra::{Isometry3, Translation3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -117,6 +116,9 @@ pub struct Sample {
     pub hand_force: f64,
 }
 
+/// What a trial leaves: its outcome, and its trace if one was asked for.
+pub type Finished = (TrialOutcome, Option<Vec<Sample>>);
+
 /// A trial in progress.
 pub struct Trial {
     episode: Episode,
@@ -141,8 +143,14 @@ impl Trial {
         let episode = Episode::reset(scene, &start, pose.preshape);
         let hand = Arc::clone(episode.world().hand());
         let close = hand.motors.iter().map(|m| match m.kind {
-            MotorKind::Finger(_) => MotorCommand::Position(m.travel[1]),
-            MotorKind::Preshape => MotorCommand::Position(pose.preshape),
+            MotorKind::Finger(_) => MotorCommand::Position {
+                target: m.travel[1],
+                speed: None,
+            },
+            MotorKind::Preshape => MotorCommand::Position {
+                target: pose.preshape,
+                speed: None,
+            },
         });
         let close = close.collect();
         let trace = trace.then(Vec::new);
@@ -159,7 +167,10 @@ impl Trial {
     }
 
     /// Runs to the end; `stop` is asked now and then and ends the trial when it says so (then the result is none).
-    pub fn run(mut self, stop: &dyn Fn() -> bool) -> Option<(TrialOutcome, Option<Vec<Sample>>)> {
+    ///
+    /// # Errors
+    /// A motor command that is not finite, which a finite pose never gives.
+    pub fn run(mut self, stop: &dyn Fn() -> bool) -> Result<Option<Finished>, EpisodeError> {
         let dt = self.episode.world().dt();
         let steps = |time: f64| (time / dt).round() as u64;
         let close = steps(self.config.close_time);
@@ -169,17 +180,17 @@ impl Trial {
         self.sample();
         while self.step < end {
             if self.step.is_multiple_of(64) && stop() {
-                return None;
+                return Ok(None);
             }
             if self.step == close {
                 self.episode.begin_lift();
                 if self.ends_early() && !self.touches() {
-                    return Some(self.finish(Some(FailureKind::NoContact)));
+                    return Ok(Some(self.finish(Some(FailureKind::NoContact))));
                 }
             }
             self.step += 1;
             let target = self.target(self.step as f64 * dt);
-            self.episode.advance(&target, &self.close);
+            self.episode.advance(&target, &self.close)?;
             if self.step.is_multiple_of(sample_every) {
                 self.sample();
             }
@@ -188,13 +199,13 @@ impl Trial {
                 self.legacy = Some((judge.legacy_success(self.episode.world()), judge.kindness()));
             }
             if self.step > close && self.ends_early() && self.hopeless(dt) {
-                return Some(self.finish(None));
+                return Ok(Some(self.finish(None)));
             }
             if self.step.is_multiple_of(64) && !self.episode.world().is_finite() {
-                return Some(self.finish(Some(FailureKind::Unstable)));
+                return Ok(Some(self.finish(Some(FailureKind::Unstable))));
             }
         }
-        Some(self.finish(None))
+        Ok(Some(self.finish(None)))
     }
 
     /// Where the hand is to be `time` seconds after closing began: still, then up along a minimum-jerk curve, then still.
@@ -239,7 +250,7 @@ impl Trial {
         });
     }
 
-    fn finish(self, failure: Option<FailureKind>) -> (TrialOutcome, Option<Vec<Sample>>) {
+    fn finish(self, failure: Option<FailureKind>) -> Finished {
         let world = self.episode.world();
         let verdict = self.episode.verdict();
         let success = verdict.success && failure.is_none() && world.is_finite();

@@ -165,6 +165,8 @@ fn flexures(table: &HandTable, reader: &mut Reader<'_, '_>) -> BTreeMap<String, 
         let flexure = Flexure {
             stiffness: reader.not_negative(item, "stiffness", &t.stiffness, "N m/rad"),
             rest: reader.value("rest", &t.rest, "rad"),
+            proximal_stiffness: reader.not_negative(item, "proximal_stiffness", &t.proximal_stiffness, "N m/rad"),
+            proximal_rest: reader.value("proximal_rest", &t.proximal_rest, "rad"),
             distal_damping: reader.not_negative(item, "distal_damping", &t.distal_damping, "N m s/rad"),
             proximal_damping: reader.not_negative(item, "proximal_damping", &t.proximal_damping, "N m s/rad"),
             armature: reader.not_negative(item, "armature", &t.armature, "kg m2"),

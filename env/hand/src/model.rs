@@ -126,6 +126,10 @@ pub struct Flexure {
     pub stiffness: f64,
     /// Rest angle of the flexure, radians.
     pub rest: f64,
+    /// Stiffness of the spring that opens the proximal joint, N m/rad.
+    pub proximal_stiffness: f64,
+    /// Rest angle of that spring, radians: below the joint's range, so that an idle finger stays open.
+    pub proximal_rest: f64,
     /// Damping of the distal joint, N m s/rad.
     pub distal_damping: f64,
     /// Damping of the proximal joint, N m s/rad.

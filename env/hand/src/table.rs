@@ -75,6 +75,8 @@ pub(crate) struct TendonTable {
 pub(crate) struct FlexureTable {
     pub stiffness: Number<f64>,
     pub rest: Number<f64>,
+    pub proximal_stiffness: Number<f64>,
+    pub proximal_rest: Number<f64>,
     pub distal_damping: Number<f64>,
     pub proximal_damping: Number<f64>,
     pub armature: Number<f64>,

@@ -32,13 +32,13 @@ impl Tendon {
         (self.stiffness * stretch + self.damping * stretch_rate).clamp(0.0, self.max_tension)
     }
 
-    /// Torques on the proximal and the distal joint, N m: `r_p T` and `r_d T - k (q_d - rest)`.
+    /// Torques on the proximal and the distal joint, N m: `r_p T` and `r_d T`, each less its spring `k (q - rest)`.
     ///
     /// Each is the torque of its own joint coordinate (virtual work of that angle alone).
     #[must_use]
-    pub fn torques(&self, tension: f64, flexure: &Flexure, distal: f64) -> [f64; 2] {
+    pub fn torques(&self, tension: f64, flexure: &Flexure, proximal: f64, distal: f64) -> [f64; 2] {
         [
-            self.proximal_arm * tension,
+            self.proximal_arm * tension - flexure.proximal_stiffness * (proximal - flexure.proximal_rest),
             self.distal_arm * tension - flexure.stiffness * (distal - flexure.rest),
         ]
     }

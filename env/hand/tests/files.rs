@@ -87,12 +87,12 @@ fn another_hand_loads_from_its_own_two_files() {
 fn names_that_do_not_exist_are_named_with_those_that_do() {
     assert_eq!(
         toml_with("proximal = \"left_root\"", "proximal = \"left_rot\""),
-        "hand.toml:30: there is no joint \"left_rot\"; \
+        "hand.toml:32: there is no joint \"left_rot\"; \
          known: left_root, left_middle, right_root, right_middle, label_joint"
     );
     assert_eq!(
         toml_with("tendon = \"cord\"", "tendon = \"rope\""),
-        "hand.toml:32: there is no tendon \"rope\"; known: cord"
+        "hand.toml:34: there is no tendon \"rope\"; known: cord"
     );
     assert_eq!(
         toml_with("pads = [\"left_ball\"]", "pads = [\n\"left_ball\",\n\"ball\"]"),
@@ -100,11 +100,11 @@ fn names_that_do_not_exist_are_named_with_those_that_do() {
     );
     assert_eq!(
         toml_with("\"right_tip\", \"left_tip\"", "\"right_tip\", \"thumb\""),
-        "hand.toml:63: there is no link \"thumb\"; known: palm, left, left_tip, right, right_tip, label"
+        "hand.toml:65: there is no link \"thumb\"; known: palm, left, left_tip, right, right_tip, label"
     );
     assert_eq!(
         toml_with("\"right_tip\", \"left_tip\"", "\"palm\""),
-        "hand.toml:63: link \"palm\" belongs to no finger, so it can carry no finger's sensor"
+        "hand.toml:65: link \"palm\" belongs to no finger, so it can carry no finger's sensor"
     );
     assert_eq!(
         urdf_with("<child link=\"left\"/>", "<child link=\"lefty\"/>"),
@@ -112,8 +112,8 @@ fn names_that_do_not_exist_are_named_with_those_that_do() {
     );
     assert_eq!(
         toml_with("drives = \"left\"", "drives = \"right\""),
-        "hand.toml:29: \"left\" is driven by 0 motors; it needs exactly one\n\
-         hand.toml:36: \"right\" is driven by 2 motors; it needs exactly one"
+        "hand.toml:31: \"left\" is driven by 0 motors; it needs exactly one\n\
+         hand.toml:38: \"right\" is driven by 2 motors; it needs exactly one"
     );
 }
 
@@ -155,15 +155,15 @@ fn numbers_that_matter_cannot_have_are_refused() {
     );
     assert_eq!(
         toml_with("default_speed = { value = 2.0", "default_speed = { value = 3.0"),
-        "hand.toml:46: motor \"right_motor\": default_speed is 3; it must be at most max_speed"
+        "hand.toml:48: motor \"right_motor\": default_speed is 3; it must be at most max_speed"
     );
     assert_eq!(
         toml_with("travel = { value = [0.0, 2.0]", "travel = { value = [2.0, 0.0]"),
-        "hand.toml:45: motor \"right_motor\": travel is [2, 0]; the upper end must be greater"
+        "hand.toml:47: motor \"right_motor\": travel is [2, 0]; the upper end must be greater"
     );
     assert_eq!(
         toml_with("value = [1.0, 0.0, 0.0]", "value = [1.0, 1.0, 0.0]"),
-        "hand.toml:65: sensor \"1\": length of the normal is 1.4142135623730951; it must be 1 within 1e-3"
+        "hand.toml:67: sensor \"1\": length of the normal is 1.4142135623730951; it must be 1 within 1e-3"
     );
     assert_eq!(
         urdf_with("<mass value=\"0.3\"/>", "<mass value=\"-0.3\"/>"),
@@ -221,14 +221,14 @@ fn joints_must_form_a_tree_of_fingers() {
             "name=\"left_root\" type=\"revolute\"",
             "name=\"left_root\" type=\"fixed\""
         ),
-        "hand.toml:30: joint \"left_root\" is fixed; a finger needs a revolute one"
+        "hand.toml:32: joint \"left_root\" is fixed; a finger needs a revolute one"
     );
     assert_eq!(
         toml_with("distal = \"left_middle\"", "distal = \"right_middle\""),
         "hand.urdf:61: joint \"left_middle\" moves but belongs to no finger; make it fixed or name it in a finger\n\
-         hand.toml:29: joint \"right_middle\" is not below joint \"left_root\"; \
+         hand.toml:31: joint \"right_middle\" is not below joint \"left_root\"; \
          a finger is swivel, proximal, distal, outward\n\
-         hand.toml:36: joint \"right_middle\" is used more than once by the fingers"
+         hand.toml:38: joint \"right_middle\" is used more than once by the fingers"
     );
     assert_eq!(
         urdf_with("<link name=\"right\">", "<link name=\"left\">"),

@@ -12,7 +12,9 @@ fn finger() -> &'static Finger {
 /// Elastic energy of the taut tendon (while it is not saturated) and of the flexure, J.
 fn energy(spool: f64, p: f64, d: f64) -> f64 {
     let (t, f) = (&finger().tendon, &finger().flexure);
-    0.5 * t.stiffness * t.stretch(spool, p, d).max(0.0).powi(2) + 0.5 * f.stiffness * (d - f.rest).powi(2)
+    0.5 * t.stiffness * t.stretch(spool, p, d).max(0.0).powi(2)
+        + 0.5 * f.stiffness * (d - f.rest).powi(2)
+        + 0.5 * f.proximal_stiffness * (p - f.proximal_rest).powi(2)
 }
 
 proptest! {
@@ -25,11 +27,11 @@ proptest! {
         let h = 1e-6;
         let slope_p = (energy(spool, p + h, d) - energy(spool, p - h, d)) / (2.0 * h);
         let slope_d = (energy(spool, p, d + h) - energy(spool, p, d - h)) / (2.0 * h);
-        let [torque_p, torque_d] = t.torques(tension, f, d);
+        let [torque_p, torque_d] = t.torques(tension, f, p, d);
         // The tendon is slack on one side of the difference where the tension is near 0: 0.5 k r^2 h = 2.5e-6 N m.
         prop_assert!((torque_p + slope_p).abs() < 1e-5, "proximal {torque_p} against {slope_p}");
         prop_assert!((torque_d + slope_d).abs() < 1e-5, "distal {torque_d} against {slope_d}");
-        prop_assert!((torque_p - 0.010 * tension).abs() < 1e-12);
+        prop_assert!((torque_p - (0.010 * tension - 0.01 * (p + 5.0))).abs() < 1e-12);
         prop_assert!((torque_d - (0.006 * tension - 0.1 * d)).abs() < 1e-12);
     }
 
@@ -84,7 +86,7 @@ fn a_fingertip_presses_with_8_to_15_newtons() {
         ..straight.clone()
     };
     let [before, after] = [straight, bent].map(|c| hand.forward_kinematics(&c).unwrap());
-    let [_, torque] = finger().tendon.torques(50.0, &finger().flexure, 0.0);
+    let [_, torque] = finger().tendon.torques(50.0, &finger().flexure, 0.0, 0.0);
     let mut forces = Vec::new();
     for s in hand
         .sensors

@@ -39,6 +39,12 @@ pub enum SimError {
         /// The reason.
         why: &'static str,
     },
+    /// A motor command is NaN or infinite.
+    #[error("the command to motor {motor} is not a finite number")]
+    BadCommand {
+        /// Index of the motor.
+        motor: usize,
+    },
     /// The snapshot is not one of this version, or is damaged.
     #[error("the snapshot cannot be restored: {why}")]
     BadSnapshot {

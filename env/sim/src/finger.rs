@@ -74,16 +74,6 @@ impl Drive {
     }
 }
 
-/// Tension (N) of a tendon stretched by `stretch` (m) at `rate` (m/s): it pulls, never pushes, and its motor gives way.
-pub(crate) fn tension(finger: &Finger, stretch: f64, rate: f64) -> f64 {
-    let t = &finger.tendon;
-    if stretch <= 0.0 {
-        0.0
-    } else {
-        (t.stiffness * stretch + t.damping * rate).clamp(0.0, t.max_tension)
-    }
-}
-
 /// Stretch (m) and stretch rate (m/s) of the tendon for a spool angle and speed and the two joints' states.
 pub(crate) fn stretch(finger: &Finger, spool: JointState, proximal: JointState, distal: JointState) -> (f64, f64) {
     let t = &finger.tendon;
@@ -114,6 +104,7 @@ pub(crate) fn actuate(
             ..Drive::default()
         },
     ];
+    drives[0].spring(flexure.proximal_stiffness, flexure.proximal_rest);
     drives[1].spring(flexure.stiffness, flexure.rest);
     let states = [proximal, distal];
     for (i, arm) in [t.proximal_arm, t.distal_arm].into_iter().enumerate() {
@@ -134,5 +125,5 @@ pub(crate) fn actuate(
     }
     drives[0].write(world, handles.proximal);
     drives[1].write(world, handles.distal);
-    tension(finger, stretch, rate)
+    t.tension(stretch, rate)
 }

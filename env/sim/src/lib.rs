@@ -27,4 +27,4 @@ pub use config::{Friction, PhysicsConfig};
 pub use contacts::{Contacts, Tactile};
 pub use error::SimError;
 pub use object::{Geometry, ObjectModel};
-pub use world::{FingerState, MotorCommand, Template, World};
+pub use world::{FingerState, Template, World};

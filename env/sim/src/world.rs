@@ -6,20 +6,11 @@ use crate::finger::{self, JointState};
 use crate::motion::BaseMotion;
 use crate::object::ObjectModel;
 use crate::{SimError, frames};
-use graspbox_hand::{Hand, MotorKind};
+use graspbox_hand::{Hand, MotorCommand, MotorKind, MotorState};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rapier3d::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-
-/// What a motor is told to do; angles on the joint's side of its gear.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum MotorCommand {
-    /// Go to an angle (rad) at the motor's default speed.
-    Position(f64),
-    /// Turn at a speed (rad/s) until told otherwise.
-    Velocity(f64),
-}
 
 /// One finger as an outside observer knows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,14 +29,16 @@ pub struct FingerState {
     pub tension: f64,
 }
 
+/// A sensor reports contact from this force on, N: a touch with the weight of 10 g.
+const CONTACT_FORCE: f64 = 0.1;
+
 /// What changes from step to step, beside the engine's own state.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct State {
     motion: BaseMotion,
     /// Gravity in the world's frame, m/s2.
     gravity: Vector3<f64>,
-    /// Angle and speed of every motor.
-    motors: Vec<(f64, f64)>,
+    motors: Vec<MotorState>,
     /// Tension of every finger's tendon, N.
     tensions: Vec<f64>,
     steps: u64,
@@ -110,16 +103,8 @@ impl Template {
         }
         set_swivels(&mut physics, hand, handles, preshape);
         build::place_links(&mut physics, handles);
-        let motors = hand.motors.iter();
-        let motors = motors
-            .map(|m| {
-                if m.kind == MotorKind::Preshape {
-                    (preshape, 0.0)
-                } else {
-                    (0.0, 0.0)
-                }
-            })
-            .collect();
+        let start = |m: &graspbox_hand::Motor| if m.kind == MotorKind::Preshape { preshape } else { 0.0 };
+        let motors = hand.motors.iter().map(|m| MotorState::new(m, start(m))).collect();
         let tensions = vec![0.0; hand.fingers.len()];
         let state = State {
             gravity: Vector3::new(0.0, 0.0, -self.shared.config.gravity),
@@ -209,9 +194,12 @@ impl World {
     /// Advances by one time step: the hand reaches `world_from_hand` at its end, the motors follow their commands.
     ///
     /// `commands` has one entry a motor, in the order of the hand's motors; missing ones hold still.
-    pub fn step(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) {
+    ///
+    /// # Errors
+    /// [`SimError::BadCommand`] for a command that is not finite; nothing moves then.
+    pub fn step(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) -> Result<(), SimError> {
         let dt = self.shared.config.dt;
-        self.drive_motors(commands, dt);
+        self.drive_motors(commands, dt)?;
         self.drive_fingers(dt);
         let target = world_from_hand * self.shared.hand.base_from_hand.inverse();
         let was_turning = self.state.motion.angular != Vector3::zeros();
@@ -230,31 +218,45 @@ impl World {
         }
         self.physics.step();
         self.state.steps += 1;
+        Ok(())
     }
 
-    fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) {
-        let hand = Arc::clone(&self.shared.hand);
-        for (i, motor) in hand.motors.iter().enumerate() {
-            let (angle, _) = self.state.motors[i];
-            let wanted = match commands.get(i) {
-                Some(MotorCommand::Position(goal)) => {
-                    ((goal - angle) / dt).clamp(-motor.default_speed, motor.default_speed)
-                }
-                Some(MotorCommand::Velocity(speed)) => speed.clamp(-motor.max_speed, motor.max_speed),
-                None => 0.0,
+    fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) -> Result<(), SimError> {
+        let shared = Arc::clone(&self.shared);
+        let touched = self.touched_fingers();
+        for (i, motor) in shared.hand.motors.iter().enumerate() {
+            let Some(command) = commands.get(i) else { continue };
+            let (load, contact) = match motor.kind {
+                MotorKind::Finger(finger) => (self.state.tensions[finger], touched.contains(&finger)),
+                // The swivel's gear holds against any load of a grasp.
+                MotorKind::Preshape => (0.0, false),
             };
-            // A loaded motor stops pulling; it can always pay out.
-            let stalled = match motor.kind {
-                MotorKind::Finger(f) => wanted > 0.0 && self.state.tensions[f] >= hand.fingers[f].tendon.max_tension,
-                MotorKind::Preshape => false,
-            };
-            let next = if stalled {
-                angle
-            } else {
-                (angle + wanted * dt).clamp(motor.travel[0], motor.travel[1])
-            };
-            self.state.motors[i] = (next, (next - angle) / dt);
+            let motor_state = &mut self.state.motors[i];
+            motor_state
+                .step(motor, *command, load, contact, dt)
+                .map_err(|_| SimError::BadCommand { motor: i })?;
         }
+        Ok(())
+    }
+
+    /// Fingers whose own sensors feel contact, as far as a motor that stops on contact wants to know.
+    fn touched_fingers(&self) -> Vec<usize> {
+        if !self.state.motors.iter().any(|m| m.tactile_stops) {
+            return Vec::new();
+        }
+        let force = self.tactile().force;
+        let sensors = self.shared.hand.sensors.iter().zip(force);
+        let mut fingers: Vec<usize> = sensors
+            .filter(|(_, f)| *f >= CONTACT_FORCE)
+            .map(|(s, _)| s.finger)
+            .collect();
+        fingers.dedup();
+        fingers
+    }
+
+    /// Lets finger motors stop (or no longer stop) when their own sensors report contact.
+    pub fn enable_tactile_stops(&mut self, enabled: bool) {
+        self.state.motors.iter_mut().for_each(|m| m.tactile_stops = enabled);
     }
 
     fn drive_fingers(&mut self, dt: f64) {
@@ -262,12 +264,16 @@ impl World {
         let preshape = hand.motors.iter().position(|m| m.kind == MotorKind::Preshape);
         for (i, finger) in hand.fingers.iter().enumerate() {
             let handles = self.shared.handles.fingers[i];
-            let (angle, speed) = self.state.motors[finger.motor];
+            let MotorState {
+                position: angle,
+                velocity: speed,
+                ..
+            } = self.state.motors[finger.motor];
             let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
             let spool = JointState { angle, speed };
             self.state.tensions[i] = finger::actuate(&mut self.physics, finger, joints, &handles, spool);
             if let (Some((_, sign)), Some(handle), Some(motor)) = (finger.swivel, handles.swivel, preshape) {
-                let goal = sign * self.state.motors[motor].0;
+                let goal = sign * hand.preshape_angle(self.state.motors[motor].position);
                 let speed = (goal - finger::joint_state(&self.physics, handle).angle) / dt;
                 if let Some((multibody, link)) = self.physics.multibody_joints.get_mut(handle)
                     && let Some(id) = multibody.link(link).map(|l| l.assembly_id())
@@ -362,7 +368,7 @@ impl World {
             distal: distal.angle,
             proximal_speed: proximal.speed,
             distal_speed: distal.speed,
-            spool: self.state.motors[self.shared.hand.fingers[finger].motor].0,
+            spool: self.state.motors[self.shared.hand.fingers[finger].motor].position,
             tension: self.state.tensions[finger],
         }
     }
@@ -372,7 +378,7 @@ impl World {
         let motors = self.shared.hand.motors.iter().zip(&self.state.motors);
         motors
             .filter(|(m, _)| m.kind == MotorKind::Preshape)
-            .map(|(_, s)| s.0)
+            .map(|(_, s)| s.position)
             .next()
             .unwrap_or(0.0)
     }
