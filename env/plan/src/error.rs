@@ -41,3 +41,18 @@ pub enum PlanError {
         reason: String,
     },
 }
+
+/// `value` if it lies in `[low, high]`, or the error that says so.
+pub(crate) fn in_range(
+    name: &'static str,
+    value: f64,
+    low: f64,
+    high: f64,
+    range: &'static str,
+) -> Result<(), PlanError> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(PlanError::OutOfRange { name, value, range })
+    }
+}

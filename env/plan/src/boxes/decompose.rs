@@ -6,8 +6,7 @@ use super::split::{Split, SplitCost, best_split};
 use super::surface::Surface;
 use super::tree::{BoxNode, BoxTree};
 use crate::PlanError;
-use crate::sample::sample_surface;
-use graspbox_mesh::TriMesh;
+use graspbox_mesh::{TriMesh, sample_surface};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
@@ -93,8 +92,9 @@ impl DecomposeParams {
 pub fn decompose(mesh: &TriMesh, params: &DecomposeParams) -> Result<BoxTree, PlanError> {
     params.validate()?;
     let surface = Surface::of(mesh);
-    let samples = sample_surface(mesh, params.samples, params.seed);
     check_cloud(&surface.vertices)?;
+    let samples = sample_surface(mesh, params.samples, params.seed);
+    let samples = samples.into_iter().map(|sample| sample.point).collect();
     Ok(grow(Piece { samples, surface }, params))
 }
 

@@ -1,0 +1,183 @@
+//! The collision filter: the open hand against object and table, at the pose and on the way there.
+//!
+//! The object is its triangle mesh and, where given, the convex parts that the simulation uses; both count, as parts may stand out of the
+//! surface. A shape wholly inside the object collides too. The approach is a straight line, so each of the hand's boxes sweeps a box (or
+//! a convex hull), and one exact test covers the whole way; nothing is stepped over.
+
+use crate::PlanError;
+use crate::open_hand::{OpenHand, pose, vector};
+use graspbox_hand::GraspPose;
+use graspbox_mesh::TriMesh;
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use parry3d::bounding_volume::{Aabb, BoundingVolume};
+use parry3d::math::{Pose, Vector};
+use parry3d::query::{Ray, RayCast, intersection_test};
+use parry3d::shape::{SharedShape, TriMesh as Triangles};
+use serde::{Deserialize, Serialize};
+
+/// What the filter found for a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Feasibility {
+    /// The open hand collides with nothing, at the pose and on the approach.
+    Feasible,
+    /// It reaches into the table, at the pose or on the approach.
+    HitsTable,
+    /// It reaches into the object at the pose.
+    HitsObject,
+    /// It meets the object on the approach only.
+    HitsObjectOnApproach,
+}
+
+/// An object on the table, ready for collision queries; object frame.
+pub struct CollisionScene {
+    surface: Triangles,
+    parts: Vec<(SharedShape, Aabb)>,
+    bounds: Aabb,
+    /// Up, and the table's height along it.
+    up: Unit<Vector3<f64>>,
+    table: f64,
+}
+
+impl CollisionScene {
+    /// Prepares an object whose table is the plane z = 0 of the world.
+    ///
+    /// * `mesh`, `parts`: object frame, metres; `parts` are convex and may be empty.
+    ///
+    /// # Errors
+    /// [`PlanError::Collision`] for a part without volume or a mesh that the collision library refuses.
+    pub fn new(mesh: &TriMesh, parts: &[TriMesh], world_from_object: &Isometry3<f64>) -> Result<Self, PlanError> {
+        let points = |mesh: &TriMesh| {
+            mesh.vertices()
+                .iter()
+                .map(|p| vector(&p.coords))
+                .collect::<Vec<Vector>>()
+        };
+        let surface = Triangles::new(points(mesh), mesh.faces().to_vec()).map_err(|source| PlanError::Collision {
+            reason: source.to_string(),
+        })?;
+        let parts: Vec<(SharedShape, Aabb)> = parts
+            .iter()
+            .map(|part| SharedShape::convex_hull(&points(part)).map(|hull| (hull.clone(), hull.compute_local_aabb())))
+            .collect::<Option<_>>()
+            .ok_or_else(|| PlanError::Collision {
+                reason: "a convex part has no volume".into(),
+            })?;
+        let bounds = parts
+            .iter()
+            .fold(surface.local_aabb(), |all, (_, part)| all.merged(part));
+        let object_from_world = world_from_object.inverse();
+        let up = Unit::new_normalize(object_from_world * Vector3::z());
+        let table = up.dot(&(object_from_world * Point3::origin()).coords);
+        Ok(Self {
+            surface,
+            parts,
+            bounds,
+            up,
+            table,
+        })
+    }
+
+    /// The table's up direction, object frame.
+    pub fn up(&self) -> Unit<Vector3<f64>> {
+        self.up
+    }
+
+    /// Height of `point` (object frame) above the table, metres.
+    pub fn height(&self, point: &Point3<f64>) -> f64 {
+        self.up.dot(&point.coords) - self.table
+    }
+
+    /// Tests the open hand at `object_from_hand` and on the straight way there.
+    pub fn check(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> Feasibility {
+        if self.hits_table(hand, object_from_hand) {
+            return Feasibility::HitsTable;
+        }
+        let place = pose(object_from_hand);
+        let on_the_way = hand
+            .shapes
+            .iter()
+            .any(|s| self.hits(&s.swept, &(place * s.hand_from_swept)));
+        if !on_the_way {
+            return Feasibility::Feasible;
+        }
+        let at_the_end = hand
+            .shapes
+            .iter()
+            .any(|s| self.hits(&s.shape, &(place * s.hand_from_shape)));
+        if at_the_end {
+            Feasibility::HitsObject
+        } else {
+            Feasibility::HitsObjectOnApproach
+        }
+    }
+
+    /// True where the open hand, where it stands, reaches into object or table.
+    pub fn collides(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
+        let place = pose(object_from_hand);
+        let low = |p: &Point3<f64>, radius| self.height(&(object_from_hand * p)) < radius;
+        hand.shapes
+            .iter()
+            .any(|s| s.corners.iter().any(|c| low(c, s.radius)) || self.hits(&s.shape, &(place * s.hand_from_shape)))
+    }
+
+    /// [`CollisionScene::check`] for a single pose of a hand; many poses share an [`OpenHand`] each preshape.
+    ///
+    /// * `clearance`, `standoff`: as for [`OpenHand::new`].
+    ///
+    /// # Errors
+    /// As [`OpenHand::new`].
+    pub fn check_pose(
+        &self,
+        hand: &graspbox_hand::Hand,
+        grasp: &GraspPose,
+        clearance: f64,
+        standoff: f64,
+    ) -> Result<Feasibility, PlanError> {
+        let open = OpenHand::new(hand, grasp.preshape, clearance, standoff)?;
+        Ok(self.check(&open, &grasp.object_from_hand))
+    }
+
+    fn hits_table(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
+        let back = self.up.dot(&(object_from_hand * Vector3::z())) * hand.standoff;
+        hand.shapes.iter().any(|s| {
+            let lowest = s
+                .corners
+                .iter()
+                .map(|c| self.height(&(object_from_hand * c)))
+                .fold(f64::INFINITY, f64::min);
+            lowest - back.max(0.0) < s.radius
+        })
+    }
+
+    fn hits(&self, shape: &SharedShape, place: &Pose) -> bool {
+        let around = shape.compute_aabb(place);
+        if !around.intersects(&self.bounds) {
+            return false;
+        }
+        let meets = |other: &dyn parry3d::shape::Shape| {
+            // An unsupported pair does not occur; if it did, the pose would be refused.
+            intersection_test(place, &*shape.0, &Pose::IDENTITY, other).map_or(true, |hit| hit.intersecting)
+        };
+        self.parts
+            .iter()
+            .any(|(part, bounds)| around.intersects(bounds) && meets(&*part.0))
+            || meets(&self.surface)
+            || self.is_inside(place.translation)
+    }
+
+    /// True where most of three rays from `point` leave the surface by a back face.
+    fn is_inside(&self, point: Vector) -> bool {
+        /// Three directions along no axis of symmetry of man-made things.
+        const RAYS: [[f32; 3]; 3] = [[0.83, 0.29, 0.47], [-0.41, 0.79, 0.45], [0.22, -0.53, -0.82]];
+        if !self.bounds.contains_local_point(point) {
+            return false;
+        }
+        let leaves = |direction: &[f32; 3]| {
+            let ray = Ray::new(point, Vector::from(*direction));
+            let hit = self.surface.cast_local_ray_and_get_normal(&ray, f32::MAX, false);
+            hit.is_some_and(|hit| self.surface.is_backface(hit.feature))
+        };
+        RAYS.iter().filter(|direction| leaves(direction)).count() >= 2
+    }
+}

@@ -1,0 +1,130 @@
+//! The open hand as collision shapes, swept back along the approach.
+
+use crate::PlanError;
+use graspbox_hand::{Hand, Shape};
+use nalgebra::{Isometry3, Point3, Vector3};
+use parry3d::math::{Pose, Rotation, Vector};
+use parry3d::shape::SharedShape;
+
+/// One collision shape in the hand frame.
+pub(crate) struct SweptShape {
+    /// The shape as it stands.
+    pub shape: SharedShape,
+    /// Where it stands.
+    pub hand_from_shape: Pose,
+    /// The space it passes on the straight approach, its end included.
+    pub swept: SharedShape,
+    /// Where that space is.
+    pub hand_from_swept: Pose,
+    /// Points that span the shape (for half-spaces): hand frame, metres.
+    pub corners: Vec<Point3<f64>>,
+    /// Rounding of these points, metres.
+    pub radius: f64,
+}
+
+/// The open hand at one preshape, all shapes grown by a clearance.
+pub struct OpenHand {
+    pub(crate) shapes: Vec<SweptShape>,
+    pub(crate) standoff: f64,
+}
+
+impl OpenHand {
+    /// The hand with every finger flat, at `preshape` radians, its shapes grown by `clearance` metres on every side; it comes from
+    /// `standoff` metres behind, along its -z.
+    ///
+    /// # Errors
+    /// [`PlanError::UnsupportedHand`] where the hand's kinematics refuse the preshape or a shape has no volume.
+    pub fn new(hand: &Hand, preshape: f64, clearance: f64, standoff: f64) -> Result<Self, PlanError> {
+        let bad = |reason| PlanError::UnsupportedHand {
+            name: hand.name.clone(),
+            reason,
+        };
+        let placed = hand
+            .shapes_at(&hand.open_configuration(preshape))
+            .map_err(|_| bad("does not take this preshape"))?;
+        let shapes = placed
+            .iter()
+            .map(|placed| sweep(&placed.hand_from_shape, &placed.collider.shape, clearance, standoff))
+            .collect::<Option<Vec<_>>>()
+            .ok_or_else(|| bad("has a collision shape without volume"))?;
+        Ok(Self { shapes, standoff })
+    }
+}
+
+fn sweep(at: &Isometry3<f64>, shape: &Shape, clearance: f64, standoff: f64) -> Option<SweptShape> {
+    match shape {
+        Shape::Cuboid(half) => sweep_cuboid(at, &half.add_scalar(clearance), standoff),
+        // A cylinder is taken as the box around it: a little larger, never smaller.
+        Shape::Cylinder { radius, half_length } => sweep_cuboid(
+            at,
+            &Vector3::new(*radius, *radius, *half_length).add_scalar(clearance),
+            standoff,
+        ),
+        Shape::Sphere { radius } => {
+            let radius = radius + clearance;
+            let back = at.translation.vector - Vector3::z() * standoff;
+            Some(SweptShape {
+                shape: SharedShape::ball(radius as f32),
+                hand_from_shape: pose(at),
+                swept: SharedShape::capsule(vector(&at.translation.vector), vector(&back), radius as f32),
+                hand_from_swept: Pose::IDENTITY,
+                corners: vec![Point3::from(at.translation.vector)],
+                radius,
+            })
+        }
+    }
+}
+
+fn sweep_cuboid(at: &Isometry3<f64>, half: &Vector3<f64>, standoff: f64) -> Option<SweptShape> {
+    /// A side is along the approach when its cosine is within this of 1 (about 0.1 degrees).
+    const ALIGNED: f64 = 1e-6;
+    if half.min() <= 0.0 {
+        return None;
+    }
+    let corners: Vec<Point3<f64>> = (0..8)
+        .map(|i| {
+            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            at * Point3::from(Vector3::new(sign(0), sign(1), sign(2)).component_mul(half))
+        })
+        .collect();
+    let back = Vector3::z() * standoff;
+    let along = at.rotation.inverse() * Vector3::z();
+    let axis = along.iamax();
+    let (swept, hand_from_swept) = if 1.0 - along[axis].abs() < ALIGNED {
+        let mut long = *half;
+        long[axis] += standoff / 2.0;
+        let mut middle = *at;
+        middle.translation.vector -= back / 2.0;
+        (cuboid(&long), pose(&middle))
+    } else {
+        let points: Vec<Vector> = corners
+            .iter()
+            .flat_map(|c| [vector(&c.coords), vector(&(c.coords - back))])
+            .collect();
+        (SharedShape::convex_hull(&points)?, Pose::IDENTITY)
+    };
+    Some(SweptShape {
+        shape: cuboid(half),
+        hand_from_shape: pose(at),
+        swept,
+        hand_from_swept,
+        corners,
+        radius: 0.0,
+    })
+}
+
+fn cuboid(half: &Vector3<f64>) -> SharedShape {
+    SharedShape::cuboid(half.x as f32, half.y as f32, half.z as f32)
+}
+
+pub(crate) fn vector(v: &Vector3<f64>) -> Vector {
+    Vector::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+pub(crate) fn pose(at: &Isometry3<f64>) -> Pose {
+    let q = at.rotation.coords;
+    Pose::from_parts(
+        vector(&at.translation.vector),
+        Rotation::from_xyzw(q.x as f32, q.y as f32, q.z as f32, q.w as f32),
+    )
+}

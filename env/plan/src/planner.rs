@@ -1,0 +1,175 @@
+//! The planner: boxes, candidate poses, collision filter, ranking.
+
+use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
+use crate::collision::{CollisionScene, Feasibility};
+use crate::error::in_range;
+use crate::open_hand::OpenHand;
+use crate::poses::{PoseParams, Proposal, propose};
+use crate::{PlanError, rank};
+use graspbox_hand::{GraspPose, Hand};
+use graspbox_mesh::TriMesh;
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// An object where it rests: the table is the plane z = 0 of the world.
+#[derive(Clone, Copy, Debug)]
+pub struct PlanObject<'a> {
+    /// Surface, object frame, metres.
+    pub mesh: &'a TriMesh,
+    /// Convex parts that the simulation uses, object frame; may be empty. They count as obstacles beside the mesh.
+    pub parts: &'a [TriMesh],
+    /// Centre of mass, object frame, metres.
+    pub center_of_mass: Point3<f64>,
+    /// Where the object rests.
+    pub world_from_object: Isometry3<f64>,
+}
+
+/// Everything that steers the planner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlanParams {
+    /// How the object is cut into boxes.
+    pub decompose: DecomposeParams,
+    /// How candidates are made.
+    pub poses: PoseParams,
+    /// Room that the open hand must have on every side, metres: a contact of the simulation is felt from 0.5 mm on.
+    pub clearance: f64,
+    /// The hand comes from this far behind, along its -z, metres.
+    pub standoff: f64,
+    /// Seed of the random variations.
+    pub seed: u64,
+}
+
+impl Default for PlanParams {
+    fn default() -> Self {
+        Self {
+            decompose: DecomposeParams {
+                max_boxes: 8,
+                ..DecomposeParams::default()
+            },
+            poses: PoseParams::default(),
+            clearance: 0.001,
+            standoff: 0.10,
+            seed: 0,
+        }
+    }
+}
+
+/// A pose, and what the planner thinks of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Candidate {
+    /// The pose, object frame.
+    pub grasp: GraspPose,
+    /// Leaf of the box tree that it comes from, in the order of [`BoxTree::leaves`]; the number of leaves stands for the box around the
+    /// whole object.
+    pub box_index: usize,
+    /// Face of the box: `2 axis` on the positive side of the axis, `2 axis + 1` on the negative.
+    pub face: usize,
+    /// Higher is better; comparable within a plan. 0 for poses that are not feasible.
+    pub score: f64,
+    /// What the collision filter found.
+    pub feasibility: Feasibility,
+}
+
+impl Candidate {
+    /// True where the open hand collides with nothing, at the pose and on the approach.
+    pub fn feasible(&self) -> bool {
+        self.feasibility == Feasibility::Feasible
+    }
+}
+
+/// A plan: candidates, the feasible ones first and the planner's best guess first of all.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// The boxes.
+    pub tree: BoxTree,
+    /// Feasible candidates in ranking order, then the others in the order they were made.
+    pub candidates: Vec<Candidate>,
+    /// How many candidates are feasible.
+    pub feasible: usize,
+    /// Where the object rests.
+    pub world_from_object: Isometry3<f64>,
+}
+
+impl Plan {
+    /// The feasible candidates, best first.
+    pub fn ranked(&self) -> &[Candidate] {
+        &self.candidates[..self.feasible]
+    }
+}
+
+/// Plans grasps of an object with a hand. Geometry alone decides; the same input gives the same plan, whatever the number of threads.
+///
+/// # Errors
+/// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh, [`PlanError::UnsupportedHand`] and
+/// [`PlanError::Collision`] as named there.
+pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result<Plan, PlanError> {
+    in_range("clearance", params.clearance, 0.0, 0.05, "[0, 0.05] m")?;
+    in_range("standoff", params.standoff, 0.0, 1.0, "[0, 1] m")?;
+    params.poses.validate()?;
+    let tree = decompose(object.mesh, &params.decompose)?;
+    let scene = CollisionScene::new(object.mesh, object.parts, &object.world_from_object)?;
+    let proposals = propose(
+        &boxes_of(&tree, params),
+        &object.center_of_mass,
+        &scene.up(),
+        hand,
+        &params.poses,
+        params.seed,
+    );
+    let hands = OpenHands::new(hand, &proposals, params)?;
+    let mut candidates: Vec<Candidate> = proposals
+        .par_iter()
+        .map(|proposal| Candidate {
+            grasp: proposal.grasp,
+            box_index: proposal.box_index,
+            face: proposal.face,
+            score: 0.0,
+            feasibility: scene.check(hands.at(proposal.grasp.preshape), &proposal.grasp.object_from_hand),
+        })
+        .collect();
+    candidates.sort_by_key(|candidate| !candidate.feasible());
+    let feasible = candidates.iter().filter(|candidate| candidate.feasible()).count();
+    rank::rank(object, hand, &scene, &mut candidates[..feasible])?;
+    Ok(Plan {
+        tree,
+        candidates,
+        feasible,
+        world_from_object: object.world_from_object,
+    })
+}
+
+/// The leaves, numbered, and after them the box around everything if it is wanted and not the only leaf.
+fn boxes_of(tree: &BoxTree, params: &PlanParams) -> Vec<(usize, OrientedBox)> {
+    let mut boxes: Vec<(usize, OrientedBox)> = tree.leaves().copied().enumerate().collect();
+    if params.poses.whole && boxes.len() > 1 {
+        boxes.push((boxes.len(), tree.nodes[0].bounds));
+    }
+    boxes
+}
+
+/// One open hand for each preshape that occurs.
+struct OpenHands(Vec<(f64, OpenHand)>);
+
+impl OpenHands {
+    fn new(hand: &Hand, proposals: &[Proposal], params: &PlanParams) -> Result<Self, PlanError> {
+        let mut hands: Vec<(f64, OpenHand)> = Vec::new();
+        for preshape in proposals.iter().map(|proposal| proposal.grasp.preshape) {
+            if !hands.iter().any(|(known, _)| *known == preshape) {
+                hands.push((
+                    preshape,
+                    OpenHand::new(hand, preshape, params.clearance, params.standoff)?,
+                ));
+            }
+        }
+        Ok(Self(hands))
+    }
+
+    fn at(&self, preshape: f64) -> &OpenHand {
+        let found = self.0.iter().position(|(known, _)| *known == preshape).unwrap_or(0);
+        &self.0[found].1
+    }
+}

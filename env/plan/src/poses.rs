@@ -1,0 +1,275 @@
+//! Candidate poses from boxes: outermost box first, every face, both turns, variations along and about the long axis.
+
+use crate::PlanError;
+use crate::boxes::OrientedBox;
+use crate::error::in_range;
+use crate::preshape::{closing_center, preshapes};
+use graspbox_hand::{GraspPose, Hand};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+/// Which hand axis lies along the longest side of the face.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HandFrame {
+    /// Hand y: the ReFlex closes across the long side.
+    #[default]
+    Reflex,
+    /// Hand x: the Pisa/IIT SoftHand.
+    SoftHand,
+}
+
+/// How poses vary along and about the long axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Variation {
+    /// The pose itself, and uniform random ones.
+    #[default]
+    Random,
+    /// The reference study's grid: {0, +-1, +-2} fifths of the long side times {0, +10} degrees, at the base offset alone.
+    Grid,
+}
+
+/// How candidate poses are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PoseParams {
+    /// Which hand axis lies along the long side.
+    pub frame: HandFrame,
+    /// The palm stands this far outside the box, metres (the study: 5 mm).
+    pub offset: f64,
+    /// Further distances that are tried, added to `offset`, metres. Fingers need room to close above the table: a flat object is
+    /// grasped with the palm up to a finger's length (0.11 m) over it.
+    pub standoffs: Vec<f64>,
+    /// How poses vary.
+    pub variation: Variation,
+    /// Random variations a face and turn.
+    pub variations: usize,
+    /// Greatest shift along the long side, as a share of it. The study's grid reaches 0.4.
+    pub max_shift: f64,
+    /// Greatest turn about the long axis, radians.
+    pub max_tilt: f64,
+    /// A face whose short side is at least this share of its long one is also tried with the hand turned by a quarter.
+    pub square: f64,
+    /// The box around the whole object is tried like the leaves (where it is not the only leaf).
+    pub whole: bool,
+}
+
+impl PoseParams {
+    /// # Errors
+    /// [`PlanError::OutOfRange`] for the first value that makes no sense.
+    pub fn validate(&self) -> Result<(), PlanError> {
+        let distance = |name, value: f64| in_range(name, value, 0.0, 0.5, "[0, 0.5] m");
+        distance("offset", self.offset)?;
+        self.standoffs
+            .iter()
+            .try_for_each(|&value| distance("standoffs", value))?;
+        in_range("max_shift", self.max_shift, 0.0, 1.0, "[0, 1]")?;
+        in_range("max_tilt", self.max_tilt, 0.0, std::f64::consts::FRAC_PI_2, "[0, pi/2]")?;
+        in_range("square", self.square, 0.0, 1.0, "[0, 1]")
+    }
+}
+
+impl Default for PoseParams {
+    fn default() -> Self {
+        Self {
+            frame: HandFrame::Reflex,
+            offset: 0.005,
+            standoffs: vec![0.015, 0.03, 0.045, 0.06],
+            variation: Variation::Random,
+            variations: 8,
+            max_shift: 0.4,
+            max_tilt: 0.5,
+            square: 0.6,
+            whole: true,
+        }
+    }
+}
+
+/// A pose before anything is known about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Proposal {
+    pub grasp: GraspPose,
+    pub box_index: usize,
+    pub face: usize,
+}
+
+/// Every face of a box as (axis, sign), the approach first: numbered `2 axis` for the positive and `2 axis + 1` for the negative side.
+fn faces(bounds: &OrientedBox, up: &Vector3<f64>, outward: &Vector3<f64>) -> Vec<(usize, f64)> {
+    let mut all: Vec<(usize, f64)> = (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]).collect();
+    let along = |&(axis, sign): &(usize, f64), direction: &Vector3<f64>| bounds.axes.column(axis).dot(direction) * sign;
+    all.sort_by(|a, b| along(b, up).total_cmp(&along(a, up)));
+    if all[0].0 == 0 {
+        // The side nearest to up is an end of the long axis: the side that looks away from the object's centre comes first.
+        all.sort_by(|a, b| along(b, outward).total_cmp(&along(a, outward)));
+    }
+    let (axis, sign) = all[0];
+    // The mirrored pose, by pi about the long axis, comes second.
+    let rank = |face: &(usize, f64)| {
+        if *face == (axis, sign) {
+            0
+        } else if face.0 == axis {
+            1
+        } else {
+            2
+        }
+    };
+    all.sort_by_key(rank);
+    all
+}
+
+/// All candidates: boxes outermost first (`boxes` is (index, box); `centroid` the object's, `up` away from the table; object frame).
+pub(crate) fn propose(
+    boxes: &[(usize, OrientedBox)],
+    centroid: &Point3<f64>,
+    up: &Vector3<f64>,
+    hand: &Hand,
+    params: &PoseParams,
+    seed: u64,
+) -> Vec<Proposal> {
+    let mut order: Vec<&(usize, OrientedBox)> = boxes.iter().collect();
+    let distance = |bounds: &OrientedBox| (bounds.center - centroid).norm();
+    order.sort_by(|a, b| distance(&b.1).total_cmp(&distance(&a.1)));
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut proposals = Vec::new();
+    for (box_index, bounds) in order {
+        for (axis, sign) in faces(bounds, up, &(bounds.center - centroid)) {
+            let face = Face::new(bounds, axis, sign);
+            for (quarter, long) in face.orientations() {
+                let size = face.size(bounds, long, params.frame);
+                for preshape in preshapes(hand, size, quarter, params.square) {
+                    let center = closing_center(hand, preshape);
+                    for variation in variations(params, &mut rng) {
+                        let pose = face.pose(bounds, long, &variation, params, &center);
+                        let grasp = GraspPose {
+                            object_from_hand: pose,
+                            preshape,
+                        };
+                        let face = 2 * axis + usize::from(sign < 0.0);
+                        proposals.push(Proposal {
+                            grasp,
+                            box_index: *box_index,
+                            face,
+                        });
+                    }
+                }
+            }
+        }
+    }
+    proposals
+}
+
+/// Sides of a face as the hand sees them, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FaceSize {
+    /// Across the hand (its x): what fingers 1, 2 and 3 close on.
+    pub width: f64,
+    /// Along the hand (its y).
+    pub length: f64,
+}
+
+struct Face {
+    /// Outward normal.
+    normal: Vector3<f64>,
+    /// The two axes of the face, longer one first.
+    sides: [usize; 2],
+}
+
+/// Shift along the long side (share of it), turn about it (radians), extra distance (metres).
+struct Vary {
+    shift: f64,
+    tilt: f64,
+    standoff: f64,
+}
+
+impl Face {
+    fn new(bounds: &OrientedBox, axis: usize, sign: f64) -> Self {
+        let sides = [[1, 2], [0, 2], [0, 1]][axis];
+        Self {
+            normal: bounds.axes.column(axis) * sign,
+            sides,
+        }
+    }
+
+    /// Whether the hand is turned by a quarter, and which axis then counts as long, in both directions (the turn by pi about hand z).
+    fn orientations(&self) -> [(bool, (usize, f64)); 4] {
+        let [long, short] = self.sides;
+        [
+            (false, (long, 1.0)),
+            (false, (long, -1.0)),
+            (true, (short, 1.0)),
+            (true, (short, -1.0)),
+        ]
+    }
+
+    fn size(&self, bounds: &OrientedBox, (long, _): (usize, f64), frame: HandFrame) -> FaceSize {
+        let across = self.sides[0] + self.sides[1] - long;
+        let (length, width) = (2.0 * bounds.half_extents[long], 2.0 * bounds.half_extents[across]);
+        match frame {
+            HandFrame::Reflex => FaceSize { width, length },
+            HandFrame::SoftHand => FaceSize {
+                width: length,
+                length: width,
+            },
+        }
+    }
+
+    fn pose(
+        &self,
+        bounds: &OrientedBox,
+        (axis, sign): (usize, f64),
+        vary: &Vary,
+        params: &PoseParams,
+        center: &Vector3<f64>,
+    ) -> Isometry3<f64> {
+        let long = bounds.axes.column(axis).into_owned();
+        let normal = Rotation3::from_axis_angle(&Unit::new_unchecked(long), vary.tilt) * self.normal;
+        let (z, along) = (-normal, long * sign);
+        let columns = match params.frame {
+            HandFrame::Reflex => [along.cross(&z), along, z],
+            HandFrame::SoftHand => [along, z.cross(&along), z],
+        };
+        let rotation =
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns)));
+        let out = bounds.half_extent_along(&normal) + params.offset + vary.standoff;
+        let shift = long * (vary.shift * 2.0 * bounds.half_extents[axis]);
+        let at = bounds.center.coords + shift + normal * out - rotation * center;
+        Isometry3::from_parts(Translation3::from(at), rotation)
+    }
+}
+
+fn variations(params: &PoseParams, rng: &mut ChaCha8Rng) -> Vec<Vary> {
+    match params.variation {
+        Variation::Grid => {
+            let shifts = [0.0, 0.2, -0.2, 0.4, -0.4];
+            let tilts = [0.0, 10.0_f64.to_radians()];
+            let at = |shift| {
+                tilts.map(|tilt| Vary {
+                    shift,
+                    tilt,
+                    standoff: 0.0,
+                })
+            };
+            shifts.into_iter().flat_map(at).collect()
+        }
+        Variation::Random => {
+            let standoffs: Vec<f64> = std::iter::once(0.0).chain(params.standoffs.iter().copied()).collect();
+            let mut all: Vec<Vary> = standoffs
+                .iter()
+                .map(|&standoff| Vary {
+                    shift: 0.0,
+                    tilt: 0.0,
+                    standoff,
+                })
+                .collect();
+            all.extend((0..params.variations).map(|_| Vary {
+                shift: params.max_shift * (2.0 * rng.random::<f64>() - 1.0),
+                tilt: params.max_tilt * (2.0 * rng.random::<f64>() - 1.0),
+                standoff: standoffs[rng.random_range(0..standoffs.len())],
+            }));
+            all
+        }
+    }
+}
