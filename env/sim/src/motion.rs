@@ -6,6 +6,9 @@ use rapier3d::math::Vector;
 use rapier3d::prelude::RigidBody;
 use serde::{Deserialize, Serialize};
 
+/// Turns below this within one step are none, radians.
+const NO_TURN: f64 = 1e-12;
+
 /// Pose and velocity of the hand's base in the world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BaseMotion {
@@ -40,7 +43,12 @@ impl BaseMotion {
     pub(crate) fn advance(&mut self, target: Isometry3<f64>, dt: f64, gravity: &Vector3<f64>) -> FrameForces {
         let linear = (target.translation.vector - self.world_from_base.translation.vector) / dt;
         let turn: UnitQuaternion<f64> = target.rotation * self.world_from_base.rotation.inverse();
-        let angular = turn.scaled_axis() / dt;
+        // Rounding makes a turn of some 1e-16 rad out of none; a frame that only translates needs no further forces.
+        let angular = if turn.angle() < NO_TURN {
+            Vector3::zeros()
+        } else {
+            turn.scaled_axis() / dt
+        };
         let acceleration = (linear - self.linear) / dt;
         let angular_acceleration = (angular - self.angular) / dt;
         let base_from_world = self.world_from_base.rotation.inverse();
