@@ -1,1 +1,10 @@
-//! Tests that cross crates: pipeline, properties, determinism, physics truths.
+//! Tests that cross crates: pipeline, properties, determinism, physics truths. What they share is here.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`bench`] | worlds with one object, posed and driven for a test |
+//! | [`two_link`] | closed forms of a finger as a planar double pendulum |
+#![allow(clippy::unwrap_used)]
+
+pub mod bench;
+pub mod two_link;

@@ -31,11 +31,16 @@ pub struct Tactile {
     pub force: Vec<f64>,
 }
 
-/// One contact point between the hand and something else.
-pub(crate) struct LinkContact {
+/// One pressing contact point between a link of the hand and something else.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinkContact {
+    /// Index of the link.
     pub link: usize,
+    /// Where, in the link's frame, metres.
     pub point: Point3<f64>,
+    /// Unit normal in the link's frame, pointing into the link: the direction in which the force pushes it.
     pub normal: Vector3<f64>,
+    /// Normal force, N.
     pub force: f64,
 }
 
@@ -111,7 +116,7 @@ impl World {
     }
 
     /// Contacts of the hand's links in the links' frames; normals point into the link.
-    pub(crate) fn link_contacts(&self) -> Vec<LinkContact> {
+    pub fn link_contacts(&self) -> Vec<LinkContact> {
         let mut found = Vec::new();
         let physics = self.physics();
         let dt = self.dt() as f32;

@@ -24,7 +24,7 @@ mod snapshot;
 pub mod world;
 
 pub use config::{Friction, PhysicsConfig};
-pub use contacts::{Contacts, Tactile};
+pub use contacts::{Contacts, LinkContact, Tactile};
 pub use error::SimError;
 pub use object::{Geometry, ObjectModel};
 pub use world::{FingerState, Template, World};
