@@ -1,7 +1,7 @@
 //! Worlds with one object, posed and driven for a test.
 
-use graspbox_hand::{Hand, MotorKind};
-use graspbox_sim::{Geometry, MotorCommand, ObjectModel, PhysicsConfig, Template, World};
+use graspbox_hand::{Hand, MotorCommand, MotorKind};
+use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
@@ -34,17 +34,21 @@ pub fn template(hand: Hand, geometry: &Geometry, mass: f64, config: PhysicsConfi
 
 /// Commands that close every finger and hold the preshape (rad).
 pub fn closing(hand: &Hand, preshape: f64) -> Vec<MotorCommand> {
-    let command = |kind| match kind {
-        MotorKind::Finger(_) => MotorCommand::Position(3.6),
-        MotorKind::Preshape => MotorCommand::Position(preshape),
+    let target = |m: &graspbox_hand::Motor| match m.kind {
+        MotorKind::Finger(_) => m.travel[1],
+        MotorKind::Preshape => preshape,
     };
-    hand.motors.iter().map(|m| command(m.kind)).collect()
+    let command = |m| MotorCommand::Position {
+        target: target(m),
+        speed: None,
+    };
+    hand.motors.iter().map(command).collect()
 }
 
 /// Steps with a hand that stays at `hand` for `seconds`; the motors follow `commands`.
 pub fn run(world: &mut World, hand: &Isometry3<f64>, commands: &[MotorCommand], seconds: f64) {
     for _ in 0..(seconds / world.dt()).round() as usize {
-        world.step(hand, commands);
+        world.step(hand, commands).unwrap();
     }
 }
 

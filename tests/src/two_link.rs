@@ -19,8 +19,10 @@ pub struct TwoLink {
     pub knuckle: Vector2<f64>,
     /// Armature of both joints, kg m2.
     pub armature: f64,
-    /// Stiffness (N m/rad) and rest angle (rad) of the distal flexure.
-    pub flexure: [f64; 2],
+    /// Stiffness of the springs at both joints, N m/rad.
+    pub spring: Vector2<f64>,
+    /// Rest angles of both springs, rad.
+    pub rest: Vector2<f64>,
     /// Damping of proximal and distal joint, N m s/rad.
     pub damping: [f64; 2],
 }
@@ -47,7 +49,8 @@ impl TwoLink {
             inertia: links.map(|l| l.inertia[(1, 1)]),
             knuckle: planar(&joints[1].parent_from_joint.translation.vector),
             armature: finger.flexure.armature,
-            flexure: [finger.flexure.stiffness, finger.flexure.rest],
+            spring: Vector2::new(finger.flexure.proximal_stiffness, finger.flexure.stiffness),
+            rest: Vector2::new(finger.flexure.proximal_rest, finger.flexure.rest),
             damping: [finger.flexure.proximal_damping, finger.flexure.distal_damping],
         }
     }
@@ -83,17 +86,17 @@ impl TwoLink {
         Vector2::new(about(self.mass[0], a) + about(self.mass[1], b), distal)
     }
 
-    /// Torques of gravity and flexure, N m.
+    /// Torques of gravity and springs, N m.
     pub fn torque(&self, q: Vector2<f64>, gravity: Vector2<f64>) -> Vector2<f64> {
-        self.gravity_torque(q, gravity) - Vector2::new(0.0, self.flexure[0] * (q.y - self.flexure[1]))
+        self.gravity_torque(q, gravity) - self.spring.component_mul(&(q - self.rest))
     }
 
     /// Kinetic plus potential energy at rest point (0, 0), J.
     pub fn energy(&self, q: Vector2<f64>, speed: Vector2<f64>, gravity: Vector2<f64>) -> f64 {
         let [a, b] = self.centers(q);
         let height = -(self.mass[0] * a + self.mass[1] * b).dot(&gravity);
-        let bent = q.y - self.flexure[1];
-        0.5 * speed.dot(&(self.mass_matrix(q) * speed)) + height + 0.5 * self.flexure[0] * bent * bent
+        let bent = q - self.rest;
+        0.5 * speed.dot(&(self.mass_matrix(q) * speed)) + height + 0.5 * bent.dot(&self.spring.component_mul(&bent))
     }
 
     /// Stiffness matrix of small motions about `q`, N m/rad.
@@ -103,7 +106,7 @@ impl TwoLink {
         // Turning a lever by da changes the torque m (arm x g) by -m (arm . g) da.
         let second = self.mass[1] * outer.dot(&gravity);
         let whole = self.mass[0] * a.dot(&gravity) + self.mass[1] * b.dot(&gravity);
-        Matrix2::new(whole, second, second, second + self.flexure[0])
+        Matrix2::new(whole, second, second, second) + Matrix2::from_diagonal(&self.spring)
     }
 
     /// Where the finger hangs still, by Newton's method from `start`.
