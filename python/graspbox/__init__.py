@@ -1,9 +1,43 @@
 """From a mesh to simulated grasps.
 
+>>> import graspbox
+>>> mesh = graspbox.object_sets.load("procedural:mug:3")[0].load()
+>>> tree = graspbox.decompose(mesh, max_boxes=4)
+>>> len(tree)
+4
+
 Importing the package registers its Gymnasium environments.
 """
 
+from graspbox import errors, object_sets
 from graspbox._core import __version__
+from graspbox.configs import CleanConfig, DecomposeConfig, FrictionConfig, LoadConfig, PhysicsConfig, TrialConfig
 from graspbox.errors import GraspboxError
+from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
+from graspbox.planning import Box, BoxTree, decompose
+from graspbox.simulation import Hand, Outcomes, Scene, Trace, load_hand, simulate
 
-__all__ = ["GraspboxError", "__version__"]
+__all__ = [
+    "Box",
+    "BoxTree",
+    "CleanConfig",
+    "DecomposeConfig",
+    "FrictionConfig",
+    "GraspboxError",
+    "Hand",
+    "LoadConfig",
+    "Mesh",
+    "Outcomes",
+    "PhysicsConfig",
+    "Scene",
+    "Trace",
+    "TrialConfig",
+    "__version__",
+    "decompose",
+    "errors",
+    "load_hand",
+    "load_mesh",
+    "mesh_from_arrays",
+    "object_sets",
+    "simulate",
+]

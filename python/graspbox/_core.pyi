@@ -1,8 +1,137 @@
-"""The Rust core; everything here is wrapped by a public function of the package."""
+"""The Rust core: what crosses the boundary, and how. Everything here is wrapped by a public function of the package.
 
-__all__ = ["__version__", "_spin", "num_threads"]
+Arrays are float64 and C-contiguous unless they say otherwise; the ones returned are fresh. Configs are JSON.
+"""
+
+from os import PathLike
+from typing import TypedDict, final, type_check_only
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "Hand",
+    "Mesh",
+    "Scene",
+    "__version__",
+    "_config",
+    "_spin",
+    "decompose",
+    "num_threads",
+    "procedural",
+    "procedural_families",
+]
 
 __version__: str
 
+@type_check_only
+class BoxArrays(TypedDict):
+    center: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    half_extents: NDArray[np.float64]
+    children: NDArray[np.int64]
+    depth: NDArray[np.int64]
+
+@type_check_only
+class OutcomeArrays(TypedDict):
+    success: NDArray[np.bool_]
+    secure: NDArray[np.bool_]
+    legacy_success: NDArray[np.bool_]
+    kindness: NDArray[np.float64]
+    kindness_rate: NDArray[np.float64]
+    lift: NDArray[np.float64]
+    time: NDArray[np.float64]
+    failure: list[str]
+
+@type_check_only
+class SampleArrays(TypedDict):
+    time: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    hand_force: NDArray[np.float64]
+    world_from_hand: NDArray[np.float64]
+    world_from_object: NDArray[np.float64]
+    fingers: NDArray[np.float64]
+    tensions: NDArray[np.float64]
+
+@final
+class Mesh:
+    """A triangle mesh with a name and a mass, held in Rust: metres, kilograms, the frame of its file."""
+
+    @staticmethod
+    def load(path: str | PathLike[str], name: str, mass: float | None, options: str, cleaning: str | None) -> Mesh: ...
+    @staticmethod
+    def from_arrays(
+        vertices: NDArray[np.float64], faces: NDArray[np.uint32], name: str, mass: float | None
+    ) -> Mesh: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def vertices(self) -> NDArray[np.float64]: ...
+    @property
+    def faces(self) -> NDArray[np.uint32]: ...
+    @property
+    def bounds(self) -> NDArray[np.float64]: ...
+    @property
+    def area(self) -> float: ...
+    @property
+    def volume(self) -> float: ...
+    @property
+    def mass(self) -> float: ...
+    @property
+    def center_of_mass(self) -> NDArray[np.float64]: ...
+    @property
+    def inertia(self) -> NDArray[np.float64]: ...
+    @property
+    def watertight(self) -> bool: ...
+    def sample(self, count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def resting_poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+@final
+class Hand:
+    """A hand, held in Rust."""
+
+    @staticmethod
+    def reflex() -> Hand: ...
+    @staticmethod
+    def load(urdf: str | PathLike[str], toml: str | PathLike[str]) -> Hand: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def fingers(self) -> int: ...
+    @property
+    def preshape_limits(self) -> tuple[float, float]: ...
+    def shapes(
+        self, preshape: float, proximal: NDArray[np.float64], distal: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]: ...
+
+@final
+class Scene:
+    """An object at rest on the table, held in Rust."""
+
+    def __new__(
+        cls,
+        mesh: Mesh,
+        hand: Hand,
+        physics: str,
+        world_from_object: NDArray[np.float64] | None,
+        cache: str | PathLike[str] | None,
+    ) -> Scene: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def mesh(self) -> Mesh: ...
+    @property
+    def world_from_object(self) -> NDArray[np.float64]: ...
+    @property
+    def center_of_mass(self) -> NDArray[np.float64]: ...
+    def simulate(
+        self, poses: NDArray[np.float64], preshape: NDArray[np.float64], config: str, num_threads: int | None
+    ) -> OutcomeArrays: ...
+    def trace(self, pose: NDArray[np.float64], preshape: float, config: str) -> tuple[OutcomeArrays, SampleArrays]: ...
+
+def decompose(mesh: Mesh, params: str) -> BoxArrays: ...
+def procedural(family_name: str, seed: int, scale: float, mass: float | None) -> Mesh: ...
+def procedural_families() -> list[str]: ...
 def num_threads() -> int: ...
+def _config(name: str, text: str) -> str: ...
 def _spin(seconds: float, *, num_threads: int | None = None, deaf: bool = False, fail: bool = False) -> int: ...

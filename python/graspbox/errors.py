@@ -17,6 +17,18 @@ class MeshError(GraspboxError, ValueError):
     """A mesh, or the file that should hold one, is wrong."""
 
 
+class HandError(GraspboxError, ValueError):
+    """The files that describe a hand are wrong; the message names every line."""
+
+
+class PlanError(GraspboxError, ValueError):
+    """Nothing can be planned for this object or hand."""
+
+
+class SimulationError(GraspboxError, RuntimeError):
+    """An object cannot be simulated, or does not come to rest."""
+
+
 class ObjectSetError(GraspboxError, ValueError):
     """A description of an object set names nothing that exists."""
 

@@ -2,7 +2,11 @@
 //!
 //! The classes themselves live in `graspbox.errors`, because Rust cannot give an exception two bases.
 
+use graspbox_episode::EpisodeError;
+use graspbox_hand::HandError;
 use graspbox_mesh::MeshError;
+use graspbox_plan::PlanError;
+use graspbox_sim::SimError;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -26,6 +30,15 @@ pub enum CoreError {
     /// The mesh or its file is wrong.
     #[error("{0}")]
     Mesh(String),
+    /// A hand's files are wrong.
+    #[error("{0}")]
+    Hand(String),
+    /// Nothing can be planned for this object or hand.
+    #[error("{0}")]
+    Plan(String),
+    /// The object cannot be simulated.
+    #[error("{0}")]
+    Simulation(String),
     /// The call was stopped by a signal.
     #[error("the call was interrupted")]
     Interrupted,
@@ -37,8 +50,51 @@ pub enum CoreError {
 impl From<MeshError> for CoreError {
     fn from(error: MeshError) -> Self {
         match error {
-            MeshError::Io { path, source } => Self::File { path, source },
-            other => Self::Mesh(other.to_string()),
+            MeshError::Io { path, source } | MeshError::Write { path, source } => Self::File { path, source },
+            MeshError::BadParameter { .. } | MeshError::BadScale { .. } => Self::Config(error.to_string()),
+            _ => Self::Mesh(error.to_string()),
+        }
+    }
+}
+
+impl From<HandError> for CoreError {
+    fn from(error: HandError) -> Self {
+        match error {
+            HandError::Io { path, source } => Self::File { path, source },
+            _ => Self::Hand(error.to_string()),
+        }
+    }
+}
+
+impl From<PlanError> for CoreError {
+    fn from(error: PlanError) -> Self {
+        match error {
+            PlanError::OutOfRange { .. } => Self::Config(error.to_string()),
+            _ => Self::Plan(error.to_string()),
+        }
+    }
+}
+
+impl From<SimError> for CoreError {
+    fn from(error: SimError) -> Self {
+        match error {
+            SimError::BadConfig { .. } => Self::Config(error.to_string()),
+            _ => Self::Simulation(error.to_string()),
+        }
+    }
+}
+
+impl From<EpisodeError> for CoreError {
+    fn from(error: EpisodeError) -> Self {
+        match error {
+            EpisodeError::BadConfig { .. } => Self::Config(error.to_string()),
+            EpisodeError::Cancelled { .. } => Self::Interrupted,
+            EpisodeError::Mesh { source, .. } => source.into(),
+            EpisodeError::Sim {
+                source: source @ SimError::BadConfig { .. },
+                ..
+            } => source.into(),
+            _ => Self::Simulation(error.to_string()),
         }
     }
 }
@@ -53,11 +109,17 @@ fn exception(py: Python<'_>, error: CoreError) -> PyResult<PyErr> {
     static CONFIG: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     static MESH: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static HAND: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static PLAN: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static SIMULATION: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     static INTERNAL: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     let message = error.to_string();
     Ok(match error {
         CoreError::Config(_) => PyErr::from_type(class(py, &CONFIG, "ConfigError")?, message),
         CoreError::Mesh(_) => PyErr::from_type(class(py, &MESH, "MeshError")?, message),
+        CoreError::Hand(_) => PyErr::from_type(class(py, &HAND, "HandError")?, message),
+        CoreError::Plan(_) => PyErr::from_type(class(py, &PLAN, "PlanError")?, message),
+        CoreError::Simulation(_) => PyErr::from_type(class(py, &SIMULATION, "SimulationError")?, message),
         CoreError::Internal(_) => PyErr::from_type(class(py, &INTERNAL, "InternalError")?, message),
         CoreError::Interrupted => PyKeyboardInterrupt::new_err(()),
         CoreError::File { path, source } => {

@@ -1,7 +1,7 @@
 //! The one place that releases the GIL.
 //!
 //! Work runs on a rayon pool of this process while the calling thread waits and looks for signals every [`PATIENCE`]. On
-//! Ctrl-C it raises the shared [`CancelFlag`], gives the work [`GRACE`] to return, and leaves it behind if it does not.
+//! Ctrl-C it asks the work to stop, gives it [`GRACE`] to return, and leaves it behind if it does not.
 
 use crate::errors::CoreError;
 use pyo3::prelude::*;
@@ -22,9 +22,6 @@ const GRACE: Duration = Duration::from_millis(500);
 const STACK: usize = 8 << 20;
 /// More threads than this is a slip of the keyboard.
 const MAX_THREADS: usize = 1024;
-
-/// Set once the result of a call is no longer wanted.
-pub type CancelFlag = Arc<AtomicBool>;
 
 /// Pools by process and size. A forked child finds its parent's pools here, whose threads it does not have.
 static POOLS: Mutex<BTreeMap<(u32, usize), Arc<ThreadPool>>> = Mutex::new(BTreeMap::new());
@@ -95,7 +92,7 @@ fn panic_text(payload: &(dyn Any + Send)) -> String {
 fn wait<T: Send>(
     py: Python<'_>,
     mut results: Receiver<Result<T, CoreError>>,
-    cancel: &CancelFlag,
+    stop: impl FnOnce(),
 ) -> PyResult<Result<T, CoreError>> {
     let lost = || CoreError::Internal("the worker went away without a result".into());
     loop {
@@ -108,7 +105,7 @@ fn wait<T: Send>(
             Err(RecvTimeoutError::Timeout) => {}
         }
         if let Err(signal) = py.check_signals() {
-            cancel.store(true, Ordering::Relaxed);
+            stop();
             py.detach(move || drop(results.recv_timeout(GRACE)));
             return Err(signal);
         }
@@ -117,24 +114,37 @@ fn wait<T: Send>(
 
 /// Runs `work` on a pool of `num_threads` threads without the GIL; rayon inside `work` stays on that pool.
 ///
+/// `stop` is called when a signal arrives: it should make `work` return soon.
+///
 /// # Errors
 /// What `work` returns, mapped by [`CoreError`]; `InternalError` for a panic; the signal handler's exception after a signal.
-pub fn detached<T, E, F>(py: Python<'_>, num_threads: Option<usize>, work: F) -> PyResult<T>
+pub fn interruptible<T, E, F>(py: Python<'_>, num_threads: Option<usize>, stop: impl FnOnce(), work: F) -> PyResult<T>
 where
     T: Send + 'static,
     E: Into<CoreError>,
-    F: FnOnce(&CancelFlag) -> Result<T, E> + Send + 'static,
+    F: FnOnce() -> Result<T, E> + Send + 'static,
 {
-    let cancel = CancelFlag::default();
     let (sender, results) = sync_channel(1);
-    let flag = Arc::clone(&cancel);
     pool(thread_count(num_threads)?)?.spawn(move || {
-        let result = catch_unwind(AssertUnwindSafe(|| work(&flag).map_err(Into::into)))
+        let result = catch_unwind(AssertUnwindSafe(|| work().map_err(Into::into)))
             .unwrap_or_else(|payload| Err(CoreError::Internal(panic_text(payload.as_ref()))));
         // Nobody listens any more after an interruption.
         drop(sender.send(result));
     });
-    Ok(wait(py, results, &cancel)??)
+    Ok(wait(py, results, stop)??)
+}
+
+/// As [`interruptible`], for work that cannot be asked to stop: after a signal it is left behind.
+///
+/// # Errors
+/// As [`interruptible`].
+pub fn detached<T, E, F>(py: Python<'_>, num_threads: Option<usize>, work: F) -> PyResult<T>
+where
+    T: Send + 'static,
+    E: Into<CoreError>,
+    F: FnOnce() -> Result<T, E> + Send + 'static,
+{
+    interruptible(py, num_threads, || (), work)
 }
 
 /// The number of threads that calls use by default.
@@ -147,7 +157,10 @@ pub fn num_threads() -> PyResult<usize> {
 #[pyfunction]
 #[pyo3(name = "_spin", signature = (seconds, *, num_threads=None, deaf=false, fail=false))]
 pub fn spin(py: Python<'_>, seconds: f64, num_threads: Option<usize>, deaf: bool, fail: bool) -> PyResult<usize> {
-    detached(py, num_threads, move |cancel| {
+    let cancel = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&cancel);
+    let stop = move || flag.store(true, Ordering::Relaxed);
+    interruptible(py, num_threads, stop, move || {
         let started = Instant::now();
         while started.elapsed().as_secs_f64() < seconds {
             if !deaf && cancel.load(Ordering::Relaxed) {

@@ -2,13 +2,27 @@
 //!
 //! | module | what it does |
 //! |---|---|
+//! | [`config`] | the configs that cross |
+//! | [`convert`] | arrays and configs, with every check of a shape or a number |
 //! | [`errors`] | one error type, and the Python exception of each error |
 //! | [`gil`] | releases the GIL, keeps panics inside, listens for Ctrl-C, owns the thread pools |
+//! | [`episode`] | an object at rest, and trials on it |
+//! | [`hand`] | the handle on a hand |
+//! | [`mesh`] | the handle on a mesh |
+//! | [`plan`] | box trees |
+//! | [`procedural`] | objects by family and seed |
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
 
+pub mod config;
+pub mod convert;
+pub mod episode;
 pub mod errors;
 pub mod gil;
+pub mod hand;
+pub mod mesh;
+pub mod plan;
+pub mod procedural;
 
 use pyo3::prelude::*;
 
@@ -17,7 +31,19 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::config::config_again;
+    #[pymodule_export]
+    use crate::episode::Scene;
+    #[pymodule_export]
     use crate::gil::{num_threads, spin};
+    #[pymodule_export]
+    use crate::hand::Hand;
+    #[pymodule_export]
+    use crate::mesh::Mesh;
+    #[pymodule_export]
+    use crate::plan::decompose;
+    #[pymodule_export]
+    use crate::procedural::{procedural, procedural_families};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -1,0 +1,26 @@
+//! Configs cross as JSON of the core's serde structs; `graspbox.configs` mirrors them, and a test holds the two together.
+
+use crate::convert::{config, json};
+use crate::errors::CoreError;
+use graspbox_episode::TrialConfig;
+use graspbox_mesh::{CleanOptions, LoadOptions};
+use graspbox_plan::DecomposeParams;
+use graspbox_sim::PhysicsConfig;
+use pyo3::prelude::*;
+
+/// Reads the JSON of the config `name` as the core does, and writes it again with every field.
+///
+/// # Errors
+/// `ConfigError` for an unknown name or field, or a value of the wrong type.
+#[pyfunction]
+#[pyo3(name = "_config")]
+pub fn config_again(name: &str, text: &str) -> PyResult<String> {
+    Ok(match name {
+        "CleanConfig" => json(&config::<CleanOptions>(text, name)?),
+        "DecomposeConfig" => json(&config::<DecomposeParams>(text, name)?),
+        "LoadConfig" => json(&config::<LoadOptions>(text, name)?),
+        "PhysicsConfig" => json(&config::<PhysicsConfig>(text, name)?),
+        "TrialConfig" => json(&config::<TrialConfig>(text, name)?),
+        _ => Err(CoreError::Config(format!("there is no config {name:?}"))),
+    }?)
+}

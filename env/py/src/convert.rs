@@ -1,0 +1,164 @@
+//! Arrays and configs between numpy and the core; every check of a shape or a number is here.
+//!
+//! Arrays that come in must be C-contiguous float64; `graspbox`'s public functions see to that. Arrays that go out are fresh.
+
+use crate::errors::CoreError;
+use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion};
+use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// A fresh array, as it goes out.
+pub type Array<'py, T> = Bound<'py, PyArrayDyn<T>>;
+/// A float64 array of any shape, as it comes in.
+pub type Floats<'py> = PyReadonlyArrayDyn<'py, f64>;
+
+/// A rotation may be off by this much in any entry of R^T R: the rounding of a matrix printed with 6 digits.
+const ORTHONORMAL: f64 = 1e-5;
+
+/// The entries of `array`, which must have the shape `shape`; `None` stands for any length.
+fn entries<'a, T: Element>(
+    array: &'a PyReadonlyArrayDyn<'_, T>,
+    what: &str,
+    shape: &[Option<usize>],
+) -> Result<&'a [T], CoreError> {
+    let have = array.shape();
+    let fits = have.len() == shape.len()
+        && shape
+            .iter()
+            .zip(have)
+            .all(|(want, have)| want.is_none_or(|want| want == *have));
+    if !fits {
+        let want: Vec<String> = shape.iter().map(|n| n.map_or("n".into(), |n| n.to_string())).collect();
+        return Err(CoreError::Config(format!(
+            "{what} has shape {have:?}; give ({})",
+            want.join(", ")
+        )));
+    }
+    let layout = || {
+        CoreError::Config(format!(
+            "{what} is not C-contiguous; pass it through numpy.ascontiguousarray"
+        ))
+    };
+    if !array.is_c_contiguous() {
+        return Err(layout());
+    }
+    array.as_slice().map_err(|_| layout())
+}
+
+/// As [`entries`], for numbers that must be finite.
+fn values<'a>(array: &'a Floats<'_>, what: &str, shape: &[Option<usize>]) -> Result<&'a [f64], CoreError> {
+    let values = entries(array, what, shape)?;
+    match values.iter().position(|x| !x.is_finite()) {
+        Some(index) => {
+            let value = values[index];
+            Err(CoreError::Config(format!(
+                "{what} holds {value} at flat index {index}; give finite numbers"
+            )))
+        }
+        None => Ok(values),
+    }
+}
+
+/// Triples of indices, shape (n, 3).
+pub fn triples(array: &PyReadonlyArrayDyn<'_, u32>, what: &str) -> Result<Vec<[u32; 3]>, CoreError> {
+    Ok(entries(array, what, &[None, Some(3)])?.as_chunks::<3>().0.to_vec())
+}
+
+/// A vector, shape (n,).
+pub fn vector(array: &Floats<'_>, what: &str) -> Result<Vec<f64>, CoreError> {
+    values(array, what, &[None]).map(<[f64]>::to_vec)
+}
+
+/// Points, shape (n, 3).
+pub fn points(array: &Floats<'_>, what: &str) -> Result<Vec<Point3<f64>>, CoreError> {
+    let values = values(array, what, &[None, Some(3)])?;
+    Ok(values.as_chunks::<3>().0.iter().map(|&p| Point3::from(p)).collect())
+}
+
+/// A rigid motion, shape (4, 4), row-major and homogeneous.
+pub fn isometry(array: &Floats<'_>, what: &str) -> Result<Isometry3<f64>, CoreError> {
+    rigid(values(array, what, &[Some(4), Some(4)])?, what)
+}
+
+/// Rigid motions, shape (n, 4, 4).
+pub fn isometries(array: &Floats<'_>, what: &str) -> Result<Vec<Isometry3<f64>>, CoreError> {
+    let values = values(array, what, &[None, Some(4), Some(4)])?;
+    let name = |i| format!("{what}[{i}]");
+    values
+        .chunks_exact(16)
+        .enumerate()
+        .map(|(i, m)| rigid(m, &name(i)))
+        .collect()
+}
+
+fn rigid(rows: &[f64], what: &str) -> Result<Isometry3<f64>, CoreError> {
+    let matrix = Matrix4::from_row_slice(rows);
+    let rotation: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
+    let bottom = [matrix[(3, 0)], matrix[(3, 1)], matrix[(3, 2)], matrix[(3, 3)] - 1.0];
+    let skew = (rotation.tr_mul(&rotation) - Matrix3::identity()).amax();
+    if skew > ORTHONORMAL || rotation.determinant() < 0.0 || bottom.iter().any(|x| x.abs() > ORTHONORMAL) {
+        return Err(CoreError::Config(format!(
+            "{what} is not a rigid motion; give a rotation matrix, a translation column and the last row 0 0 0 1"
+        )));
+    }
+    // Clears what is left of the skew, so that long products stay rigid.
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
+        &rotation,
+        1e-12,
+        20,
+        Rotation3::from_matrix_unchecked(rotation),
+    ));
+    let translation = Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);
+    Ok(Isometry3::from_parts(translation, rotation))
+}
+
+/// The homogeneous matrix of `pose`, row-major.
+fn rows(pose: &Isometry3<f64>) -> [f64; 16] {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|i| matrix[(i / 4, i % 4)])
+}
+
+/// A fresh array of the given shape; `values` in C order.
+pub fn array<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Array<'py, T>> {
+    PyArray1::from_vec(py, values).reshape(shape.to_vec())
+}
+
+/// (4, 4).
+pub fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Array<'py, f64>> {
+    array(py, rows(pose).to_vec(), &[4, 4])
+}
+
+/// (n, 4, 4).
+pub fn matrices<'py>(
+    py: Python<'py>,
+    poses: impl ExactSizeIterator<Item = Isometry3<f64>>,
+) -> PyResult<Array<'py, f64>> {
+    let count = poses.len();
+    array(py, poses.flat_map(|p| rows(&p)).collect(), &[count, 4, 4])
+}
+
+/// (n, N), one row an item.
+pub fn table<'py, T: Element, const N: usize>(
+    py: Python<'py>,
+    items: impl ExactSizeIterator<Item = [T; N]>,
+) -> PyResult<Array<'py, T>> {
+    let count = items.len();
+    array(py, items.flatten().collect(), &[count, N])
+}
+
+/// The entries of a matrix in row-major order.
+pub fn row_major(matrix: &Matrix3<f64>) -> [f64; 9] {
+    std::array::from_fn(|i| matrix[(i / 3, i % 3)])
+}
+
+/// A config from its JSON text.
+pub fn config<T: DeserializeOwned>(json: &str, what: &str) -> Result<T, CoreError> {
+    serde_json::from_str(json).map_err(|error| CoreError::Config(format!("{what}: {error}")))
+}
+
+/// The JSON text of a config.
+pub fn json<T: Serialize>(config: &T) -> Result<String, CoreError> {
+    serde_json::to_string(config).map_err(|error| CoreError::Internal(error.to_string()))
+}

@@ -1,0 +1,199 @@
+//! `graspbox.Scene`: an object at rest on the table, and trials on it.
+
+use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, vector};
+use crate::errors::CoreError;
+use crate::gil::{detached, interruptible};
+use crate::hand::Hand;
+use crate::mesh::{Mesh, MeshData};
+use graspbox_episode::{
+    EpisodeError, FailureKind, Progress, Sample, Scene as Core, Trial, TrialConfig, TrialOutcome, run_trials,
+};
+use graspbox_hand::GraspPose;
+use graspbox_sim::PhysicsConfig;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A handle on a settled object.
+#[pyclass(frozen, module = "graspbox._core", name = "Scene")]
+pub struct Scene {
+    core: Arc<Core>,
+    mesh: Arc<MeshData>,
+}
+
+/// Poses (n, 4, 4) with their preshapes (n,).
+fn grasps(poses: &Floats<'_>, preshape: &Floats<'_>) -> Result<Vec<GraspPose>, CoreError> {
+    let poses = isometries(poses, "poses")?;
+    let preshapes = vector(preshape, "preshape")?;
+    if poses.len() != preshapes.len() {
+        let (poses, preshapes) = (poses.len(), preshapes.len());
+        return Err(CoreError::Config(format!(
+            "there are {poses} poses but {preshapes} preshapes; give one each"
+        )));
+    }
+    let pairs = poses.into_iter().zip(preshapes);
+    Ok(pairs
+        .map(|(object_from_hand, preshape)| GraspPose {
+            object_from_hand,
+            preshape,
+        })
+        .collect())
+}
+
+#[pymethods]
+impl Scene {
+    /// Prepares the mesh (convex parts are kept in `cache`) and lets it settle; `physics` is JSON.
+    #[new]
+    #[pyo3(signature = (mesh, hand, physics, world_from_object, cache))]
+    fn new(
+        py: Python<'_>,
+        mesh: &Mesh,
+        hand: &Hand,
+        physics: &str,
+        world_from_object: Option<Floats<'_>>,
+        cache: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let physics: PhysicsConfig = crate::convert::config(physics, "PhysicsConfig")?;
+        let start = world_from_object
+            .map(|m| isometry(&m, "world_from_object"))
+            .transpose()?;
+        let (mesh, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
+        detached(py, None, move || {
+            let body = mesh.body(cache.as_deref())?;
+            let core = Arc::new(Core::new(&body, hand, physics, start.as_ref())?);
+            Ok::<_, CoreError>(Self { core, mesh })
+        })
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        self.core.name()
+    }
+
+    #[getter]
+    fn mesh(&self) -> Mesh {
+        Mesh(Arc::clone(&self.mesh))
+    }
+
+    #[getter]
+    fn world_from_object<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
+        matrix(py, self.core.world_from_object())
+    }
+
+    #[getter]
+    fn center_of_mass<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
+        let center = self.core.center_of_mass();
+        array(py, vec![center.x, center.y, center.z], &[3])
+    }
+
+    /// Tries every pose; arrays by name.
+    #[pyo3(signature = (poses, preshape, config, num_threads))]
+    fn simulate<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats<'_>,
+        preshape: Floats<'_>,
+        config: &str,
+        num_threads: Option<usize>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let grasps = grasps(&poses, &preshape)?;
+        let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
+        let progress = Arc::new(Progress::default());
+        let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
+        let outcomes = interruptible(
+            py,
+            num_threads,
+            move || progress.stop(),
+            move || run_trials(&scene, &grasps, config, &watched),
+        )?;
+        outcome_arrays(py, &outcomes)
+    }
+
+    /// Runs one trial to its end and returns its outcome and what happened every 10 ms; arrays by name.
+    fn trace<'py>(
+        &self,
+        py: Python<'py>,
+        pose: Floats<'_>,
+        preshape: f64,
+        config: &str,
+    ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+        let pose = GraspPose {
+            object_from_hand: isometry(&pose, "pose")?,
+            preshape,
+        };
+        let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
+        let progress = Arc::new(Progress::default());
+        let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
+        let (outcome, samples) = interruptible(
+            py,
+            None,
+            move || progress.stop(),
+            move || {
+                config.validate()?;
+                let traced = Trial::new(&scene, &pose, config, true).run(&|| watched.stopped());
+                traced?.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })
+            },
+        )?;
+        Ok((
+            outcome_arrays(py, &[outcome])?,
+            sample_arrays(py, &samples.unwrap_or_default())?,
+        ))
+    }
+}
+
+fn failure_name(kind: FailureKind) -> &'static str {
+    match kind {
+        FailureKind::Infeasible => "infeasible",
+        FailureKind::NoContact => "no_contact",
+        FailureKind::Slipped => "slipped",
+        FailureKind::Dropped => "dropped",
+        FailureKind::Unstable => "unstable",
+    }
+}
+
+fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<Bound<'py, PyDict>> {
+    let n = &[outcomes.len()];
+    let numbers = |get: fn(&TrialOutcome) -> f64| array(py, outcomes.iter().map(get).collect(), n);
+    let flags = |get: fn(&TrialOutcome) -> bool| array(py, outcomes.iter().map(get).collect::<Vec<bool>>(), n);
+    let dict = PyDict::new(py);
+    dict.set_item("success", flags(|o| o.success)?)?;
+    dict.set_item("secure", flags(|o| o.secure)?)?;
+    dict.set_item("legacy_success", flags(|o| o.legacy_success.unwrap_or(false))?)?;
+    dict.set_item("kindness", numbers(|o| o.kindness.unwrap_or(f64::NAN))?)?;
+    dict.set_item("kindness_rate", numbers(|o| o.kindness_rate)?)?;
+    dict.set_item("lift", numbers(|o| o.lift)?)?;
+    dict.set_item("time", numbers(|o| o.time)?)?;
+    let names = outcomes
+        .iter()
+        .map(|o| o.failure.map_or("", failure_name))
+        .collect::<Vec<_>>();
+    dict.set_item("failure", names)?;
+    Ok(dict)
+}
+
+fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample]) -> PyResult<Bound<'py, PyDict>> {
+    let n = samples.len();
+    let fingers = samples.first().map_or(0, |s| s.fingers.len());
+    let numbers = |get: fn(&Sample) -> f64| array(py, samples.iter().map(get).collect(), &[n]);
+    let dict = PyDict::new(py);
+    dict.set_item("time", numbers(|s| s.time)?)?;
+    dict.set_item("distance", numbers(|s| s.distance)?)?;
+    dict.set_item("hand_force", numbers(|s| s.hand_force)?)?;
+    dict.set_item(
+        "world_from_hand",
+        matrices(py, samples.iter().map(|s| s.world_from_hand))?,
+    )?;
+    dict.set_item(
+        "world_from_object",
+        matrices(py, samples.iter().map(|s| s.world_from_object))?,
+    )?;
+    let angles = samples
+        .iter()
+        .flat_map(|s| s.fingers.iter().flatten().copied())
+        .collect();
+    dict.set_item("fingers", array::<f64>(py, angles, &[n, fingers, 2])?)?;
+    let tensions = samples.iter().flat_map(|s| s.tensions.iter().copied()).collect();
+    dict.set_item("tensions", array::<f64>(py, tensions, &[n, fingers])?)?;
+    Ok(dict)
+}

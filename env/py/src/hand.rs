@@ -1,0 +1,82 @@
+//! `graspbox.Hand`: a hand read from its two files.
+
+use crate::convert::{Array, Floats, array, matrices, table, vector};
+use crate::errors::CoreError;
+use graspbox_hand::{Hand as Core, HandConfiguration, Material, Shape};
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Poses (n, 4, 4), half extents (n, 3), and which are pads (n,).
+type Shapes<'py> = (Array<'py, f64>, Array<'py, f64>, Array<'py, bool>);
+
+/// A handle on a hand.
+#[pyclass(frozen, module = "graspbox._core")]
+pub struct Hand(pub Arc<Core>);
+
+#[pymethods]
+impl Hand {
+    /// The ReFlex.
+    #[staticmethod]
+    fn reflex() -> PyResult<Self> {
+        Ok(Self(Arc::new(Core::reflex().map_err(CoreError::from)?.clone())))
+    }
+
+    /// Reads a hand from its URDF and its `hand.toml`.
+    #[staticmethod]
+    fn load(urdf: PathBuf, toml: PathBuf) -> PyResult<Self> {
+        Ok(Self(Arc::new(Core::load(&urdf, &toml).map_err(CoreError::from)?)))
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    #[getter]
+    fn fingers(&self) -> usize {
+        self.0.fingers.len()
+    }
+
+    #[getter]
+    fn preshape_limits(&self) -> (f64, f64) {
+        let [low, high] = self.0.preshape_limits;
+        (low, high)
+    }
+
+    /// Collision shapes as boxes at the given angles: `hand_from_shape` (n, 4, 4), half extents (n, 3), and which are pads (n,).
+    fn shapes<'py>(
+        &self,
+        py: Python<'py>,
+        preshape: f64,
+        proximal: Floats<'_>,
+        distal: Floats<'_>,
+    ) -> PyResult<Shapes<'py>> {
+        let configuration = HandConfiguration {
+            preshape,
+            proximal: vector(&proximal, "proximal")?,
+            distal: vector(&distal, "distal")?,
+        };
+        let shapes = self.0.shapes_at(&configuration).map_err(CoreError::from)?;
+        let pads: Vec<bool> = shapes.iter().map(|s| s.collider.material == Material::Pad).collect();
+        let count = shapes.len();
+        Ok((
+            matrices(py, shapes.iter().map(|s| s.hand_from_shape))?,
+            table(py, shapes.iter().map(|s| half_extents(&s.collider.shape)))?,
+            array(py, pads, &[count])?,
+        ))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Hand({:?}, {} fingers)", self.0.name, self.0.fingers.len())
+    }
+}
+
+/// Half sides of the box around a shape, along the shape's axes, metres.
+fn half_extents(shape: &Shape) -> [f64; 3] {
+    match *shape {
+        Shape::Cuboid(half) => half.into(),
+        Shape::Cylinder { radius, half_length } => [radius, radius, half_length],
+        Shape::Sphere { radius } => [radius; 3],
+    }
+}

@@ -1,0 +1,152 @@
+"""Settings of the core as frozen dataclasses: the same fields, defaults and meaning as in Rust.
+
+The core checks every value when it is used, and names the first one that is out of range.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+__all__ = ["CleanConfig", "DecomposeConfig", "FrictionConfig", "LoadConfig", "PhysicsConfig", "TrialConfig"]
+
+
+@dataclass(frozen=True)
+class LoadConfig:
+    """How large a mesh file may be.
+
+    Attributes
+    ----------
+    scale : float
+        Metres in one unit of the file.
+    max_bytes, max_vertices, max_faces : int
+        Limits; a file beyond them is refused before memory is taken for it.
+    """
+
+    scale: float = 1.0
+    max_bytes: int = 256 << 20
+    max_vertices: int = 4_000_000
+    max_faces: int = 4_000_000
+
+
+@dataclass(frozen=True)
+class CleanConfig:
+    """How a mesh is repaired, without inventing surface.
+
+    Attributes
+    ----------
+    weld : float
+        Vertices nearer than this share of the longest side become one, in [0, 1).
+    min_component_area : float
+        Components with less than this share of the surface are dropped, in [0, 1).
+    orient : bool
+        Turn faces outward.
+    """
+
+    weld: float = 1e-6
+    min_component_area: float = 0.0
+    orient: bool = True
+
+
+@dataclass(frozen=True)
+class DecomposeConfig:
+    """How an object is cut into boxes.
+
+    Attributes
+    ----------
+    fit : {"minimum", "pca"}
+        Boxes of least volume, or along the principal axes.
+    area_gain : float
+        A cut is made only if its two rectangles cover less than this share of their face, in (0, 1].
+    min_volume : float
+        Each child's box must be larger than this, m3.
+    volume_gain : float or None
+        If given, the children's boxes together must have less than this share of the parent's volume, in (0, 2].
+    max_boxes : int
+        Greatest number of leaves.
+    split_cost : {"share", "area"}
+        Compare cuts by the share of their own face, or (the study's program) by area across faces.
+    samples : int
+        Surface points that cuts are searched on.
+    seed : int
+        Seed of these points.
+    """
+
+    fit: Literal["minimum", "pca"] = "minimum"
+    area_gain: float = 0.9
+    min_volume: float = 5e-7
+    volume_gain: float | None = None
+    max_boxes: int = 16
+    split_cost: Literal["share", "area"] = "share"
+    samples: int = 2000
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class FrictionConfig:
+    """Friction factors of surfaces; the coefficient of a pair is the product of its two factors."""
+
+    pad: float = 1.0
+    bare: float = 0.4
+    table: float = 0.5
+    object: float = 1.0
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """Integrator and contacts. The defaults pass the project's checks of hold and labels; change all or none.
+
+    Attributes
+    ----------
+    dt : float
+        Time step, seconds.
+    solver_iterations : int
+        Solver sub-steps in a step.
+    contact_frequency, static_contact_frequency : float
+        Natural frequency of contacts, and of those with hand root and table, Hz.
+    contact_damping_ratio : float
+        Damping ratio of contacts.
+    prediction : float
+        Distance at which contacts are predicted, metres.
+    allowed_penetration : float
+        Penetration that is left alone, metres.
+    gravity : float
+        m/s2, along -z of the world.
+    friction : FrictionConfig
+        Friction factors.
+    """
+
+    dt: float = 0.002
+    solver_iterations: int = 4
+    contact_frequency: float = 240.0
+    contact_damping_ratio: float = 2.0
+    static_contact_frequency: float = 480.0
+    prediction: float = 0.005
+    allowed_penetration: float = 0.0005
+    gravity: float = 9.81
+    friction: FrictionConfig = field(default_factory=FrictionConfig)
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """A grasp trial: approach, close, lift, hold.
+
+    Attributes
+    ----------
+    standoff : float
+        The hand approaches from this far back along its -z, metres.
+    close_time, lift_time, hold_time : float
+        Seconds.
+    lift_height : float
+        Metres.
+    early_stop : bool
+        Stop as soon as success is out of reach.
+    legacy : bool
+        Read the reference study's own measures as well; switches early stops off.
+    """
+
+    standoff: float = 0.10
+    close_time: float = 1.3
+    lift_height: float = 0.20
+    lift_time: float = 1.0
+    hold_time: float = 1.0
+    early_stop: bool = True
+    legacy: bool = False

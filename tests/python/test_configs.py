@@ -1,0 +1,52 @@
+"""Configs: Python and Rust agree on every field and default, and unknown fields are refused."""
+
+import json
+from dataclasses import FrozenInstanceError, asdict, replace
+from typing import Any
+
+import pytest
+
+from graspbox import _core, configs, errors
+
+CONFIGS = [getattr(configs, name) for name in configs.__all__ if name != "FrictionConfig"]
+
+
+def changed(value: Any) -> Any:
+    """Give another value of the same type."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value * 2 + 1
+    if isinstance(value, dict):
+        return {key: changed(inner) for key, inner in value.items()}
+    other = {"minimum": "pca", "share": "area", "random": "grid", "reflex": "soft_hand"}
+    return other[value] if isinstance(value, str) else 0.5
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.__name__)
+def test_defaults_are_those_of_the_core(config: Any) -> None:
+    core = json.loads(_core._config(config.__name__, "{}"))
+    assert core == asdict(config())
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.__name__)
+def test_every_field_crosses(config: Any) -> None:
+    sent = {name: changed(value) for name, value in asdict(config()).items()}
+    assert json.loads(_core._config(config.__name__, json.dumps(sent))) == sent
+    assert all(sent[name] != value for name, value in asdict(config()).items())
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.__name__)
+def test_unknown_fields_are_refused(config: Any) -> None:
+    with pytest.raises(errors.ConfigError, match="colour"):
+        _core._config(config.__name__, json.dumps({"colour": 1}))
+
+
+def test_configs_are_frozen_and_finite() -> None:
+    from graspbox.meshes import to_json
+
+    config = configs.TrialConfig()
+    with pytest.raises(FrozenInstanceError):
+        config.lift_height = 1.0  # type: ignore[misc]
+    with pytest.raises(errors.ConfigError, match="finite"):
+        to_json(replace(config, lift_height=float("nan")))

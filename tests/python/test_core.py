@@ -1,0 +1,201 @@
+"""Meshes, boxes and trials through the boundary: shapes, frames, errors, determinism."""
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import graspbox
+from graspbox import errors, object_sets
+
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+CUBE_FACES = [
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+]  # fmt: skip
+
+
+def cuboid(x: float, y: float, z: float, mass: float = 0.2) -> graspbox.Mesh:
+    """Make a box on the table, centred over its origin."""
+    corners = (CUBE - [0.5, 0.5, 0.0]) * [x, y, z]
+    return graspbox.mesh_from_arrays(corners, CUBE_FACES, name="cuboid", mass=mass)
+
+
+def from_above(height: float) -> np.ndarray:
+    """Hand pose with the palm facing down at a height above the table."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = height
+    return pose
+
+
+def test_mass_properties_of_a_cuboid() -> None:
+    mesh = cuboid(0.1, 0.2, 0.3, mass=0.6)
+    assert mesh.volume == pytest.approx(0.006)
+    assert mesh.area == pytest.approx(0.22)
+    assert mesh.watertight
+    np.testing.assert_allclose(mesh.center_of_mass, [0, 0, 0.15], atol=1e-12)
+    expected = 0.6 / 12 * np.array([0.2**2 + 0.3**2, 0.1**2 + 0.3**2, 0.1**2 + 0.2**2])
+    np.testing.assert_allclose(mesh.inertia, np.diag(expected), atol=1e-12)
+    np.testing.assert_allclose(mesh.bounds, [[-0.05, -0.1, 0], [0.05, 0.1, 0.3]])
+
+
+def test_arrays_are_fresh() -> None:
+    mesh = cuboid(0.1, 0.1, 0.1)
+    assert not np.shares_memory(mesh.vertices, mesh.vertices)
+    mesh.vertices[:] = 0.0
+    assert mesh.vertices.max() > 0.0
+    assert mesh.vertices.flags.c_contiguous
+    assert mesh.faces.dtype == np.uint32
+
+
+def test_samples_lie_on_the_surface() -> None:
+    points, normals = cuboid(0.1, 0.2, 0.3).sample(500, 3)
+    assert points.shape == normals.shape == (500, 3)
+    off = np.abs(np.abs(points - [0, 0, 0.15]) - [0.05, 0.1, 0.15]).min(axis=1)
+    assert off.max() < 1e-12
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
+def test_resting_poses_of_a_cuboid() -> None:
+    poses, probabilities = cuboid(0.1, 0.2, 0.3).resting_poses()
+    assert poses.shape == (6, 4, 4)
+    assert probabilities.sum() == pytest.approx(1.0)
+    assert (np.diff(probabilities) <= 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "complaint"),
+    [
+        (CUBE[:, :2], CUBE_FACES, r"vertices has shape \[8, 2\]; give \(n, 3\)"),
+        (CUBE * np.nan, CUBE_FACES, "finite"),
+        (CUBE, [[0, 1]], "give"),
+        (CUBE, [[0, 1, 99]], "vertex 99"),
+        (CUBE, [[0, 1, -2]], "start at 0"),
+        (CUBE, np.array(CUBE_FACES, dtype=float), "integers"),
+        (CUBE, np.zeros((0, 3), dtype=int), "no triangles"),
+    ],
+)
+def test_bad_arrays_are_named(vertices: np.ndarray, faces: object, complaint: str) -> None:
+    with pytest.raises(errors.GraspboxError, match=complaint) as caught:
+        graspbox.mesh_from_arrays(vertices, faces)  # type: ignore[arg-type]
+    assert isinstance(caught.value, ValueError)
+
+
+def test_files_that_are_no_meshes(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No such file") as caught:
+        graspbox.load_mesh(tmp_path / "none.stl")
+    assert isinstance(caught.value, graspbox.GraspboxError)
+    assert caught.value.errno == 2
+    (tmp_path / "empty.stl").touch()
+    (tmp_path / "cut.stl").write_bytes(b"\0" * 80 + b"\xff\xff\0\0" + b"\0" * 10)
+    (tmp_path / "word.doc").write_text("hello")
+    for name in ("empty.stl", "cut.stl", "word.doc"):
+        with pytest.raises(errors.MeshError):
+            graspbox.load_mesh(tmp_path / name)
+
+
+def test_box_of_a_cuboid_is_the_cuboid() -> None:
+    (box,) = graspbox.decompose(cuboid(0.1, 0.2, 0.3), max_boxes=1)
+    assert box.volume == pytest.approx(0.006, rel=1e-3)
+    np.testing.assert_allclose(np.sort(box.half_extents), [0.05, 0.1, 0.15], atol=1e-4)
+    np.testing.assert_allclose(box.axes.T @ box.axes, np.eye(3), atol=1e-9)
+    assert box.contains(box.corners(), 1e-9).all()
+
+
+@pytest.mark.parametrize("fit", ["minimum", "pca"])
+def test_leaves_cover_the_surface(fit: str) -> None:
+    mesh = object_sets.load("procedural:mug:1")[0].load()
+    tree = graspbox.decompose(mesh, fit=fit, max_boxes=6)
+    assert 1 < len(tree) <= 6
+    assert len(tree.nodes) == 2 * len(tree) - 1
+    points, _ = mesh.sample(2000, 5)
+    assert np.any([box.contains(points, 1e-6) for box in tree], axis=0).all()
+
+
+def test_bad_settings_are_named() -> None:
+    mesh = cuboid(0.1, 0.1, 0.1)
+    with pytest.raises(errors.ConfigError, match="area_gain"):
+        graspbox.decompose(mesh, area_gain=2.0)
+    with pytest.raises(errors.ConfigError, match="expected `pca` or `minimum`"):
+        graspbox.decompose(mesh, fit="best")
+    with pytest.raises(TypeError, match="colour"):
+        graspbox.decompose(mesh, colour="red")
+    scene = graspbox.Scene(mesh)
+    with pytest.raises(errors.ConfigError, match="lift_height"):
+        scene.simulate(from_above(0.3)[None], 0.0, config=graspbox.TrialConfig(lift_height=0.01))
+    with pytest.raises(errors.ConfigError, match="dt"):
+        graspbox.Scene(mesh, physics=graspbox.PhysicsConfig(dt=1.0))
+
+
+def test_scene_is_at_rest_where_the_file_stands() -> None:
+    scene = graspbox.Scene(cuboid(0.06, 0.06, 0.1))
+    np.testing.assert_allclose(scene.world_from_object, np.eye(4), atol=2e-3)
+    assert scene.name == "cuboid"
+    lying = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0.03], [0, 0, 0, 1.0]])
+    laid = graspbox.Scene(cuboid(0.06, 0.06, 0.1), world_from_object=lying)
+    np.testing.assert_allclose(laid.world_from_object[:3, :3], lying[:3, :3], atol=2e-2)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((4, 4)), np.eye(3), np.diag([1.0, 1.0, -1.0, 1.0]), 2 * np.eye(4)])
+def test_poses_must_be_rigid(wrong: np.ndarray) -> None:
+    scene = graspbox.Scene(cuboid(0.06, 0.06, 0.1))
+    with pytest.raises(errors.ConfigError, match="pose"):
+        scene.simulate(wrong[None], 0.0)
+    with pytest.raises(errors.ConfigError, match="world_from_object"):
+        graspbox.Scene(cuboid(0.06, 0.06, 0.1), world_from_object=wrong)
+
+
+def test_outcomes_do_not_depend_on_the_number_of_threads() -> None:
+    scene = graspbox.Scene(object_sets.load("procedural:can:1")[0].load())
+    height = scene.mesh.bounds[1, 2]
+    poses = np.stack([from_above(height + 0.005 + 0.01 * i) for i in range(4)])
+    outs = [scene.simulate(poses, np.zeros(4), num_threads=n) for n in (1, 2, 2)]
+    for name in ("success", "secure", "failure", "lift", "kindness_rate", "time"):
+        first, *others = (getattr(out, name) for out in outs)
+        assert all((first == other).all() for other in others), name
+    alone = scene.simulate(poses[2:3], 0.0)
+    assert alone.lift[0] == outs[0].lift[2]
+
+
+def test_trace_tells_the_trial() -> None:
+    scene = graspbox.Scene(cuboid(0.06, 0.06, 0.12, mass=0.1))
+    outcome, trace = scene.trace(from_above(0.14), 0.0)
+    assert len(outcome) == 1
+    assert np.isfinite(outcome.kindness).all()
+    t = len(trace.time)
+    assert trace.world_from_hand.shape == (t, 4, 4)
+    assert trace.fingers.shape == (t, 3, 2)
+    assert trace.tensions.shape == (t, 3)
+    np.testing.assert_allclose(np.diff(trace.time), 0.01, atol=1e-9)
+    assert trace.world_from_hand[-1, 2, 3] - trace.world_from_hand[0, 2, 3] == pytest.approx(0.20, abs=1e-3)
+
+
+def test_hand_from_its_files(tmp_path: Path) -> None:
+    hand = graspbox.load_hand()
+    assert hand.name.lower() == "reflex"
+    assert hand.fingers == 3
+    np.testing.assert_allclose(hand.preshape_limits, (0.0, np.pi / 2))
+    poses, halves, pads = hand.shapes(0.0, np.zeros(3), np.zeros(3))
+    assert poses.shape == (len(halves), 4, 4)
+    assert pads.any()
+    assert not pads.all()
+    with pytest.raises(errors.ConfigError, match="no hand"):
+        graspbox.load_hand("claw")
+    with pytest.raises(OSError, match="No such file"):
+        graspbox.load_hand((tmp_path / "a.urdf", tmp_path / "hand.toml"))
+    (tmp_path / "a.urdf").write_text("<robot/>")
+    (tmp_path / "hand.toml").write_text("")
+    with pytest.raises(errors.HandError):
+        graspbox.load_hand((tmp_path / "a.urdf", tmp_path / "hand.toml"))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.binary(max_size=300))
+def test_no_bytes_crash_the_reader(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    path = tmp_path_factory.mktemp("fuzz") / "x.stl"
+    path.write_bytes(b"solid x\n" + data)
+    with contextlib.suppress(errors.MeshError, errors.ConfigError):
+        graspbox.load_mesh(path)

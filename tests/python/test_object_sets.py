@@ -1,0 +1,185 @@
+"""Object sets: names, folders in the layouts of known collections, splits, masses."""
+
+import csv
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import graspbox
+from graspbox import errors, object_sets
+
+SPLITS: tuple[object_sets.Split, ...] = ("train", "validation", "test")
+TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
+
+
+def write_mesh(path: Path) -> Path:
+    """Write a tetrahedron with sides of 1 in the format that the suffix names."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    if path.suffix == ".off":
+        text = TETRAHEDRON
+    elif path.suffix == ".stl":
+        loops = ["".join(f"vertex {x} {y} {z}\n" for x, y, z in (corners[i] for i in face)) for face in faces]
+        facets = [f"facet normal 0 0 0\nouter loop\n{loop}endloop\nendfacet\n" for loop in loops]
+        text = f"solid t\n{''.join(facets)}endsolid t\n"
+    else:
+        header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        header += "element face 4\nproperty list uchar int vertex_indices\nend_header\n"
+        text = (
+            header + "".join(f"{x} {y} {z}\n" for x, y, z in corners) + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces)
+        )
+    path.write_text(text)
+    return path
+
+
+def test_ycb_is_all_of_the_package_with_its_masses() -> None:
+    ycb = object_sets.load("ycb")
+    assert len(ycb) == 78
+    assert len(set(ycb.names)) == 78
+    masses = {spec.name: spec.mass for spec in ycb}
+    assert masses["006_mustard_bottle"] == 0.603
+    assert all(mass is not None and 0.001 < mass < 1.5 for mass in masses.values())
+    known = Counter(spec.mass_known for spec in ycb)
+    assert set(known) == {"published", "published-unconfirmed", "estimate"}
+    assert known["published"] > known["estimate"]
+
+
+def test_ycb_masses_say_how_they_are_known() -> None:
+    rows = list(csv.DictReader((Path(object_sets.__file__).parent / "data/ycb_masses.csv").read_text().splitlines()))
+    assert {row["name"] for row in rows} == set(object_sets.load("ycb").names)
+    assert all(row["note"] for row in rows if row["known"] != "published")
+
+
+def test_one_ycb_object_loads_with_its_mass() -> None:
+    (spec,) = object_sets.load("ycb:025_mug")
+    mesh = spec.load()
+    assert mesh.name == "025_mug"
+    assert mesh.mass == 0.118
+    assert mesh.bounds.shape == (2, 3)
+    assert 0.05 < (mesh.bounds[1] - mesh.bounds[0]).max() < 0.15
+
+
+def test_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("graspbox.object_sets.util.find_spec", lambda name: None)
+    with pytest.raises(errors.MissingExtraError, match=r"graspbox\[ycb\]"):
+        object_sets.load("ycb")
+    assert "trimesh" not in sys.modules
+
+
+def test_procedural_names_families_and_seeds() -> None:
+    every = object_sets.load("procedural")
+    families = {spec.family for spec in every}
+    assert len(every) == 10 * len(families)
+    assert object_sets.load("procedural:mug:7").names == ("mug-000007",)
+    assert object_sets.load("procedural:mug:3-5").names == ("mug-000003", "mug-000004", "mug-000005")
+    assert len(object_sets.load("procedural:0-1")) == 2 * len(families)
+
+
+def test_procedural_objects_are_watertight_and_have_a_mass() -> None:
+    for spec in object_sets.load("procedural:3"):
+        mesh = spec.load()
+        assert mesh.name == spec.name
+        assert mesh.watertight
+        assert 0.001 < mesh.mass < 5.0
+        assert 0.01 < (mesh.bounds[1] - mesh.bounds[0]).max() < 0.5
+        assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_scale_is_a_factor_where_sizes_are_known() -> None:
+    (real,) = object_sets.load("ycb:013_apple")
+    (half,) = object_sets.load("ycb:013_apple", scale=0.5)
+    assert real.mass is not None
+    assert half.mass == pytest.approx(real.mass / 8)
+    small, large = (object_sets.load("procedural:ball:1", scale=s)[0].load() for s in (1.0, 2.0))
+    assert large.volume == pytest.approx(8 * small.volume)
+    assert large.mass == pytest.approx(8 * small.mass)
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("procedural:spaceship", "no family"),
+        ("procedural:mug:9-3", "no range"),
+        ("procedural:mug:a", "no range"),
+        ("procedural:mug:1:2", "too many parts"),
+        ("procedural:0-9999999", "at most"),
+        ("ycb:999_unicorn", "no YCB mesh"),
+        ("dir:/no/such/folder", "no folder"),
+        ("nothing.stl", "no mesh file"),
+        ("cupboard", "names no object set"),
+    ],
+)
+def test_bad_names_are_explained(name: str, complaint: str) -> None:
+    with pytest.raises(errors.ObjectSetError, match=complaint):
+        object_sets.load(name)
+
+
+def test_folders_in_the_layouts_of_known_collections(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "025_mug/meshes/poisson_mesh.stl")
+    write_mesh(tmp_path / "025_mug/meshes/tsdf_mesh.stl")
+    write_mesh(tmp_path / "expo_eraser/textured_meshes/optimized_tsdf_textured_mesh.ply")
+    write_mesh(tmp_path / "m1234.off")
+    write_mesh(tmp_path / "more/deep/m7.off")
+    (tmp_path / "notes.txt").write_text("not a mesh")
+    found = object_sets.load(f"dir:{tmp_path}", scale=0.3)
+    assert found.names == ("025_mug", "expo_eraser", "m1234", "more/deep/m7")
+    assert found[0].path is not None
+    assert found[0].path.name == "tsdf_mesh.stl"
+    assert found[0].mass == 0.118
+    for spec in found:
+        assert spec.load().volume == pytest.approx(0.3**3 / 6)
+
+
+def test_a_file_is_a_set_and_a_list_joins_sets(tmp_path: Path) -> None:
+    path = write_mesh(tmp_path / "thing.stl")
+    joined = object_sets.load([str(path), "procedural:ball:0"], mass=0.2)
+    assert joined.names == ("thing", "ball-000000")
+    assert [spec.load().mass for spec in joined] == [0.2, 0.2]
+    with pytest.raises(errors.ObjectSetError, match="two objects named 'thing'"):
+        object_sets.load([str(path), str(path)])
+    with pytest.raises(errors.ObjectSetError, match="dir:"):
+        object_sets.load(str(tmp_path))
+
+
+def test_splits_part_the_objects() -> None:
+    every = object_sets.load("procedural:0-99")
+    parts = {split: set(every.split(split).names) for split in SPLITS}
+    assert set.union(*parts.values()) == set(every.names)
+    assert sum(map(len, parts.values())) == len(every)
+    assert 0.66 < len(parts["train"]) / len(every) < 0.74
+    with pytest.raises(errors.ObjectSetError, match="no split"):
+        every.split("holdout")  # type: ignore[arg-type]
+
+
+@given(st.text(min_size=1, max_size=40))
+def test_a_split_is_a_matter_of_the_name_alone(name: str) -> None:
+    first = object_sets.ObjectSpec(name, family="mug", seed=1)
+    second = object_sets.ObjectSpec(name, path=Path("x.stl"), mass=1.0)
+    assert first.split == second.split
+
+
+def test_splits_do_not_move() -> None:
+    """A golden list: if it changes, published test sets leak into training, which is a new major version."""
+    names = ("002_master_chef_can", "011_banana", "025_mug", "048_hammer", "mug-000000", "mug-000001")
+    found = {name: object_sets.ObjectSpec(name).split for name in names}
+    assert found == {
+        "002_master_chef_can": "test",
+        "011_banana": "train",
+        "025_mug": "train",
+        "048_hammer": "train",
+        "mug-000000": "train",
+        "mug-000001": "validation",
+    }
+
+
+def test_meshes_load_from_every_format(tmp_path: Path) -> None:
+    for suffix in (".stl", ".ply", ".off"):
+        mesh = graspbox.load_mesh(write_mesh(tmp_path / f"t{suffix}"), scale=0.1)
+        assert mesh.volume == pytest.approx(1e-3 / 6)
+        assert mesh.watertight
+        assert mesh.mass == pytest.approx(mesh.volume * 400)
