@@ -11,13 +11,20 @@ use std::sync::Arc;
 fn main() {
     let folder = std::env::args().nth(1).unwrap();
     let only = std::env::args().nth(2);
+    let env = |k: &str, d: f64| std::env::var(k).map_or(d, |v| v.parse().unwrap());
+    let physics = PhysicsConfig {
+        dt: env("DT", 0.002),
+        solver_iterations: env("ITERS", 4.0) as usize,
+        ..PhysicsConfig::default()
+    };
     let hand = Arc::new(Hand::reflex().unwrap().clone());
     let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).collect();
     files.sort();
+    let mut labels = String::new();
     let mut total = (0, 0, 0.0, 0);
     for file in files {
         let name = file.file_stem().unwrap().to_string_lossy().to_string();
-        if only.as_ref().is_some_and(|o| !name.contains(o.as_str())) {
+        if only.as_ref().is_some_and(|o| !o.split(',').any(|o| name.contains(o))) {
             continue;
         }
         let mesh = graspbox_mesh::load(&file, &graspbox_mesh::io::LoadOptions::default()).unwrap();
@@ -29,7 +36,7 @@ fn main() {
             parts: None,
         };
         let body = Body::prepare(&spec, Some(cache)).unwrap();
-        let scene = Arc::new(Scene::new(&body, hand.clone(), PhysicsConfig::default(), None).unwrap());
+        let scene = Arc::new(Scene::new(&body, hand.clone(), physics, None).unwrap());
         let top = body.mesh().transformed(scene.world_from_object()).aabb().max.z;
         let c = scene.world_from_object() * body.mass_properties().center_of_mass;
         let poses: Vec<_> = (0..16)
@@ -47,8 +54,9 @@ fn main() {
         let clock = std::time::Instant::now();
         let out = run_trials(&scene, &poses, TrialConfig::default(), &Progress::default()).unwrap();
         let wall = clock.elapsed().as_secs_f64();
+        labels.extend(out.iter().map(|o| if o.success { '1' } else { '0' }));
         let ok = out.iter().filter(|o| o.success).count();
-        let steps: f64 = out.iter().map(|o| o.time / PhysicsConfig::default().dt).sum();
+        let steps: f64 = out.iter().map(|o| o.time / physics.dt).sum();
         let mut why: BTreeMap<String, usize> = BTreeMap::new();
         for o in out.iter().filter(|o| !o.success) {
             *why.entry(format!("{:?}", o.failure)).or_default() += 1;

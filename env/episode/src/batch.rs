@@ -46,10 +46,19 @@ pub fn run_trials(
     progress: &Progress,
 ) -> Result<Vec<TrialOutcome>, EpisodeError> {
     config.validate()?;
-    let one = |pose: &GraspPose| {
-        let outcome = Trial::new(scene, pose, config, false).run(&|| progress.stopped());
+    let one = |pose: &GraspPose| -> Result<Option<TrialOutcome>, EpisodeError> {
+        if progress.stopped() {
+            return Ok(None);
+        }
+        let outcome = if scene.reachable(pose, config.standoff)? {
+            Trial::new(scene, pose, config, false)
+                .run(&|| progress.stopped())?
+                .map(|(outcome, _)| outcome)
+        } else {
+            Some(TrialOutcome::infeasible())
+        };
         progress.step();
-        outcome.map(|finished| finished.map(|(outcome, _)| outcome))
+        Ok(outcome)
     };
     let outcomes = poses
         .par_iter()

@@ -20,6 +20,14 @@ pub enum EpisodeError {
         /// What the mesh code said.
         source: graspbox_mesh::MeshError,
     },
+    /// The planner refused.
+    #[error("object `{object}`: {source}")]
+    Plan {
+        /// Name of the object.
+        object: String,
+        /// What the planner said.
+        source: graspbox_plan::PlanError,
+    },
     /// A trial setting is out of its range.
     #[error("trial setting `{field}` is {value}, but it must be {expected}")]
     BadConfig {

@@ -1,7 +1,8 @@
 //! An object at rest on the table, ready to be cloned into episodes.
 
 use crate::{Body, EpisodeError};
-use graspbox_hand::{Hand, MotorCommand};
+use graspbox_hand::{GraspPose, Hand, MotorCommand};
+use graspbox_plan::{CollisionScene, Feasibility, Plan, PlanObject, PlanParams};
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
@@ -22,6 +23,8 @@ pub struct Scene {
     world_from_object: Isometry3<f64>,
     center_of_mass: Point3<f64>,
     base_point: Point3<f64>,
+    /// For the collision filter; none for an object without a mesh.
+    obstacles: Option<CollisionScene>,
 }
 
 impl Scene {
@@ -44,7 +47,14 @@ impl Scene {
             (bounds.min.y + bounds.max.y) / 2.0,
             bounds.min.z,
         );
-        Self::settle(body.name(), hand, body.model(), physics, &start, start.inverse() * base)
+        let mut scene = Self::settle(body.name(), hand, body.model(), physics, &start, start.inverse() * base)?;
+        let obstacles = CollisionScene::new(body.mesh(), body.hulls(), &scene.world_from_object);
+        let plan_error = |source| EpisodeError::Plan {
+            object: body.name().to_owned(),
+            source,
+        };
+        scene.obstacles = Some(obstacles.map_err(plan_error)?);
+        Ok(scene)
     }
 
     /// Lets `object` settle on the table from `world_from_object`.
@@ -104,6 +114,44 @@ impl Scene {
             world_from_object,
             center_of_mass: center,
             base_point,
+            obstacles: None,
+        })
+    }
+
+    /// True when the open hand reaches `pose` from `standoff` metres behind without touching object or table.
+    ///
+    /// An object without a mesh (a primitive of [`Scene::settle`]) is not checked: every pose passes.
+    ///
+    /// # Errors
+    /// A preshape that the hand does not take.
+    pub fn reachable(&self, pose: &GraspPose, standoff: f64) -> Result<bool, EpisodeError> {
+        let Some(obstacles) = &self.obstacles else {
+            return Ok(true);
+        };
+        let plan_error = |source| EpisodeError::Plan {
+            object: self.name.clone(),
+            source,
+        };
+        let found = obstacles
+            .check_pose(self.template.hand(), pose, 0.0, standoff)
+            .map_err(plan_error)?;
+        Ok(found == Feasibility::Feasible)
+    }
+
+    /// Plans grasps of `body` as it rests in this scene.
+    ///
+    /// # Errors
+    /// Planner settings out of range, or a mesh that cannot be cut into boxes.
+    pub fn plan(&self, body: &Body, params: &PlanParams) -> Result<Plan, EpisodeError> {
+        let object = PlanObject {
+            mesh: body.mesh(),
+            parts: body.hulls(),
+            center_of_mass: self.center_of_mass,
+            world_from_object: self.world_from_object,
+        };
+        graspbox_plan::plan(&object, self.template.hand(), params).map_err(|source| EpisodeError::Plan {
+            object: self.name.clone(),
+            source,
         })
     }
 

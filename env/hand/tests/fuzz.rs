@@ -98,10 +98,7 @@ fn mutated_files_never_panic_and_never_make_an_impossible_hand() {
             Err(other) => panic!("{other}"),
         }
     }
-    assert!(
-        refused > 500 && accepted > 50,
-        "{refused} refused, {accepted} accepted"
-    );
+    assert!(refused > 500 && accepted > 50, "{refused} refused, {accepted} accepted");
 }
 
 fn assert_sound(hand: &Hand) {

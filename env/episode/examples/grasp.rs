@@ -1,0 +1,81 @@
+//! Plans and tries grasps on every mesh of a folder: the developer's view of `graspbox grasp`.
+#![allow(clippy::unwrap_used)]
+use graspbox_episode::{Body, ObjectSpec, Progress, Scene, TrialConfig, run_trials};
+use graspbox_hand::Hand;
+use graspbox_plan::PlanParams;
+use graspbox_sim::PhysicsConfig;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+fn main() {
+    let folder = std::env::args().nth(1).unwrap();
+    let only = std::env::args().nth(2).filter(|o| o != "all");
+    let env = |k: &str, d: f64| std::env::var(k).map_or(d, |v| v.parse().unwrap());
+    let poses = env("POSES", 20.0) as usize;
+    let physics = PhysicsConfig {
+        dt: env("DT", 0.002),
+        solver_iterations: env("ITERS", 4.0) as usize,
+        ..PhysicsConfig::default()
+    };
+    let hand = Arc::new(Hand::reflex().unwrap().clone());
+    let masses: BTreeMap<String, f64> = std::fs::read_to_string(std::env::var("MASSES").unwrap_or_default())
+        .unwrap_or_default()
+        .lines()
+        .filter_map(|l| {
+            let mut f = l.split(',');
+            Some((f.next()?.to_owned(), f.next()?.parse().ok()?))
+        })
+        .collect();
+    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).collect();
+    files.sort();
+    let mut labels = String::new();
+    let (mut ok_all, mut tried, mut wall_all, mut any, mut first, mut n) = (0, 0, 0.0, 0, 0, 0);
+    for file in files {
+        let name = file.file_stem().unwrap().to_string_lossy().to_string();
+        if only.as_ref().is_some_and(|o| !o.split(',').any(|o| name.contains(o))) {
+            continue;
+        }
+        n += 1;
+        let mesh = graspbox_mesh::load(&file, &graspbox_mesh::io::LoadOptions::default()).unwrap();
+        let mass = masses.get(&name).copied();
+        let spec = ObjectSpec {
+            name: name.clone(),
+            mesh,
+            mass,
+            parts: None,
+        };
+        let body = Body::prepare(&spec, Some(std::path::Path::new("/tmp/gbcache"))).unwrap();
+        let scene = Arc::new(Scene::new(&body, hand.clone(), physics, None).unwrap());
+        let clock = std::time::Instant::now();
+        let plan = scene.plan(&body, &PlanParams::default()).unwrap();
+        let planning = clock.elapsed().as_secs_f64();
+        let grasps: Vec<_> = plan.ranked().iter().take(poses).map(|c| c.grasp).collect();
+        let clock = std::time::Instant::now();
+        let out = run_trials(&scene, &grasps, TrialConfig::default(), &Progress::default()).unwrap();
+        let wall = clock.elapsed().as_secs_f64();
+        labels.extend(out.iter().map(|o| if o.success { '1' } else { '0' }));
+        let ok = out.iter().filter(|o| o.success).count();
+        let mut why: BTreeMap<String, usize> = BTreeMap::new();
+        for o in out.iter().filter_map(|o| o.failure) {
+            *why.entry(format!("{o:?}")).or_default() += 1;
+        }
+        let lucky = out.first().is_some_and(|o| o.success);
+        (ok_all, tried, wall_all) = (ok_all + ok, tried + out.len(), wall_all + wall);
+        (any, first) = (any + usize::from(ok > 0), first + usize::from(lucky));
+        println!(
+            "{name:28} {ok:2}/{:2} first {} cand {} feas {} plan {planning:.2} s, {:.1} trials/s {why:?}",
+            out.len(),
+            u8::from(lucky),
+            plan.candidates.len(),
+            plan.feasible,
+            out.len() as f64 / wall
+        );
+    }
+    println!("LABELS {labels}");
+    println!(
+        "rate {ok_all}/{tried} = {:.3}, objects {any}/{n}, first {first}/{n} = {:.3}, {:.1} trials/s",
+        ok_all as f64 / tried as f64,
+        first as f64 / n as f64,
+        tried as f64 / wall_all
+    );
+}
