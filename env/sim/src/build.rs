@@ -86,6 +86,7 @@ struct Carrier {
 pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
     IntegrationParameters {
         dt: config.dt as f32,
+        length_unit: frames::UNIT as f32,
         num_solver_iterations: config.solver_iterations,
         contact_softness: SpringCoefficients::new(config.contact_frequency as f32, config.contact_damping_ratio as f32),
         static_contact_softness: SpringCoefficients::new(
@@ -157,8 +158,8 @@ fn insert_scenery(
         .pose(frames::pose(base_from_world))
         .can_sleep(false);
     let body = world.bodies.insert(body);
-    let half = TABLE_SIDE as f32 / 2.0;
-    let thick = TABLE_THICKNESS as f32 / 2.0;
+    let half = frames::length(TABLE_SIDE / 2.0);
+    let thick = frames::length(TABLE_THICKNESS / 2.0);
     let table = surface(
         SharedShape::cuboid(half, half, thick),
         config.friction.table,
@@ -168,9 +169,10 @@ fn insert_scenery(
     )
     .translation(Vector::new(0.0, 0.0, -thick));
     // A thick slab, not a half-space: an unbounded shape would be a contact candidate of everything at every step.
-    let ground_half = SharedShape::cuboid(GROUND_SIDE as f32 / 2.0, GROUND_SIDE as f32 / 2.0, thick);
+    let ground_side = frames::length(GROUND_SIDE / 2.0);
+    let ground_half = SharedShape::cuboid(ground_side, ground_side, thick);
     let ground = surface(ground_half, config.friction.table, Part::Ground, GROUND, Group::ALL)
-        .translation(Vector::new(0.0, 0.0, -TABLE_HEIGHT as f32 - thick));
+        .translation(Vector::new(0.0, 0.0, frames::length(-TABLE_HEIGHT) - thick));
     for collider in [table, ground] {
         world.colliders.insert_with_parent(collider, body, &mut world.bodies);
     }
@@ -218,9 +220,14 @@ fn insert_colliders(
     for (link, carrier_from_link) in &carrier.links {
         for (index, collider) in hand.links[*link].colliders.iter().enumerate() {
             let shape = match collider.shape {
-                Shape::Cuboid(h) => SharedShape::cuboid(h.x as f32, h.y as f32, h.z as f32),
-                Shape::Sphere { radius } => SharedShape::ball(radius as f32),
-                Shape::Cylinder { radius, half_length } => SharedShape::cylinder(half_length as f32, radius as f32),
+                Shape::Cuboid(h) => {
+                    let h = frames::lengths(&h);
+                    SharedShape::cuboid(h.x, h.y, h.z)
+                }
+                Shape::Sphere { radius } => SharedShape::ball(frames::length(radius)),
+                Shape::Cylinder { radius, half_length } => {
+                    SharedShape::cylinder(frames::length(half_length), frames::length(radius))
+                }
             };
             // The engine's cylinders stand along y, URDF's along z.
             let turn = match collider.shape {
@@ -326,7 +333,7 @@ fn link_mass(hand: &Hand, link: usize, carrier_from_link: &Isometry3<f64>) -> Ma
     let turn = carrier_from_link.rotation.to_rotation_matrix();
     let inertia = turn.matrix() * link.inertia * turn.matrix().transpose();
     let center: Point3<f64> = carrier_from_link * link.center_of_mass;
-    MassProperties::with_inertia_matrix(frames::point(&center), link.mass as f32, frames::matrix(&inertia))
+    MassProperties::with_inertia_matrix(frames::point(&center), link.mass as f32, frames::inertia(&inertia))
 }
 
 /// A revolute joint about the hand's axis: the engine turns about its local x.
@@ -353,8 +360,8 @@ fn set_losses(world: &mut PhysicsWorld, hand: &Hand, finger: usize, handles: &Fi
             let Some(id) = multibody.link(link).map(|l| l.assembly_id()) else {
                 continue;
             };
-            multibody.damping_mut()[id] = damping as f32;
-            multibody.armature_mut()[id] = flexure.armature as f32;
+            multibody.damping_mut()[id] = (damping * frames::TORQUE_UNIT) as f32;
+            multibody.armature_mut()[id] = (flexure.armature * frames::TORQUE_UNIT) as f32;
         }
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 /// Two bodies touch when a contact presses, or when they are nearer than this, metres: half the penetration that the solver
 /// leaves alone.
-const TOUCH: f32 = 2.5e-4;
+const TOUCH: f64 = 2.5e-4;
 
 /// What the object touches, summed over its contacts.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -61,8 +61,8 @@ impl World {
                 least = least.min(point.dist);
                 impulse += point.data.impulse;
             }
-            let touches = impulse > 0.0 || least < TOUCH;
-            let depth = (-least).max(0.0) as f64;
+            let touches = impulse > 0.0 || frames::metres(least) < TOUCH;
+            let depth = frames::metres(-least).max(0.0);
             match self.part(other) {
                 Part::Table | Part::Ground => {
                     found.scenery |= touches;
@@ -70,7 +70,7 @@ impl World {
                 }
                 Part::Link { link, .. } => {
                     found.hand_depth = found.hand_depth.max(depth);
-                    found.hand_force += (impulse / dt) as f64;
+                    found.hand_force += frames::metres(impulse / dt);
                     if touches {
                         found.links.push(link);
                     }
@@ -136,9 +136,9 @@ impl World {
                         };
                         found.push(LinkContact {
                             link,
-                            point: pose * Point3::from(frames::vector64(local)),
+                            point: pose * Point3::from(frames::metres64(local)),
                             normal: pose * frames::vector64(normal),
-                            force: (p.data.impulse / dt) as f64,
+                            force: frames::metres(p.data.impulse / dt),
                         });
                     }
                 }

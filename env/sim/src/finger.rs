@@ -1,6 +1,7 @@
 //! The tendon law: one unilateral, compliant tendon over two joints, written into the engine's implicit joint springs.
 
 use crate::build::FingerHandles;
+use crate::frames;
 use graspbox_hand::{Finger, Joint};
 use rapier3d::prelude::{MultibodyJointHandle, PhysicsWorld};
 
@@ -66,10 +67,13 @@ impl Drive {
         if let Some((multibody, link)) = world.multibody_joints.get_mut(handle)
             && let Some(link) = multibody.link_mut(link)
         {
-            link.joint
-                .set_spring(ANGLE, stiffness as f32, (self.torque_at_zero / stiffness) as f32);
+            link.joint.set_spring(
+                ANGLE,
+                (stiffness * frames::TORQUE_UNIT) as f32,
+                (self.torque_at_zero / stiffness) as f32,
+            );
             let id = link.assembly_id();
-            multibody.damping_mut()[id] = self.damping as f32;
+            multibody.damping_mut()[id] = (self.damping * frames::TORQUE_UNIT) as f32;
         }
     }
 }

@@ -53,7 +53,7 @@ impl BaseMotion {
         let angular_acceleration = (angular - self.angular) / dt;
         let base_from_world = self.world_from_base.rotation.inverse();
         let forces = FrameForces {
-            gravity: frames::vector(&(base_from_world * (gravity - acceleration))),
+            gravity: frames::lengths(&(base_from_world * (gravity - acceleration))),
             omega: frames::vector(&(base_from_world * angular)),
             alpha: frames::vector(&(base_from_world * angular_acceleration)),
         };

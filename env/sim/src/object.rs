@@ -60,7 +60,7 @@ impl ObjectModel {
         }
         let shape = shape_of(geometry)?;
         let mass_properties =
-            MassProperties::with_inertia_matrix(frames::point(&center_of_mass), mass as f32, frames::matrix(&inertia));
+            MassProperties::with_inertia_matrix(frames::point(&center_of_mass), mass as f32, frames::inertia(&inertia));
         Ok(Self {
             shape,
             mass_properties,
@@ -106,7 +106,7 @@ impl ObjectModel {
 
     /// Height of the lowest point of the collision geometry above the table when the object is posed at `world_from_object`.
     pub fn lowest_point(&self, world_from_object: &Isometry3<f64>) -> f64 {
-        self.shape.compute_aabb(&frames::pose(world_from_object)).mins.z as f64
+        frames::metres(self.shape.compute_aabb(&frames::pose(world_from_object)).mins.z)
     }
 }
 
@@ -114,11 +114,14 @@ fn shape_of(geometry: &Geometry) -> Result<SharedShape, SimError> {
     use rapier3d::math::Pose;
     let cylinder_up = Pose::from_rotation(rapier3d::math::Rotation::from_rotation_x(std::f32::consts::FRAC_PI_2));
     Ok(match geometry {
-        Geometry::Cuboid(h) => SharedShape::cuboid(h.x as f32, h.y as f32, h.z as f32),
-        Geometry::Ball { radius } => SharedShape::ball(*radius as f32),
+        Geometry::Cuboid(h) => {
+            let h = frames::lengths(h);
+            SharedShape::cuboid(h.x, h.y, h.z)
+        }
+        Geometry::Ball { radius } => SharedShape::ball(frames::length(*radius)),
         Geometry::Cylinder { radius, half_length } => SharedShape::compound(vec![(
             cylinder_up,
-            SharedShape::cylinder(*half_length as f32, *radius as f32),
+            SharedShape::cylinder(frames::length(*half_length), frames::length(*radius)),
         )]),
         Geometry::Parts(parts) => {
             let mut shapes = Vec::with_capacity(parts.len());

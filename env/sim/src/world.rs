@@ -333,7 +333,7 @@ impl World {
         let body = self.body(self.shared.handles.object);
         let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
         (
-            hand_from_base * frames::vector64(body.linvel()),
+            hand_from_base * frames::metres64(body.linvel()),
             hand_from_base * frames::vector64(body.angvel()),
         )
     }
@@ -353,7 +353,7 @@ impl World {
             base_from_world * (angular - self.state.motion.angular),
         );
         if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.object) {
-            body.set_linvel(frames::vector(&linear), true);
+            body.set_linvel(frames::lengths(&linear), true);
             body.set_angvel(frames::vector(&angular), true);
         }
     }
