@@ -1,23 +1,44 @@
 //! Snapshot and restore of a world in mid-motion: the same bits go on from both.
 
 use crate::SimError;
+use crate::config::PhysicsConfig;
+use crate::object::ObjectModel;
 use crate::world::{State, Template, World};
+use graspbox_hand::Hand;
 use rapier3d::prelude::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
 /// Leads every snapshot; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbworld1";
+const MAGIC: &[u8; 8] = b"gbworld2";
 /// Length of the checksum that follows.
 const CHECKSUM: usize = 32;
 
+/// Names what a snapshot can be restored into: a hand, an object, settings.
+pub(crate) type Identity = [u8; 32];
+
+/// Hash of everything that a template is built from: worlds of equal templates may be exchanged, others may not.
+pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig) -> Result<Identity, SimError> {
+    let mass = &object.mass_properties;
+    let bytes = postcard::to_allocvec(&(&object.shape, mass, config)).map_err(|_| SimError::BadSnapshot {
+        why: "the object's shape could not be written",
+    })?;
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&bytes);
+    // Every number of the hand, written so that it can be told from any other.
+    hasher.update(format!("{hand:?}").as_bytes());
+    Ok(*hasher.finalize().as_bytes())
+}
+
 #[derive(Serialize)]
 struct Saved<'a> {
+    identity: &'a Identity,
     physics: &'a PhysicsWorld,
     state: &'a State,
 }
 
 #[derive(Deserialize)]
 struct Loaded {
+    identity: Identity,
     physics: PhysicsWorld,
     state: State,
 }
@@ -29,6 +50,7 @@ impl World {
     /// [`SimError::BadSnapshot`] if the engine's state cannot be written.
     pub fn snapshot(&self) -> Result<Vec<u8>, SimError> {
         let saved = Saved {
+            identity: self.identity(),
             physics: self.physics(),
             state: self.state(),
         };
@@ -46,7 +68,7 @@ impl Template {
     /// The world that [`World::snapshot`] saved; it goes on bit for bit as the original does.
     ///
     /// # Errors
-    /// [`SimError::BadSnapshot`] for bytes of another version, or damaged ones, or ones of another hand.
+    /// [`SimError::BadSnapshot`] for bytes of another version, or damaged ones, or ones of another hand, object or setting.
     pub fn restore(&self, bytes: &[u8]) -> Result<World, SimError> {
         let bad = |why| SimError::BadSnapshot { why };
         let rest = bytes
@@ -56,8 +78,12 @@ impl Template {
         if blake3::hash(body).as_bytes() != sum {
             return Err(bad("its checksum does not match; it was cut off or changed"));
         }
-        let Loaded { physics, state } = postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))?;
-        self.resume(physics, state)
-            .ok_or_else(|| bad("it was taken with another hand"))
+        let Loaded {
+            identity,
+            physics,
+            state,
+        } = postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))?;
+        self.resume(&identity, physics, state)
+            .ok_or_else(|| bad("it was taken with another hand, object or physics setting"))
     }
 }

@@ -5,6 +5,7 @@ use crate::config::PhysicsConfig;
 use crate::finger::{self, JointState};
 use crate::motion::BaseMotion;
 use crate::object::ObjectModel;
+use crate::snapshot::{self, Identity};
 use crate::{SimError, frames};
 use graspbox_hand::{Hand, MotorCommand, MotorKind, MotorState};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -57,6 +58,7 @@ struct Shared {
     config: PhysicsConfig,
     mass: f64,
     object_from_center: Vector3<f64>,
+    identity: Identity,
 }
 
 /// A table, one object and one hand, simulated in the frame of the hand's base.
@@ -75,6 +77,7 @@ impl Template {
         config.validate()?;
         let (physics, handles) = build::build(&hand, object, &config, &Isometry3::identity(), &Isometry3::identity())?;
         let shared = Shared {
+            identity: snapshot::identity(&hand, object, &config)?,
             hand,
             handles,
             config,
@@ -120,10 +123,11 @@ impl Template {
         }
     }
 
-    /// A world from a saved state, if that state is of this template's hand.
-    pub(crate) fn resume(&self, physics: PhysicsWorld, state: State) -> Option<World> {
+    /// A world from a saved state, if that state is of an equal template.
+    pub(crate) fn resume(&self, identity: &Identity, physics: PhysicsWorld, state: State) -> Option<World> {
         let hand = &self.shared.hand;
-        let same = state.motors.len() == hand.motors.len()
+        let same = *identity == self.shared.identity
+            && state.motors.len() == hand.motors.len()
             && state.tensions.len() == hand.fingers.len()
             && physics.bodies.len() == self.physics.bodies.len()
             && physics.colliders.len() == self.physics.colliders.len();
@@ -403,6 +407,10 @@ impl World {
 
     pub(crate) fn state(&self) -> &State {
         &self.state
+    }
+
+    pub(crate) fn identity(&self) -> &Identity {
+        &self.shared.identity
     }
 
     pub(crate) fn handles(&self) -> &Handles {

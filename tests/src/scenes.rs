@@ -1,0 +1,59 @@
+//! Procedural objects at rest, with the planner's poses for them.
+
+use graspbox_episode::{Body, ObjectSpec, Scene};
+use graspbox_hand::GraspPose;
+use graspbox_mesh::TriMesh;
+use graspbox_mesh::procedural::{Family, generate};
+use graspbox_plan::{PlanObject, PlanParams, plan};
+use graspbox_sim::PhysicsConfig;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Object `seed` of `family`, ready to be simulated.
+pub fn procedural(family: Family, seed: u64) -> Body {
+    let object = generate(family, seed).unwrap();
+    let spec = ObjectSpec {
+        name: object.name,
+        mesh: object.mesh,
+        mass: Some(object.mass),
+        parts: object.parts,
+    };
+    Body::prepare(&spec, None).unwrap()
+}
+
+/// A mesh file as an object of `mass` kilograms; its convex parts are kept in `cache`.
+pub fn from_file(file: &Path, mass: f64, cache: &Path) -> Body {
+    let mesh = graspbox_mesh::load(file, &graspbox_mesh::LoadOptions::default()).unwrap();
+    let name = file.file_stem().unwrap().to_string_lossy().into_owned();
+    let spec = ObjectSpec {
+        name,
+        mesh,
+        mass: Some(mass),
+        parts: None,
+    };
+    Body::prepare(&spec, Some(cache)).unwrap()
+}
+
+/// `body` at rest on the table under `physics`.
+pub fn scene(body: &Body, physics: PhysicsConfig) -> Arc<Scene> {
+    let hand = Arc::new(crate::bench::reflex());
+    Arc::new(Scene::new(body, hand, physics, None).unwrap())
+}
+
+/// The first `count` feasible poses of the planner for `body` as it lies in `scene`, in its ranking order.
+pub fn planned(body: &Body, scene: &Scene, count: usize, seed: u64) -> Vec<GraspPose> {
+    let hulls = body.parts().iter().map(|p| graspbox_mesh::convex_hull(p));
+    let parts: Vec<TriMesh> = hulls.collect::<Result<_, _>>().unwrap();
+    let object = PlanObject {
+        mesh: body.mesh(),
+        parts: &parts,
+        center_of_mass: body.mass_properties().center_of_mass,
+        world_from_object: *scene.world_from_object(),
+    };
+    let params = PlanParams {
+        seed,
+        ..PlanParams::default()
+    };
+    let plan = plan(&object, scene.template().hand(), &params).unwrap();
+    plan.ranked().iter().take(count).map(|c| c.grasp).collect()
+}
