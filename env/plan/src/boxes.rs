@@ -20,6 +20,7 @@ mod split;
 mod surface;
 mod tree;
 
+pub(crate) use core_set::half_sphere;
 pub use decompose::{DecomposeParams, decompose, decompose_points};
 pub use fit::{Fit, fit_box};
 pub use obb::OrientedBox;

@@ -1,11 +1,12 @@
 //! The planner: boxes, candidate poses, collision filter, ranking.
 
+use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
 use crate::collision::{CollisionScene, Feasibility};
 use crate::error::in_range;
 use crate::open_hand::OpenHand;
 use crate::poses::{PoseParams, Proposal, propose};
-use crate::{PlanError, rank};
+use crate::rank::{self, Prediction};
 use graspbox_hand::{GraspPose, Hand};
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Point3};
@@ -17,8 +18,8 @@ use serde::{Deserialize, Serialize};
 pub struct PlanObject<'a> {
     /// Surface, object frame, metres.
     pub mesh: &'a TriMesh,
-    /// Convex parts that the simulation uses, object frame; may be empty. They count as obstacles beside the mesh.
-    pub parts: &'a [TriMesh],
+    /// Points that span the convex parts which the simulation uses, object frame; may be empty. They count as obstacles beside the mesh.
+    pub parts: &'a [Vec<Point3<f64>>],
     /// Centre of mass, object frame, metres.
     pub center_of_mass: Point3<f64>,
     /// Where the object rests.
@@ -71,6 +72,8 @@ pub struct Candidate {
     pub score: f64,
     /// What the collision filter found.
     pub feasibility: Feasibility,
+    /// What closing the hand would look like; none for poses that are not feasible.
+    pub prediction: Option<Prediction>,
 }
 
 impl Candidate {
@@ -128,6 +131,7 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
             box_index: proposal.box_index,
             face: proposal.face,
             score: 0.0,
+            prediction: None,
             feasibility: scene.check(hands.at(proposal.grasp.preshape), &proposal.grasp.object_from_hand),
         })
         .collect();

@@ -1,23 +1,62 @@
-//! Ranking: geometry alone.
+//! Ranking: geometry alone. Each feasible pose is closed on the surface (`finger`), described in numbers (`predict`, `wrench`), and
+//! scored by a fixed sum of these.
+
+mod finger;
+mod predict;
+mod wrench;
+
+pub use predict::Prediction;
 
 use crate::PlanError;
 use crate::collision::CollisionScene;
 use crate::planner::{Candidate, PlanObject};
 use graspbox_hand::Hand;
-use nalgebra::Vector3;
+use graspbox_mesh::sample_surface;
+use predict::{ClosingHand, Target, closing_hand, predict};
+use rayon::prelude::*;
 
-/// Scores feasible candidates and sorts them, best first.
+/// Surface points that fingers close on: about 5 mm apart on a hand-sized object, against fingers 14 mm wide.
+const SAMPLES: usize = 3000;
+
+/// Scores feasible candidates and sorts them, best first; equal scores keep their order.
+///
+/// # Errors
+/// [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape.
 pub(crate) fn rank(
     object: &PlanObject<'_>,
-    _hand: &Hand,
-    _scene: &CollisionScene,
+    hand: &Hand,
+    scene: &CollisionScene,
     candidates: &mut [Candidate],
 ) -> Result<(), PlanError> {
-    for candidate in candidates.iter_mut() {
-        let hand_from_object = candidate.grasp.object_from_hand.inverse();
-        let com = hand_from_object * object.center_of_mass;
-        candidate.score = 1.0 / (1.0 + (com - Vector3::new(0.0, 0.0, 0.06)).coords.norm());
+    let samples = sample_surface(object.mesh, SAMPLES, 0);
+    let target = Target {
+        samples: &samples,
+        center_of_mass: object.center_of_mass,
+        scene,
+    };
+    let mut hands: Vec<ClosingHand> = Vec::new();
+    for candidate in candidates.iter() {
+        if !hands.iter().any(|known| known.preshape == candidate.grasp.preshape) {
+            hands.push(closing_hand(hand, candidate.grasp.preshape)?);
+        }
     }
+    candidates.par_iter_mut().for_each(|candidate| {
+        if let Some(hand) = hands.iter().find(|known| known.preshape == candidate.grasp.preshape) {
+            let prediction = predict(&target, hand, &candidate.grasp.object_from_hand);
+            candidate.score = score(&prediction);
+            candidate.prediction = Some(prediction);
+        }
+    });
     candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
     Ok(())
+}
+
+/// The score of a prediction; higher is better.
+fn score(p: &Prediction) -> f64 {
+    let reach = |x: f64, scale: f64| (x / scale).min(1.0);
+    p.fingers + 0.25 * p.pads + reach(p.epsilon, 0.3) + p.balance + 0.5 * p.lifting.max(0.0) + 0.5 * reach(p.wrap, 2.0)
+        - 2.0 * reach(p.lever, 0.1)
+        - 0.5 * reach(p.uneven, 1.0)
+        - reach(p.offset, 0.1)
+        - 0.3 * p.on_table
 }

@@ -1,0 +1,292 @@
+//! A finger that closes in its plane until it is blocked: what an underactuated finger does, without dynamics.
+//!
+//! The finger is two chains of rectangles in the plane across its joints' axis. One tendon pulls both joints: it shortens by
+//! `r_p dq_p + r_d dq_d`, and the finger moves wherever that is positive and nothing is in the way. First the proximal joint closes, the
+//! distal straight; then the distal closes alone; and where only the tip is held, it curls further while the proximal joint gives way.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use crate::PlanError;
+use graspbox_hand::{Hand, Material, Shape};
+
+/// A rectangle of a link in the finger's plane; metres.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rect {
+    x: [f64; 2],
+    z: [f64; 2],
+    pad: bool,
+}
+
+/// A finger at one preshape.
+#[derive(Clone, Debug)]
+pub(crate) struct FingerModel {
+    /// Plane of the finger: origin on the proximal joint, x along the open finger, y across, z towards the closing side.
+    pub hand_from_plane: Isometry3<f64>,
+    links: [Vec<Rect>; 2],
+    /// Distal joint, proximal link's frame.
+    distal_at: [f64; 2],
+    /// Half the width of the finger.
+    pub half_width: f64,
+    /// Furthest reach from the proximal joint.
+    pub reach: f64,
+    limits: [f64; 2],
+    arms: [f64; 2],
+}
+
+/// An object point in a finger's plane.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlanePoint {
+    pub x: f64,
+    pub z: f64,
+    pub index: u32,
+}
+
+/// The table in a finger's plane: free space is `normal . p >= offset`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlaneTable {
+    pub normal: [f64; 2],
+    pub offset: f64,
+}
+
+/// A finger after closing.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ClosedFinger {
+    pub proximal: f64,
+    pub distal: f64,
+    /// Points touched by the proximal and the distal link: index, on a pad.
+    pub touched: [Vec<(u32, bool)>; 2],
+    /// The table stood in the way at some time.
+    pub met_table: bool,
+}
+
+/// What blocks a finger.
+#[derive(Clone, Copy, PartialEq)]
+enum Block {
+    Free,
+    Object,
+    Table,
+}
+
+/// Coarse step of a closing joint, radians: the tip moves by 11 mm, less than a link is thick.
+const STEP: f64 = 0.1;
+/// A step is halved this often: to 0.7 degrees.
+const HALVINGS: usize = 3;
+/// A point this near to a link is touched, metres: half the distance of surface samples on a hand-sized object.
+const TOUCH: f64 = 0.003;
+
+impl FingerModel {
+    /// Every finger of `hand` at `preshape`.
+    ///
+    /// # Errors
+    /// [`PlanError::UnsupportedHand`] where the kinematics refuse the preshape.
+    pub fn all(hand: &Hand, preshape: f64) -> Result<Vec<Self>, PlanError> {
+        let links =
+            hand.hand_from_links(&hand.open_configuration(preshape))
+                .map_err(|_| PlanError::UnsupportedHand {
+                    name: hand.name.clone(),
+                    reason: "does not take this preshape",
+                })?;
+        Ok(hand
+            .fingers
+            .iter()
+            .map(|finger| Self::new(hand, finger, &links))
+            .collect())
+    }
+
+    fn new(hand: &Hand, finger: &graspbox_hand::Finger, links: &[Isometry3<f64>]) -> Self {
+        let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
+        let [proximal, distal] = joints.map(|joint| joint.child);
+        let y = -joints[0].axis.into_inner();
+        let x = (Vector3::x() - y * y.x).normalize();
+        let basis = Matrix3::from_columns(&[x, y, x.cross(&y)]);
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(basis));
+        let hand_from_plane = links[proximal] * Isometry3::from_parts(Translation3::identity(), rotation);
+        let plane_from_distal = hand_from_plane.inverse() * links[distal];
+        let at = plane_from_distal.translation.vector;
+        let mut half_width: f64 = 0.0;
+        let mut rects = |link: usize, origin: &Vector3<f64>| -> Vec<Rect> {
+            let plane_from_link = hand_from_plane.inverse() * links[link];
+            let collider = |c: &graspbox_hand::Collider| {
+                let place = plane_from_link * c.link_from_shape;
+                let half = extents(&c.shape, &place);
+                half_width = half_width.max(half.y);
+                let middle = place.translation.vector - origin;
+                let side = |i: usize| [middle[i] - half[i], middle[i] + half[i]];
+                Rect {
+                    x: side(0),
+                    z: side(2),
+                    pad: c.material == Material::Pad,
+                }
+            };
+            hand.links[link].colliders.iter().map(collider).collect()
+        };
+        let links = [rects(proximal, &Vector3::zeros()), rects(distal, &at)];
+        let corner = |r: &Rect| r.x[1].hypot(r.z[1].abs().max(r.z[0].abs()));
+        let furthest = links[1].iter().map(corner).fold(0.0, f64::max);
+        Self {
+            hand_from_plane,
+            links,
+            distal_at: [at.x, at.z],
+            half_width,
+            reach: at.norm() + furthest,
+            limits: joints.map(|joint| joint.limits[1]),
+            arms: [finger.tendon.proximal_arm, finger.tendon.distal_arm],
+        }
+    }
+
+    /// Closes the finger on points (those in its width, and within reach) over a table.
+    pub fn close(&self, points: &[PlanePoint], table: &PlaneTable) -> ClosedFinger {
+        let mut at = [0.0, 0.0];
+        let mut met_table = false;
+        let [rp, rd] = self.arms;
+        // The tip curls while the proximal joint opens by `give` of it, as long as the tendon still shortens.
+        let most = 0.95 * rd / rp;
+        let moves = [
+            [1.0, 0.0],
+            [0.0, 1.0],
+            [-most / 3.0, 1.0],
+            [-most * 2.0 / 3.0, 1.0],
+            [-most, 1.0],
+        ];
+        // A curl of 2.7 rad takes 27 steps, a closing proximal joint as many.
+        for _ in 0..80 {
+            let mut moved = false;
+            for direction in moves {
+                let (reached, block) = self.advance(at, direction, points, table);
+                met_table |= block == Block::Table;
+                if reached != at {
+                    at = reached;
+                    moved = true;
+                    break;
+                }
+            }
+            if !moved {
+                break;
+            }
+        }
+        let touched = self.touched(at, points);
+        ClosedFinger {
+            proximal: at[0],
+            distal: at[1],
+            touched,
+            met_table,
+        }
+    }
+
+    /// One step along `direction`, shortened by halving until it is free.
+    fn advance(
+        &self,
+        at: [f64; 2],
+        direction: [f64; 2],
+        points: &[PlanePoint],
+        table: &PlaneTable,
+    ) -> ([f64; 2], Block) {
+        let mut step = STEP;
+        let mut first = Block::Free;
+        for _ in 0..=HALVINGS {
+            let next = [at[0] + step * direction[0], at[1] + step * direction[1]];
+            let inside = next[0] <= self.limits[0] && next[1] <= self.limits[1] && next[0] >= 0.0;
+            if inside {
+                let block = self.block(next, points, table);
+                if block == Block::Free {
+                    return (next, first);
+                }
+                first = block;
+            }
+            step *= 0.5;
+        }
+        (at, first)
+    }
+
+    fn block(&self, q: [f64; 2], points: &[PlanePoint], table: &PlaneTable) -> Block {
+        let frames = self.frames(q);
+        for (rects, frame) in self.links.iter().zip(&frames) {
+            for r in rects {
+                for (x, z) in [(r.x[1], r.z[0]), (r.x[1], r.z[1]), (r.x[0], r.z[1])] {
+                    let p = frame.outward(x, z);
+                    if table.normal[0] * p[0] + table.normal[1] * p[1] < table.offset {
+                        return Block::Table;
+                    }
+                }
+            }
+        }
+        let hit = |p: &PlanePoint| {
+            self.links.iter().zip(&frames).any(|(rects, frame)| {
+                let (x, z) = frame.inward(p.x, p.z);
+                rects
+                    .iter()
+                    .any(|r| x > r.x[0] && x < r.x[1] && z > r.z[0] && z < r.z[1])
+            })
+        };
+        if points.iter().any(hit) {
+            Block::Object
+        } else {
+            Block::Free
+        }
+    }
+
+    fn touched(&self, q: [f64; 2], points: &[PlanePoint]) -> [Vec<(u32, bool)>; 2] {
+        let frames = self.frames(q);
+        [0, 1].map(|link| {
+            let touch = |p: &PlanePoint| {
+                let (x, z) = frames[link].inward(p.x, p.z);
+                let near = |r: &&Rect| {
+                    x > r.x[0] && x < r.x[1] + TOUCH && z > r.z[0].max(r.z[1] - 2.0 * TOUCH) && z < r.z[1] + TOUCH
+                };
+                let rects = self.links[link].iter().filter(near);
+                let pad = rects.clone().any(|r| r.pad);
+                rects.clone().next().map(|_| (p.index, pad))
+            };
+            points.iter().filter_map(touch).collect()
+        })
+    }
+
+    fn frames(&self, q: [f64; 2]) -> [Frame; 2] {
+        let proximal = Frame::new([0.0, 0.0], q[0]);
+        let distal = Frame::new(proximal.outward(self.distal_at[0], self.distal_at[1]), q[0] + q[1]);
+        [proximal, distal]
+    }
+}
+
+/// A link's frame in the finger's plane.
+#[derive(Clone, Copy)]
+struct Frame {
+    at: [f64; 2],
+    sin: f64,
+    cos: f64,
+}
+
+impl Frame {
+    fn new(at: [f64; 2], angle: f64) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        Self { at, sin, cos }
+    }
+
+    fn outward(&self, x: f64, z: f64) -> [f64; 2] {
+        [
+            self.at[0] + self.cos * x - self.sin * z,
+            self.at[1] + self.sin * x + self.cos * z,
+        ]
+    }
+
+    fn inward(&self, x: f64, z: f64) -> (f64, f64) {
+        let (x, z) = (x - self.at[0], z - self.at[1]);
+        (self.cos * x + self.sin * z, self.cos * z - self.sin * x)
+    }
+}
+
+/// Half extents of a shape along the axes of the frame that `place` is given in.
+fn extents(shape: &Shape, place: &Isometry3<f64>) -> Vector3<f64> {
+    let half = match shape {
+        Shape::Cuboid(half) => *half,
+        Shape::Cylinder { radius, half_length } => Vector3::new(*radius, *radius, *half_length),
+        Shape::Sphere { radius } => return Vector3::repeat(*radius),
+    };
+    place.rotation.to_rotation_matrix().matrix().abs() * half
+}
+
+/// `point` (hand frame) in a finger's plane, with its distance across.
+pub(crate) fn to_plane(plane_from_hand: &Isometry3<f64>, point: &Point3<f64>) -> (f64, f64, f64) {
+    let p = plane_from_hand * point;
+    (p.x, p.y, p.z)
+}

@@ -1,0 +1,223 @@
+//! What a grasp would look like: fingers closed on the object's surface, contacts, and numbers that describe them.
+
+use super::finger::{ClosedFinger, FingerModel, PlanePoint, PlaneTable, to_plane};
+use super::wrench::{Contact, WrenchSpace};
+use crate::collision::CollisionScene;
+use graspbox_hand::Hand;
+use graspbox_mesh::SurfaceSample;
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// A predicted grasp in numbers; everything is read off the geometry of the closed hand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Prediction {
+    /// Fingers that touch the object.
+    pub fingers: f64,
+    /// Links that touch it with a pad.
+    pub pads: f64,
+    /// Least wrench that one unit of force a finger can take up in any direction (torque over 5 cm); 0 without force closure.
+    pub epsilon: f64,
+    /// How well opposing fingers' normals cancel: 1 minus the length of their sum over the sum of their lengths.
+    pub balance: f64,
+    /// Mean share of the contact forces that lifts (world up), at the normals.
+    pub lifting: f64,
+    /// Mean share of the contact forces that pulls the object towards the palm, at the normals.
+    pub pulling: f64,
+    /// Horizontal distance of the centre of mass from the middle of the contacts, metres.
+    pub lever: f64,
+    /// Height of the centre of mass over the middle of the contacts, metres.
+    pub overhang: f64,
+    /// Distance of the centre of mass from the palm along hand z, metres.
+    pub depth: f64,
+    /// Distance of the centre of mass from the closing centre in the palm's plane, metres.
+    pub offset: f64,
+    /// Mean turn of the distal links (proximal plus distal angle) of fingers that touch, radians; beyond pi/2 they reach behind.
+    pub wrap: f64,
+    /// Least of these turns.
+    pub least_wrap: f64,
+    /// Greatest difference of proximal angles of fingers that touch, radians.
+    pub uneven: f64,
+    /// Fingers that met the table while closing.
+    pub on_table: f64,
+    /// How steeply the hand comes down: 1 from above, 0 from the side.
+    pub down: f64,
+    /// Free room between palm and object, metres; 0.15 where nothing is in front of the palm.
+    pub palm_gap: f64,
+    /// Greatest distance between two contacts, metres.
+    pub span: f64,
+    /// Surface points touched, as a share of all.
+    pub area: f64,
+}
+
+/// What all predictions of one object share.
+pub(crate) struct Target<'a> {
+    pub samples: &'a [SurfaceSample],
+    pub center_of_mass: Point3<f64>,
+    pub scene: &'a CollisionScene,
+}
+
+/// A hand at one preshape, ready to close.
+pub(crate) struct ClosingHand {
+    pub preshape: f64,
+    pub fingers: Vec<FingerModel>,
+    pub center: Vector3<f64>,
+    pub friction: [f64; 2],
+}
+
+/// Half sides of the part of the palm that an object rests against, metres.
+const PALM: [f64; 2] = [0.05, 0.04];
+/// Room reported where nothing stands in front of the palm, metres.
+const NO_PALM: f64 = 0.15;
+/// Contacts of a link that enter the wrench space.
+const LINK_CONTACTS: usize = 4;
+
+/// Closes the hand at `object_from_hand` and describes what it holds.
+pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand: &Isometry3<f64>) -> Prediction {
+    let hand_from_object = object_from_hand.inverse();
+    let local: Vec<Point3<f64>> = target.samples.iter().map(|s| hand_from_object * s.point).collect();
+    let closed: Vec<ClosedFinger> = hand
+        .fingers
+        .iter()
+        .map(|finger| close_one(target, finger, &local, object_from_hand))
+        .collect();
+    let contacts = contacts(target, hand, &closed);
+    let com = hand_from_object * target.center_of_mass;
+    let mut p = Prediction {
+        fingers: closed.iter().filter(|f| touches(f)).count() as f64,
+        pads: closed
+            .iter()
+            .flat_map(|f| &f.touched)
+            .filter(|t| t.iter().any(|&(_, pad)| pad))
+            .count() as f64,
+        depth: com.z,
+        offset: (com.coords - hand.center).xy().norm(),
+        on_table: closed.iter().filter(|f| f.met_table).count() as f64,
+        down: -target.scene.up().dot(&(object_from_hand * Vector3::z())),
+        palm_gap: palm_gap(&local),
+        ..Prediction::default()
+    };
+    describe_fingers(&closed, &mut p);
+    let touched = closed.iter().flat_map(|f| &f.touched).map(Vec::len).sum::<usize>();
+    p.area = touched as f64 / target.samples.len().max(1) as f64;
+    describe_contacts(target, hand, &contacts, object_from_hand, &mut p);
+    p
+}
+
+fn touches(finger: &ClosedFinger) -> bool {
+    finger.touched.iter().any(|link| !link.is_empty())
+}
+
+fn close_one(
+    target: &Target<'_>,
+    finger: &FingerModel,
+    local: &[Point3<f64>],
+    object_from_hand: &Isometry3<f64>,
+) -> ClosedFinger {
+    /// A point this far beside the finger still counts, metres: samples are about 5 mm apart.
+    const BESIDE: f64 = 0.002;
+    let plane_from_hand = finger.hand_from_plane.inverse();
+    let reach2 = (finger.reach + 0.005).powi(2);
+    let mut points = Vec::with_capacity(128);
+    for (p, index) in local.iter().zip(0u32..) {
+        let (x, y, z) = to_plane(&plane_from_hand, p);
+        if y.abs() <= finger.half_width + BESIDE && x * x + z * z <= reach2 {
+            points.push(PlanePoint { x, z, index });
+        }
+    }
+    let object_from_plane = object_from_hand * finger.hand_from_plane;
+    let up = object_from_plane.inverse() * target.scene.up().into_inner();
+    let origin = target.scene.height(&Point3::from(object_from_plane.translation.vector));
+    // The finger is as wide as it is: its lower edge counts.
+    let offset = up.y.abs() * finger.half_width - origin;
+    finger.close(
+        &points,
+        &PlaneTable {
+            normal: [up.x, up.z],
+            offset,
+        },
+    )
+}
+
+fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedFinger]) -> Vec<Contact> {
+    let mut contacts = Vec::new();
+    for (finger, state) in closed.iter().enumerate() {
+        for link in &state.touched {
+            let every = link.len().div_ceil(LINK_CONTACTS).max(1);
+            contacts.extend(link.iter().step_by(every).map(|&(index, pad)| {
+                let sample = &target.samples[index as usize];
+                Contact {
+                    point: sample.point,
+                    inward: -sample.normal,
+                    friction: hand.friction[usize::from(pad)],
+                    finger,
+                }
+            }));
+        }
+    }
+    contacts
+}
+
+fn palm_gap(local: &[Point3<f64>]) -> f64 {
+    let in_front = local
+        .iter()
+        .filter(|p| p.x.abs() < PALM[0] && p.y.abs() < PALM[1] && p.z > 0.0);
+    in_front.map(|p| p.z).fold(NO_PALM, f64::min)
+}
+
+fn describe_fingers(closed: &[ClosedFinger], p: &mut Prediction) {
+    let touching: Vec<&ClosedFinger> = closed.iter().filter(|f| touches(f)).collect();
+    if touching.is_empty() {
+        return;
+    }
+    let turns = touching.iter().map(|f| f.proximal + f.distal);
+    p.wrap = turns.clone().sum::<f64>() / touching.len() as f64;
+    p.least_wrap = turns.fold(f64::INFINITY, f64::min);
+    let angles = touching.iter().map(|f| f.proximal);
+    p.uneven = angles.clone().fold(f64::NEG_INFINITY, f64::max) - angles.fold(f64::INFINITY, f64::min);
+}
+
+fn describe_contacts(
+    target: &Target<'_>,
+    hand: &ClosingHand,
+    contacts: &[Contact],
+    object_from_hand: &Isometry3<f64>,
+    p: &mut Prediction,
+) {
+    if contacts.is_empty() {
+        return;
+    }
+    let up = target.scene.up();
+    let approach = object_from_hand * Vector3::z();
+    // One mean normal a finger, so that a link with many samples does not outweigh the others.
+    let mut pushes = vec![Vector3::zeros(); hand.fingers.len()];
+    for contact in contacts {
+        pushes[contact.finger] += contact.inward;
+    }
+    let pushes: Vec<Vector3<f64>> = pushes.iter().filter_map(|push| push.try_normalize(1e-9)).collect();
+    let count = pushes.len().max(1) as f64;
+    let across = |push: &Vector3<f64>| push - approach * push.dot(&approach);
+    let total: Vector3<f64> = pushes.iter().map(across).sum();
+    let lengths: f64 = pushes.iter().map(|push| across(push).norm()).sum();
+    p.balance = 1.0 - total.norm() / lengths.max(1e-9);
+    p.lifting = pushes.iter().map(|push| push.dot(&up)).sum::<f64>() / count;
+    p.pulling = -pushes.iter().map(|push| push.dot(&approach)).sum::<f64>() / count;
+    let middle = contacts.iter().map(|c| c.point.coords).sum::<Vector3<f64>>() / contacts.len() as f64;
+    let arm = target.center_of_mass.coords - middle;
+    p.overhang = arm.dot(&up);
+    p.lever = (arm - up.into_inner() * p.overhang).norm();
+    let apart = |a: &Contact| contacts.iter().map(|b| (a.point - b.point).norm()).fold(0.0, f64::max);
+    p.span = contacts.iter().map(apart).fold(0.0, f64::max);
+    let space = WrenchSpace::new(contacts, hand.fingers.len(), &target.center_of_mass);
+    p.epsilon = space.epsilon();
+}
+
+/// The hand ready to close, once for each preshape.
+pub(crate) fn closing_hand(hand: &Hand, preshape: f64) -> Result<ClosingHand, crate::PlanError> {
+    Ok(ClosingHand {
+        preshape,
+        fingers: FingerModel::all(hand, preshape)?,
+        center: crate::preshape::closing_center(hand, preshape),
+        friction: [hand.friction.bare, hand.friction.pad],
+    })
+}
