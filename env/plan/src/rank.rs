@@ -15,8 +15,10 @@ use graspbox_mesh::sample_surface;
 use predict::{ClosingHand, Target, closing_hand, predict};
 use rayon::prelude::*;
 
-/// Surface points that fingers close on: about 5 mm apart on a hand-sized object, against fingers 14 mm wide.
-const SAMPLES: usize = 3000;
+/// Distance of the surface points that fingers close on, metres: a third of a finger's width.
+const SPACING: f64 = 0.0045;
+/// Least and greatest number of these points.
+const SAMPLES: [usize; 2] = [400, 4000];
 
 /// Scores feasible candidates and sorts them, best first; equal scores keep their order.
 ///
@@ -28,7 +30,8 @@ pub(crate) fn rank(
     scene: &CollisionScene,
     candidates: &mut [Candidate],
 ) -> Result<(), PlanError> {
-    let samples = sample_surface(object.mesh, SAMPLES, 0);
+    let wanted = (object.mesh.area() / (SPACING * SPACING)) as usize;
+    let samples = sample_surface(object.mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0);
     let target = Target {
         samples: &samples,
         center_of_mass: object.center_of_mass,

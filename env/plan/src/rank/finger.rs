@@ -4,7 +4,7 @@
 //! `r_p dq_p + r_d dq_d`, and the finger moves wherever that is positive and nothing is in the way. First the proximal joint closes, the
 //! distal straight; then the distal closes alone; and where only the tip is held, it curls further while the proximal joint gives way.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::PlanError;
 use graspbox_hand::{Hand, Material, Shape};
@@ -132,6 +132,11 @@ impl FingerModel {
             limits: joints.map(|joint| joint.limits[1]),
             arms: [finger.tendon.proximal_arm, finger.tendon.distal_arm],
         }
+    }
+
+    /// Axes of the finger's plane in the hand frame.
+    pub fn axes(&self) -> [Vector3<f64>; 3] {
+        [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| self.hand_from_plane * axis)
     }
 
     /// Closes the finger on points (those in its width, and within reach) over a table.
@@ -283,10 +288,4 @@ fn extents(shape: &Shape, place: &Isometry3<f64>) -> Vector3<f64> {
         Shape::Sphere { radius } => return Vector3::repeat(*radius),
     };
     place.rotation.to_rotation_matrix().matrix().abs() * half
-}
-
-/// `point` (hand frame) in a finger's plane, with its distance across.
-pub(crate) fn to_plane(plane_from_hand: &Isometry3<f64>, point: &Point3<f64>) -> (f64, f64, f64) {
-    let p = plane_from_hand * point;
-    (p.x, p.y, p.z)
 }

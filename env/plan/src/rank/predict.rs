@@ -1,6 +1,6 @@
 //! What a grasp would look like: fingers closed on the object's surface, contacts, and numbers that describe them.
 
-use super::finger::{ClosedFinger, FingerModel, PlanePoint, PlaneTable, to_plane};
+use super::finger::{ClosedFinger, FingerModel, PlanePoint, PlaneTable};
 use super::wrench::{Contact, WrenchSpace};
 use crate::collision::CollisionScene;
 use graspbox_hand::Hand;
@@ -116,12 +116,17 @@ fn close_one(
 ) -> ClosedFinger {
     /// A point this far beside the finger still counts, metres: samples are about 5 mm apart.
     const BESIDE: f64 = 0.002;
-    let plane_from_hand = finger.hand_from_plane.inverse();
-    let reach2 = (finger.reach + 0.005).powi(2);
+    let [x_axis, y_axis, z_axis] = finger.axes();
+    let origin = finger.hand_from_plane.translation.vector;
+    let reach2 = (finger.reach + BESIDE).powi(2);
     let mut points = Vec::with_capacity(128);
     for (p, index) in local.iter().zip(0u32..) {
-        let (x, y, z) = to_plane(&plane_from_hand, p);
-        if y.abs() <= finger.half_width + BESIDE && x * x + z * z <= reach2 {
+        let from = p.coords - origin;
+        if from.dot(&y_axis).abs() > finger.half_width + BESIDE {
+            continue;
+        }
+        let (x, z) = (from.dot(&x_axis), from.dot(&z_axis));
+        if x * x + z * z <= reach2 {
             points.push(PlanePoint { x, z, index });
         }
     }
