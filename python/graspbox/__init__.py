@@ -11,10 +11,20 @@ Importing the package registers its Gymnasium environments.
 
 from graspbox import errors, object_sets
 from graspbox._core import __version__
-from graspbox.configs import CleanConfig, DecomposeConfig, FrictionConfig, LoadConfig, PhysicsConfig, TrialConfig
+from graspbox.configs import (
+    CleanConfig,
+    DecomposeConfig,
+    FrictionConfig,
+    LoadConfig,
+    PhysicsConfig,
+    PlanConfig,
+    PoseConfig,
+    TrialConfig,
+)
+from graspbox.envs import register
 from graspbox.errors import GraspboxError
 from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
-from graspbox.planning import Box, BoxTree, decompose
+from graspbox.planning import Box, BoxTree, Plan, decompose, plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace, load_hand, simulate
 
 __all__ = [
@@ -29,6 +39,9 @@ __all__ = [
     "Mesh",
     "Outcomes",
     "PhysicsConfig",
+    "Plan",
+    "PlanConfig",
+    "PoseConfig",
     "Scene",
     "Trace",
     "TrialConfig",
@@ -39,5 +52,8 @@ __all__ = [
     "load_mesh",
     "mesh_from_arrays",
     "object_sets",
+    "plan",
     "simulate",
 ]
+
+register()

@@ -18,6 +18,7 @@ __all__ = [
     "_spin",
     "decompose",
     "num_threads",
+    "plan",
     "procedural",
     "procedural_families",
 ]
@@ -31,6 +32,17 @@ class BoxArrays(TypedDict):
     half_extents: NDArray[np.float64]
     children: NDArray[np.int64]
     depth: NDArray[np.int64]
+
+@type_check_only
+class PlanArrays(TypedDict):
+    tree: BoxArrays
+    world_from_object: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    preshape: NDArray[np.float64]
+    box: NDArray[np.int64]
+    face: NDArray[np.int64]
+    score: NDArray[np.float64]
+    feasible: NDArray[np.bool_]
 
 @type_check_only
 class OutcomeArrays(TypedDict):
@@ -130,6 +142,14 @@ class Scene:
     def trace(self, pose: NDArray[np.float64], preshape: float, config: str) -> tuple[OutcomeArrays, SampleArrays]: ...
 
 def decompose(mesh: Mesh, params: str) -> BoxArrays: ...
+def plan(
+    mesh: Mesh,
+    hand: Hand,
+    params: str,
+    world_from_object: NDArray[np.float64] | None,
+    cache: str | PathLike[str] | None,
+    num_threads: int | None,
+) -> PlanArrays: ...
 def procedural(family_name: str, seed: int, scale: float, mass: float | None) -> Mesh: ...
 def procedural_families() -> list[str]: ...
 def num_threads() -> int: ...

@@ -6,7 +6,16 @@ The core checks every value when it is used, and names the first one that is out
 from dataclasses import dataclass, field
 from typing import Literal
 
-__all__ = ["CleanConfig", "DecomposeConfig", "FrictionConfig", "LoadConfig", "PhysicsConfig", "TrialConfig"]
+__all__ = [
+    "CleanConfig",
+    "DecomposeConfig",
+    "FrictionConfig",
+    "LoadConfig",
+    "PhysicsConfig",
+    "PlanConfig",
+    "PoseConfig",
+    "TrialConfig",
+]
 
 
 @dataclass(frozen=True)
@@ -77,6 +86,68 @@ class DecomposeConfig:
     max_boxes: int = 16
     split_cost: Literal["share", "area"] = "share"
     samples: int = 2000
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class PoseConfig:
+    """How candidate poses are made from boxes.
+
+    Attributes
+    ----------
+    frame : {"reflex", "soft_hand"}
+        Which hand axis lies along the longest side of a box: y for the ReFlex, x for the SoftHand.
+    offset : float
+        The palm stands this far outside the box, metres.
+    standoffs : tuple of float
+        Further distances that are tried, added to `offset`, metres.
+    variation : {"random", "grid"}
+        Random variations along and about the long axis, or the reference study's grid.
+    variations : int
+        Random variations a face and turn.
+    max_shift : float
+        Greatest shift along the long side, as a share of it.
+    max_tilt : float
+        Greatest turn about the long axis, radians.
+    square : float
+        A face whose short side is at least this share of its long one is also tried with the hand turned by a quarter.
+    whole : bool
+        Try the box around the whole object like the leaves.
+    """
+
+    frame: Literal["reflex", "soft_hand"] = "reflex"
+    offset: float = 0.005
+    standoffs: tuple[float, ...] = (0.015, 0.03, 0.045, 0.06)
+    variation: Literal["random", "grid"] = "random"
+    variations: int = 8
+    max_shift: float = 0.4
+    max_tilt: float = 0.5
+    square: float = 0.6
+    whole: bool = True
+
+
+@dataclass(frozen=True)
+class PlanConfig:
+    """Everything that steers the planner.
+
+    Attributes
+    ----------
+    decompose : DecomposeConfig
+        How the object is cut into boxes.
+    poses : PoseConfig
+        How candidates are made.
+    clearance : float
+        Room that the open hand must have on every side, metres.
+    standoff : float
+        The hand comes from this far behind, along its -z, metres.
+    seed : int
+        Seed of the random variations.
+    """
+
+    decompose: DecomposeConfig = field(default_factory=lambda: DecomposeConfig(max_boxes=8))
+    poses: PoseConfig = field(default_factory=PoseConfig)
+    clearance: float = 0.001
+    standoff: float = 0.10
     seed: int = 0
 
 

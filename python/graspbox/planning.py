@@ -5,14 +5,15 @@ from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
 from graspbox._core import Mesh
-from graspbox.configs import DecomposeConfig
-from graspbox.meshes import to_json
+from graspbox.configs import DecomposeConfig, PlanConfig
+from graspbox.meshes import floats, to_json
+from graspbox.simulation import Hand, cache_folder, load_hand
 
-__all__ = ["Box", "BoxTree", "decompose"]
+__all__ = ["Box", "BoxTree", "Plan", "decompose", "plan"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +123,105 @@ def decompose(mesh: Mesh, config: DecomposeConfig = DecomposeConfig(), **setting
     K. Huebner, S. Ruthotto, D. Kragic, "Minimum volume bounding box decomposition for shape approximation
     in robot grasping", ICRA 2008.
     """
-    arrays = _core.decompose(mesh, to_json(replace(config, **settings)))
+    return _tree(_core.decompose(mesh, to_json(replace(config, **settings))))
+
+
+def _tree(arrays: "_core.BoxArrays") -> BoxTree:
     rows = zip(arrays["center"], arrays["axes"], arrays["half_extents"], strict=True)
     return BoxTree(tuple(Box(*row) for row in rows), arrays["children"], arrays["depth"])
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Candidate grasps of an object: n rows, the feasible ones first, the planner's best guess first of all.
+
+    Attributes
+    ----------
+    poses : (n, 4, 4) float64
+        ``object_from_hand``, metres.
+    preshape : (n,) float64
+        Radians.
+    feasible : (n,) bool
+        The open hand collides with neither object nor table, at the pose and on the approach.
+    score : (n,) float64
+        Higher is better, within this plan; from geometry alone.
+    box, face : (n,) int64
+        Leaf of the tree that a pose comes from (the number of leaves stands for the box around the whole object), and
+        the face: ``2 axis`` on the positive side of the box's axis, ``2 axis + 1`` on the negative.
+    tree : BoxTree
+        The boxes.
+    world_from_object : (4, 4) float64
+        Where the object rests; the table is the plane z = 0.
+    """
+
+    poses: NDArray[np.float64]
+    preshape: NDArray[np.float64]
+    feasible: NDArray[np.bool_]
+    score: NDArray[np.float64]
+    box: NDArray[np.int64]
+    face: NDArray[np.int64]
+    tree: BoxTree
+    world_from_object: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def best(self, count: int | None = None) -> "Plan":
+        """Keep the first `count` feasible candidates, in ranking order; all feasible ones by default."""
+        ranked = np.flatnonzero(self.feasible)[:count]
+        rows = ("poses", "preshape", "feasible", "score", "box", "face")
+        return replace(self, **{name: getattr(self, name)[ranked] for name in rows})
+
+
+def plan(
+    mesh: Mesh,
+    *,
+    hand: str | Hand | tuple[str, str] = "reflex",
+    seed: int | None = None,
+    world_from_object: ArrayLike | None = None,
+    config: PlanConfig = PlanConfig(),  # noqa: B008 (frozen)
+    num_threads: int | None = None,
+    **settings: Any,
+) -> Plan:
+    """Propose hand poses from an object's boxes, drop those that collide, and rank the rest by geometry alone.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The object.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    seed : int, optional
+        Seed of the random variations, instead of that of `config`.
+    world_from_object : (4, 4) array_like, optional
+        Where the object rests on the table (top at z = 0). By default the file's +z is up, the lowest vertex at z =
+        0, the bounds centred over the origin; `graspbox.Scene` tells where it really comes to rest.
+    config : PlanConfig
+        How to plan.
+    num_threads : int, optional
+        Threads to use; the result does not depend on it.
+    **settings
+        Fields of `PlanConfig` by name, instead of those of `config`.
+
+    Raises
+    ------
+    ConfigError
+        If a setting is out of range.
+    PlanError
+        If the object is flat, or the hand is not one that the planner knows.
+    """
+    if seed is not None:
+        settings["seed"] = seed
+    pose = None if world_from_object is None else floats(world_from_object)
+    settled = to_json(replace(config, **settings))
+    arrays = _core.plan(mesh, load_hand(hand), settled, pose, cache_folder(), num_threads)
+    return Plan(
+        poses=arrays["poses"],
+        preshape=arrays["preshape"],
+        feasible=arrays["feasible"],
+        score=arrays["score"],
+        box=arrays["box"],
+        face=arrays["face"],
+        tree=_tree(arrays["tree"]),
+        world_from_object=arrays["world_from_object"],
+    )

@@ -4,7 +4,7 @@ use crate::convert::{config, json};
 use crate::errors::CoreError;
 use graspbox_episode::TrialConfig;
 use graspbox_mesh::{CleanOptions, LoadOptions};
-use graspbox_plan::DecomposeParams;
+use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
 use graspbox_sim::PhysicsConfig;
 use pyo3::prelude::*;
 
@@ -19,6 +19,8 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "CleanConfig" => json(&config::<CleanOptions>(text, name)?),
         "DecomposeConfig" => json(&config::<DecomposeParams>(text, name)?),
         "LoadConfig" => json(&config::<LoadOptions>(text, name)?),
+        "PlanConfig" => json(&config::<PlanParams>(text, name)?),
+        "PoseConfig" => json(&config::<PoseParams>(text, name)?),
         "PhysicsConfig" => json(&config::<PhysicsConfig>(text, name)?),
         "TrialConfig" => json(&config::<TrialConfig>(text, name)?),
         _ => Err(CoreError::Config(format!("there is no config {name:?}"))),

@@ -90,6 +90,7 @@ impl From<EpisodeError> for CoreError {
             EpisodeError::BadConfig { .. } => Self::Config(error.to_string()),
             EpisodeError::Cancelled { .. } => Self::Interrupted,
             EpisodeError::Mesh { source, .. } => source.into(),
+            EpisodeError::Plan { source, .. } => source.into(),
             EpisodeError::Sim {
                 source: source @ SimError::BadConfig { .. },
                 ..

@@ -9,7 +9,7 @@
 //! | [`episode`] | an object at rest, and trials on it |
 //! | [`hand`] | the handle on a hand |
 //! | [`mesh`] | the handle on a mesh |
-//! | [`plan`] | box trees |
+//! | [`plan`] | box trees and plans |
 //! | [`procedural`] | objects by family and seed |
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
@@ -41,7 +41,7 @@ mod _core {
     #[pymodule_export]
     use crate::mesh::Mesh;
     #[pymodule_export]
-    use crate::plan::decompose;
+    use crate::plan::{decompose, plan};
     #[pymodule_export]
     use crate::procedural::{procedural, procedural_families};
 

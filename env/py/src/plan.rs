@@ -1,12 +1,17 @@
-//! Box trees: the geometry of planning as arrays.
+//! Box trees and plans as arrays.
 
-use crate::convert::{array, config, row_major, table};
+use crate::convert::{Floats, array, config, isometry, matrices, matrix, row_major, table};
 use crate::errors::CoreError;
 use crate::gil::detached;
+use crate::hand::Hand;
 use crate::mesh::Mesh;
-use graspbox_plan::{BoxNode, BoxTree, DecomposeParams, decompose as cut};
+use graspbox_mesh::default_pose;
+use graspbox_plan::{
+    BoxNode, BoxTree, DecomposeParams, Plan, PlanObject, PlanParams, decompose as cut, plan as plan_grasps,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Cuts a mesh into boxes; `params` is JSON. Arrays by name, one row a node of the tree, depth first.
@@ -36,6 +41,57 @@ fn tree_arrays<'py>(py: Python<'py>, tree: &BoxTree) -> PyResult<Bound<'py, PyDi
     dict.set_item(
         "depth",
         array(py, tree.nodes.iter().map(|node| node.depth as i64).collect(), &[n])?,
+    )?;
+    Ok(dict)
+}
+
+/// Plans grasps; `params` is JSON. Arrays by name, one row a candidate: feasible ones first, in ranking order.
+#[pyfunction]
+#[pyo3(signature = (mesh, hand, params, world_from_object, cache, num_threads))]
+pub fn plan<'py>(
+    py: Python<'py>,
+    mesh: &Mesh,
+    hand: &Hand,
+    params: &str,
+    world_from_object: Option<Floats<'py>>,
+    cache: Option<PathBuf>,
+    num_threads: Option<usize>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let params: PlanParams = config(params, "PlanConfig")?;
+    let pose = world_from_object
+        .map(|m| isometry(&m, "world_from_object"))
+        .transpose()?;
+    let (data, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
+    let plan = detached(py, num_threads, move || {
+        let body = data.body(cache.as_deref())?;
+        let object = PlanObject {
+            mesh: body.mesh(),
+            parts: body.hulls(),
+            center_of_mass: body.mass_properties().center_of_mass,
+            world_from_object: pose.unwrap_or_else(|| default_pose(body.mesh())),
+        };
+        Ok::<_, CoreError>(plan_grasps(&object, &hand, &params)?)
+    })?;
+    plan_arrays(py, &plan)
+}
+
+fn plan_arrays<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
+    let all = &plan.candidates;
+    let n = &[all.len()];
+    let dict = PyDict::new(py);
+    dict.set_item("tree", tree_arrays(py, &plan.tree)?)?;
+    dict.set_item("world_from_object", matrix(py, &plan.world_from_object)?)?;
+    dict.set_item("poses", matrices(py, all.iter().map(|c| c.grasp.object_from_hand))?)?;
+    dict.set_item(
+        "preshape",
+        array(py, all.iter().map(|c| c.grasp.preshape).collect(), n)?,
+    )?;
+    dict.set_item("box", array(py, all.iter().map(|c| c.box_index as i64).collect(), n)?)?;
+    dict.set_item("face", array(py, all.iter().map(|c| c.face as i64).collect(), n)?)?;
+    dict.set_item("score", array(py, all.iter().map(|c| c.score).collect(), n)?)?;
+    dict.set_item(
+        "feasible",
+        array(py, all.iter().map(|c| c.feasible()).collect::<Vec<bool>>(), n)?,
     )?;
     Ok(dict)
 }

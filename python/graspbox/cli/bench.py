@@ -1,0 +1,70 @@
+"""``graspbox bench``: how fast the parts are on this machine."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import graspbox
+from graspbox import _core, object_sets
+from graspbox.cli.common import Json, Threads, console, print_json, print_table
+from graspbox.configs import DecomposeConfig
+from graspbox.meshes import to_json
+
+#: Objects of the mix on which trials are timed.
+_MIX = ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1")
+_POSES = 10
+
+
+def median_seconds(work: Callable[[], Any], repeats: int = 7) -> float:
+    """Time a piece of work: the median of a few repeats, after one to warm up."""
+    work()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return float(np.median(times))
+
+
+def measure(threads: int | None) -> list[dict[str, Any]]:
+    """Measure everything; a list of ``{"work", "value", "unit"}``."""
+    mesh = object_sets.load("procedural:mug:0")[0].load()
+    boxes = {fit: to_json(DecomposeConfig(fit=fit, max_boxes=8)) for fit in ("pca", "minimum")}
+    scene = graspbox.Scene(mesh)
+    rows = [
+        (
+            "decomposition into 8 PCA boxes, 2,000 points",
+            1e3 * median_seconds(lambda: _core.decompose(mesh, boxes["pca"])),
+            "ms",
+        ),
+        (
+            "decomposition into 8 minimum-volume boxes, 2,000 points",
+            1e3 * median_seconds(lambda: _core.decompose(mesh, boxes["minimum"])),
+            "ms",
+        ),
+        ("plan", 1e3 * median_seconds(lambda: graspbox.plan(mesh, world_from_object=scene.world_from_object), 3), "ms"),
+    ]
+    tried, seconds = 0, 0.0
+    for spec in object_sets.load(list(_MIX)):
+        scene = graspbox.Scene(spec.load())
+        best = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object).best(_POSES)
+        started = time.perf_counter()
+        scene.simulate(best.poses, best.preshape, num_threads=threads)
+        seconds += time.perf_counter() - started
+        tried += len(best)
+    rows.append((f"grasp trials, {threads or _core.num_threads()} threads, procedural mix", tried / seconds, "1/s"))
+    return [{"work": work, "value": value, "unit": unit} for work, value, unit in rows]
+
+
+def bench(threads: Threads = None, as_json: Json = False) -> None:
+    """Measure how fast the parts are on this machine."""
+    with console.status("measuring"):
+        rows = measure(threads)
+    if as_json:
+        print_json(rows)
+    else:
+        print_table(
+            "benchmarks", ("work", "value", "unit"), [(r["work"], f"{r['value']:.3g}", r["unit"]) for r in rows]
+        )

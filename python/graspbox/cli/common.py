@@ -1,0 +1,50 @@
+"""What the commands share: options, tables, progress."""
+
+import json
+import sys
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from graspbox import object_sets
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+Threads = Annotated[
+    int | None, typer.Option("--threads", min=1, help="Threads to use; all by default. Results do not depend on it.")
+]
+Split = Annotated[str | None, typer.Option("--split", help="Only this split: train, validation or test.")]
+Scale = Annotated[float, typer.Option("--scale", help="Metres in one unit of the mesh files.")]
+
+#: Progress and remarks go here, so that standard output holds results alone.
+console = Console(stderr=True)
+
+
+def progress() -> Progress:
+    """Make a progress bar on standard error; it vanishes when it is done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    return Progress(*columns, console=console, transient=True)
+
+
+def print_json(value: Any) -> None:
+    """Print a result as JSON on standard output."""
+    json.dump(value, sys.stdout, indent=2, allow_nan=False)
+    sys.stdout.write("\n")
+
+
+def print_table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    """Print a table on standard output; all but the first column are aligned right."""
+    table = Table(title=title, title_justify="left")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index == 0 else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console(file=sys.stdout).print(table)
+
+
+def find(objects: list[str], split: str | None, scale: float) -> object_sets.ObjectSet:
+    """Load the object sets that the command line names."""
+    return object_sets.load(objects, split=split, scale=scale)  # type: ignore[arg-type]

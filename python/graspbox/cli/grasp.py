@@ -1,0 +1,80 @@
+"""``graspbox grasp``: plan and try grasps over an object set."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from graspbox.cli.common import Json, Scale, Seed, Split, Threads, console, find, print_json, print_table, progress
+from graspbox.configs import TrialConfig
+from graspbox.evaluation import ObjectResult, SetResult, evaluate_set
+from graspbox.object_sets import ObjectSet
+
+
+def run(objects: ObjectSet, **settings: Any) -> SetResult:
+    """Evaluate a set with a progress bar; objects that could not be tried are told on standard error."""
+    with progress() as bar:
+        task = bar.add_task("grasping", total=len(objects))
+
+        def done(result: ObjectResult) -> None:
+            bar.advance(task)
+            if result.error:
+                console.print(f"{result.name}: {result.error}", style="red", markup=False, highlight=False)
+
+        return evaluate_set(objects, done=done, **settings)
+
+
+def table_rows(table: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Lay the table out for reading."""
+    keys = ("tried", "succeeded", "secure", "legacy_succeeded", "first_succeeded")
+    rows = [
+        (row["name"], *("yes" if row[k] is True else "no" if row[k] is False else str(row[k]) for k in keys))
+        for row in table["objects"]
+    ]
+    sums = [str(sum(row[k] for row in table["objects"])) for k in keys]
+    return [*rows, ("together", *sums)]
+
+
+COLUMNS = ("object", "tried", "succeeded", "secure", "legacy", "first")
+
+
+def summary(table: dict[str, Any]) -> str:
+    """Sum the table up in a line."""
+    return (
+        f"{table['succeeded']} of {table['tried']} poses succeed ({table['rate']:.1%}); "
+        f"{table['objects_with_success']} of {len(table['objects'])} objects have a success; "
+        f"first-ranked pose {table['first_rate']:.1%}; {table['trials_per_s']:.1f} trials/s"
+    )
+
+
+def grasp(
+    objects: Annotated[
+        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
+    ] = None,
+    poses: Annotated[int, typer.Option("--poses", min=1, help="Poses to try for each object, best first.")] = 20,
+    legacy: Annotated[
+        bool, typer.Option(help="Read the reference study's measures too (no early stops: slower).")
+    ] = True,
+    split: Split = None,
+    scale: Scale = 1.0,
+    seed: Seed = 0,
+    threads: Threads = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into this file too.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Plan grasps for every object of a set and try the best ones in simulation."""
+    found = find(objects or ["procedural"], split, scale)
+    result = run(found, poses=poses, seed=seed, trial=TrialConfig(legacy=legacy), num_threads=threads)
+    table = result.table()
+    if out is not None:
+        import json
+
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(table, indent=2, allow_nan=False) + "\n")
+    if as_json:
+        print_json(table)
+    else:
+        print_table(f"{found.name}: {poses} poses each, seed {seed}", COLUMNS, table_rows(table))
+        typer.echo(summary(table))
+    if any(r.error for r in result.objects):
+        raise typer.Exit(1)

@@ -1,0 +1,128 @@
+"""Pictures (extra ``cli``): boxes and hand poses on an object.
+
+Every function draws on matplotlib axes that it is given, in the object's frame and in metres; ``save_*`` make a
+figure and write it.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from numpy.typing import NDArray
+
+from graspbox.meshes import Mesh
+from graspbox.planning import Box, Plan
+from graspbox.simulation import Hand, Outcomes, load_hand
+
+#: Most faces that are drawn; more cost seconds and cannot be told apart on paper.
+_MAX_FACES = 6000
+#: Direction that the light comes from, object frame.
+_LIGHT = np.array([0.4, -0.5, 0.77])
+_EDGES = ((0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7))
+_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#000000")
+_SUCCESS, _FAILURE, _UNTRIED = "#009e73", "#d55e00", "#555555"
+
+
+def draw_mesh(axes: Any, mesh: Mesh, *, alpha: float = 0.9, color: str = "#b8bcc4") -> None:
+    """Draw the surface, shaded; of a large mesh, an even choice of faces."""
+    faces = mesh.faces
+    faces = faces[:: max(1, -(-len(faces) // _MAX_FACES))]
+    axes.add_collection3d(shaded(mesh.vertices[faces], color, alpha))
+
+
+def shaded(triangles: NDArray[np.float64], color: str, alpha: float) -> Poly3DCollection:
+    """Colour triangles (n, 3, 3) by the angle between their normal and the light."""
+    from matplotlib.colors import to_rgb
+
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    light = np.abs(normals / np.maximum(lengths, 1e-30) @ _LIGHT)
+    colors = np.array(to_rgb(color)) * (0.35 + 0.65 * light[:, None])
+    return Poly3DCollection(triangles, facecolors=np.clip(colors, 0, 1), edgecolors="none", alpha=alpha)
+
+
+def draw_box(axes: Any, box: Box, *, color: str = "black", width: float = 1.0) -> None:
+    """Draw the edges of a box."""
+    corners = box.corners()
+    axes.add_collection3d(Line3DCollection([corners[list(edge)] for edge in _EDGES], colors=color, linewidths=width))
+
+
+def draw_hand(
+    axes: Any, hand: Hand, object_from_hand: NDArray[np.float64], preshape: float, *, color: str = "#555555"
+) -> None:
+    """Draw the open hand's collision shapes as the edges of their boxes."""
+    zeros = np.zeros(hand.fingers)
+    poses, halves, _ = hand.shapes(preshape, zeros, zeros)
+    for pose, half in zip(object_from_hand @ poses, halves, strict=True):
+        draw_box(axes, Box(pose[:3, 3], pose[:3, :3], half), color=color, width=0.6)
+
+
+def draw_poses(axes: Any, poses: NDArray[np.float64], colors: list[str], *, length: float = 0.05) -> None:
+    """Draw each pose as an arrow along the hand's approach that ends at the palm."""
+    if not len(poses):
+        return
+    tips, ways = poses[:, :3, 3], poses[:, :3, 2] * length
+    lines = np.stack([tips - ways, tips], axis=1)
+    axes.add_collection3d(Line3DCollection(lines, colors=colors, linewidths=1.4))
+    axes.scatter(*tips.T, c=colors, s=8, depthshade=False)
+
+
+def fit_view(axes: Any, points: NDArray[np.float64]) -> None:
+    """Show all points (n, 3) with equal scales and without clutter."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, reach = (low + high) / 2, float((high - low).max()) / 2 * 1.05
+    for set_limits, center in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
+        set_limits(center - reach, center + reach)
+    axes.set_box_aspect((1, 1, 1))
+    axes.set_axis_off()
+
+
+def save_plan(
+    path: Path,
+    mesh: Mesh,
+    plan: Plan,
+    outcomes: Outcomes | None = None,
+    *,
+    hand: str | Hand = "reflex",
+    count: int = 20,
+) -> None:
+    """Write a picture: the boxes on the object, and its best poses with the open hand at the first.
+
+    Parameters
+    ----------
+    path : Path
+        The picture's file; its ending names the format.
+    mesh, plan : Mesh, Plan
+        The object, and what was planned for it.
+    outcomes : Outcomes, optional
+        What came of the plan's poses; colours them green and red.
+    hand : str or Hand
+        The hand to draw.
+    count : int
+        Most poses to draw.
+    """
+    best = plan.best(count)
+    figure = Figure(figsize=(9, 4.5), dpi=150)
+    left, right = (figure.add_subplot(1, 2, i, projection="3d") for i in (1, 2))
+    corners = np.concatenate([box.corners() for box in plan.tree])
+    draw_mesh(left, mesh, alpha=0.6)
+    for index, box in enumerate(plan.tree):
+        draw_box(left, box, color=_COLORS[index % len(_COLORS)], width=1.5)
+    fit_view(left, corners)
+    left.set_title(f"{mesh.name}: {len(plan.tree)} boxes", fontsize=9)
+    draw_mesh(right, mesh)
+    colors = [_UNTRIED] * len(best)
+    if outcomes is not None:
+        colors = [_SUCCESS if ok else _FAILURE for ok in outcomes.success[: len(best)]]
+    draw_poses(right, best.poses, colors)
+    if len(best):
+        draw_hand(right, load_hand(hand), best.poses[0], float(best.preshape[0]))
+    shown = np.concatenate([corners, best.poses[:, :3, 3] - 0.05 * best.poses[:, :3, 2]])
+    fit_view(right, shown)
+    right.set_title(
+        f"{len(best)} best poses" + (f", {int(outcomes.success.sum())} succeed" if outcomes else ""), fontsize=9
+    )
+    figure.tight_layout()
+    figure.savefig(path)
