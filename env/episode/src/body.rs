@@ -29,6 +29,7 @@ pub struct Body {
     name: String,
     mesh: TriMesh,
     parts: Vec<Vec<Point3<f64>>>,
+    hulls: Vec<TriMesh>,
     mass: MassProperties,
     model: ObjectModel,
 }
@@ -80,6 +81,7 @@ impl Body {
             name: spec.name.clone(),
             mesh,
             parts,
+            hulls,
             mass,
             model,
         })
@@ -98,6 +100,11 @@ impl Body {
     /// Convex parts as points, object frame, metres.
     pub fn parts(&self) -> &[Vec<Point3<f64>>] {
         &self.parts
+    }
+
+    /// The same parts as closed convex meshes.
+    pub fn hulls(&self) -> &[TriMesh] {
+        &self.hulls
     }
 
     /// Mass, centre of mass, inertia, and how they were found.
