@@ -42,11 +42,15 @@ pub struct CollisionScene {
 impl CollisionScene {
     /// Prepares an object whose table is the plane z = 0 of the world.
     ///
-    /// * `mesh`, `parts`: object frame, metres; `parts` are convex, and there may be none.
+    /// * `mesh`, `parts`: object frame, metres; each convex part is given by points that span it, and there may be none.
     ///
     /// # Errors
     /// [`PlanError::Collision`] for a part without volume or a mesh that the collision library refuses.
-    pub fn new(mesh: &TriMesh, parts: &[TriMesh], world_from_object: &Isometry3<f64>) -> Result<Self, PlanError> {
+    pub fn new(
+        mesh: &TriMesh,
+        parts: &[Vec<Point3<f64>>],
+        world_from_object: &Isometry3<f64>,
+    ) -> Result<Self, PlanError> {
         let points = |points: &[Point3<f64>]| points.iter().map(|p| vector(&p.coords)).collect::<Vec<Vector>>();
         let surface =
             Triangles::new(points(mesh.vertices()), mesh.faces().to_vec()).map_err(|source| PlanError::Collision {
@@ -54,9 +58,7 @@ impl CollisionScene {
             })?;
         let parts: Vec<(SharedShape, Aabb)> = parts
             .iter()
-            .map(|part| {
-                SharedShape::convex_hull(&points(part.vertices())).map(|hull| (hull.clone(), hull.compute_local_aabb()))
-            })
+            .map(|part| SharedShape::convex_hull(&points(part)).map(|hull| (hull.clone(), hull.compute_local_aabb())))
             .collect::<Option<_>>()
             .ok_or_else(|| PlanError::Collision {
                 reason: "a convex part has no volume".into(),

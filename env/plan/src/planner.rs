@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 pub struct PlanObject<'a> {
     /// Surface, object frame, metres.
     pub mesh: &'a TriMesh,
-    /// Convex parts that the simulation uses, object frame; may be empty. They count as obstacles beside the mesh.
-    pub parts: &'a [TriMesh],
+    /// Points that span the convex parts which the simulation uses, object frame; may be empty. They are obstacles beside the mesh.
+    pub parts: &'a [Vec<Point3<f64>>],
     /// Centre of mass, object frame, metres.
     pub center_of_mass: Point3<f64>,
     /// Where the object rests.

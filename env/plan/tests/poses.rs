@@ -136,7 +136,7 @@ fn a_hand_inside_the_object_collides() {
 fn convex_parts_count_as_obstacles() {
     let hand = Hand::reflex().unwrap();
     let mesh = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1])]);
-    let fat = cuboids(&[([0.0, 0.0, 0.11], [0.03, 0.03, 0.11])]);
+    let fat = cuboids(&[([0.0, 0.0, 0.11], [0.03, 0.03, 0.11])]).vertices().to_vec();
     let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.21), over);
     let open = OpenHand::new(hand, 0.0, 0.001, 0.1).unwrap();
