@@ -29,6 +29,24 @@ pub enum Feasibility {
     HitsObjectOnApproach,
 }
 
+/// A convex part of an object: a mesh, or points that span it; object frame, metres.
+pub trait ConvexPart {
+    /// Points whose convex hull is the part.
+    fn span(&self) -> &[Point3<f64>];
+}
+
+impl ConvexPart for TriMesh {
+    fn span(&self) -> &[Point3<f64>] {
+        self.vertices()
+    }
+}
+
+impl ConvexPart for Vec<Point3<f64>> {
+    fn span(&self) -> &[Point3<f64>] {
+        self
+    }
+}
+
 /// An object on the table, ready for collision queries; object frame.
 pub struct CollisionScene {
     surface: Triangles,
@@ -42,13 +60,13 @@ pub struct CollisionScene {
 impl CollisionScene {
     /// Prepares an object whose table is the plane z = 0 of the world.
     ///
-    /// * `mesh`, `parts`: object frame, metres; each convex part is given by points that span it, and there may be none.
+    /// * `mesh`, `parts`: object frame, metres; there may be no parts.
     ///
     /// # Errors
     /// [`PlanError::Collision`] for a part without volume or a mesh that the collision library refuses.
-    pub fn new(
+    pub fn new<P: ConvexPart>(
         mesh: &TriMesh,
-        parts: &[Vec<Point3<f64>>],
+        parts: &[P],
         world_from_object: &Isometry3<f64>,
     ) -> Result<Self, PlanError> {
         let points = |points: &[Point3<f64>]| points.iter().map(|p| vector(&p.coords)).collect::<Vec<Vector>>();
@@ -58,7 +76,9 @@ impl CollisionScene {
             })?;
         let parts: Vec<(SharedShape, Aabb)> = parts
             .iter()
-            .map(|part| SharedShape::convex_hull(&points(part)).map(|hull| (hull.clone(), hull.compute_local_aabb())))
+            .map(|part| {
+                SharedShape::convex_hull(&points(part.span())).map(|hull| (hull.clone(), hull.compute_local_aabb()))
+            })
             .collect::<Option<_>>()
             .ok_or_else(|| PlanError::Collision {
                 reason: "a convex part has no volume".into(),

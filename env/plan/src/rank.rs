@@ -9,9 +9,10 @@ pub use predict::Prediction;
 
 use crate::PlanError;
 use crate::collision::CollisionScene;
-use crate::planner::{Candidate, PlanObject};
+use crate::planner::Candidate;
 use graspbox_hand::Hand;
-use graspbox_mesh::sample_surface;
+use graspbox_mesh::{TriMesh, sample_surface};
+use nalgebra::Point3;
 use predict::{ClosingHand, Target, closing_hand, predict};
 use rayon::prelude::*;
 
@@ -25,16 +26,17 @@ const SAMPLES: [usize; 2] = [400, 4000];
 /// # Errors
 /// [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape.
 pub(crate) fn rank(
-    object: &PlanObject<'_>,
+    mesh: &TriMesh,
+    center_of_mass: Point3<f64>,
     hand: &Hand,
     scene: &CollisionScene,
     candidates: &mut [Candidate],
 ) -> Result<(), PlanError> {
-    let wanted = (object.mesh.area() / (SPACING * SPACING)) as usize;
-    let samples = sample_surface(object.mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0);
+    let wanted = (mesh.area() / (SPACING * SPACING)) as usize;
+    let samples = sample_surface(mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0);
     let target = Target {
         samples: &samples,
-        center_of_mass: object.center_of_mass,
+        center_of_mass,
         scene,
     };
     let mut hands: Vec<ClosingHand> = Vec::new();
