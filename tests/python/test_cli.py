@@ -1,0 +1,136 @@
+"""The command line: its JSON has the promised shape, its numbers are the package's, its exit status is honest."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import graspbox
+from graspbox import _core, object_sets
+from graspbox.evaluation import ObjectResult, SetResult
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run ``graspbox`` as a user does."""
+    command = [sys.executable, "-m", "graspbox", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+def run_json(*arguments: str | Path) -> Any:
+    """Run a command that must work, and read what it prints."""
+    result = run(*arguments, "--json")
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+@pytest.mark.parametrize("command", ["objects", "plan", "grasp", "demo", "bench"])
+def test_every_command_explains_itself(command: str) -> None:
+    result = run(command, "--help")
+    assert result.returncode == 0
+    assert "Usage" in result.stdout
+
+
+def test_version() -> None:
+    assert run("--version").stdout == f"graspbox {graspbox.__version__}\n"
+
+
+def test_objects() -> None:
+    rows = run_json("objects", "ycb")
+    assert [row["name"] for row in rows] == list(object_sets.load("ycb").names)
+    assert set(rows[0]) == {"name", "split", "mass", "mass_known"}
+    tests = run_json("objects", "ycb", "--split", "test")
+    assert [row["name"] for row in tests] == [row["name"] for row in rows if row["split"] == "test"]
+
+
+def test_plan(tmp_path: Path) -> None:
+    picture = tmp_path / "can.png"
+    found = run_json("plan", "procedural:can:0", "--max-boxes", "3", "--picture", picture)
+    assert set(found) == {"boxes", "poses", "feasible", "seconds"}
+    assert all(set(box) == {"center", "axes", "half_extents", "volume"} for box in found["boxes"])
+    tree = graspbox.decompose(object_sets.load("procedural:can:0")[0].load(), max_boxes=3)
+    assert [box["volume"] for box in found["boxes"]] == [box.volume for box in tree]
+    assert 0 < found["feasible"] <= found["poses"]
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_grasp_counts_what_the_package_counts(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "grasps.json"
+    arguments = [
+        "grasp",
+        "--objects",
+        "procedural:ball:0",
+        "--objects",
+        "procedural:can:0",
+        "--poses",
+        "3",
+        "--seed",
+        "4",
+    ]
+    table = run_json(*arguments, "--out", out)
+    assert json.loads(out.read_text()) == table
+    keys = {"objects", "tried", "succeeded", "rate", "objects_with_success", "first_rate", "trials_per_s"}
+    assert set(table) == keys
+    keys = {"name", "tried", "succeeded", "secure", "legacy_succeeded", "first_succeeded"}
+    assert all(set(row) == keys for row in table["objects"])
+    assert [row["name"] for row in table["objects"]] == ["ball-000000", "can-000000"]
+    assert table["tried"] == sum(row["tried"] for row in table["objects"]) == 6
+    assert table["rate"] == table["succeeded"] / table["tried"]
+    again = run_json(*arguments, "--threads", "1")
+    for found in (table, again):
+        del found["trials_per_s"]
+    assert again == table
+    scene = graspbox.Scene(object_sets.load("procedural:can:0")[0].load())
+    plan = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object, seed=4).best(3)
+    success = scene.simulate(plan.poses, plan.preshape, config=graspbox.TrialConfig(legacy=True)).success
+    row = table["objects"][1]
+    assert (row["succeeded"], row["first_succeeded"]) == (int(success.sum()), bool(success[0]))
+
+
+def test_objects_without_a_pose_count_as_failed() -> None:
+    out = graspbox.Scene(object_sets.load("procedural:ball:0")[0].load())
+    plan = graspbox.plan(out.mesh, world_from_object=out.world_from_object).best(1)
+    good = ObjectResult("good", plan, out.simulate(plan.poses, plan.preshape), 0.5)
+    assert good.row()["succeeded"] == 1
+    none = ObjectResult("none", plan.best(0), out.simulate(plan.poses[:0], plan.preshape[:0]), 0.0)
+    table = SetResult([good, none, ObjectResult("broken", error="MeshError: flat")]).table()
+    assert (table["tried"], table["rate"], table["objects_with_success"]) == (1, 1.0, 1)
+    assert table["first_rate"] == pytest.approx(1 / 3)
+    assert SetResult().table()["rate"] == 0.0
+
+
+def test_exit_status(tmp_path: Path) -> None:
+    wrong = run("grasp", "--objects", "cupboard")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert "names no object set" in wrong.stderr
+    assert "Traceback" not in wrong.stderr
+    assert run("grasp", "--poses", "0").returncode == 2
+    flat = tmp_path / "flat.off"
+    flat.write_text("OFF\n3 1 0\n0 0 0\n0.1 0 0\n0 0.1 0\n3 0 1 2\n")
+    result = run("grasp", "--objects", flat, "--poses", "1", "--json")
+    assert result.returncode == 1
+    assert json.loads(result.stdout)["objects"][0]["tried"] == 0
+    assert "flat" in result.stderr
+    assert run("plan", flat).returncode == 1
+    assert run("plan", tmp_path / "none.stl").returncode == 2
+
+
+def test_demo_leaves_its_table_and_pictures(tmp_path: Path) -> None:
+    table = run_json("demo", "--out", tmp_path, "--poses", "1")
+    assert json.loads((tmp_path / "grasps.json").read_text()) == table
+    names = [row["name"] for row in table["objects"]]
+    assert len(names) == 12
+    assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in names)
+    markdown = (tmp_path / "grasps.md").read_text()
+    assert all(f"| {name} |" in markdown for name in names)
+
+
+def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    from graspbox.cli import bench
+
+    monkeypatch.setattr(bench, "_MIX", ("procedural:ball:0",))
+    rows = bench.measure(1)
+    assert all(set(row) == {"work", "value", "unit"} and row["value"] > 0 for row in rows)
+    assert _core.num_threads() >= 1
