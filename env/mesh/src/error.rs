@@ -143,4 +143,10 @@ pub enum MeshError {
         /// The range that it must lie in, as a sentence.
         rule: &'static str,
     },
+    /// A procedural solid whose iso-surface is no manifold on any grid tried.
+    #[error("no manifold surface of the procedural object in {tries} grids; take another seed and report this one")]
+    NoManifoldSurface {
+        /// Grids tried.
+        tries: usize,
+    },
 }

@@ -32,6 +32,26 @@ pub enum Family {
     WineGlass = 9,
     /// Mug with a handle.
     Mug = 10,
+    /// Apple, orange, lemon, pear or peach.
+    Fruit = 11,
+    /// Banana, lying.
+    Banana = 12,
+    /// Cross-peen hammer, lying.
+    Hammer = 13,
+    /// Screwdriver, lying.
+    Screwdriver = 14,
+    /// Household scissors, a little open, lying.
+    Scissors = 15,
+    /// Table fork, lying.
+    Fork = 16,
+    /// Table or serving spoon, lying.
+    Spoon = 17,
+    /// C-clamp, lying.
+    Clamp = 18,
+    /// Straight chain of fused links.
+    Chain = 19,
+    /// Ring of round section, lying flat.
+    Ring = 20,
 }
 
 /// What a family promises of each of its objects.
@@ -141,6 +161,86 @@ const FACTS: &[FamilyFacts] = &[
         greatest: [0.14, 0.1, 0.12],
         mass: [0.05, 0.7],
         source: "YCB mug (80 mm high, 118 g of enamel); ceramic mugs of 0.2 to 0.5 l",
+    },
+    FamilyFacts {
+        family: Family::Fruit,
+        name: "fruit",
+        least: [0.04, 0.04, 0.04],
+        greatest: [0.085, 0.085, 0.115],
+        mass: [0.04, 0.36],
+        source: "YCB apple, orange, lemon, pear, peach: 54 to 75 mm wide; real fruit, 820 to 1000 kg/m3",
+    },
+    FamilyFacts {
+        family: Family::Banana,
+        name: "banana",
+        least: [0.12, 0.04, 0.028],
+        greatest: [0.21, 0.12, 0.044],
+        mass: [0.06, 0.25],
+        source: "YCB banana (190 mm long, 36 mm thick); real fruit, 900 to 1000 kg/m3",
+    },
+    FamilyFacts {
+        family: Family::Hammer,
+        name: "hammer",
+        least: [0.2, 0.08, 0.015],
+        greatest: [0.36, 0.13, 0.07],
+        mass: [0.15, 1.1],
+        source: "YCB hammer (665 g); cross-peen hammers with heads of 100 to 800 g",
+    },
+    FamilyFacts {
+        family: Family::Screwdriver,
+        name: "screwdriver",
+        least: [0.15, 0.02, 0.02],
+        greatest: [0.27, 0.04, 0.04],
+        mass: [0.03, 0.3],
+        source: "YCB screwdrivers (31 x 215 mm, 98 g)",
+    },
+    FamilyFacts {
+        family: Family::Scissors,
+        name: "scissors",
+        least: [0.12, 0.05, 0.006],
+        greatest: [0.21, 0.12, 0.012],
+        mass: [0.03, 0.2],
+        source: "YCB scissors (87 x 200 x 14 mm, 82 g)",
+    },
+    FamilyFacts {
+        family: Family::Fork,
+        name: "fork",
+        least: [0.15, 0.012, 0.006],
+        greatest: [0.22, 0.03, 0.03],
+        mass: [0.004, 0.08],
+        source: "YCB fork (198 mm, 34 g); steel and plastic cutlery",
+    },
+    FamilyFacts {
+        family: Family::Spoon,
+        name: "spoon",
+        least: [0.13, 0.03, 0.008],
+        greatest: [0.21, 0.05, 0.03],
+        mass: [0.004, 0.1],
+        source: "YCB spoon (195 mm, 30 g); steel and plastic cutlery",
+    },
+    FamilyFacts {
+        family: Family::Clamp,
+        name: "clamp",
+        least: [0.07, 0.05, 0.008],
+        greatest: [0.18, 0.12, 0.025],
+        mass: [0.03, 0.8],
+        source: "YCB clamps (medium to extra large, 59 to 202 g); C-clamps of 50 to 80 mm, iron or aluminium",
+    },
+    FamilyFacts {
+        family: Family::Chain,
+        name: "chain",
+        least: [0.05, 0.015, 0.015],
+        greatest: [0.22, 0.045, 0.045],
+        mass: [0.003, 0.5],
+        source: "YCB plastic chain (98 g); links of 3 to 4.5 mm rod",
+    },
+    FamilyFacts {
+        family: Family::Ring,
+        name: "ring",
+        least: [0.045, 0.045, 0.009],
+        greatest: [0.12, 0.12, 0.024],
+        mass: [0.005, 0.2],
+        source: "toy rings, bangles and rolls, 50 to 116 mm wide",
     },
 ];
 

@@ -6,23 +6,29 @@
 //! | `draw` | seeded draws, one stream per family and seed |
 //! | `surface` | closed quad surfaces from rings |
 //! | `lathe` | surfaces of revolution; convex parts of solids and walls |
+//! | `field`, `nets` | composite solids as signed distances; their manifold surface |
 //! | `cloud` | few points whose hull stays close to a convex shape |
 //! | `draft` | what a family hands back, and how it is laid on the table |
-//! | `packages`, `rounds`, `vessels`, `handled` | the families themselves |
+//! | `packages`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools` | the families themselves |
 //!
 //! Object frame: z up in the natural resting pose, lowest vertex at z = 0, bounds centred in x and y; metres.
 
 mod cloud;
+mod cutlery;
 mod draft;
 mod draw;
 mod family;
+mod field;
+mod food;
 mod handled;
 mod lathe;
+mod nets;
 mod packages;
 mod rounds;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod tools;
 mod vessels;
 
 pub use family::{Family, FamilyFacts, UnknownFamily};
@@ -51,7 +57,7 @@ pub struct ProceduralObject {
 /// Makes object `seed` of `family`: the same bits for the same arguments.
 ///
 /// # Errors
-/// Those of [`TriMesh::new`], which would be a defect of the family.
+/// [`MeshError::NoManifoldSurface`], or those of [`TriMesh::new`]; each would be a defect of the family.
 pub fn generate(family: Family, seed: u64) -> Result<ProceduralObject, MeshError> {
     let mut draw = draw::Draw::new(family as u64, seed);
     let mut made = match family {
@@ -65,6 +71,16 @@ pub fn generate(family: Family, seed: u64) -> Result<ProceduralObject, MeshError
         Family::Plate => vessels::plate(&mut draw),
         Family::WineGlass => vessels::wine_glass(&mut draw),
         Family::Mug => handled::mug(&mut draw),
+        Family::Fruit => food::fruit(&mut draw)?,
+        Family::Banana => food::banana(&mut draw)?,
+        Family::Hammer => tools::hammer(&mut draw)?,
+        Family::Screwdriver => tools::screwdriver(&mut draw)?,
+        Family::Scissors => cutlery::scissors(&mut draw)?,
+        Family::Fork => cutlery::fork(&mut draw)?,
+        Family::Spoon => cutlery::spoon(&mut draw)?,
+        Family::Clamp => tools::clamp(&mut draw)?,
+        Family::Chain => tools::chain(&mut draw)?,
+        Family::Ring => tools::ring(&mut draw)?,
         Family::Superquadric => rounds::superquadric(&mut draw)?,
     };
     made.settle();
