@@ -24,7 +24,7 @@ from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.meshes import floats, to_json
 
-__all__ = ["Hand", "Outcomes", "Scene", "Trace", "cache_folder", "load_hand", "simulate"]
+__all__ = ["Body", "Hand", "Outcomes", "Scene", "Trace", "cache_folder", "load_hand", "simulate"]
 
 
 def cache_folder() -> Path | None:
@@ -136,6 +136,28 @@ class Trace:
     hand_force: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What the engine takes for an object; object frame.
+
+    Attributes
+    ----------
+    parts : tuple of (n, 3) float64
+        Convex parts, each by points that span it, metres.
+    mass : float
+        kg.
+    center_of_mass : (3,) float64
+        Metres.
+    inertia : (3, 3) float64
+        About the centre of mass, kg m2.
+    """
+
+    parts: tuple[NDArray[np.float64], ...]
+    mass: float
+    center_of_mass: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+
+
 class Scene:
     """An object that has come to rest on the table, with a hand to grasp it.
 
@@ -197,6 +219,12 @@ class Scene:
     def center_of_mass(self) -> NDArray[np.float64]:
         """Centre of mass in the object's frame, (3,), metres."""
         return self._core.center_of_mass
+
+    @property
+    def body(self) -> Body:
+        """The object as the engine takes it."""
+        parts, mass, center, inertia = self._core.body()
+        return Body(tuple(parts), mass, center, inertia)
 
     def simulate(
         self,

@@ -1,6 +1,6 @@
 //! `graspbox.Scene`: an object at rest on the table, and trials on it.
 
-use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, vector};
+use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, row_major, vector};
 use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
@@ -14,6 +14,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
 use std::sync::Arc;
+
+/// Convex parts, mass, centre of mass, inertia.
+type BodyArrays<'py> = (Vec<Array<'py, f64>>, f64, Array<'py, f64>, Array<'py, f64>);
 
 /// A handle on a settled object.
 #[pyclass(frozen, module = "graspbox._core", name = "Scene")]
@@ -85,6 +88,25 @@ impl Scene {
     fn center_of_mass<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         let center = self.core.center_of_mass();
         array(py, vec![center.x, center.y, center.z], &[3])
+    }
+
+    /// What the engine takes for the object: convex parts as points (n, 3) each, mass (kg), centre of mass (3,), inertia about it
+    /// (3, 3); object frame.
+    fn body<'py>(&self, py: Python<'py>) -> PyResult<BodyArrays<'py>> {
+        // Prepared when the scene was: no folder is asked for its parts again.
+        let body = self.mesh.body(None)?;
+        let parts = body.parts().iter().map(|points| {
+            let coordinates = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+            array(py, coordinates, &[points.len(), 3])
+        });
+        let properties = body.mass_properties();
+        let center = properties.center_of_mass;
+        Ok((
+            parts.collect::<PyResult<_>>()?,
+            properties.mass,
+            array(py, vec![center.x, center.y, center.z], &[3])?,
+            array(py, row_major(&properties.inertia).to_vec(), &[3, 3])?,
+        ))
     }
 
     /// Tries every pose; arrays by name.

@@ -2,6 +2,7 @@
 
 use crate::convert::{Array, Floats, array, matrices, table, vector};
 use crate::errors::CoreError;
+use graspbox_hand::reflex::{REFLEX_TOML, REFLEX_URDF};
 use graspbox_hand::{Hand as Core, HandConfiguration, Material, Shape};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -20,6 +21,12 @@ impl Hand {
     #[staticmethod]
     fn reflex() -> PyResult<Self> {
         Ok(Self(Arc::new(Core::reflex().map_err(CoreError::from)?.clone())))
+    }
+
+    /// The text of the ReFlex's URDF and `hand.toml`.
+    #[staticmethod]
+    fn reflex_files() -> (&'static str, &'static str) {
+        (REFLEX_URDF, REFLEX_TOML)
     }
 
     /// Reads a hand from its URDF and its `hand.toml`.
