@@ -86,3 +86,23 @@ def test_forked_child_gets_pools_of_its_own() -> None:
     env = {**os.environ, "PYTHONWARNINGS": "ignore"}
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, env=env)
     assert result.stdout.split() == ["2", "2"], result.stderr
+
+
+def test_ctrl_c_stops_a_batch_of_trials_within_a_second() -> None:
+    code = (
+        "import numpy as np, graspbox\n"
+        "scene = graspbox.Scene(graspbox.object_sets.load('procedural:can:0')[0].load())\n"
+        "plan = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object).best(1)\n"
+        "print('ready', flush=True)\n"
+        "try: scene.simulate(np.repeat(plan.poses, 5000, axis=0), np.repeat(plan.preshape, 5000))\n"
+        "except KeyboardInterrupt: print('stopped', flush=True)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)
+        started = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "stopped\n"
+        assert time.monotonic() - started < 1.0
+        assert process.wait(timeout=10) == 0

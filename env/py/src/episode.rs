@@ -21,7 +21,8 @@ type BodyArrays<'py> = (Vec<Array<'py, f64>>, f64, Array<'py, f64>, Array<'py, f
 /// A handle on a settled object.
 #[pyclass(frozen, module = "graspbox._core", name = "Scene")]
 pub struct Scene {
-    core: Arc<Core>,
+    /// The settled object.
+    pub core: Arc<Core>,
     mesh: Arc<MeshData>,
 }
 

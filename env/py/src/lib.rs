@@ -2,6 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
+//! | [`bench`] | what is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
 //! | [`convert`] | arrays and configs, with every check of a shape or a number |
 //! | [`errors`] | one error type, and the Python exception of each error |
@@ -14,6 +15,7 @@
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
 
+pub mod bench;
 pub mod config;
 pub mod convert;
 pub mod episode;
@@ -30,6 +32,8 @@ use pyo3::prelude::*;
 mod _core {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use crate::bench::{time_best_split, time_reset};
     #[pymodule_export]
     use crate::config::config_again;
     #[pymodule_export]
