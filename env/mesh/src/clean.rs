@@ -42,7 +42,7 @@ pub struct CleanReport {
     pub welded_vertices: usize,
     /// Faces with two equal corners after welding. (A sliver with three corners stays: without it the mesh would tear.)
     pub degenerate_faces: usize,
-    /// Faces with the same corners as an earlier one.
+    /// Faces with the same corners as another one; of a pair with opposite sides both are dropped.
     pub duplicate_faces: usize,
     /// Faces turned over.
     pub flipped_faces: usize,
@@ -142,26 +142,47 @@ fn weld(vertices: &[Point3<f64>], distance: f64) -> Vec<u32> {
     remap
 }
 
+/// Largest share of faces that may vanish as flaps; more of them are a mesh that was drawn with both sides.
+const MAX_FLAPS: f64 = 0.01;
+
 /// The faces that still are triangles after welding, each once.
+///
+/// Welding folds slivers into flaps: two faces with the same corners and opposite sides, which bound nothing. Both go, or
+/// their edges would be left open.
 fn keep_faces(mesh: &TriMesh, remap: &[u32], report: &mut CleanReport) -> Vec<[u32; 3]> {
-    let mut seen = HashSet::with_capacity(mesh.faces().len());
-    let mut faces = Vec::with_capacity(mesh.faces().len());
-    for face in mesh.faces() {
-        let face = face.map(|v| remap[v as usize]);
-        let [a, b, c] = face;
-        if a == b || b == c || c == a {
-            report.degenerate_faces += 1;
-            continue;
-        }
-        let mut sorted = face;
-        sorted.sort_unstable();
-        if !seen.insert(sorted) {
-            report.duplicate_faces += 1;
-            continue;
-        }
-        faces.push(face);
+    let welded = mesh.faces().iter().map(|face| face.map(|v| remap[v as usize]));
+    let faces: Vec<[u32; 3]> = welded.filter(|[a, b, c]| a != b && b != c && c != a).collect();
+    report.degenerate_faces = mesh.faces().len() - faces.len();
+    // Faces by their corners: how many more run one way round than the other.
+    let mut turns: HashMap<[u32; 3], i32> = HashMap::with_capacity(faces.len());
+    for face in &faces {
+        let (corners, turn) = canonical(*face);
+        *turns.entry(corners).or_insert(0) += turn;
     }
-    faces
+    let flaps = turns.values().filter(|t| **t == 0).count();
+    let drop_flaps = flaps as f64 <= MAX_FLAPS * faces.len() as f64;
+    let mut seen = HashSet::with_capacity(turns.len());
+    let before = faces.len();
+    let kept: Vec<[u32; 3]> = faces
+        .into_iter()
+        .filter(|face| {
+            let (corners, turn) = canonical(*face);
+            let net = turns[&corners];
+            let cancelled = net == 0 && drop_flaps;
+            !cancelled && (net == 0 || net.signum() == turn) && seen.insert(corners)
+        })
+        .collect();
+    report.duplicate_faces = before - kept.len();
+    kept
+}
+
+/// The corners in ascending order, and whether that is the same turn (1) or the other one (-1).
+fn canonical(face: [u32; 3]) -> ([u32; 3], i32) {
+    let mut sorted = face;
+    sorted.sort_unstable();
+    let [a, b, c] = sorted;
+    let same = [[a, b, c], [b, c, a], [c, a, b]].contains(&face);
+    (sorted, if same { 1 } else { -1 })
 }
 
 fn drop_small(vertices: &[Point3<f64>], faces: &mut Vec<[u32; 3]>, min_share: f64, report: &mut CleanReport) {

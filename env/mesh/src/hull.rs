@@ -1,15 +1,16 @@
-//! Convex hulls in f64, on parry's quickhull in f32.
+//! Convex hulls in f64.
 //!
-//! Points are moved to their centre and scaled to unit size before they become f32, so the relative error is about 1e-7
-//! wherever the object lies. Flat input is an error, never a panic.
+//! parry's quickhull in f32 leaves out points of many coplanar inputs (cut faces, modelled objects), so this crate has its own.
+//! Flat input is an error, never a panic. Corners are always points that were given, with their bits; nearly coplanar faces may
+//! fold by a ten-millionth of the size.
+
+mod quickhull;
 
 use crate::{MeshError, TriMesh};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
-use parry3d::math::Vector;
-use parry3d::transformation::try_convex_hull;
-use std::panic::AssertUnwindSafe;
+use quickhull::quickhull;
 
-/// Least thickness of a hull over its size. Below it f32 cannot tell a solid from a plane.
+/// Least thickness of a hull over its size: below it the f32 of the physics engine cannot tell a solid from a plane.
 const MIN_RELATIVE_THICKNESS: f64 = 1e-5;
 
 /// The convex hull of `points` as a closed mesh with outward faces.
@@ -18,7 +19,7 @@ const MIN_RELATIVE_THICKNESS: f64 = 1e-5;
 ///
 /// # Errors
 /// [`MeshError::NotFinite`]; [`MeshError::Flat`] for fewer than 4 points and for points within 1e-5 of their size of one
-/// plane; [`MeshError::Hull`] should quickhull fail on anything else.
+/// plane; [`MeshError::Hull`] should rounding defeat quickhull.
 pub fn convex_hull(points: &[Point3<f64>]) -> Result<TriMesh, MeshError> {
     if let Some(vertex) = points.iter().position(|p| !p.coords.iter().all(|x| x.is_finite())) {
         return Err(MeshError::NotFinite { vertex });
@@ -28,28 +29,44 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Result<TriMesh, MeshError> {
     if thickness(points, &centre) < MIN_RELATIVE_THICKNESS * size {
         return Err(MeshError::Flat { count });
     }
-    let unit: Vec<Vector> = points.iter().map(|p| to_glam(&((p - centre) / size))).collect();
-    let (vertices, faces) = hull_f32(&unit).map_err(|detail| MeshError::Hull { count, detail })?;
-    let vertices = vertices.iter().map(|v| centre + from_glam(*v) * size).collect();
+    let (vertices, faces) = hull_indexed(points).ok_or_else(|| MeshError::Hull {
+        count,
+        detail: "rounding tears its surface".into(),
+    })?;
     TriMesh::new(vertices, faces)
 }
 
-/// Quickhull; its panics (it asserts on some inputs) and its errors become one sentence.
-pub(crate) fn hull_f32(points: &[Vector]) -> Result<(Vec<Vector>, Vec<[u32; 3]>), String> {
-    match std::panic::catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))) {
-        Ok(Ok((vertices, faces))) if !faces.is_empty() => Ok((vertices, faces)),
-        Ok(Ok(_)) => Err("it has no faces".into()),
-        Ok(Err(e)) => Err(e.to_string()),
-        Err(_) => Err("quickhull failed an assertion".into()),
+/// Corners, and faces that name them.
+pub(crate) type Indexed = (Vec<Point3<f64>>, Vec<[u32; 3]>);
+
+/// Corners and outward faces of the hull; `None` when the points are flat.
+pub(crate) fn hull_indexed(points: &[Point3<f64>]) -> Option<Indexed> {
+    let mut faces = quickhull(points)?;
+    let mut corners: Vec<u32> = faces.iter().flatten().copied().collect();
+    corners.sort_unstable();
+    corners.dedup();
+    for v in faces.iter_mut().flatten() {
+        *v = corners.partition_point(|c| c < v) as u32;
     }
+    Some((corners.iter().map(|&c| points[c as usize]).collect(), faces))
 }
 
-pub(crate) fn to_glam(v: &Vector3<f64>) -> Vector {
-    Vector::new(v.x as f32, v.y as f32, v.z as f32)
-}
-
-pub(crate) fn from_glam(v: Vector) -> Vector3<f64> {
-    Vector3::new(f64::from(v.x), f64::from(v.y), f64::from(v.z))
+/// Outward unit normals and offsets of the faces of a convex mesh: inside, `normal . x <= offset` for each.
+///
+/// Slivers are left out: three corners in a line have no normal, and their neighbours bound the same edge.
+pub(crate) fn planes(convex: &TriMesh) -> Vec<(Vector3<f64>, f64)> {
+    (0..convex.faces().len())
+        .filter_map(|f| {
+            let [a, b, c] = convex.triangle(f);
+            let longest = (b - a)
+                .norm_squared()
+                .max((c - b).norm_squared())
+                .max((a - c).norm_squared());
+            let normal = (b - a).cross(&(c - a));
+            let wide = normal.norm() > 1e-4 * longest;
+            wide.then(|| normal.normalize()).map(|n| (n, n.dot(&a.coords)))
+        })
+        .collect()
 }
 
 /// Centre and longest side of the bounds; `None` for no points or a single place.

@@ -17,6 +17,7 @@ mod ply;
 mod stl;
 mod write;
 
+pub(crate) use write::write_atomic;
 pub use write::{write_obj, write_stl};
 
 use crate::{MeshError, TriMesh};

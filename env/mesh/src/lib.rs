@@ -8,6 +8,7 @@
 //! | [`sample`] | surface samples, uniform by area |
 //! | [`mass`] | volume, centre of mass, inertia |
 //! | [`hull`] | convex hull |
+//! | [`field`] | signed distance on a grid |
 //! | [`parts`] | convex parts: the collision geometry |
 //! | [`resting`] | stable poses on a table |
 //! | [`procedural`] | household objects made from a seed, with masses and exact convex parts |
@@ -17,6 +18,7 @@
 
 pub mod clean;
 pub mod error;
+pub mod field;
 pub mod hull;
 pub mod io;
 pub mod mass;
@@ -28,6 +30,7 @@ pub mod trimesh;
 
 pub use clean::{CleanOptions, CleanReport, Defect, check_manifold, check_watertight, clean};
 pub use error::MeshError;
+pub use field::DistanceField;
 pub use hull::convex_hull;
 pub use io::{LoadOptions, MeshFormat, load, parse, write_obj, write_stl};
 pub use mass::{Mass, MassMethod, MassProperties, mass_properties, mass_properties_of_parts};

@@ -1,9 +1,25 @@
 //! Convex parts: the collision geometry of an object.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `cell` | a piece of the solid, clipped by planes |
+//! | `cut` | top down: cut the piece that stands out most |
+//! | `merge` | bottom up: join neighbours that are convex together |
+//! | `reduce` | few corners |
+//! | `fit` | how far hulls and mesh stand out of each other |
+//! | `cache` | results on disk |
 
+mod cache;
+mod cell;
+mod cut;
+mod decompose;
+mod fit;
+mod merge;
 mod reduce;
-mod vhacd;
 
 use crate::{MeshError, TriMesh};
+use decompose::decompose;
+use fit::Fit;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -11,14 +27,12 @@ use std::path::Path;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PartsParams {
-    /// Parts may stand out of the surface by this much, metres; more parts are made until they do not.
+    /// All but 2 % of the surface of a part stays within this distance of the mesh, metres; more parts are made until it does.
     pub max_error: f64,
     /// Most parts, even if `max_error` is not reached.
     pub max_parts: usize,
     /// Most corners of a part.
     pub max_points: usize,
-    /// Voxels along the longest side.
-    pub resolution: u32,
 }
 
 impl Default for PartsParams {
@@ -28,7 +42,6 @@ impl Default for PartsParams {
             max_error: 1e-3,
             max_parts: 48,
             max_points: 64,
-            resolution: 96,
         }
     }
 }
@@ -42,7 +55,15 @@ pub struct PartsReport {
     pub points: usize,
     /// Sum of the volumes of the parts (an overlap counts twice), m3.
     pub volume: f64,
-    /// CPU time that was spent, seconds; 0 when read from the cache.
+    /// Farthest that a part stands out of the mesh, metres.
+    pub overfill_max: f64,
+    /// The same, mean over the surface of the parts (where they are inside the mesh it is 0), metres.
+    pub overfill_mean: f64,
+    /// Farthest that the mesh stands out of the parts, metres.
+    pub underfill_max: f64,
+    /// The same, mean over the surface of the mesh, metres.
+    pub underfill_mean: f64,
+    /// Time that was spent, seconds; 0 when read from the cache.
     pub seconds: f64,
     /// Read from the cache.
     pub cached: bool,
@@ -59,18 +80,61 @@ pub struct ConvexParts {
 
 /// Cuts a mesh into convex parts.
 ///
-/// * `cache`: a folder where results are kept by mesh and parameters; `None` keeps nothing.
+/// The solid is cut by planes until every piece is nearly convex, and pieces that are convex together are merged again; every
+/// hull is built from the clipped surface itself, so walls keep their thickness and cups stay open. Works best on a watertight
+/// mesh (see [`crate::clean`](fn@crate::clean)); inside is a vote of scan lines otherwise.
+///
+/// * `cache`: a folder where results are kept by mesh and parameters; `None` keeps nothing. Damaged entries are made again, and
+///   a folder that cannot be written is a warning.
 ///
 /// # Errors
-/// [`MeshError::Flat`] when the mesh spans no volume.
+/// [`MeshError::BadParameter`] for a parameter outside its range; [`MeshError::Flat`] when the mesh spans no volume.
 pub fn convex_parts(mesh: &TriMesh, params: &PartsParams, cache: Option<&Path>) -> Result<ConvexParts, MeshError> {
-    let _ = cache;
+    check(params)?;
+    let entry = cache.map(|folder| cache::entry(folder, mesh, params));
+    if let Some(parts) = entry.as_deref().and_then(cache::read) {
+        return Ok(parts);
+    }
+    let parts = build(mesh, params)?;
+    if let Some(path) = &entry {
+        cache::write(path, &parts);
+    }
+    Ok(parts)
+}
+
+fn check(params: &PartsParams) -> Result<(), MeshError> {
+    let bad = |name, value, rule| Err(MeshError::BadParameter { name, value, rule });
+    if !(params.max_error.is_finite() && params.max_error > 0.0) {
+        return bad("max_error", params.max_error, "it must be a positive number of metres");
+    }
+    if params.max_parts == 0 {
+        return bad("max_parts", 0.0, "at least 1 part is needed");
+    }
+    if params.max_points < 8 {
+        return bad(
+            "max_points",
+            params.max_points as f64,
+            "a part needs at least 8 corners",
+        );
+    }
+    Ok(())
+}
+
+fn build(mesh: &TriMesh, params: &PartsParams) -> Result<ConvexParts, MeshError> {
     let begin = std::time::Instant::now();
-    let parts = vhacd::decompose(mesh, params)?;
+    let aabb = mesh.aabb();
+    let centre = nalgebra::center(&aabb.min, &aabb.max).coords;
+    let fit = Fit::new(mesh, centre, params.max_error);
+    let parts = decompose(mesh, centre, &fit, params)?;
+    let (over, under) = (fit.overfill(&parts), Fit::underfill(mesh, &parts));
     let report = PartsReport {
         parts: parts.len(),
         points: parts.iter().map(|p| p.vertices().len()).sum(),
         volume: parts.iter().map(TriMesh::signed_volume).sum(),
+        overfill_max: over.greatest,
+        overfill_mean: over.mean,
+        underfill_max: under.greatest,
+        underfill_mean: under.mean,
         seconds: begin.elapsed().as_secs_f64(),
         cached: false,
     };

@@ -140,3 +140,39 @@ fn hulls_refuse_flat_points_and_close_over_solids() {
     check_manifold(&hull).unwrap();
     assert_near(hull.signed_volume(), sphere(0.05, 20).signed_volume(), 1e-4);
 }
+
+/// Cut faces and modelled objects give many coplanar, collinear and nearly equal points; none may end up outside.
+#[test]
+fn hulls_of_coplanar_and_repeated_points_leave_nothing_outside() {
+    let grid = |n: i32, f: &dyn Fn(f64, f64) -> Point3<f64>| -> Vec<Point3<f64>> {
+        (0..n * n)
+            .map(|k| f(f64::from(k / n) / f64::from(n - 1), f64::from(k % n) / f64::from(n - 1)))
+            .collect()
+    };
+    let mut block = Vec::new();
+    for side in [0.0, 1.0] {
+        block.extend(grid(12, &|u, v| Point3::new(u, v, side)));
+        block.extend(grid(12, &|u, v| Point3::new(u, side, v)));
+        block.extend(grid(12, &|u, v| Point3::new(side, u, v)));
+    }
+    block.extend(block.clone().iter().map(|p| p + Vector3::repeat(1e-12)));
+    let half_cup: Vec<_> = shapes::cup(0.035, 0.07, 0.003, 48)
+        .vertices()
+        .iter()
+        .filter(|p| p.x >= -1e-12)
+        .copied()
+        .collect();
+    let ball = sphere(0.037, 64).vertices().to_vec();
+    for points in [block, half_cup, ball] {
+        let hull = convex_hull(&points).unwrap();
+        check_manifold(&hull).unwrap();
+        let tolerance = 1e-4 * hull.extent();
+        for f in 0..hull.faces().len() {
+            let area = hull.face_area_vector(f);
+            if area.norm() > 1e-4 * hull.extent().powi(2) {
+                let [a, ..] = hull.triangle(f);
+                assert!(points.iter().all(|p| (p - a).dot(&area.normalize()) < tolerance));
+            }
+        }
+    }
+}

@@ -1,18 +1,41 @@
 //! Hulls with few corners.
 //!
 //! A hull of a few extreme corners is grown by the corner that stands out farthest, until none stands out or the cap is
-//! reached. The result lies inside the full hull, and its greatest error is known.
+//! reached. The result lies inside the full hull and is then scaled to its volume.
 
+use super::cell::{directions, supports};
+use crate::hull::planes;
 use crate::{TriMesh, convex_hull};
-use nalgebra::Point3;
+use nalgebra::{Point3, Translation3, Vector3};
 
+/// Directions whose extremes come first.
+const FIRST: usize = 16;
 /// Corners added before the hull is rebuilt.
 const BATCH: usize = 6;
 /// Corners that stand out by less than this share of the size are not worth having.
 const TOLERANCE: f64 = 2e-4;
 
-/// The hull of at most `max_points` of the corners of `hull`.
+/// A hull of at most `max_points` corners, with the volume of `hull`: a ball of few corners stands out of the real one by as much as
+/// it falls short of it.
 pub(super) fn reduce(hull: &TriMesh, max_points: usize) -> TriMesh {
+    let grown = grow(hull, max_points);
+    let pruned = prune(grown.vertices().to_vec(), 0.5 * TOLERANCE * hull.extent());
+    let inner = convex_hull(&pruned).unwrap_or(grown);
+    let ratio = hull.signed_volume() / inner.signed_volume();
+    // The least volume worth giving back, and the most that dropped corners can have taken.
+    if !(1.005..1.5).contains(&ratio) {
+        return inner;
+    }
+    let aabb = inner.aabb();
+    let centre = nalgebra::center(&aabb.min, &aabb.max).coords;
+    let scaled = inner
+        .transformed(&Translation3::from(-centre).into())
+        .scaled(ratio.cbrt());
+    scaled.transformed(&Translation3::from(centre).into())
+}
+
+/// The hull of at most `max_points` corners, inside `hull`.
+fn grow(hull: &TriMesh, max_points: usize) -> TriMesh {
     let corners = hull.vertices();
     let tolerance = TOLERANCE * hull.extent();
     let mut chosen = extremes(corners);
@@ -25,10 +48,11 @@ pub(super) fn reduce(hull: &TriMesh, max_points: usize) -> TriMesh {
         if chosen.len() >= max_points {
             return inner;
         }
+        let sides = planes(&inner);
         let mut outside: Vec<(usize, f64)> = corners
             .iter()
             .enumerate()
-            .map(|(i, p)| (i, stands_out(&inner, p)))
+            .map(|(i, p)| (i, stands_out(&sides, p)))
             .filter(|&(i, d)| d > tolerance && !chosen.contains(&i))
             .collect();
         if outside.is_empty() {
@@ -56,31 +80,29 @@ fn spread(corners: &[Point3<f64>], outside: &[(usize, f64)], room: usize, chosen
     }
 }
 
-/// Greatest distance of `p` above a face of the convex mesh.
-fn stands_out(inner: &TriMesh, p: &Point3<f64>) -> f64 {
-    (0..inner.faces().len())
-        .filter_map(|f| {
-            let normal = inner.face_area_vector(f).try_normalize(0.0)?;
-            Some(normal.dot(&(p - inner.triangle(f)[0])))
-        })
+/// Greatest distance of `p` above a plane.
+fn stands_out(planes: &[(Vector3<f64>, f64)], p: &Point3<f64>) -> f64 {
+    planes
+        .iter()
+        .map(|(n, d)| n.dot(&p.coords) - d)
         .fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// The corners that are farthest along the axes and the space diagonals, each once.
-fn extremes(corners: &[Point3<f64>]) -> Vec<usize> {
-    let mut chosen = Vec::new();
-    for x in [-1.0, 0.0, 1.0_f64] {
-        for y in [-1.0, 0.0, 1.0_f64] {
-            for z in [-1.0, 0.0, 1.0_f64] {
-                if x.abs() + y.abs() + z.abs() == 2.0 {
-                    continue; // 6 axes and 8 diagonals are enough to begin with
-                }
-                let direction = nalgebra::Vector3::new(x, y, z);
-                let along = |i: &usize| corners[*i].coords.dot(&direction);
-                let best = (0..corners.len()).max_by(|a, b| along(a).total_cmp(&along(b)));
-                chosen.extend(best.filter(|i| !chosen.contains(i)));
-            }
+/// Drops corners that the others make superfluous: they would only give the hull slivers.
+fn prune(mut points: Vec<Point3<f64>>, tolerance: f64) -> Vec<Point3<f64>> {
+    let mut i = 0;
+    while i < points.len() && points.len() > 4 {
+        let corner = points.remove(i);
+        let needed = convex_hull(&points).map_or(true, |others| stands_out(&planes(&others), &corner) > tolerance);
+        if needed {
+            points.insert(i, corner);
+            i += 1;
         }
     }
-    chosen
+    points
+}
+
+/// A few corners that span the hull. The directions are in general position, so that they never meet a whole edge or face.
+fn extremes(corners: &[Point3<f64>]) -> Vec<usize> {
+    supports(corners, &directions(FIRST))
 }

@@ -1,0 +1,207 @@
+//! Quickhull in f64 on joggled points.
+//!
+//! Every point is moved by its own small fixed amount, so that no four lie in one plane to rounding and every decision is clear
+//! (Barber, Dobkin, Huhdanpaa, "The quickhull algorithm for convex hulls", 1996; Qhull's option QJ). The joggle is far below f32
+//! rounding; the hull names points by index, so the caller gets them unjoggled.
+
+use nalgebra::{Point3, Vector3};
+use std::collections::{HashMap, HashSet};
+
+/// Joggle as a share of the size: 0.1 um on a hand-sized object, and 10^10 times f64 rounding. Tried in turn.
+const JOGGLES: [f64; 4] = [1e-6, 3e-6, 1e-5, 1e-4];
+/// Points nearer than this share of the size count as one: planes through them would be rounding.
+const SAME: f64 = 1e-5;
+
+struct Face {
+    corners: [u32; 3],
+    /// Across the edges from corner 0 to 1, 1 to 2, 2 to 0.
+    neighbours: [usize; 3],
+    normal: Vector3<f64>,
+    offset: f64,
+    /// Points above this face, the farthest of them last.
+    outside: Vec<u32>,
+    dead: bool,
+}
+
+/// Faces of the hull of `points`, counter-clockwise from outside, as indices into `points`. `None` when they are flat.
+pub(super) fn quickhull(points: &[Point3<f64>]) -> Option<Vec<[u32; 3]>> {
+    let first = *points.first()?;
+    let (min, max) = points.iter().fold((first, first), |(a, b), p| (a.inf(p), b.sup(p)));
+    let size = (max - min).amax();
+    let mut seen = HashSet::with_capacity(points.len());
+    let cell = |p: &Point3<f64>| [0, 1, 2].map(|k| ((p[k] - first[k]) / (SAME * size)).round() as i64);
+    let distinct: Vec<u32> = (0..points.len())
+        .filter(|&i| seen.insert(cell(&points[i])))
+        .map(|i| i as u32)
+        .collect();
+    let mut faces = JOGGLES.iter().find_map(|share| {
+        let place = |&i: &u32| (points[i as usize] - first) + joggle(u64::from(i)) * (share * size);
+        let joggled: Vec<Vector3<f64>> = distinct.iter().map(place).collect();
+        Builder::new(&joggled, 4.0 * share * size)?.finish()
+    })?;
+    faces.iter_mut().flatten().for_each(|v| *v = distinct[*v as usize]);
+    Some(faces)
+}
+
+/// A vector in [-1, 1] per axis that depends on the number alone.
+fn joggle(i: u64) -> Vector3<f64> {
+    let mut state = i << 8;
+    let mut next = || {
+        // SplitMix64: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014.
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    };
+    Vector3::new(next(), next(), next())
+}
+
+struct Builder<'a> {
+    points: &'a [Vector3<f64>],
+    faces: Vec<Face>,
+}
+
+impl<'a> Builder<'a> {
+    /// Begins with a tetrahedron of extreme points; `None` when it is thinner than `least` metres.
+    fn new(points: &'a [Vector3<f64>], least: f64) -> Option<Self> {
+        let farthest = |score: &dyn Fn(&Vector3<f64>) -> f64| {
+            let (best, value) = points
+                .iter()
+                .map(score)
+                .enumerate()
+                .fold(
+                    (0, f64::NEG_INFINITY),
+                    |best, (i, s)| if s > best.1 { (i, s) } else { best },
+                );
+            (value > least).then_some(best)
+        };
+        let a = farthest(&|p| p.x + 1e9 * least)?;
+        let b = farthest(&|p| (p - points[a]).norm())?;
+        let along = (points[b] - points[a]).normalize();
+        let c = farthest(&|p| (p - points[a]).cross(&along).norm())?;
+        let normal = (points[b] - points[a]).cross(&(points[c] - points[a])).normalize();
+        let d = farthest(&|p| (p - points[a]).dot(&normal).abs())?;
+        let [a, b, c, d] = [a, b, c, d].map(|i| i as u32);
+        // Seen from outside a, b, c must turn counter-clockwise: d lies below.
+        let (b, c) = if (points[d as usize] - points[a as usize]).dot(&normal) > 0.0 {
+            (c, b)
+        } else {
+            (b, c)
+        };
+        let mut builder = Self {
+            points,
+            faces: Vec::new(),
+        };
+        for (corners, neighbours) in [
+            ([a, b, c], [1, 2, 3]),
+            ([b, a, d], [0, 3, 2]),
+            ([c, b, d], [0, 1, 3]),
+            ([a, c, d], [0, 2, 1]),
+        ] {
+            builder.push(corners, neighbours);
+        }
+        let all: Vec<u32> = (0..points.len() as u32).filter(|i| ![a, b, c, d].contains(i)).collect();
+        builder.distribute(&all, 0);
+        Some(builder)
+    }
+
+    fn push(&mut self, corners: [u32; 3], neighbours: [usize; 3]) {
+        let [a, b, c] = corners.map(|v| self.points[v as usize]);
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        let offset = normal.dot(&a);
+        self.faces.push(Face {
+            corners,
+            neighbours,
+            normal,
+            offset,
+            outside: Vec::new(),
+            dead: false,
+        });
+    }
+
+    fn above(&self, face: usize, point: u32) -> f64 {
+        self.faces[face].normal.dot(&self.points[point as usize]) - self.faces[face].offset
+    }
+
+    /// Gives each point to the first of the faces from `from` on that it lies above; points inside are forgotten.
+    fn distribute(&mut self, points: &[u32], from: usize) {
+        let mut highest = vec![0.0; self.faces.len() - from];
+        for &p in points {
+            for face in from..self.faces.len() {
+                let above = self.above(face, p);
+                if above <= 0.0 {
+                    continue;
+                }
+                let outside = &mut self.faces[face].outside;
+                outside.push(p);
+                if above > highest[face - from] {
+                    highest[face - from] = above;
+                } else {
+                    // Keep the farthest last.
+                    let n = outside.len();
+                    outside.swap(n - 1, n - 2);
+                }
+                break;
+            }
+        }
+    }
+
+    /// Adds the farthest point of each face until none is outside. `None` should rounding have torn the horizon.
+    fn finish(mut self) -> Option<Vec<[u32; 3]>> {
+        let mut at = 0;
+        while at < self.faces.len() {
+            if !self.faces[at].dead
+                && let Some(apex) = self.faces[at].outside.last().copied()
+            {
+                self.add(at, apex)?;
+            }
+            at += 1;
+        }
+        Some(self.faces.iter().filter(|f| !f.dead).map(|f| f.corners).collect())
+    }
+
+    fn add(&mut self, start: usize, apex: u32) -> Option<()> {
+        let (mut visible, mut horizon) = (vec![start], Vec::new());
+        self.faces[start].dead = true;
+        let mut next = 0;
+        while let Some(&face) = visible.get(next) {
+            next += 1;
+            for side in 0..3 {
+                let other = self.faces[face].neighbours[side];
+                if self.faces[other].dead {
+                    continue;
+                }
+                if self.above(other, apex) > 0.0 {
+                    self.faces[other].dead = true;
+                    visible.push(other);
+                } else {
+                    let corners = self.faces[face].corners;
+                    horizon.push((corners[side], corners[(side + 1) % 3], other));
+                }
+            }
+        }
+        // A face may have become visible after its neighbour was put on the horizon.
+        horizon.retain(|h| !self.faces[h.2].dead);
+        let base = self.faces.len();
+        let begins: HashMap<u32, usize> = horizon.iter().zip(base..).map(|(h, i)| (h.0, i)).collect();
+        let ends: HashMap<u32, usize> = horizon.iter().zip(base..).map(|(h, i)| (h.1, i)).collect();
+        if begins.len() != horizon.len() || ends.len() != horizon.len() {
+            return None;
+        }
+        for (i, &(from, to, other)) in horizon.iter().enumerate() {
+            let neighbours = [other, *begins.get(&to)?, *ends.get(&from)?];
+            self.push([from, to, apex], neighbours);
+            let corners = self.faces[other].corners;
+            let side = (0..3).find(|&s| corners[s] == to && corners[(s + 1) % 3] == from)?;
+            self.faces[other].neighbours[side] = base + i;
+        }
+        let orphans: Vec<u32> = visible
+            .iter()
+            .flat_map(|&f| std::mem::take(&mut self.faces[f].outside))
+            .filter(|&p| p != apex)
+            .collect();
+        self.distribute(&orphans, base);
+        Some(())
+    }
+}

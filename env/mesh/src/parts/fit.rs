@@ -1,0 +1,167 @@
+//! How well hulls fit the mesh.
+
+use super::cell::Hull;
+use crate::field::DistanceField;
+use crate::hull::planes;
+use crate::{TriMesh, sample_surface};
+use nalgebra::{Point3, Vector3};
+
+/// Samples on the mesh by which underfill is measured.
+const SURFACE_SAMPLES: usize = 4000;
+/// Samples on a hull for a first look, and for a careful one.
+const COARSE_SAMPLES: usize = 64;
+/// See [`COARSE_SAMPLES`].
+const FINE_SAMPLES: usize = 320;
+/// A hull that stands out by this many times the allowed error at first look is not looked at again.
+const HOPELESS: f64 = 3.0;
+/// Share of a hull's surface that may stand out farther: a groove or a rim does not cost a part.
+const SPARED: f64 = 0.02;
+
+/// Measures hulls against one mesh.
+pub(super) struct Fit<'a> {
+    field: DistanceField<'a>,
+    centre: Vector3<f64>,
+    /// Distance between samples on a hull, metres.
+    spacing: f64,
+    max_error: f64,
+}
+
+/// Distances in metres.
+pub(super) struct Errors {
+    pub greatest: f64,
+    pub mean: f64,
+}
+
+impl<'a> Fit<'a> {
+    /// * `centre`: the hulls' origin in the mesh's frame.
+    pub fn new(mesh: &'a TriMesh, centre: Vector3<f64>, max_error: f64) -> Self {
+        let field = DistanceField::new(mesh, 0.25 * max_error);
+        let spacing = (2.0 * field.step()).max(max_error);
+        Self {
+            field,
+            centre,
+            spacing,
+            max_error,
+        }
+    }
+
+    pub fn field(&self) -> &DistanceField<'a> {
+        &self.field
+    }
+
+    /// Half the thickness given to a flat piece, metres: a tenth of the allowed error.
+    pub fn sliver(&self) -> f64 {
+        0.1 * self.max_error
+    }
+
+    /// Grid step, metres.
+    pub fn step(&self) -> f64 {
+        self.field.step()
+    }
+
+    /// How far the hull stands out of the mesh, metres, by samples spread evenly over it: the distance that all but
+    /// [`SPARED`] of its surface keeps.
+    pub fn error(&self, hull: &Hull) -> f64 {
+        let mut distances = self.distances(hull, COARSE_SAMPLES);
+        let coarse = quantile(&mut distances);
+        if coarse > HOPELESS * self.max_error {
+            return coarse;
+        }
+        quantile(&mut self.distances(hull, FINE_SAMPLES))
+    }
+
+    /// Distances of `count` points outside the mesh, uniform by area, the same for the same hull.
+    fn distances(&self, hull: &Hull, count: usize) -> Vec<f64> {
+        let corners = |f: &[u32; 3]| f.map(|v| hull.points[v as usize] + self.centre);
+        let area = |[a, b, c]: [Point3<f64>; 3]| (b - a).cross(&(c - a)).norm();
+        let total: f64 = hull.faces.iter().map(|f| area(corners(f))).sum();
+        let stretch = total / count as f64;
+        let (mut along, mut next, mut k) = (0.0, 0.5 * stretch, 0_u32);
+        let mut distances = Vec::with_capacity(count);
+        for face in &hull.faces {
+            let [a, b, c] = corners(face);
+            along += area([a, b, c]);
+            while next < along && distances.len() < count {
+                let [u, v] = plastic(k);
+                distances.push(self.field.outside(&(a + (b - a) * u + (c - a) * v)));
+                next += stretch;
+                k += 1;
+            }
+        }
+        distances
+    }
+
+    /// How far the parts stand out of the mesh: greatest distance, and mean over their surface.
+    pub fn overfill(&self, parts: &[TriMesh]) -> Errors {
+        let (mut greatest, mut sum, mut area) = (0.0_f64, 0.0, 0.0);
+        for part in parts {
+            for face in 0..part.faces().len() {
+                each_sample(part.triangle(face), self.spacing, &mut |p, weight| {
+                    let d = self.field.outside(p);
+                    greatest = greatest.max(d);
+                    sum += d * weight;
+                    area += weight;
+                });
+            }
+        }
+        Errors {
+            greatest,
+            mean: if area > 0.0 { sum / area } else { 0.0 },
+        }
+    }
+
+    /// How far the mesh stands out of the parts: greatest and mean over samples of its surface.
+    pub fn underfill(mesh: &TriMesh, parts: &[TriMesh]) -> Errors {
+        let planes: Vec<Vec<(Vector3<f64>, f64)>> = parts.iter().map(planes).collect();
+        let samples = sample_surface(mesh, SURFACE_SAMPLES, 0);
+        let (mut greatest, mut sum) = (0.0_f64, 0.0);
+        for s in &samples {
+            // Highest plane of a part: its distance near a face, a little less beyond an edge.
+            let above = |part: &Vec<(Vector3<f64>, f64)>| {
+                part.iter()
+                    .map(|(n, d)| n.dot(&s.point.coords) - d)
+                    .fold(f64::NEG_INFINITY, f64::max)
+            };
+            let d = planes.iter().map(above).fold(f64::INFINITY, f64::min).max(0.0);
+            greatest = greatest.max(d);
+            sum += d;
+        }
+        Errors {
+            greatest,
+            mean: sum / samples.len().max(1) as f64,
+        }
+    }
+}
+
+/// Calls `visit` with points of a triangle no more than about `spacing` apart, and the area that each stands for.
+fn each_sample([a, b, c]: [Point3<f64>; 3], spacing: f64, visit: &mut impl FnMut(&Point3<f64>, f64)) {
+    let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+    let n = (longest / spacing).ceil().clamp(1.0, 64.0) as u32;
+    let (u, v) = ((b - a) / f64::from(n), (c - a) / f64::from(n));
+    let weight = u.cross(&v).norm() * 0.5;
+    for i in 0..n {
+        for j in 0..n - i {
+            let corner = a + u * f64::from(i) + v * f64::from(j);
+            visit(&(corner + (u + v) / 3.0), weight);
+            if i + j + 1 < n {
+                visit(&(corner + (u + v) * (2.0 / 3.0)), weight);
+            }
+        }
+    }
+}
+
+fn quantile(distances: &mut [f64]) -> f64 {
+    distances.sort_by(f64::total_cmp);
+    let last = distances.len().saturating_sub(1);
+    distances
+        .get((last as f64 * (1.0 - SPARED)).floor() as usize)
+        .copied()
+        .unwrap_or(0.0)
+}
+
+/// Barycentric coordinates of an evenly spread sequence: the R2 sequence (of the plastic number), folded onto the triangle.
+fn plastic(k: u32) -> [f64; 2] {
+    let u = (f64::from(k) * 0.754_877_666_246_692_8 + 0.5).fract();
+    let v = (f64::from(k) * 0.569_840_290_998_053_3 + 0.5).fract();
+    if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] }
+}

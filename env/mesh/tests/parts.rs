@@ -1,0 +1,166 @@
+//! Convex parts: convex, within their bounds, open where the object is open, cached safely.
+#![allow(clippy::unwrap_used)]
+
+mod shapes;
+
+use graspbox_mesh::{ConvexParts, PartsParams, TriMesh, check_manifold, convex_parts, sample_surface};
+use nalgebra::{Point3, Vector3};
+use shapes::{cuboid, cup, sphere};
+
+/// Within `margin` metres of a part (or inside it).
+fn inside(parts: &[TriMesh], p: &Point3<f64>, margin: f64) -> bool {
+    parts.iter().any(|part| {
+        (0..part.faces().len()).all(|f| {
+            // Parts have no slivers: every face has a normal.
+            let normal = part.face_area_vector(f).normalize();
+            normal.dot(&(p - part.triangle(f)[0])) <= margin
+        })
+    })
+}
+
+fn check_convex(part: &TriMesh) {
+    check_manifold(part).unwrap();
+    let tolerance = 1e-3 * part.extent();
+    for f in 0..part.faces().len() {
+        let normal = part.face_area_vector(f).normalize();
+        for p in part.vertices() {
+            assert!(normal.dot(&(p - part.triangle(f)[0])) < tolerance);
+        }
+    }
+}
+
+fn checked(mesh: &TriMesh, params: &PartsParams) -> ConvexParts {
+    let made = convex_parts(mesh, params, None).unwrap();
+    assert!(made.parts.len() <= params.max_parts);
+    for part in &made.parts {
+        check_convex(part);
+        assert!(part.vertices().len() <= params.max_points);
+    }
+    made
+}
+
+#[test]
+fn convex_objects_are_one_part_that_fits() {
+    let params = PartsParams::default();
+    let block = checked(&cuboid(Vector3::new(0.05, 0.08, 0.2)), &params);
+    assert_eq!((block.report.parts, block.report.points), (1, 8));
+    assert!(
+        block.report.overfill_mean < 1e-6 && block.report.overfill_max < 3e-4 && block.report.underfill_max < 1e-6,
+        "{:?}",
+        block.report
+    );
+    let ball = checked(&sphere(0.037, 64), &params);
+    assert_eq!(ball.report.parts, 1);
+    assert!(ball.report.underfill_max < 1.5e-3, "{:?}", ball.report);
+}
+
+#[test]
+fn a_cup_stays_open_and_keeps_its_walls() {
+    let (radius, height, wall) = (0.035, 0.07, 0.003);
+    let mesh = cup(radius, height, wall, 48);
+    let made = checked(&mesh, &PartsParams::default());
+    assert!(
+        made.report.overfill_mean < 5e-4 && made.report.underfill_max < 1e-3,
+        "{:?}",
+        made.report
+    );
+    // The cavity, but for what two millimetres of overfill may take, holds no part; the wall is all there.
+    for s in sample_surface(&mesh, 2000, 1) {
+        let r = s.point.coords.xy().norm();
+        if r < radius - wall - 1e-3 && s.point.z > wall * 0.5 {
+            let above = s.point + s.normal * 2e-3;
+            assert!(!inside(&made.parts, &above, 0.0), "the cavity is filled at {above}");
+        }
+    }
+    for i in 0..50 {
+        let z = wall + f64::from(i) / 50.0 * (height - wall);
+        assert!(!inside(&made.parts, &Point3::new(0.0, 0.0, z + 2e-3), 0.0));
+        let (s, c) = (f64::from(i) * 0.7).sin_cos();
+        let middle = radius - wall / 2.0;
+        assert!(
+            inside(&made.parts, &Point3::new(middle * c, middle * s, z), 2e-4),
+            "the wall has a hole at {z}"
+        );
+    }
+}
+
+#[test]
+fn the_same_mesh_gives_the_same_bits() {
+    let mesh = cup(0.03, 0.05, 0.004, 24);
+    let params = PartsParams {
+        max_parts: 12,
+        ..PartsParams::default()
+    };
+    assert_eq!(
+        convex_parts(&mesh, &params, None).unwrap().parts,
+        convex_parts(&mesh, &params, None).unwrap().parts
+    );
+}
+
+#[test]
+fn the_cache_gives_back_what_it_was_given_and_survives_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = cuboid(Vector3::new(0.05, 0.08, 0.2));
+    let params = PartsParams::default();
+    let cache = Some(folder.path());
+    let made = convex_parts(&mesh, &params, cache).unwrap();
+    assert!(!made.report.cached);
+    let read = convex_parts(&mesh, &params, cache).unwrap();
+    assert!(read.report.cached);
+    assert_eq!(made.parts, read.parts);
+    let entries: Vec<_> = std::fs::read_dir(folder.path())
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .collect();
+    assert_eq!(entries.len(), 1, "no temporary file is left behind");
+    // Another parameter is another entry.
+    assert!(
+        !convex_parts(&mesh, &PartsParams { max_parts: 3, ..params }, cache)
+            .unwrap()
+            .report
+            .cached
+    );
+    let whole = std::fs::read(&entries[0]).unwrap();
+    let mut flipped = whole.clone();
+    flipped[100] ^= 1;
+    for damaged in [&whole[..whole.len() / 2], &flipped[..], &[]] {
+        std::fs::write(&entries[0], damaged).unwrap();
+        let again = convex_parts(&mesh, &params, cache).unwrap();
+        assert!(!again.report.cached);
+        assert_eq!(again.parts, made.parts);
+        assert!(
+            convex_parts(&mesh, &params, cache).unwrap().report.cached,
+            "the entry was repaired"
+        );
+    }
+    // A folder that cannot be made (its parent is a file) costs the cache, not the result.
+    let blocked = entries[0].join("below-a-file");
+    assert_eq!(convex_parts(&mesh, &params, Some(&blocked)).unwrap().parts, made.parts);
+}
+
+#[test]
+fn flat_meshes_and_bad_parameters_are_refused() {
+    let flat = cuboid(Vector3::new(0.1, 0.1, 0.0));
+    assert!(convex_parts(&flat, &PartsParams::default(), None).is_err());
+    let mesh = cuboid(Vector3::new(0.1, 0.1, 0.1));
+    for params in [
+        PartsParams {
+            max_error: 0.0,
+            ..PartsParams::default()
+        },
+        PartsParams {
+            max_error: f64::NAN,
+            ..PartsParams::default()
+        },
+        PartsParams {
+            max_parts: 0,
+            ..PartsParams::default()
+        },
+        PartsParams {
+            max_points: 4,
+            ..PartsParams::default()
+        },
+    ] {
+        assert!(convex_parts(&mesh, &params, None).is_err());
+    }
+}
