@@ -94,6 +94,7 @@ pub(crate) fn actuate(
     joints: [&Joint; 2],
     handles: &FingerHandles,
     spool: JointState,
+    dt: f64,
 ) -> f64 {
     let (proximal, distal) = (joint_state(world, handles.proximal), joint_state(world, handles.distal));
     let (stretch, rate) = stretch(finger, spool, proximal, distal);
@@ -121,9 +122,14 @@ pub(crate) fn actuate(
             drives[i].torque(t.max_tension * arm);
             drives[i].damping += SATURATED_DAMPING * own_damping;
         } else {
-            // The joint's own share of stretch and rate is implicit; the other joint's and the spool's is taken as it stands.
-            drives[i].spring(t.stiffness * arm * arm, states[i].angle + stretch / arm);
-            drives[i].torque(t.damping * arm * (rate + arm * states[i].speed));
+            // The joint's own share of stretch and rate is implicit; the other joint's and the spool's is taken as it will be in
+            // the middle of the step: as it stands at its beginning, a moving tendon would pull the two joints unequally.
+            let others = rate + arm * states[i].speed;
+            drives[i].spring(
+                t.stiffness * arm * arm,
+                states[i].angle + (stretch + 0.5 * dt * others) / arm,
+            );
+            drives[i].torque(t.damping * arm * others);
             drives[i].damping += own_damping;
         }
     }

@@ -275,7 +275,7 @@ impl World {
             } = self.state.motors[finger.motor];
             let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
             let spool = JointState { angle, speed };
-            self.state.tensions[i] = finger::actuate(&mut self.physics, finger, joints, &handles, spool);
+            self.state.tensions[i] = finger::actuate(&mut self.physics, finger, joints, &handles, spool, dt);
             if let (Some((_, sign)), Some(handle), Some(motor)) = (finger.swivel, handles.swivel, preshape) {
                 let goal = sign * hand.preshape_angle(self.state.motors[motor].position);
                 let speed = (goal - finger::joint_state(&self.physics, handle).angle) / dt;
