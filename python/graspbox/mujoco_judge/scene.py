@@ -1,0 +1,281 @@
+"""The same hand, object, table and friction as an MJCF model.
+
+* The hand hangs on a carriage that slides along the world's z with so large an armature that no contact force moves
+  it; its position and speed are prescribed at every step, so that contacts feel the true velocity of the palm.
+* Base pose and preshape are the pose of bodies without joints, set when a trial begins.
+* A tendon is a fixed tendon with the two moment arms, pulled by an actuator whose affine law is ``k stretch + d
+  rate``, clamped to ``[0, max_tension]``; `replay` moves the spool.
+* The coefficient of a pair is the product of its two factors. Contacts of the object take MuJoCo's maximum of the two
+  with the object's own set to 0; all others are listed as explicit pairs, which also say which parts of the hand may
+  meet: distal links and the palm, and links of different fingers.
+"""
+
+from __future__ import annotations
+
+import itertools
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.mujoco_judge.description import BASE, Array, HandDescription, Link
+
+#: Table top and ground, metres: the same sizes as the core's.
+_TABLE_SIDE, _TABLE_THICKNESS, _TABLE_HEIGHT, _GROUND_SIDE = 1.2, 0.1, 0.75, 20.0
+#: Inertia of the carriage, kg: what 100 N of contact force do to it in a step, 1e-5 m/s, is undone in the next.
+CARRIAGE_INERTIA = 1e4
+
+
+@dataclass(frozen=True)
+class ObjectData:
+    """An object to replay, in its own frame; metres, kilograms."""
+
+    name: str
+    #: Convex parts, each (n, 3) points.
+    parts: Sequence[Array]
+    mass: float
+    #: (3,) and (3, 3) about it.
+    center: Array
+    inertia: Array
+    #: (4, 4): at rest on the table.
+    world_from_object: Array
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """MuJoCo's numerical settings; none of them is physics.
+
+    Chosen so that a firmly held object creeps by less than 0.1 mm/s and that halving the step changes next to no label.
+    """
+
+    #: s.
+    timestep: float = 0.001
+    #: Friction constraints are this much harder than normal ones: what keeps MuJoCo's regularised friction from
+    #: creeping.
+    impratio: float = 10.0
+    #: Time constant (s) and damping ratio of contacts; MuJoCo wants two steps at least.
+    solref: tuple[float, float] = (0.004, 1.0)
+    #: Impedance at no and at full depth, and that depth (m).
+    solimp: tuple[float, float, float] = (0.95, 0.99, 0.0005)
+    noslip_iterations: int = 5
+    iterations: int = 100
+
+
+@dataclass(frozen=True)
+class Physics:
+    """What is physics beside the hand's description; the core's defaults."""
+
+    gravity: float = 9.81
+    table_friction: float = 0.5
+    object_friction: float = 1.0
+
+
+@dataclass
+class Scene:
+    """A compiled model and where everything in it is."""
+
+    model: mujoco.MjModel
+    hand: HandDescription
+    object: ObjectData
+    numerics: Numerics
+    #: Masks over geoms.
+    is_object: NDArray[np.bool_]
+    is_scenery: NDArray[np.bool_]
+    is_hand: NDArray[np.bool_]
+    base_body: int
+    object_body: int
+    #: Finger by finger: bodies of the swivels (-1 where there is none), degrees of freedom of both joints, actuators.
+    swivels: list[int] = field(default_factory=list)
+    joints: list[tuple[int, int]] = field(default_factory=list)
+    actuators: list[int] = field(default_factory=list)
+
+
+def quaternion(rotation: Array) -> Array:
+    """Give the unit quaternion (w, x, y, z) of a (3, 3) rotation."""
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rotation, dtype=np.float64).reshape(9))
+    return quat
+
+
+def _text(values: Iterable[float]) -> str:
+    return " ".join(f"{float(x):.17g}" for x in values)
+
+
+def _add_pose(element: ET.Element, pose: Array) -> None:
+    element.set("pos", _text(pose[:3, 3]))
+    element.set("quat", _text(quaternion(pose[:3, :3])))
+
+
+def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) -> None:
+    i = inertia
+    full = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+    ET.SubElement(body, "inertial", pos=_text(center), mass=_text([mass]), fullinertia=_text(full))
+
+
+def _is_fixed(hand: HandDescription, link: int) -> bool:
+    return not any(link in (finger.proximal, finger.distal) for finger in hand.fingers)
+
+
+def _add_link(parent: ET.Element, hand: HandDescription, index: int) -> ET.Element:
+    link: Link = hand.links[index]
+    body = ET.SubElement(parent, "body", name=link.name)
+    _add_pose(body, link.parent_from_link)
+    _add_inertial(body, link.mass, link.center, link.inertia)
+    for finger in hand.fingers:
+        if index not in (finger.proximal, finger.distal):
+            continue
+        distal = index == finger.distal
+        joint = ET.SubElement(body, "joint", name=link.joint, type="hinge", axis=_text(link.axis))
+        joint.set("damping", _text([finger.joint_damping[distal]]))
+        joint.set("armature", _text([finger.armature]))
+        joint.set("stiffness", _text([finger.stiffnesses[distal]]))
+        joint.set("springref", _text([finger.rests[distal]]))
+    for shape in link.shapes:
+        geom = ET.SubElement(body, "geom", name=shape.name, type=shape.kind, size=_text(shape.size))
+        geom.set("friction", _text([shape.friction, 0, 0]))
+        geom.set("contype", "0")
+        geom.set("conaffinity", "1")
+        _add_pose(geom, shape.link_from_shape)
+    for child, below in enumerate(hand.links):
+        if child != BASE and below.parent == index:
+            _add_link(body, hand, child)
+    return body
+
+
+def _add_scenery(world: ET.Element, physics: Physics) -> None:
+    half = _TABLE_THICKNESS / 2
+    for name, side, top in (("table", _TABLE_SIDE, 0.0), ("ground", _GROUND_SIDE, -_TABLE_HEIGHT)):
+        geom = ET.SubElement(world, "geom", name=name, type="box", contype="0", conaffinity="1")
+        geom.set("size", _text([side / 2, side / 2, half]))
+        geom.set("pos", _text([0, 0, top - half]))
+        geom.set("friction", _text([physics.table_friction, 0, 0]))
+
+
+def _add_object(root: ET.Element, world: ET.Element, item: ObjectData) -> None:
+    assets = ET.SubElement(root, "asset")
+    body = ET.SubElement(world, "body", name="object")
+    ET.SubElement(body, "freejoint", name="object")
+    _add_inertial(body, item.mass, item.center, item.inertia)
+    for i, points in enumerate(item.parts):
+        # The inertia of a part is not used; "convex" computes it from the hull, which exists for any cloud of points.
+        ET.SubElement(assets, "mesh", name=f"part_{i}", vertex=_text(np.ravel(points)), inertia="convex")
+        geom = ET.SubElement(body, "geom", name=f"object_{i}", type="mesh", mesh=f"part_{i}")
+        geom.set("contype", "1")
+        geom.set("conaffinity", "0")
+        geom.set("friction", "0 0 0")
+
+
+def _groups(hand: HandDescription) -> list[tuple[str, int, str, float]]:
+    """Shapes of the hand as (part, finger, name, friction); a part is ``palm``, ``proximal`` or ``distal``."""
+    found = []
+    for index, link in enumerate(hand.links):
+        part, number = "palm", -1
+        above = index
+        while _is_fixed(hand, above) and above != BASE:
+            above = hand.links[above].parent
+        for i, finger in enumerate(hand.fingers):
+            if above == finger.proximal:
+                part, number = "proximal", i
+            elif above == finger.distal:
+                part, number = "distal", i
+        found += [(part, number, shape.name, shape.friction) for shape in link.shapes]
+    return found
+
+
+def _add_pairs(root: ET.Element, hand: HandDescription, physics: Physics, numerics: Numerics) -> None:
+    contact = ET.SubElement(root, "contact")
+
+    def pair(one: str, two: str, friction: float) -> None:
+        element = ET.SubElement(contact, "pair", geom1=one, geom2=two, condim="3")
+        element.set("friction", _text([friction, friction, 0, 0, 0]))
+        element.set("solref", _text(numerics.solref))
+        element.set("solimp", _text(numerics.solimp))
+
+    groups = _groups(hand)
+    for (part, finger, name, friction), scenery in itertools.product(groups, ("table", "ground")):
+        if part != "palm":
+            pair(name, scenery, friction * physics.table_friction)
+        del finger
+    for (part, finger, name, friction), (part2, finger2, name2, friction2) in itertools.combinations(groups, 2):
+        crosses = finger != finger2 and "palm" not in (part, part2)
+        if crosses or {part, part2} == {"palm", "distal"}:
+            pair(name, name2, friction * friction2)
+
+
+def _add_tendons(root: ET.Element, hand: HandDescription) -> None:
+    tendons, actuators = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
+    for finger in hand.fingers:
+        fixed = ET.SubElement(tendons, "fixed", name=finger.name)
+        for link, arm in zip((finger.proximal, finger.distal), finger.arms, strict=True):
+            ET.SubElement(fixed, "joint", joint=hand.links[link].joint, coef=_text([arm]))
+        # force = k ctrl - k length - d length', where ctrl is the tendon length that the spool has taken up.
+        ET.SubElement(
+            actuators,
+            "general",
+            name=finger.name,
+            tendon=finger.name,
+            gainprm=_text([finger.stiffness]),
+            biastype="affine",
+            biasprm=_text([0, -finger.stiffness, -finger.damping]),
+            forcelimited="true",
+            forcerange=_text([0, finger.max_tension]),
+        )
+
+
+def mjcf(hand: HandDescription, item: ObjectData, physics: Physics, numerics: Numerics) -> str:
+    """Write the model of one object and the hand as MJCF."""
+    root = ET.Element("mujoco", model=f"{hand.name} and {item.name}")
+    ET.SubElement(root, "compiler", angle="radian", autolimits="false", boundmass="0")
+    option = ET.SubElement(root, "option", integrator="implicitfast", cone="elliptic", solver="Newton")
+    option.set("timestep", _text([numerics.timestep]))
+    option.set("gravity", _text([0, 0, -physics.gravity]))
+    option.set("impratio", _text([numerics.impratio]))
+    option.set("noslip_iterations", str(numerics.noslip_iterations))
+    option.set("iterations", str(numerics.iterations))
+    default = ET.SubElement(root, "default")
+    ET.SubElement(default, "geom", condim="3", solref=_text(numerics.solref), solimp=_text(numerics.solimp))
+    world = ET.SubElement(root, "worldbody")
+    _add_scenery(world, physics)
+    _add_object(root, world, item)
+    carriage = ET.SubElement(world, "body", name="carriage")
+    _add_inertial(carriage, 1.0, np.zeros(3), np.eye(3))
+    joint = ET.SubElement(carriage, "joint", name="carriage", type="slide", axis="0 0 1")
+    joint.set("armature", _text([CARRIAGE_INERTIA]))
+    _add_link(carriage, hand, BASE)
+    _add_pairs(root, hand, physics, numerics)
+    _add_tendons(root, hand)
+    return ET.tostring(root, encoding="unicode")
+
+
+def build(
+    hand: HandDescription, item: ObjectData, physics: Physics | None = None, numerics: Numerics | None = None
+) -> Scene:
+    """Compile the model of one object and the hand."""
+    physics, numerics = physics or Physics(), numerics or Numerics()
+    if physics.object_friction != 1.0:
+        # The surface factor of the other side is the coefficient only then.
+        raise ValueError("the judge takes the object's friction factor as 1")
+    model = mujoco.MjModel.from_xml_string(mjcf(hand, item, physics, numerics))
+    names = [model.geom(i).name for i in range(model.ngeom)]
+    is_object = np.array([n.startswith("object_") for n in names])
+    is_scenery = np.array([n in ("table", "ground") for n in names])
+    scene = Scene(
+        model=model,
+        hand=hand,
+        object=item,
+        numerics=numerics,
+        is_object=is_object,
+        is_scenery=is_scenery,
+        is_hand=~(is_object | is_scenery),
+        base_body=model.body(hand.links[BASE].name).id,
+        object_body=model.body("object").id,
+    )
+    for finger in hand.fingers:
+        scene.swivels.append(-1 if finger.swivel is None else model.body(hand.links[finger.swivel[0]].name).id)
+        proximal, distal = (model.joint(hand.links[i].joint).dofadr[0] for i in (finger.proximal, finger.distal))
+        scene.joints.append((int(proximal), int(distal)))
+        scene.actuators.append(model.actuator(finger.name).id)
+    return scene
