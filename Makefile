@@ -68,6 +68,7 @@ test-train: $(STAMPS)/train $(STAMPS)/core
 test-all: $(STAMPS)/train $(STAMPS)/core
 	cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
+	python -m graspbox.mujoco_judge --trials 200 --seed 0
 
 lint: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all --check
