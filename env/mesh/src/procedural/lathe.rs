@@ -12,9 +12,9 @@ pub(crate) type Rz = Point2<f64>;
 /// How far a band of a profile may lie below the hull of the band and still be one convex part, metres.
 const PROFILE_GAP: f64 = 0.0006;
 /// Depth of the arc that one wall segment may cut off, metres; half of it lies inside the wall, half outside.
-const WALL_SAGITTA: f64 = 0.0014;
+const WALL_SAGITTA: f64 = 0.00135;
 /// The same for the height of a wall segment: how far its two sides may bend, metres.
-const WALL_BEND: f64 = 0.0014;
+const WALL_BEND: f64 = 0.00135;
 /// Most points of one part.
 pub(crate) const PART_POINTS: usize = 64;
 

@@ -9,6 +9,7 @@ use parry3d::query::PointQuery;
 use parry3d::shape::{TriMesh as ParryMesh, TriMeshFlags};
 
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 /// How far a part may leave the mesh, and the mesh its parts, metres.
 const TOLERANCE: f64 = 0.0015;
@@ -205,7 +206,13 @@ fn same_seed_same_bits_and_another_seed_another_object() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+    // A fixed stream of seeds: a failure here is the same failure everywhere. The report below roams farther.
+    #![proptest_config(ProptestConfig {
+        cases: 60,
+        rng_seed: RngSeed::Fixed(2017),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn any_seed_keeps_the_promises(which in 0..Family::ALL.len(), seed in any::<u64>()) {

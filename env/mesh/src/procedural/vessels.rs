@@ -110,7 +110,7 @@ pub(crate) fn upright_walls(radius: impl Fn(f64) -> f64, height: f64, thickness:
 pub(crate) fn cup(draw: &mut Draw) -> Draft {
     let rim = draw.range(0.026, 0.046);
     let height = rim * draw.range(1.5, 3.0);
-    let (taper, bulge) = (draw.range(0.7, 1.0), draw.range(0.0, 0.05));
+    let (taper, bulge) = (draw.range(0.7, 1.0), draw.range(0.0, 0.04));
     let glass = draw.chance(0.5);
     let thickness = draw.range(0.002, 0.0035);
     let floor = if glass {
@@ -126,7 +126,7 @@ pub(crate) fn cup(draw: &mut Draw) -> Draft {
 
 /// Bowl on a low foot, its side a quarter of an ellipse.
 pub(crate) fn bowl(draw: &mut Draw) -> Draft {
-    let rim = draw.range(0.05, 0.08);
+    let rim = draw.range(0.05, 0.076);
     let foot_r = rim * draw.range(0.4, 0.55);
     let height = rim * draw.range(0.55, 0.95);
     let foot_h = draw.range(0.002, 0.005);
@@ -166,7 +166,7 @@ pub(crate) fn plate(draw: &mut Draw) -> Draft {
 
 /// Stemmed glass of glass or, as YCB's wine cup, of plastic.
 pub(crate) fn wine_glass(draw: &mut Draw) -> Draft {
-    let belly = draw.range(0.03, 0.043);
+    let belly = draw.range(0.03, 0.042);
     let base = belly * draw.range(0.8, 0.95);
     let stem_r = draw.range(0.0035, 0.005);
     let stem = draw.range(0.05, 0.085);
