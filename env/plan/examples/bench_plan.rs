@@ -1,7 +1,12 @@
-//! Prints how long the three box goals take, in milliseconds, as the median of several runs.
+//! Prints how long boxes, filter and plan take: the median of several runs.
 
-use graspbox_mesh::TriMesh;
-use graspbox_plan::{DecomposeParams, Fit, SplitCost, best_split, decompose, decompose_points, fit_box};
+use graspbox_hand::Hand;
+use graspbox_mesh::procedural::{Family, generate};
+use graspbox_mesh::{Mass, TriMesh, default_pose, mass_properties};
+use graspbox_plan::{
+    CollisionScene, DecomposeParams, Feasibility, Fit, OpenHand, PlanObject, PlanParams, SplitCost, best_split,
+    decompose, decompose_points, fit_box, plan,
+};
 use nalgebra::{Point3, Vector3};
 use std::error::Error;
 use std::time::Instant;
@@ -35,12 +40,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         pca.volume(),
         least.volume()
     );
-    let ball = ball(64);
+    let mug = generate(Family::Mug, 0)?;
     println!(
         "minimum-volume decomposition of a mesh, {} faces: {:.1} ms",
-        ball.faces().len(),
-        median(5, || decompose(&ball, &with(Fit::Minimum)))
+        mug.mesh.faces().len(),
+        median(5, || decompose(&mug.mesh, &with(Fit::Minimum)))
     );
+    bench_filter(&mug.mesh, mug.parts.as_deref().unwrap_or_default(), mug.mass)?;
     Ok(())
 }
 
@@ -55,6 +61,40 @@ fn median<T>(runs: usize, mut work: impl FnMut() -> T) -> f64 {
         .collect();
     times.sort_by(f64::total_cmp);
     times[runs / 2]
+}
+
+/// The collision filter alone, and the whole plan, on one object.
+fn bench_filter(mesh: &TriMesh, parts: &[Vec<Point3<f64>>], mass: f64) -> Result<(), Box<dyn Error>> {
+    let hand = Hand::reflex()?;
+    let world_from_object = default_pose(mesh);
+    let center_of_mass = mass_properties(mesh, Mass::Kilograms(mass))?.center_of_mass;
+    let object = PlanObject {
+        mesh,
+        parts,
+        center_of_mass,
+        world_from_object,
+    };
+    let params = PlanParams::default();
+    let made = plan(&object, hand, &params)?;
+    let scene = CollisionScene::new(mesh, parts, &world_from_object)?;
+    let open = OpenHand::new(hand, 0.0, params.clearance, params.standoff)?;
+    let filter = median(5, || {
+        made.candidates
+            .iter()
+            .filter(|c| scene.check(&open, &c.grasp.object_from_hand) == Feasibility::Feasible)
+            .count()
+    });
+    let whole = median(5, || plan(&object, hand, &params));
+    let count = made.candidates.len();
+    println!(
+        "collision filter, one thread: {:.0} poses/s",
+        count as f64 / filter * 1e3
+    );
+    println!(
+        "whole plan, {count} candidates, {} feasible: {whole:.0} ms",
+        made.feasible
+    );
+    Ok(())
 }
 
 /// Points on a kettle-like shape: a round body, a spout and a handle.
@@ -80,23 +120,4 @@ fn kettle(count: usize) -> Vec<Point3<f64>> {
             }
         })
         .collect()
-}
-
-/// A ball of 8 cm with `rings` by `2 rings` quadrilaterals.
-fn ball(rings: u32) -> TriMesh {
-    let columns = 2 * rings;
-    let vertex = |i: u32, j: u32| {
-        let (st, ct) = (std::f64::consts::PI * f64::from(i) / f64::from(rings)).sin_cos();
-        let (sp, cp) = (std::f64::consts::TAU * f64::from(j) / f64::from(columns)).sin_cos();
-        Point3::new(0.04 * st * cp, 0.04 * st * sp, 0.04 * ct)
-    };
-    let vertices = (0..=rings)
-        .flat_map(|i| (0..columns).map(move |j| vertex(i, j)))
-        .collect();
-    let faces = (0..rings)
-        .flat_map(|i| (0..columns).map(move |j| (i * columns + j, i * columns + (j + 1) % columns)))
-        .flat_map(|(a, b)| [[a, a + columns, b], [b, a + columns, b + columns]])
-        .collect();
-    #[allow(clippy::unwrap_used)]
-    TriMesh::new(vertices, faces).unwrap()
 }

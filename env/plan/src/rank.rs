@@ -1,8 +1,9 @@
 //! Ranking: geometry alone. Each feasible pose is closed on the surface (`finger`), described in numbers (`predict`, `wrench`), and
-//! scored by a fixed sum of these.
+//! scored by a fixed sum of these (`score`).
 
 mod finger;
 mod predict;
+mod score;
 mod wrench;
 
 pub use predict::Prediction;
@@ -15,6 +16,8 @@ use graspbox_mesh::{TriMesh, sample_surface};
 use nalgebra::Point3;
 use predict::{ClosingHand, Target, closing_hand, predict};
 use rayon::prelude::*;
+use score::{REPEAT, score};
+use std::collections::BTreeMap;
 
 /// Distance of the surface points that fingers close on, metres: a third of a finger's width.
 const SPACING: f64 = 0.0045;
@@ -48,20 +51,23 @@ pub(crate) fn rank(
     candidates.par_iter_mut().for_each(|candidate| {
         if let Some(hand) = hands.iter().find(|known| known.preshape == candidate.grasp.preshape) {
             let prediction = predict(&target, hand, &candidate.grasp.object_from_hand);
-            candidate.score = score(&prediction);
+            candidate.score = score(&prediction, candidate.grasp.preshape);
             candidate.prediction = Some(prediction);
         }
     });
-    candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
+    sort_with_variety(candidates);
     Ok(())
 }
 
-/// The score of a prediction; higher is better.
-fn score(p: &Prediction) -> f64 {
-    let reach = |x: f64, scale: f64| (x / scale).min(1.0);
-    p.fingers + 0.25 * p.pads + reach(p.epsilon, 0.3) + p.balance + 0.5 * p.lifting.max(0.0) + 0.5 * reach(p.wrap, 2.0)
-        - 2.0 * reach(p.lever, 0.1)
-        - 0.5 * reach(p.uneven, 1.0)
-        - reach(p.offset, 0.1)
-        - 0.3 * p.on_table
+/// Lowers each candidate by [`REPEAT`] for every better one of the same box, face and preshape, and sorts by what is left.
+fn sort_with_variety(candidates: &mut [Candidate]) {
+    candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut seen: BTreeMap<(usize, usize, u64), u32> = BTreeMap::new();
+    for candidate in candidates.iter_mut() {
+        let kind = (candidate.box_index, candidate.face, candidate.grasp.preshape.to_bits());
+        let better = seen.entry(kind).or_default();
+        candidate.score -= REPEAT * f64::from(*better);
+        *better += 1;
+    }
+    candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
 }

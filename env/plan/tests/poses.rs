@@ -236,3 +236,29 @@ fn bad_parameters_are_refused() {
     );
     assert!(serde_json::from_str::<PlanParams>(r#"{"poses": {"offsett": 1}}"#).is_err());
 }
+
+#[test]
+fn the_ranking_prefers_grasps_that_hold() {
+    let mesh = cuboids(&[([0.0, 0.0, 0.06], [0.03, 0.035, 0.06])]);
+    let plan = make(&mesh, Isometry3::identity(), &PlanParams::default());
+    let ranked = plan.ranked();
+    assert!(ranked.windows(2).all(|pair| pair[0].score >= pair[1].score));
+    assert!(ranked.iter().all(|c| c.prediction.is_some()));
+    assert!(
+        plan.candidates[plan.feasible..]
+            .iter()
+            .all(|c| c.prediction.is_none() && !c.feasible())
+    );
+    let best = ranked[0].prediction.unwrap();
+    assert!(
+        best.fingers >= 2.0 && best.epsilon > 0.3 && best.lever < 0.03,
+        "{best:?}"
+    );
+    // The first twenty are not one idea twenty times.
+    let kinds: std::collections::BTreeSet<_> = ranked
+        .iter()
+        .take(20)
+        .map(|c| (c.face, c.grasp.preshape.to_bits()))
+        .collect();
+    assert!(kinds.len() >= 3, "{kinds:?}");
+}

@@ -17,12 +17,35 @@ pub(crate) struct Rect {
     pad: bool,
 }
 
+impl Rect {
+    fn holds(&self, x: f64, z: f64) -> bool {
+        x > self.x[0] && x < self.x[1] && z > self.z[0] && z < self.z[1]
+    }
+}
+
+fn around(rects: &[Rect]) -> Rect {
+    let none = [f64::INFINITY, f64::NEG_INFINITY];
+    let join = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+    let empty = Rect {
+        x: none,
+        z: none,
+        pad: false,
+    };
+    rects.iter().fold(empty, |all, r| Rect {
+        x: join(all.x, r.x),
+        z: join(all.z, r.z),
+        pad: false,
+    })
+}
+
 /// A finger at one preshape.
 #[derive(Clone, Debug)]
 pub(crate) struct FingerModel {
     /// Plane of the finger: origin on the proximal joint, x along the open finger, y across, z towards the closing side.
     pub hand_from_plane: Isometry3<f64>,
     links: [Vec<Rect>; 2],
+    /// Around each link: most points are outside, and need no look at its rectangles.
+    bounds: [Rect; 2],
     /// Distal joint, proximal link's frame.
     distal_at: [f64; 2],
     /// Half the width of the finger.
@@ -125,6 +148,7 @@ impl FingerModel {
         let furthest = links[1].iter().map(corner).fold(0.0, f64::max);
         Self {
             hand_from_plane,
+            bounds: [0, 1].map(|link| around(&links[link])),
             links,
             distal_at: [at.x, at.z],
             half_width,
@@ -216,11 +240,9 @@ impl FingerModel {
             }
         }
         let hit = |p: &PlanePoint| {
-            self.links.iter().zip(&frames).any(|(rects, frame)| {
-                let (x, z) = frame.inward(p.x, p.z);
-                rects
-                    .iter()
-                    .any(|r| x > r.x[0] && x < r.x[1] && z > r.z[0] && z < r.z[1])
+            (0..2).any(|link| {
+                let (x, z) = frames[link].inward(p.x, p.z);
+                self.bounds[link].holds(x, z) && self.links[link].iter().any(|r| r.holds(x, z))
             })
         };
         if points.iter().any(hit) {
@@ -288,4 +310,63 @@ fn extents(shape: &Shape, place: &Isometry3<f64>) -> Vector3<f64> {
         Shape::Sphere { radius } => return Vector3::repeat(*radius),
     };
     place.rotation.to_rotation_matrix().matrix().abs() * half
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn finger_3() -> FingerModel {
+        let mut fingers = FingerModel::all(Hand::reflex().unwrap(), 0.0).unwrap();
+        fingers.remove(2)
+    }
+
+    /// No table: far below.
+    const NO_TABLE: PlaneTable = PlaneTable {
+        normal: [0.0, 1.0],
+        offset: -10.0,
+    };
+
+    #[test]
+    fn a_free_finger_closes_to_its_stops() {
+        let finger = finger_3();
+        let closed = finger.close(&[], &NO_TABLE);
+        assert!((closed.proximal - finger.limits[0]).abs() < 0.02, "{closed:?}");
+        assert!((closed.distal - finger.limits[1]).abs() < 0.02, "{closed:?}");
+        assert!(closed.touched.iter().all(Vec::is_empty) && !closed.met_table);
+    }
+
+    #[test]
+    fn a_post_stops_the_proximal_link_and_the_distal_link_wraps_on() {
+        let finger = finger_3();
+        // A point above the middle of the proximal pad (its surface 15.4 mm over the joint): met at asin(z / r) - asin(h / r).
+        let (x, z) = (0.0, 0.040);
+        let closed = finger.close(&[PlanePoint { x, z, index: 7 }], &NO_TABLE);
+        let expected = std::f64::consts::FRAC_PI_2 - (0.0154_f64 / z).asin();
+        assert!(
+            (closed.proximal - expected).abs() < 0.02,
+            "{} against {expected}",
+            closed.proximal
+        );
+        assert!(closed.distal > 1.0, "the tip goes on: {}", closed.distal);
+        assert_eq!(closed.touched[0], vec![(7, true)]);
+    }
+
+    #[test]
+    fn the_table_makes_a_finger_curl() {
+        let finger = finger_3();
+        // The closing side points down, at a table 6 cm below the joint.
+        let closed = finger.close(
+            &[],
+            &PlaneTable {
+                normal: [0.0, -1.0],
+                offset: -0.06,
+            },
+        );
+        assert!(closed.met_table);
+        for frame in finger.frames([closed.proximal, closed.distal]) {
+            assert!(frame.at[1] < 0.06);
+        }
+        assert!(closed.proximal + closed.distal > 1.5, "{closed:?}");
+    }
 }
