@@ -23,6 +23,15 @@ fn check_surface(object: &ProceduralObject) {
     assert_eq!(check_manifold(&object.mesh), Ok(()), "{}", object.name);
     let pieces = components(object.mesh.faces()).1;
     assert_eq!(pieces, 1, "{}: {pieces} components", object.name);
+    let holes = match object.family {
+        Family::Mug | Family::Ring => 1..=1,
+        Family::Scissors => 2..=2,
+        // One for each link.
+        Family::Chain => 3..=5,
+        _ => 0..=0,
+    };
+    let genus = genus(object);
+    assert!(holes.contains(&genus), "{}: {genus} holes, not {holes:?}", object.name);
     assert!(object.mesh.signed_volume() > 0.0, "{}: inside out", object.name);
 }
 
