@@ -5,6 +5,7 @@
 //! | [`trimesh`] | the mesh itself: vertices, faces, bounds, area, volume, hash |
 //! | [`io`] | STL, PLY, OBJ, OFF: bounded, with clear errors |
 //! | [`clean`](mod@clean) | weld, drop, orient, components, watertight test |
+//! | [`decimate`](mod@decimate) | fewer faces, still watertight |
 //! | [`sample`] | surface samples, uniform by area |
 //! | [`mass`] | volume, centre of mass, inertia |
 //! | [`hull`] | convex hull |
@@ -17,6 +18,7 @@
 //! Units are metres and kilograms; a mesh keeps the frame of its file.
 
 pub mod clean;
+pub mod decimate;
 pub mod error;
 pub mod field;
 pub mod hull;
@@ -29,6 +31,7 @@ pub mod sample;
 pub mod trimesh;
 
 pub use clean::{CleanOptions, CleanReport, Defect, check_manifold, check_watertight, clean};
+pub use decimate::{Decimated, Hausdorff, decimate, hausdorff};
 pub use error::MeshError;
 pub use field::DistanceField;
 pub use hull::convex_hull;
