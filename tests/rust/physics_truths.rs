@@ -3,9 +3,10 @@
 //! The world is simulated in the hand's frame, so every one of these also checks that nobody can tell.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_sim::{Geometry, PhysicsConfig, Template, World};
+use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template, World};
 use graspbox_tests::bench::{at, away, reflex, run, template, turn_rate};
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::sync::Arc;
 
 const G: f64 = 9.81;
 /// Every closed form is met within this share.
@@ -219,6 +220,33 @@ fn a_spinning_object_keeps_its_angular_momentum() {
 /// A hand with its palm up and its fingers open.
 fn palm_up() -> Isometry3<f64> {
     at(0.0, 0.0, 0.5)
+}
+
+/// The eight corners of a box.
+fn corners(center: Vector3<f64>, half: Vector3<f64>) -> Vec<Point3<f64>> {
+    let sign = |bit: usize, i: usize| if i >> bit & 1 == 0 { -1.0 } else { 1.0 };
+    let corner = |i| Vector3::new(sign(0, i), sign(1, i), sign(2, i)).component_mul(&half);
+    (0..8).map(|i| Point3::from(center + corner(i))).collect()
+}
+
+/// A bug here: forces that are lost where an object has several parts, whose contacts the engine merges before it solves them.
+#[test]
+fn an_object_of_two_parts_presses_with_its_weight() {
+    let mass = 0.5;
+    let half = Vector3::new(0.02, 0.03, 0.015);
+    let parts = [-0.02, 0.02].map(|x| corners(Vector3::new(x, 0.0, 0.0), half));
+    let inertia = Matrix3::identity() * (mass * 1e-3);
+    let object = ObjectModel::new(&Geometry::Parts(parts.to_vec()), mass, Point3::origin(), inertia).unwrap();
+    let template = Template::new(Arc::new(reflex()), &object, PhysicsConfig::default()).unwrap();
+    let mut world = template.spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
+    run(&mut world, &palm_up(), &[], 0.8);
+    check(
+        "force of two parts on the palm (N)",
+        world.contacts().hand_force,
+        mass * G,
+    );
+    let links: f64 = world.link_contacts().iter().map(|c| c.force).sum();
+    check("the same, contact by contact (N)", links, mass * G);
 }
 
 /// A bug here: contact forces that are read from one solver sub-step, or per second where per step is meant.

@@ -4,6 +4,7 @@ use crate::build::Part;
 use crate::frames;
 use crate::world::World;
 use nalgebra::{Point3, Vector3};
+use rapier3d::geometry::{Contact, ContactManifold, ContactPair};
 
 /// Two bodies touch when a contact presses, or when they are nearer than this, metres: half the penetration that the solver
 /// leaves alone.
@@ -59,6 +60,8 @@ impl World {
             let (mut least, mut impulse) = (f32::MAX, 0.0);
             for point in pair.manifolds().iter().flat_map(|m| &m.points) {
                 least = least.min(point.dist);
+            }
+            for (_, point) in pressed(pair) {
                 impulse += point.data.impulse;
             }
             let touches = impulse > 0.0 || frames::metres(least) < TOUCH;
@@ -127,25 +130,38 @@ impl World {
                 };
                 // Only boxes and balls carry pads; their shape frames are the engine's.
                 let pose = self.hand().links[link].colliders[shape].link_from_shape;
-                for manifold in pair.manifolds() {
-                    for p in manifold.points.iter().filter(|p| p.data.impulse > 0.0) {
-                        let (local, normal) = if first {
-                            (p.local_p1, -manifold.local_n1)
-                        } else {
-                            (p.local_p2, -manifold.local_n2)
-                        };
-                        found.push(LinkContact {
-                            link,
-                            point: pose * Point3::from(frames::metres64(local)),
-                            normal: pose * frames::vector64(normal),
-                            force: frames::metres(p.data.impulse / dt),
-                        });
-                    }
+                for (manifold, p) in pressed(pair) {
+                    let (local, normal) = if first {
+                        (p.local_p1, -manifold.local_n1)
+                    } else {
+                        (p.local_p2, -manifold.local_n2)
+                    };
+                    found.push(LinkContact {
+                        link,
+                        point: pose * Point3::from(frames::metres64(local)),
+                        normal: pose * frames::vector64(normal),
+                        force: frames::metres(p.data.impulse / dt),
+                    });
                 }
             }
         }
         found
     }
+}
+
+/// Contact points of a pair that pressed in the last step, with their manifolds.
+///
+/// Against an object of several parts the engine solves merged manifolds: the impulses are on those. Of a manifold's points it
+/// solves four at most; the others keep the impulse of the step in which they were last chosen, so only those that it
+/// chose count.
+fn pressed(pair: &ContactPair) -> impl Iterator<Item = (&ContactManifold, &Contact)> {
+    let points = |m: &'_ ContactManifold| -> Vec<usize> {
+        let chosen = m.data.solver_contacts.iter().flat_map(|c| c.contact_indices());
+        chosen.map(|i| i as usize).collect()
+    };
+    let manifolds = pair.solver_manifolds().iter();
+    let each = manifolds.flat_map(move |m| points(m).into_iter().filter_map(move |i| Some((m, m.points.get(i)?))));
+    each.filter(|(_, p)| p.data.impulse > 0.0)
 }
 
 /// Reach of a tactile sensor, metres: its spacing on the link.
