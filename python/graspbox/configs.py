@@ -211,7 +211,7 @@ class TrialConfig:
     early_stop : bool
         Stop as soon as success is out of reach.
     legacy : bool
-        Read the reference study's own measures as well; switches early stops off.
+        Read the reference study's own measures as well; early stops then wait until these are read.
     """
 
     standoff: float = 0.10

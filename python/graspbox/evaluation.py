@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import GraspboxError
 from graspbox.object_sets import ObjectSet, ObjectSpec
@@ -41,12 +43,15 @@ class ObjectResult:
     def row(self) -> dict[str, Any]:
         """Count, as ``graspbox grasp --json`` prints it."""
         out = self.outcomes
+        # Early stops may have cut the study's measures off; an infeasible pose has none and counts as failed.
+        cut_off = out is not None and bool((np.isnan(out.kindness) & (out.failure != "infeasible")).any())
+        legacy = 0 if out is None else int(out.legacy_success.sum())
         return {
             "name": self.name,
             "tried": 0 if out is None else len(out),
             "succeeded": 0 if out is None else int(out.success.sum()),
             "secure": 0 if out is None else int(out.secure.sum()),
-            "legacy_succeeded": 0 if out is None else int(out.legacy_success.sum()),
+            "legacy_succeeded": None if cut_off else legacy,
             "first_succeeded": out is not None and len(out) > 0 and bool(out.success[0]),
         }
 

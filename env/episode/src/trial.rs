@@ -24,7 +24,7 @@ pub struct TrialConfig {
     pub hold_time: f64,
     /// Stop as soon as success is out of reach.
     pub early_stop: bool,
-    /// Read the study's own measures as well; switches early stops off.
+    /// Read the study's own measures as well; early stops then wait until these are read.
     pub legacy: bool,
 }
 
@@ -216,7 +216,7 @@ impl Trial {
     }
 
     fn ends_early(&self) -> bool {
-        self.config.early_stop && !self.config.legacy
+        self.config.early_stop && (!self.config.legacy || self.legacy.is_some())
     }
 
     fn touches(&self) -> bool {

@@ -27,11 +27,12 @@ def run(objects: ObjectSet, **settings: Any) -> SetResult:
 def table_rows(table: dict[str, Any]) -> list[tuple[str, ...]]:
     """Lay the table out for reading."""
     keys = ("tried", "succeeded", "secure", "legacy_succeeded", "first_succeeded")
-    rows = [
-        (row["name"], *("yes" if row[k] is True else "no" if row[k] is False else str(row[k]) for k in keys))
-        for row in table["objects"]
-    ]
-    sums = [str(sum(row[k] for row in table["objects"])) for k in keys]
+
+    def word(value: object) -> str:
+        return {True: "yes", False: "no", None: "-"}[value] if value is None or isinstance(value, bool) else str(value)
+
+    rows = [(row["name"], *(word(row[k]) for k in keys)) for row in table["objects"]]
+    sums = [str(sum(row[k] or 0 for row in table["objects"])) for k in keys]
     return [*rows, ("together", *sums)]
 
 
@@ -53,7 +54,7 @@ def grasp(
     ] = None,
     poses: Annotated[int, typer.Option("--poses", min=1, help="Poses to try for each object, best first.")] = 20,
     legacy: Annotated[
-        bool, typer.Option(help="Read the reference study's measures too (no early stops: slower).")
+        bool, typer.Option(help="Read the reference study's measures too (lost grasps then run 2.5 s).")
     ] = True,
     split: Split = None,
     scale: Scale = 1.0,
