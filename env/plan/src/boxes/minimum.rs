@@ -17,12 +17,13 @@ use nalgebra::{Matrix3, Point3, Vector3};
 const DIRECTIONS: usize = 300;
 /// How many different boxes of the lattice are refined roughly, and how many of these to the end.
 const STARTS: usize = 8;
-const FINALISTS: usize = 3;
+const FINALISTS: usize = 6;
 /// Two boxes whose axes agree within this angle (as a cosine: 6 degrees) are one start.
 const SAME_BOX: f64 = 0.9945;
 /// Steps of the compass search in radians: the first is half the spacing of the lattice.
 const FIRST_STEP: f64 = 0.06;
-const ROUGH_STEP: f64 = 0.01;
+/// Long, flat things (a knife) have narrow valleys: with a coarser step their best start is not recognised.
+const ROUGH_STEP: f64 = 0.003;
 /// A 10 cm box turned by this angle gains 0.1 micrometres.
 const LAST_STEP: f64 = 1e-6;
 /// Added to every length, as a share of the cloud's size: keeps an order among boxes of flat clouds, far above rounding (1e-16 / 1e-6 is
