@@ -11,7 +11,7 @@ use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 
 /// Changes whenever the format or the algorithm does, so that old entries are not found any more.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Bytes of the checksum.
 const CHECKSUM: usize = 32;
 

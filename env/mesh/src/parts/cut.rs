@@ -82,7 +82,7 @@ fn best_plane(cell: &Cell, pool: &Pool, coarse: &[Vector3<f64>], least: f64, ahe
             continue;
         };
         middles.push(sorted.at(0.5));
-        if let Some(found) = sorted.best(coarse)
+        if let Some(found) = sorted.best(coarse, 0.5 * least)
             && best.as_ref().is_none_or(|b| found.0 < b.0 * (1.0 - 1e-6))
         {
             best = Some(found);
@@ -127,14 +127,17 @@ impl Sorted {
         }
     }
 
-    /// Cheapest of evenly spaced places, refined twice by halving the space.
-    fn best(&self, coarse: &[Vector3<f64>]) -> Option<(f64, Plane)> {
+    /// Cheapest of evenly spaced places, refined twice by halving the space; no slab is thinner than `thinnest` metres, or a wavy
+    /// side would be sliced like bread.
+    fn best(&self, coarse: &[Vector3<f64>], thinnest: f64) -> Option<(f64, Plane)> {
+        let margin = thinnest / self.width();
         let mut best: Option<(f64, f64)> = None;
         let mut step = 1.0 / (PLACES + 1) as f64;
         let mut shares: Vec<f64> = (1..=PLACES).map(|i| step * i as f64).collect();
         for _ in 0..3 {
             for share in shares {
-                if let Some(cost) = self.cost(self.at(share).offset, coarse)
+                if (margin..=1.0 - margin).contains(&share)
+                    && let Some(cost) = self.cost(self.at(share).offset, coarse)
                     && best.is_none_or(|b| cost < b.0)
                 {
                     best = Some((cost, share));
