@@ -50,6 +50,37 @@ fn main() {
         let plan = scene.plan(&body, &PlanParams::default()).unwrap();
         let planning = clock.elapsed().as_secs_f64();
         let grasps: Vec<_> = plan.ranked().iter().take(poses).map(|c| c.grasp).collect();
+        if let Ok(which) = std::env::var("TRACE") {
+            for i in which.split(',').map(|i| i.parse::<usize>().unwrap()) {
+                let config = TrialConfig {
+                    early_stop: false,
+                    ..TrialConfig::default()
+                };
+                let (outcome, trace) = graspbox_episode::Trial::new(&scene, &grasps[i], config, true)
+                    .run(&|| false)
+                    .unwrap()
+                    .unwrap();
+                println!("{i} {outcome:?} preshape {:.2}", grasps[i].preshape);
+                let trace = trace.unwrap();
+                for w in trace.windows(2).step_by(10) {
+                    let d = |s: &graspbox_episode::Sample| {
+                        (s.world_from_hand.inverse() * s.world_from_object) * scene.center_of_mass()
+                    };
+                    let v = (d(&w[1]) - d(&w[0])).norm() / (w[1].time - w[0].time);
+                    println!(
+                        "  {:.2} z {:.3} v {:.1} mm/s d {:.3} q {:.2?} T {:.0?} F {:.0}",
+                        w[1].time,
+                        w[1].world_from_object.translation.z,
+                        v * 1e3,
+                        w[1].distance,
+                        w[1].fingers,
+                        w[1].tensions,
+                        w[1].hand_force
+                    );
+                }
+            }
+            continue;
+        }
         let clock = std::time::Instant::now();
         let out = run_trials(&scene, &grasps, TrialConfig::default(), &Progress::default()).unwrap();
         let wall = clock.elapsed().as_secs_f64();
@@ -58,6 +89,14 @@ fn main() {
         let mut why: BTreeMap<String, usize> = BTreeMap::new();
         for o in out.iter().filter_map(|o| o.failure) {
             *why.entry(format!("{o:?}")).or_default() += 1;
+        }
+        if std::env::var("LIST").is_ok() {
+            for (i, o) in out.iter().enumerate().filter(|(_, o)| !o.success) {
+                println!(
+                    "  {i}: {:?} lift {:.3} kindness {:.4} time {:.2}",
+                    o.failure, o.lift, o.kindness_rate, o.time
+                );
+            }
         }
         let lucky = out.first().is_some_and(|o| o.success);
         (ok_all, tried, wall_all) = (ok_all + ok, tried + out.len(), wall_all + wall);

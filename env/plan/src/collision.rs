@@ -5,7 +5,7 @@
 //! a convex hull), and one exact test covers the whole way; nothing is stepped over.
 
 use crate::PlanError;
-use crate::open_hand::{OpenHand, pose, vector};
+use crate::open_hand::{OpenHand, hull, pose, vector};
 use graspbox_hand::GraspPose;
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
@@ -76,9 +76,7 @@ impl CollisionScene {
             })?;
         let parts: Vec<(SharedShape, Aabb)> = parts
             .iter()
-            .map(|part| {
-                SharedShape::convex_hull(&points(part.span())).map(|hull| (hull.clone(), hull.compute_local_aabb()))
-            })
+            .map(|part| hull(part.span()).map(|hull| (hull.clone(), hull.compute_local_aabb())))
             .collect::<Option<_>>()
             .ok_or_else(|| PlanError::Collision {
                 reason: "a convex part has no volume".into(),

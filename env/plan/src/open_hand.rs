@@ -64,9 +64,9 @@ fn sweep(at: &Isometry3<f64>, shape: &Shape, clearance: f64, standoff: f64) -> O
             let radius = radius + clearance;
             let back = at.translation.vector - Vector3::z() * standoff;
             Some(SweptShape {
-                shape: SharedShape::ball(radius as f32),
+                shape: SharedShape::ball(length(radius)),
                 hand_from_shape: pose(at),
-                swept: SharedShape::capsule(vector(&at.translation.vector), vector(&back), radius as f32),
+                swept: SharedShape::capsule(vector(&at.translation.vector), vector(&back), length(radius)),
                 hand_from_swept: Pose::IDENTITY,
                 corners: vec![Point3::from(at.translation.vector)],
                 radius,
@@ -97,11 +97,8 @@ fn sweep_cuboid(at: &Isometry3<f64>, half: &Vector3<f64>, standoff: f64) -> Opti
         middle.translation.vector -= back / 2.0;
         (cuboid(&long), pose(&middle))
     } else {
-        let points: Vec<Vector> = corners
-            .iter()
-            .flat_map(|c| [vector(&c.coords), vector(&(c.coords - back))])
-            .collect();
-        (SharedShape::convex_hull(&points)?, Pose::IDENTITY)
+        let points: Vec<Point3<f64>> = corners.iter().flat_map(|c| [*c, c - back]).collect();
+        (hull(&points)?, Pose::IDENTITY)
     };
     Some(SweptShape {
         shape: cuboid(half),
@@ -114,11 +111,28 @@ fn sweep_cuboid(at: &Isometry3<f64>, half: &Vector3<f64>, standoff: f64) -> Opti
 }
 
 fn cuboid(half: &Vector3<f64>) -> SharedShape {
-    SharedShape::cuboid(half.x as f32, half.y as f32, half.z as f32)
+    SharedShape::cuboid(length(half.x), length(half.y), length(half.z))
+}
+
+/// The convex hull of `points`, metres, for the collision library; none without volume. (Its own hull leaves points of flat sides out.)
+pub(crate) fn hull(points: &[Point3<f64>]) -> Option<SharedShape> {
+    let hull = graspbox_mesh::convex_hull(points).ok()?;
+    SharedShape::convex_mesh(
+        hull.vertices().iter().map(|p| vector(&p.coords)).collect(),
+        hull.faces(),
+    )
+}
+
+/// Lengths of the collision library in a metre: its distance query has absolute tolerances that take a triangle of less than
+/// 5 square units in 10,000 for degenerate, so it is given centimetres.
+const UNIT: f64 = 100.0;
+
+fn length(x: f64) -> f32 {
+    (x * UNIT) as f32
 }
 
 pub(crate) fn vector(v: &Vector3<f64>) -> Vector {
-    Vector::new(v.x as f32, v.y as f32, v.z as f32)
+    Vector::new(length(v.x), length(v.y), length(v.z))
 }
 
 pub(crate) fn pose(at: &Isometry3<f64>) -> Pose {

@@ -126,8 +126,10 @@ fn shape_of(geometry: &Geometry) -> Result<SharedShape, SimError> {
         Geometry::Parts(parts) => {
             let mut shapes = Vec::with_capacity(parts.len());
             for (part, points) in parts.iter().enumerate() {
-                let points: Vec<_> = points.iter().map(frames::point).collect();
-                let hull = SharedShape::convex_hull(&points).ok_or(SimError::FlatPart { part })?;
+                // The engine's own hull leaves points of flat sides out.
+                let hull = graspbox_mesh::convex_hull(points).map_err(|_| SimError::FlatPart { part })?;
+                let vertices = hull.vertices().iter().map(frames::point).collect();
+                let hull = SharedShape::convex_mesh(vertices, hull.faces()).ok_or(SimError::FlatPart { part })?;
                 shapes.push((Pose::IDENTITY, hull));
             }
             match shapes.len() {
