@@ -37,8 +37,8 @@ $(STAMPS)/venv:
 
 # One stamp for each set of extras; `maturin develop` installs the package in place together with what the extras name.
 EXTRAS_demo := cli,ycb
-EXTRAS_dev := dev
-EXTRAS_train := dev,train
+EXTRAS_dev := cli,ycb,dev
+EXTRAS_train := cli,ycb,dev,train
 $(STAMPS)/demo $(STAMPS)/dev $(STAMPS)/train: $(STAMPS)/%: pyproject.toml $(STAMPS)/venv
 	maturin develop --release --extras $(EXTRAS_$*)
 	touch $@ $(STAMPS)/core

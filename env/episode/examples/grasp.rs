@@ -91,10 +91,28 @@ fn main() {
             *why.entry(format!("{o:?}")).or_default() += 1;
         }
         if std::env::var("LIST").is_ok() {
-            for (i, o) in out.iter().enumerate().filter(|(_, o)| !o.success) {
+            for (i, o) in out.iter().enumerate() {
+                let c = &plan.ranked()[i];
+                let hand = scene.world_from_object() * c.grasp.object_from_hand;
+                let z = hand.rotation * nalgebra::Vector3::z();
+                let y = hand.rotation * nalgebra::Vector3::y();
+                let com = scene.world_from_object() * scene.center_of_mass();
                 println!(
-                    "  {i}: {:?} lift {:.3} kindness {:.4} time {:.2}",
-                    o.failure, o.lift, o.kindness_rate, o.time
+                    "  {i}: {} {:?} lift {:.3} pre {:.2} z {:.2} {:.2} {:.2} y {:.1} {:.1} {:.1} palm z {:.3} com z {:.3} box {} score {:.2}",
+                    u8::from(o.success),
+                    o.failure,
+                    o.lift,
+                    c.grasp.preshape,
+                    z.x,
+                    z.y,
+                    z.z,
+                    y.x,
+                    y.y,
+                    y.z,
+                    hand.translation.z,
+                    com.z,
+                    c.box_index,
+                    c.score
                 );
             }
         }
