@@ -52,6 +52,8 @@ pub enum Family {
     Chain = 19,
     /// Ring of round section, lying flat.
     Ring = 20,
+    /// Kettle with spout and arched handle.
+    Kettle = 21,
 }
 
 /// What a family promises of each of its objects.
@@ -241,6 +243,14 @@ const FACTS: &[FamilyFacts] = &[
         greatest: [0.12, 0.12, 0.024],
         mass: [0.005, 0.2],
         source: "toy rings, bangles and rolls, 50 to 116 mm wide",
+    },
+    FamilyFacts {
+        family: Family::Kettle,
+        name: "kettle",
+        least: [0.12, 0.095, 0.125],
+        greatest: [0.18, 0.122, 0.19],
+        mass: [0.15, 0.6],
+        source: "small tea and stove kettles of 0.4 to 1 l, sheet steel of 0.5 to 0.9 mm, empty",
     },
 ];
 

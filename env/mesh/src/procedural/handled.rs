@@ -1,4 +1,4 @@
-//! Lathed things with something sewn on: a mug with its handle (a real hole), a pan, a kettle.
+//! Lathed things with something sewn on: a mug with its handle (a real hole).
 
 use super::draft::{Draft, Parts, Rest};
 use super::draw::Draw;

@@ -9,7 +9,7 @@
 //! | `field`, `nets` | composite solids as signed distances; their manifold surface |
 //! | `cloud` | few points whose hull stays close to a convex shape |
 //! | `draft` | what a family hands back, and how it is laid on the table |
-//! | `packages`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools` | the families themselves |
+//! | `packages`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools`, `kettle` | the families themselves |
 //!
 //! Object frame: z up in the natural resting pose, lowest vertex at z = 0, bounds centred in x and y; metres.
 
@@ -21,6 +21,7 @@ mod family;
 mod field;
 mod food;
 mod handled;
+mod kettle;
 mod lathe;
 mod nets;
 mod packages;
@@ -81,6 +82,7 @@ pub fn generate(family: Family, seed: u64) -> Result<ProceduralObject, MeshError
         Family::Clamp => tools::clamp(&mut draw)?,
         Family::Chain => tools::chain(&mut draw)?,
         Family::Ring => tools::ring(&mut draw)?,
+        Family::Kettle => kettle::kettle(&mut draw)?,
         Family::Superquadric => rounds::superquadric(&mut draw)?,
     };
     made.settle();

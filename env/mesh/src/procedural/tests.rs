@@ -24,7 +24,7 @@ fn check_surface(object: &ProceduralObject) {
     let pieces = components(object.mesh.faces()).1;
     assert_eq!(pieces, 1, "{}: {pieces} components", object.name);
     let holes = match object.family {
-        Family::Mug | Family::Ring => 1..=1,
+        Family::Mug | Family::Ring | Family::Kettle => 1..=1,
         Family::Scissors => 2..=2,
         // One for each link.
         Family::Chain => 3..=5,
