@@ -121,7 +121,10 @@ def test_demo_leaves_its_table_and_pictures(tmp_path: Path) -> None:
     table = run_json("demo", "--out", tmp_path, "--poses", "1")
     assert json.loads((tmp_path / "grasps.json").read_text()) == table
     names = [row["name"] for row in table["objects"]]
-    assert len(names) == 12
+    assert len(names) == 15
+    for name in ("table_3_1", "sweep_kettle-000003", "sweep_019_pitcher_base"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+    assert "013_apple" in (tmp_path / "table_3_1.md").read_text()
     assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in names)
     markdown = (tmp_path / "grasps.md").read_text()
     assert all(f"| {name} |" in markdown for name in names)

@@ -6,15 +6,19 @@ from typing import Annotated
 
 import typer
 
-from graspbox import object_sets, pictures
+from graspbox import Scene, object_sets, pictures, plan
 from graspbox.cli.common import Json, Seed, Threads, console, print_json, print_table
 from graspbox.cli.grasp import COLUMNS, run, summary, table_rows
 from graspbox.configs import TrialConfig
-from graspbox.errors import MissingExtraError
+from graspbox.errors import ConfigError, MissingExtraError
 
-#: One of each kind: upright, lying, round, hollow, with a handle.
-_YCB = ("005_tomato_soup_can", "006_mustard_bottle", "011_banana", "013_apple", "025_mug", "035_power_drill")
-_PROCEDURAL = ("box", "can", "bottle", "ball", "mug", "bowl")
+#: Made here: with a handle, round, hollow, with spout and arch.
+_PROCEDURAL = ("bottle", "mug", "bowl", "kettle")
+#: Its trials are drawn; the study's own objects come beside it.
+_TRACED = "ycb:006_mustard_bottle"
+#: Poses among which a firm and a failed grasp are looked for.
+_TRACED_POSES = 12
+_SWEPT = ("procedural:kettle:3", "ycb:019_pitcher_base")
 
 
 def demo_objects() -> list[str]:
@@ -25,7 +29,7 @@ def demo_objects() -> list[str]:
     except MissingExtraError as error:
         console.print(f"without YCB objects: {error}", markup=False)
         return names
-    return [*names, *(f"ycb:{name}" for name in _YCB)]
+    return [*names, _TRACED, *pictures.study_objects()]
 
 
 def demo(
@@ -35,7 +39,7 @@ def demo(
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
-    """Grasp a dozen objects; leaves a table and pictures in a folder."""
+    """Grasp a few objects, the study's among them; leaves tables and pictures in a folder."""
     out.mkdir(parents=True, exist_ok=True)
     found = object_sets.load(demo_objects())
     result = run(found, poses=poses, seed=seed, trial=TrialConfig(legacy=True), num_threads=threads)
@@ -45,14 +49,41 @@ def demo(
     for spec, done in zip(found, result.objects, strict=True):
         if done.plan is not None:
             pictures.save_plan(out / f"{spec.name}.png", spec.load(), done.plan, done.outcomes)
+    known = _TRACED.partition(":")[2] in found.names
+    comparison = pictures.Comparison.of(result)
+    if known:
+        (out / "table_3_1.md").write_text(comparison.markdown())
+        pictures.save_comparison(out / "table_3_1.png", comparison)
+    draw_sweeps_and_trials(out, seed, ycb=known)
     if as_json:
         print_json(table)
     else:
         print_table(f"{poses} poses each, seed {seed}", COLUMNS, table_rows(table))
         typer.echo(summary(table))
-        typer.echo(f"table and pictures are in {out}")
+        if known:
+            print_table("the study's table 3.1 beside ours", pictures.COLUMNS, comparison.rows())
+            typer.echo(pictures.CUP_GUESS)
+        typer.echo(f"tables and pictures are in {out}")
     if any(r.error for r in result.objects):
         raise typer.Exit(1)
+
+
+def draw_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
+    """Draw the study's sweep of thresholds, kindness over time, and grasps in stages."""
+    with console.status("drawing"):
+        for name in _SWEPT if ycb else _SWEPT[:1]:
+            mesh = object_sets.load(name)[0].load()
+            pictures.save_sweep(out / f"sweep_{mesh.name}.png", mesh)
+        traced = _TRACED if ycb else f"procedural:{_PROCEDURAL[0]}:0"
+        scene = Scene(object_sets.load(traced)[0].load())
+        planned = plan(scene.mesh, seed=seed, world_from_object=scene.world_from_object).best(_TRACED_POSES)
+        try:
+            firm, failed = pictures.firm_and_failed(scene, planned)
+        except ConfigError as error:
+            console.print(f"no picture of a firm and a failed grasp of {scene.name}: {error}", markup=False)
+            return
+        pictures.save_kindness(out / "kindness.png", scene.name, failed, firm)
+        pictures.save_stages(out / "stages.png", scene, [firm, failed])
 
 
 def markdown(rows: list[tuple[str, ...]]) -> str:
