@@ -11,6 +11,9 @@ import pytest
 
 from graspbox import _core, errors
 
+#: A shell starts what it puts in the background deaf to Ctrl-C, and Python leaves it so.
+LISTEN = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+
 
 def test_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _core._spin(0.0, num_threads=3) == 3
@@ -59,7 +62,7 @@ def test_gil_is_released() -> None:
 def test_ctrl_c_stops_a_call_within_a_second(deaf: bool) -> None:
     """A deaf call never looks at its cancel flag, and is left behind."""
     code = (
-        "import time; from graspbox import _core; print('ready', flush=True)\n"
+        f"{LISTEN}import time; from graspbox import _core; print('ready', flush=True)\n"
         f"try: _core._spin(60.0, deaf={deaf})\n"
         "except KeyboardInterrupt: print('stopped', flush=True)\n"
     )
@@ -90,7 +93,7 @@ def test_forked_child_gets_pools_of_its_own() -> None:
 
 def test_ctrl_c_stops_a_batch_of_trials_within_a_second() -> None:
     code = (
-        "import numpy as np, graspbox\n"
+        f"{LISTEN}import numpy as np, graspbox\n"
         "scene = graspbox.Scene(graspbox.object_sets.load('procedural:can:0')[0].load())\n"
         "plan = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object).best(1)\n"
         "print('ready', flush=True)\n"
