@@ -29,7 +29,7 @@ const CLEAR_OF_TABLE: f64 = 0.02;
 pub enum FailureKind {
     /// The hand collides with object or table at the start or on the approach.
     Infeasible,
-    /// The closed hand does not touch the object.
+    /// The closed hand does not touch the object, not even while it rises.
     NoContact,
     /// The hand touched the object, but it never left the table for good.
     Slipped,

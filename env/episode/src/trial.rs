@@ -127,12 +127,18 @@ pub struct Trial {
     close: Vec<MotorCommand>,
     step: u64,
     contact_lost: u64,
+    /// The hand touched the object at some time since lifting began.
+    touched: bool,
     legacy: Option<(bool, f64)>,
     trace: Option<Vec<Sample>>,
 }
 
 /// Steps without contact, seconds, after which an object in the air is lost.
 const LOST_AFTER: f64 = 0.06;
+/// Contact is looked for every so many steps.
+const LOOK_EVERY: u64 = 5;
+/// An object that lies in closed fingers without touching them is met by the time the hand has risen this far, metres.
+const MEETS_WITHIN: f64 = 0.05;
 /// The object may rise relative to the hand by this much while fingers settle, metres.
 const CURL_RISE: f64 = 0.03;
 
@@ -161,6 +167,7 @@ impl Trial {
             close,
             step: 0,
             contact_lost: 0,
+            touched: false,
             legacy: None,
             trace,
         }
@@ -184,9 +191,6 @@ impl Trial {
             }
             if self.step == close {
                 self.episode.begin_lift();
-                if self.ends_early() && !self.touches() {
-                    return Ok(Some(self.finish(Some(FailureKind::NoContact))));
-                }
             }
             self.step += 1;
             let target = self.target(self.step as f64 * dt);
@@ -197,6 +201,9 @@ impl Trial {
             if self.step == legacy_at {
                 let judge = self.episode.judge();
                 self.legacy = Some((judge.legacy_success(self.episode.world()), judge.kindness()));
+            }
+            if self.step > close && self.step.is_multiple_of(LOOK_EVERY) {
+                self.look_for_contact();
             }
             if self.step > close && self.ends_early() && self.hopeless(dt) {
                 return Ok(Some(self.finish(None)));
@@ -223,14 +230,19 @@ impl Trial {
         !self.episode.world().contacts().links.is_empty()
     }
 
+    fn look_for_contact(&mut self) {
+        let touches = self.touches();
+        self.touched |= touches;
+        self.contact_lost = if touches { 0 } else { self.contact_lost + LOOK_EVERY };
+    }
+
     /// True once the object cannot be held high enough at the end any more.
-    fn hopeless(&mut self, dt: f64) -> bool {
-        if !self.step.is_multiple_of(5) {
+    fn hopeless(&self, dt: f64) -> bool {
+        if !self.step.is_multiple_of(LOOK_EVERY) {
             return false;
         }
         let verdict = self.episode.verdict();
-        self.contact_lost = if self.touches() { 0 } else { self.contact_lost + 5 };
-        let lost = self.contact_lost as f64 * dt >= LOST_AFTER;
+        let lost = self.contact_lost as f64 * dt >= LOST_AFTER && verdict.hand_lift >= MEETS_WITHIN;
         let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
         lost || reach < LIFT_HEIGHT
     }
@@ -254,7 +266,9 @@ impl Trial {
         let world = self.episode.world();
         let verdict = self.episode.verdict();
         let success = verdict.success && failure.is_none() && world.is_finite();
-        let why = failure.unwrap_or_else(|| self.episode.judge().failure(world, self.touches()));
+        let missed = (!self.touched).then_some(FailureKind::NoContact);
+        let judged = || self.episode.judge().failure(world, self.touches());
+        let why = failure.or(missed).unwrap_or_else(judged);
         let outcome = TrialOutcome {
             success,
             secure: success && verdict.secure,
