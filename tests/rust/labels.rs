@@ -8,10 +8,10 @@ use graspbox_mesh::procedural::Family;
 use graspbox_sim::PhysicsConfig;
 use graspbox_tests::scenes::{planned, procedural, scene};
 
-/// Share of labels that may turn when the time step is halved. The goal is 0.05; of 88 labels 10 % turned, while moving the hand
-/// by 10 um at the same time step turned 2 % (6 % at 1 ms), so about half of it is the grasps' own fragility. Tighten it as
-/// contacts and tendons get better; to widen it is a bug.
-const MAY_TURN: f64 = 0.15;
+/// Share of 300 labels that may turn when the time step is halved; 4.0 % did when this was written.
+const MAY_TURN: f64 = 0.05;
+/// The same of forty labels, where three more or less are chance. (Moving the hand by 10 um at the same time step turned 2 % of 88.)
+const FEW_MAY_TURN: f64 = 0.15;
 
 /// One pose and what three kinds of trial say of it.
 struct Row {
@@ -66,8 +66,8 @@ fn say(outcome: &TrialOutcome) -> String {
 }
 
 /// A bug here: an early stop that gives up a grasp which would have succeeded (none is allowed); contacts or tendons whose
-/// answer depends on the time step more than [`MAY_TURN`].
-fn check(rows: &[Row]) {
+/// answer depends on the time step more than `may_turn`, a share.
+fn check(rows: &[Row], may_turn: f64) {
     let share = |n: usize| n as f64 / rows.len() as f64;
     let successes = rows.iter().filter(|r| r.whole.success).count();
     let (mut given_up, mut turned) = (0, 0);
@@ -105,12 +105,12 @@ fn check(rows: &[Row]) {
         "labels that are all alike test nothing"
     );
     assert_eq!(given_up, 0, "early stops change labels");
-    assert!(share(turned) <= MAY_TURN, "{turned} labels depend on the time step");
+    assert!(share(turned) <= may_turn, "{turned} labels depend on the time step");
 }
 
 #[test]
 fn forty_labels_are_stable() {
-    check(&rows(10, 4));
+    check(&rows(10, 4), FEW_MAY_TURN);
 }
 
 #[test]
@@ -118,5 +118,5 @@ fn forty_labels_are_stable() {
 fn three_hundred_labels_are_stable() {
     let rows = rows(30, 10);
     assert!(rows.len() >= 290, "only {} poses are feasible", rows.len());
-    check(&rows);
+    check(&rows, MAY_TURN);
 }
