@@ -99,8 +99,8 @@ pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParam
         contact_recycling: false,
         // Household objects and fingers move slower than their own thickness a step.
         max_ccd_substeps: 0,
-        // Solved contact by contact: boxes on the table lose up to 12 % of mu, but the engine's friction of whole patches lets a
-        // firmly held banana creep by 5 mm/s.
+        // Solved contact by contact: boxes on the table lose up to 12 % of mu, but the engine's friction of whole patches lets
+        // firmly held objects creep.
         friction_model: FrictionModel::Coulomb,
         ..IntegrationParameters::default()
     }

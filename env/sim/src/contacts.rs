@@ -86,7 +86,7 @@ impl World {
         found
     }
 
-    /// True when the object touches table or ground; cheaper than [`World::contacts`].
+    /// True when the object touches table or ground, as [`World::contacts`] says.
     pub fn object_on_scenery(&self) -> bool {
         self.contacts().scenery
     }
