@@ -153,10 +153,19 @@ class PlanConfig:
 
 @dataclass(frozen=True)
 class FrictionConfig:
-    """Friction factors of surfaces; the coefficient of a pair is the product of its two factors."""
+    """Friction factors of table and object; the hand's own stand in its ``hand.toml``.
 
-    pad: float = 1.0
-    bare: float = 0.4
+    The coefficient of a pair is the product of its two factors.
+
+    Attributes
+    ----------
+    table : float
+        Table top and ground.
+    object : float
+        1 leaves the other surface's factor as the coefficient; another value scales the object's grip in hand and on
+        table alike.
+    """
+
     table: float = 0.5
     object: float = 1.0
 
@@ -182,7 +191,7 @@ class PhysicsConfig:
     gravity : float
         m/s2, along -z of the world.
     friction : FrictionConfig
-        Friction factors.
+        Friction factors of table and object.
     """
 
     dt: float = 0.002

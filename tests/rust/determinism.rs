@@ -336,6 +336,8 @@ fn a_snapshot_of_another_world_is_refused() {
     fewer.motors.remove(2);
     let mut softer = reflex();
     softer.fingers[0].tendon.stiffness *= 0.5;
+    let mut smoother = reflex();
+    smoother.friction.pad *= 0.5;
     let slower = PhysicsConfig {
         dt: 0.001,
         ..PhysicsConfig::default()
@@ -343,6 +345,7 @@ fn a_snapshot_of_another_world_is_refused() {
     for (what, template) in [
         ("another hand", template(fewer, &can, 0.2, PhysicsConfig::default())),
         ("another tendon", template(softer, &can, 0.2, PhysicsConfig::default())),
+        ("other pads", template(smoother, &can, 0.2, PhysicsConfig::default())),
         ("another object", other_object.template),
         ("another mass", template(reflex(), &can, 0.3, PhysicsConfig::default())),
         ("another time step", template(reflex(), &can, 0.2, slower)),

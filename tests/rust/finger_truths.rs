@@ -1,8 +1,8 @@
 //! A finger against closed forms, each within 2 %: small oscillations, energy of a swing, statics of the tendon.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_hand::{Hand, HandConfiguration};
-use graspbox_sim::{Friction, Geometry, PhysicsConfig, World};
+use graspbox_hand::{Friction, Hand, HandConfiguration};
+use graspbox_sim::{Geometry, PhysicsConfig, World};
 use graspbox_tests::bench::{at, away, closing, palm_down, reflex, run, template};
 use graspbox_tests::two_link::TwoLink;
 use nalgebra::{Isometry3, Point3, Rotation2, Vector2, Vector3};
@@ -244,13 +244,9 @@ fn balance(world: &World, finger: usize, gravity: &Vector3<f64>) -> Balance {
     }
 }
 
-/// Closes a hand, palm down at `palm` metres above the table, on 300 kg of `object` until its motors stall.
-fn squeeze(object: &Geometry, height: f64, palm: f64, friction: Friction) -> World {
-    let config = PhysicsConfig {
-        friction,
-        ..PhysicsConfig::default()
-    };
-    let template = template(reflex(), object, 300.0, config);
+/// Closes `hand`, palm down at `palm` metres above the table, on 300 kg of `object` until its motors stall.
+fn squeeze(hand: Hand, object: &Geometry, height: f64, palm: f64) -> World {
+    let template = template(hand, object, 300.0, PhysicsConfig::default());
     let hand = palm_down(0.0, 0.0, palm);
     let mut world = template.spawn(&hand, &at(0.0, 0.0, height / 2.0), 0.0);
     let close = closing(world.hand(), 0.0);
@@ -285,13 +281,10 @@ fn squeezed() -> [(&'static str, Geometry, f64, f64); 3] {
 /// are not per second.
 #[test]
 fn contact_forces_balance_the_tendon() {
-    let smooth = Friction {
-        pad: 0.0,
-        bare: 0.0,
-        ..Friction::default()
-    };
+    let mut smooth = reflex();
+    smooth.friction = Friction { pad: 0.0, bare: 0.0 };
     for (name, object, height, palm) in squeezed() {
-        let world = squeeze(&object, height, palm, smooth);
+        let world = squeeze(smooth.clone(), &object, height, palm);
         for finger in 0..3 {
             let state = world.finger(finger);
             let b = balance(&world, finger, &Vector3::new(0.0, 0.0, -G));
@@ -328,7 +321,7 @@ fn contact_forces_balance_the_tendon() {
 fn a_fingertip_presses_as_its_levers_say() {
     let (mut least, mut most) = (f64::MAX, 0.0_f64);
     for (name, object, height, palm) in squeezed() {
-        let world = squeeze(&object, height, palm, Friction::default());
+        let world = squeeze(reflex(), &object, height, palm);
         let contacts = world.link_contacts();
         for (index, finger) in world.hand().fingers.iter().enumerate() {
             let force = |joint: usize| -> f64 {

@@ -139,6 +139,35 @@ fn friction_is_never_more_than_coulomb_at_any_heading() {
     }
 }
 
+/// The hand's own description says how its surfaces grip: a tile on an upturned palm slips at the angle of that hand's pads.
+/// A bug here: a friction of the hand that is set elsewhere too, and wins.
+#[test]
+fn a_tile_slips_on_the_palm_by_the_hands_own_friction() {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), CORNER_FIRST);
+    let start = away() * Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.01), turn);
+    for mu in [0.3_f64, 0.6] {
+        let mut hand = reflex();
+        hand.friction.pad = mu;
+        let tile = Geometry::Cuboid(Vector3::new(0.02, 0.02, 0.01));
+        let template = template(hand, &tile, 0.3, PhysicsConfig::default());
+        let slid = |share: f64| {
+            let mut world = template.spawn(&away(), &start, 0.0);
+            run(&mut world, &away(), &[], 0.3);
+            let before = world.object_center();
+            world.set_gravity(&tilted((share * mu).atan()));
+            run(&mut world, &away(), &[], 0.6);
+            (world.object_center() - before).norm()
+        };
+        let (below, above) = (slid(1.0 - WITHIN), slid(1.0 + WITHIN));
+        println!(
+            "pads of {mu}: {:.3} mm below the angle, {:.1} mm above it",
+            1e3 * below,
+            1e3 * above
+        );
+        assert!(below < 0.001 && above > 0.005, "{below} m, {above} m");
+    }
+}
+
 /// A hand that swings, rises and turns about a changing axis; smooth, up to 2 m/s2 and 6 rad/s2, from rest at `t` = 0.
 fn dance(t: f64) -> Isometry3<f64> {
     let s = t * t;

@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
 
-/// What a surface is made of; friction is looked up by pairs of these.
+/// What a surface of the hand is made of: it gives the friction factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Material {
@@ -33,17 +33,17 @@ pub enum Shape {
     },
 }
 
-/// Coulomb friction of the hand's surfaces on an object.
+/// Friction factors of the hand's surfaces: the coefficient of Coulomb friction of a pair is the product of its two factors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Friction {
-    /// Coefficient of [`Material::Pad`].
+    /// Factor of [`Material::Pad`].
     pub pad: f64,
-    /// Coefficient of [`Material::Bare`].
+    /// Factor of [`Material::Bare`].
     pub bare: f64,
 }
 
 impl Friction {
-    /// Coefficient of a material.
+    /// Factor of a material.
     #[must_use]
     pub fn of(&self, material: Material) -> f64 {
         match material {
@@ -221,6 +221,6 @@ pub struct Hand {
     pub base_from_hand: Isometry3<f64>,
     /// Least and greatest preshape angle, radians.
     pub preshape_limits: [f64; 2],
-    /// Friction of its surfaces.
+    /// Friction factors of its surfaces.
     pub friction: Friction,
 }

@@ -3,7 +3,7 @@
 use crate::config::PhysicsConfig;
 use crate::object::ObjectModel;
 use crate::{SimError, frames};
-use graspbox_hand::{Hand, Material, Shape};
+use graspbox_hand::{Hand, Shape};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rapier3d::math::Vector;
 use rapier3d::prelude::*;
@@ -135,9 +135,9 @@ pub(crate) fn build(
     let object_collider = world
         .colliders
         .insert_with_parent(collider, object_body, &mut world.bodies);
-    insert_base(&mut world, hand, config);
+    insert_base(&mut world, hand);
     let fingers = (0..hand.fingers.len())
-        .map(|finger| insert_finger(&mut world, hand, config, finger))
+        .map(|finger| insert_finger(&mut world, hand, finger))
         .collect::<Result<Vec<_>, _>>()?;
     Ok((
         world,
@@ -205,15 +205,14 @@ fn carrier(hand: &Hand, root: usize) -> Carrier {
     Carrier { links }
 }
 
-fn insert_base(world: &mut PhysicsWorld, hand: &Hand, config: &PhysicsConfig) {
+fn insert_base(world: &mut PhysicsWorld, hand: &Hand) {
     let body = world.bodies.insert(RigidBodyBuilder::fixed());
-    insert_colliders(world, hand, config, &carrier(hand, 0), body, PALM, Group::ALL);
+    insert_colliders(world, hand, &carrier(hand, 0), body, PALM, Group::ALL);
 }
 
 fn insert_colliders(
     world: &mut PhysicsWorld,
     hand: &Hand,
-    config: &PhysicsConfig,
     carrier: &Carrier,
     body: RigidBodyHandle,
     member: Group,
@@ -238,10 +237,7 @@ fn insert_colliders(
                 }
                 _ => UnitQuaternion::identity(),
             };
-            let factor = match collider.material {
-                Material::Pad => config.friction.pad,
-                Material::Bare => config.friction.bare,
-            };
+            let factor = hand.friction.of(collider.material);
             let pose = carrier_from_link * collider.link_from_shape * turn;
             let part = Part::Link {
                 link: *link,
@@ -258,12 +254,7 @@ fn finger_group(finger: usize, distal: bool) -> Group {
     Group::from_bits_truncate(1 << (FIRST_FINGER_GROUP + 2 * finger as u32 + u32::from(distal)))
 }
 
-fn insert_finger(
-    world: &mut PhysicsWorld,
-    hand: &Hand,
-    config: &PhysicsConfig,
-    finger: usize,
-) -> Result<FingerHandles, SimError> {
+fn insert_finger(world: &mut PhysicsWorld, hand: &Hand, finger: usize) -> Result<FingerHandles, SimError> {
     let f = &hand.fingers[finger];
     let bad = |why| SimError::BadFinger {
         finger: f.name.clone(),
@@ -281,7 +272,7 @@ fn insert_finger(
         if hand.joints[joint].parent != 0 {
             return Err(bad("its swivel does not hang on the base"));
         }
-        let body = insert_link(world, hand, config, joint, (PALM, OBJECT | GROUND));
+        let body = insert_link(world, hand, joint, (PALM, OBJECT | GROUND));
         let handle = world
             .multibody_joints
             .insert_kinematic(parent, body, revolute(hand, joint), true);
@@ -293,7 +284,7 @@ fn insert_finger(
     for (joint, distal) in [(f.proximal, false), (f.distal, true)] {
         let palm = if distal { PALM } else { Group::NONE };
         let groups = (finger_group(finger, distal), OBJECT | GROUND | others | palm);
-        let body = insert_link(world, hand, config, joint, groups);
+        let body = insert_link(world, hand, joint, groups);
         let handle = world.multibody_joints.insert(parent, body, revolute(hand, joint), true);
         handles.push(handle.ok_or_else(|| bad("its joints close a loop"))?);
         bodies.push(body);
@@ -312,7 +303,6 @@ fn insert_finger(
 fn insert_link(
     world: &mut PhysicsWorld,
     hand: &Hand,
-    config: &PhysicsConfig,
     joint: usize,
     (member, filter): (Group, Group),
 ) -> RigidBodyHandle {
@@ -326,7 +316,7 @@ fn insert_link(
         .additional_mass_properties(mass.unwrap_or_default())
         .can_sleep(false);
     let body = world.bodies.insert(body);
-    insert_colliders(world, hand, config, &carrier, body, member, filter);
+    insert_colliders(world, hand, &carrier, body, member, filter);
     body
 }
 

@@ -1,27 +1,22 @@
-//! Physics settings and friction. Every default passes the hold and label checks in `tests/`; change them together or not at all.
+//! Physics settings and the friction of table and object. Every default passes the hold and label checks in `tests/`; change them together or not at all.
 
 use crate::SimError;
 use serde::{Deserialize, Serialize};
 
-/// Friction factors of surfaces. The coefficient of a pair is the product of its two factors.
+/// Friction factors of the surfaces that the hand meets; the hand's own stand in its description ([`graspbox_hand::Friction`]).
+/// The coefficient of a pair is the product of its two factors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Friction {
-    /// Rubber pads of fingers and palm (rubber on a dry household surface: about 1).
-    pub pad: f64,
-    /// Bare plastic of the hand.
-    pub bare: f64,
     /// Table top and ground.
     pub table: f64,
-    /// The object: 1 leaves the other surface's factor as the coefficient.
+    /// The object: 1 leaves the other surface's factor as the coefficient; another value scales its grip in hand and on table alike.
     pub object: f64,
 }
 
 impl Default for Friction {
     fn default() -> Self {
         Self {
-            pad: 1.0,
-            bare: 0.4,
             table: 0.5,
             object: 1.0,
         }
@@ -48,7 +43,7 @@ pub struct PhysicsConfig {
     pub allowed_penetration: f64,
     /// Gravity, m/s2, along -z of the world.
     pub gravity: f64,
-    /// Friction factors.
+    /// Friction factors of table and object.
     pub friction: Friction,
 }
 
@@ -75,7 +70,7 @@ impl PhysicsConfig {
     /// [`SimError::BadConfig`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
         let f = &self.friction;
-        let rows: [(&'static str, f64, f64, f64, &'static str); 11] = [
+        let rows: [(&'static str, f64, f64, f64, &'static str); 10] = [
             ("dt", self.dt, 1e-5, 0.02, "between 1e-5 and 0.02 s"),
             (
                 "solver_iterations",
@@ -114,21 +109,13 @@ impl PhysicsConfig {
                 "between 0 and 0.005 m",
             ),
             ("gravity", self.gravity, 0.0, 100.0, "between 0 and 100 m/s2"),
-            ("friction.pad", f.pad, 0.0, 5.0, "between 0 and 5"),
-            ("friction.bare", f.bare, 0.0, 5.0, "between 0 and 5"),
             ("friction.table", f.table, 0.0, 5.0, "between 0 and 5"),
+            ("friction.object", f.object, 0.0, 5.0, "between 0 and 5"),
         ];
         for (field, value, low, high, expected) in rows {
             if !(low..=high).contains(&value) {
                 return Err(SimError::BadConfig { field, value, expected });
             }
-        }
-        if !(0.0..=5.0).contains(&f.object) {
-            return Err(SimError::BadConfig {
-                field: "friction.object",
-                value: f.object,
-                expected: "between 0 and 5",
-            });
         }
         Ok(())
     }

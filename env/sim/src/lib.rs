@@ -2,7 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`config`] | physics settings and friction, with the reason for each number |
+//! | [`config`] | physics settings, friction of table and object, with the reason for each number |
 //! | [`object`] | the object: convex parts, mass, inertia |
 //! | [`world`] | the world itself: step, observe, clone, snapshot |
 //! | [`contacts`] | who touches whom, how deep and how hard; tactile pressures |
