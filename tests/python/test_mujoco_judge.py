@@ -13,6 +13,7 @@ import mujoco
 
 import graspbox
 from graspbox import mujoco_judge as judge
+from graspbox.configs import PhysicsConfig
 from graspbox.mujoco_judge.__main__ import main
 from graspbox.mujoco_judge.replay import Replay
 
@@ -72,7 +73,7 @@ def test_both_read_the_same_hand(hand: judge.HandDescription) -> None:
 
 def test_tendon_statics_against_the_closed_form(hand: judge.HandDescription) -> None:
     """Without gravity a slowly closed finger rests where ``r T`` balances the springs, on both joints."""
-    scene = judge.build(hand, cube(), judge.Physics(gravity=0.0))
+    scene = judge.build(hand, cube(), PhysicsConfig(gravity=0.0))
     run = Replay(scene, above(HIGH), 0.0)
     fingers = [replace(f, travel=(0.0, 1.2)) for f in hand.fingers]
     scene.hand = replace(hand, fingers=tuple(fingers))

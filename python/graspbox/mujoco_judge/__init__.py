@@ -27,7 +27,7 @@ except ModuleNotFoundError as error:
 from graspbox.mujoco_judge.compare import DEFAULT_OBJECTS, Report, Row, compare, object_data, random_pose, reflex
 from graspbox.mujoco_judge.description import HandDescription, read_hand
 from graspbox.mujoco_judge.replay import Outcome, TrialTimes, replay
-from graspbox.mujoco_judge.scene import Numerics, ObjectData, Physics, Scene, build, mjcf
+from graspbox.mujoco_judge.scene import Numerics, ObjectData, Scene, build, mjcf
 
 __all__ = [
     "DEFAULT_OBJECTS",
@@ -35,7 +35,6 @@ __all__ = [
     "Numerics",
     "ObjectData",
     "Outcome",
-    "Physics",
     "Report",
     "Row",
     "Scene",

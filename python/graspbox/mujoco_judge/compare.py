@@ -25,7 +25,7 @@ from graspbox import _core
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.mujoco_judge.description import Array, HandDescription, read_hand
 from graspbox.mujoco_judge.replay import Outcome, replay
-from graspbox.mujoco_judge.scene import Numerics, ObjectData, Physics, build
+from graspbox.mujoco_judge.scene import Numerics, ObjectData, build
 
 #: Easy and hard, light and heavy, round and square: the objects of the hold suite, and one of each procedural family.
 DEFAULT_OBJECTS = (
@@ -219,7 +219,7 @@ def draw_trials(scene: graspbox.Scene, count: int, random: np.random.Generator) 
 def _replay_all(
     hand: HandDescription, item: ObjectData, poses: Array, preshapes: Array, numerics: Numerics, threads: int
 ) -> Iterator[Outcome]:
-    scene = build(hand, item, Physics(), numerics)
+    scene = build(hand, item, numerics=numerics)
     with ThreadPoolExecutor(threads) as pool:
         # MuJoCo releases the interpreter's lock while it steps.
         yield from pool.map(lambda pair: replay(scene, pair[0], float(pair[1])), zip(poses, preshapes, strict=True))
@@ -232,7 +232,7 @@ def _why(mesh: graspbox.Mesh, hand: HandDescription, row: Row, numerics: Numeric
     again = half.simulate(row.object_from_hand[None], np.array([row.preshape]))
     # The same object at rest: only the time step differs.
     item = object_data(half)
-    fine = build(hand, item, Physics(), replace(numerics, timestep=0.5 * numerics.timestep))
+    fine = build(hand, item, numerics=replace(numerics, timestep=0.5 * numerics.timestep))
     theirs = replay(fine, item.world_from_object @ row.object_from_hand, row.preshape)
     core, mujoco = bool(again.success[0]) != row.success, theirs.success != row.mujoco.success
     if core and mujoco:

@@ -13,6 +13,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.mujoco_judge.description import Array, Finger
 from graspbox.mujoco_judge.scene import CARRIAGE_INERTIA, Scene, quaternion
 
@@ -23,7 +24,7 @@ LIFT_HEIGHT, REST_SPEED, HOLD_TIME = 0.15, 0.005, 0.5
 #: Once it rose this far the object can be dropped, m.
 _CLEAR_OF_TABLE = 0.02
 #: The judge looks at the world this often, s: the core's time step.
-_LOOK_EVERY = 0.002
+_LOOK_EVERY = PhysicsConfig.dt
 #: Bodies that overlap by more than this at the start make a trial infeasible, m: contacts are left at rest less deep
 #: than this.
 _START_DEPTH = 0.001
@@ -31,12 +32,12 @@ _START_DEPTH = 0.001
 
 @dataclass(frozen=True)
 class TrialTimes:
-    """The script of a trial; seconds and metres."""
+    """The script of a trial, by default the core's; seconds and metres."""
 
-    close_time: float = 1.3
-    lift_height: float = 0.20
-    lift_time: float = 1.0
-    hold_time: float = 1.0
+    close_time: float = TrialConfig.close_time
+    lift_height: float = TrialConfig.lift_height
+    lift_time: float = TrialConfig.lift_time
+    hold_time: float = TrialConfig.hold_time
 
     @property
     def end(self) -> float:

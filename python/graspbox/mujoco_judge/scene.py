@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.configs import PhysicsConfig
 from graspbox.mujoco_judge.description import BASE, Array, HandDescription, Link
 
 #: Table top and ground, metres: the same sizes as the core's.
@@ -62,15 +63,6 @@ class Numerics:
     solimp: tuple[float, float, float] = (0.95, 0.99, 0.0005)
     noslip_iterations: int = 5
     iterations: int = 100
-
-
-@dataclass(frozen=True)
-class Physics:
-    """What is physics beside the hand's description; the core's defaults."""
-
-    gravity: float = 9.81
-    table_friction: float = 0.5
-    object_friction: float = 1.0
 
 
 @dataclass
@@ -145,13 +137,13 @@ def _add_link(parent: ET.Element, hand: HandDescription, index: int) -> ET.Eleme
     return body
 
 
-def _add_scenery(world: ET.Element, physics: Physics) -> None:
+def _add_scenery(world: ET.Element, physics: PhysicsConfig) -> None:
     half = _TABLE_THICKNESS / 2
     for name, side, top in (("table", _TABLE_SIDE, 0.0), ("ground", _GROUND_SIDE, -_TABLE_HEIGHT)):
         geom = ET.SubElement(world, "geom", name=name, type="box", contype="0", conaffinity="1")
         geom.set("size", _text([side / 2, side / 2, half]))
         geom.set("pos", _text([0, 0, top - half]))
-        geom.set("friction", _text([physics.table_friction, 0, 0]))
+        geom.set("friction", _text([physics.friction.table, 0, 0]))
 
 
 def _add_object(root: ET.Element, world: ET.Element, item: ObjectData) -> None:
@@ -185,7 +177,7 @@ def _groups(hand: HandDescription) -> list[tuple[str, int, str, float]]:
     return found
 
 
-def _add_pairs(root: ET.Element, hand: HandDescription, physics: Physics, numerics: Numerics) -> None:
+def _add_pairs(root: ET.Element, hand: HandDescription, physics: PhysicsConfig, numerics: Numerics) -> None:
     contact = ET.SubElement(root, "contact")
 
     def pair(one: str, two: str, friction: float) -> None:
@@ -197,7 +189,7 @@ def _add_pairs(root: ET.Element, hand: HandDescription, physics: Physics, numeri
     groups = _groups(hand)
     for (part, finger, name, friction), scenery in itertools.product(groups, ("table", "ground")):
         if part != "palm":
-            pair(name, scenery, friction * physics.table_friction)
+            pair(name, scenery, friction * physics.friction.table)
         del finger
     for (part, finger, name, friction), (part2, finger2, name2, friction2) in itertools.combinations(groups, 2):
         crosses = finger != finger2 and "palm" not in (part, part2)
@@ -225,7 +217,7 @@ def _add_tendons(root: ET.Element, hand: HandDescription) -> None:
         )
 
 
-def mjcf(hand: HandDescription, item: ObjectData, physics: Physics, numerics: Numerics) -> str:
+def mjcf(hand: HandDescription, item: ObjectData, physics: PhysicsConfig, numerics: Numerics) -> str:
     """Write the model of one object and the hand as MJCF."""
     root = ET.Element("mujoco", model=f"{hand.name} and {item.name}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="false", boundmass="0")
@@ -251,11 +243,11 @@ def mjcf(hand: HandDescription, item: ObjectData, physics: Physics, numerics: Nu
 
 
 def build(
-    hand: HandDescription, item: ObjectData, physics: Physics | None = None, numerics: Numerics | None = None
+    hand: HandDescription, item: ObjectData, physics: PhysicsConfig | None = None, numerics: Numerics | None = None
 ) -> Scene:
-    """Compile the model of one object and the hand."""
-    physics, numerics = physics or Physics(), numerics or Numerics()
-    if physics.object_friction != 1.0:
+    """Compile the model of one object and the hand; of the physics only gravity and friction are taken."""
+    physics, numerics = physics or PhysicsConfig(), numerics or Numerics()
+    if physics.friction.object != 1.0:
         # The surface factor of the other side is the coefficient only then.
         raise ValueError("the judge takes the object's friction factor as 1")
     model = mujoco.MjModel.from_xml_string(mjcf(hand, item, physics, numerics))
