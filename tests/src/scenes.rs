@@ -2,7 +2,6 @@
 
 use graspbox_episode::{Body, ObjectSpec, Scene};
 use graspbox_hand::GraspPose;
-use graspbox_mesh::TriMesh;
 use graspbox_mesh::procedural::{Family, generate};
 use graspbox_plan::{PlanObject, PlanParams, plan};
 use graspbox_sim::PhysicsConfig;
@@ -42,11 +41,9 @@ pub fn scene(body: &Body, physics: PhysicsConfig) -> Arc<Scene> {
 
 /// The first `count` feasible poses of the planner for `body` as it lies in `scene`, in its ranking order.
 pub fn planned(body: &Body, scene: &Scene, count: usize, seed: u64) -> Vec<GraspPose> {
-    let hulls = body.parts().iter().map(|p| graspbox_mesh::convex_hull(p));
-    let parts: Vec<TriMesh> = hulls.collect::<Result<_, _>>().unwrap();
     let object = PlanObject {
         mesh: body.mesh(),
-        parts: &parts,
+        parts: body.parts(),
         center_of_mass: body.mass_properties().center_of_mass,
         world_from_object: *scene.world_from_object(),
     };

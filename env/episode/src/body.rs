@@ -29,7 +29,6 @@ pub struct Body {
     name: String,
     mesh: TriMesh,
     parts: Vec<Vec<Point3<f64>>>,
-    hulls: Vec<TriMesh>,
     mass: MassProperties,
     model: ObjectModel,
 }
@@ -81,7 +80,6 @@ impl Body {
             name: spec.name.clone(),
             mesh,
             parts,
-            hulls,
             mass,
             model,
         })
@@ -100,11 +98,6 @@ impl Body {
     /// Convex parts as points, object frame, metres.
     pub fn parts(&self) -> &[Vec<Point3<f64>>] {
         &self.parts
-    }
-
-    /// The same parts as closed convex meshes.
-    pub fn hulls(&self) -> &[TriMesh] {
-        &self.hulls
     }
 
     /// Mass, centre of mass, inertia, and how they were found.

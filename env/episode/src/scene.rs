@@ -48,7 +48,7 @@ impl Scene {
             bounds.min.z,
         );
         let mut scene = Self::settle(body.name(), hand, body.model(), physics, &start, start.inverse() * base)?;
-        let obstacles = CollisionScene::new(body.mesh(), body.hulls(), &scene.world_from_object);
+        let obstacles = CollisionScene::new(body.mesh(), body.parts(), &scene.world_from_object);
         let plan_error = |source| EpisodeError::Plan {
             object: body.name().to_owned(),
             source,
@@ -145,7 +145,7 @@ impl Scene {
     pub fn plan(&self, body: &Body, params: &PlanParams) -> Result<Plan, EpisodeError> {
         let object = PlanObject {
             mesh: body.mesh(),
-            parts: body.hulls(),
+            parts: body.parts(),
             center_of_mass: self.center_of_mass,
             world_from_object: self.world_from_object,
         };

@@ -29,24 +29,6 @@ pub enum Feasibility {
     HitsObjectOnApproach,
 }
 
-/// A convex part of an object: a mesh, or points that span it; object frame, metres.
-pub trait ConvexPart {
-    /// Points whose convex hull is the part.
-    fn span(&self) -> &[Point3<f64>];
-}
-
-impl ConvexPart for TriMesh {
-    fn span(&self) -> &[Point3<f64>] {
-        self.vertices()
-    }
-}
-
-impl ConvexPart for Vec<Point3<f64>> {
-    fn span(&self) -> &[Point3<f64>] {
-        self
-    }
-}
-
 /// An object on the table, ready for collision queries; object frame.
 pub struct CollisionScene {
     surface: Triangles,
@@ -60,13 +42,14 @@ pub struct CollisionScene {
 impl CollisionScene {
     /// Prepares an object whose table is the plane z = 0 of the world.
     ///
-    /// * `mesh`, `parts`: object frame, metres; there may be no parts.
+    /// * `mesh`: object frame, metres.
+    /// * `parts`: points whose convex hull is a part, object frame, metres; there may be no parts.
     ///
     /// # Errors
     /// [`PlanError::Collision`] for a part without volume or a mesh that the collision library refuses.
-    pub fn new<P: ConvexPart>(
+    pub fn new(
         mesh: &TriMesh,
-        parts: &[P],
+        parts: &[Vec<Point3<f64>>],
         world_from_object: &Isometry3<f64>,
     ) -> Result<Self, PlanError> {
         let points = |points: &[Point3<f64>]| points.iter().map(|p| vector(&p.coords)).collect::<Vec<Vector>>();
@@ -76,7 +59,7 @@ impl CollisionScene {
             })?;
         let parts: Vec<(SharedShape, Aabb)> = parts
             .iter()
-            .map(|part| hull(part.span()).map(|hull| (hull.clone(), hull.compute_local_aabb())))
+            .map(|part| hull(part).map(|hull| (hull.clone(), hull.compute_local_aabb())))
             .collect::<Option<_>>()
             .ok_or_else(|| PlanError::Collision {
                 reason: "a convex part has no volume".into(),

@@ -2,7 +2,7 @@
 
 use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
-use crate::collision::{CollisionScene, ConvexPart, Feasibility};
+use crate::collision::{CollisionScene, Feasibility};
 use crate::error::in_range;
 use crate::open_hand::OpenHand;
 use crate::poses::{PoseParams, Proposal, propose};
@@ -15,11 +15,12 @@ use serde::{Deserialize, Serialize};
 
 /// An object where it rests: the table is the plane z = 0 of the world.
 #[derive(Clone, Copy, Debug)]
-pub struct PlanObject<'a, P = TriMesh> {
+pub struct PlanObject<'a> {
     /// Surface, object frame, metres.
     pub mesh: &'a TriMesh,
-    /// Convex parts that the simulation uses, object frame; may be empty. They are obstacles beside the mesh.
-    pub parts: &'a [P],
+    /// Convex parts that the simulation uses, each as points that span it, object frame, metres; may be empty. They are obstacles beside
+    /// the mesh.
+    pub parts: &'a [Vec<Point3<f64>>],
     /// Centre of mass, object frame, metres.
     pub center_of_mass: Point3<f64>,
     /// Where the object rests.
@@ -109,7 +110,7 @@ impl Plan {
 /// # Errors
 /// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh, [`PlanError::UnsupportedHand`] and
 /// [`PlanError::Collision`] as named there.
-pub fn plan<P: ConvexPart>(object: &PlanObject<'_, P>, hand: &Hand, params: &PlanParams) -> Result<Plan, PlanError> {
+pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result<Plan, PlanError> {
     in_range("clearance", params.clearance, 0.0, 0.05, "[0, 0.05] m")?;
     in_range("standoff", params.standoff, 0.0, 1.0, "[0, 1] m")?;
     params.poses.validate()?;

@@ -12,8 +12,6 @@ use graspbox_plan::{
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-const NO_PARTS: &[TriMesh] = &[];
-
 fn center_of_mass(mesh: &TriMesh) -> Point3<f64> {
     mass_properties(mesh, Mass::Kilograms(0.3)).unwrap().center_of_mass
 }
@@ -21,7 +19,7 @@ fn center_of_mass(mesh: &TriMesh) -> Point3<f64> {
 fn make(mesh: &TriMesh, world_from_object: Isometry3<f64>, params: &PlanParams) -> Plan {
     let object = PlanObject {
         mesh,
-        parts: NO_PARTS,
+        parts: &[],
         center_of_mass: center_of_mass(mesh),
         world_from_object,
     };
@@ -98,7 +96,7 @@ fn feasible_poses_do_not_collide_at_the_pose_or_on_the_way() {
 fn poses_that_collide_are_filtered() {
     let hand = Hand::reflex().unwrap();
     let mesh = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1])]);
-    let scene = CollisionScene::new(&mesh, NO_PARTS, &Isometry3::identity()).unwrap();
+    let scene = CollisionScene::new(&mesh, &[], &Isometry3::identity()).unwrap();
     let open = OpenHand::new(hand, 0.0, 0.001, 0.1).unwrap();
     let down = |z| {
         let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
@@ -116,7 +114,7 @@ fn poses_that_collide_are_filtered() {
         ([0.0, 0.0, 0.1], [0.03, 0.03, 0.1]),
         ([0.0, 0.0, 0.36], [0.02, 0.02, 0.01]),
     ]);
-    let scene = CollisionScene::new(&shelf, NO_PARTS, &Isometry3::identity()).unwrap();
+    let scene = CollisionScene::new(&shelf, &[], &Isometry3::identity()).unwrap();
     assert_eq!(scene.check(&open, &down(0.205)), Feasibility::HitsObjectOnApproach);
     assert!(!scene.collides(&open, &down(0.205)));
 }
@@ -126,7 +124,7 @@ fn a_hand_inside_the_object_collides() {
     let hand = Hand::reflex().unwrap();
     // A box so large that no wall is near the hand.
     let mesh = cuboids(&[([0.0, 0.0, 1.0], [1.0, 1.0, 1.0])]);
-    let scene = CollisionScene::new(&mesh, NO_PARTS, &Isometry3::identity()).unwrap();
+    let scene = CollisionScene::new(&mesh, &[], &Isometry3::identity()).unwrap();
     let open = OpenHand::new(hand, 0.5, 0.001, 0.1).unwrap();
     assert_eq!(
         scene.check(&open, &Isometry3::translation(0.1, 0.2, 1.0)),
@@ -142,7 +140,7 @@ fn convex_parts_count_as_obstacles() {
     let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.21), over);
     let open = OpenHand::new(hand, 0.0, 0.001, 0.1).unwrap();
-    let bare = CollisionScene::new(&mesh, NO_PARTS, &Isometry3::identity()).unwrap();
+    let bare = CollisionScene::new(&mesh, &[], &Isometry3::identity()).unwrap();
     let with_parts = CollisionScene::new(&mesh, &[fat], &Isometry3::identity()).unwrap();
     assert_eq!(bare.check(&open, &pose), Feasibility::Feasible);
     assert_eq!(with_parts.check(&open, &pose), Feasibility::HitsObject);
@@ -223,7 +221,7 @@ fn bad_parameters_are_refused() {
     let mesh = hammer();
     let object = PlanObject {
         mesh: &mesh,
-        parts: NO_PARTS,
+        parts: &[],
         center_of_mass: Point3::origin(),
         world_from_object: Isometry3::identity(),
     };
