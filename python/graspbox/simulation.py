@@ -109,7 +109,7 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Trace:
-    """One trial every 10 ms: t samples, f fingers.
+    """One trial every 10 ms: t samples, f fingers. An infeasible pose has none (t = 0): nothing moved.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ class Scene:
         *,
         config: TrialConfig = TrialConfig(legacy=True),  # noqa: B008 (frozen)
     ) -> tuple[Outcomes, Trace]:
-        """Run one trial and record it every 10 ms.
+        """Run one trial as `simulate` does, and record it every 10 ms.
 
         Parameters
         ----------
@@ -257,6 +257,13 @@ class Scene:
             Radians.
         config : TrialConfig
             By default the study's measures are read too, so that the trial runs to its end.
+
+        Returns
+        -------
+        Outcomes
+            Of length 1.
+        Trace
+            What happened; empty where the outcome is ``infeasible``.
         """
         outcome, samples = self._core.trace(floats(pose), float(preshape), to_json(config))
         return Outcomes._from_core(outcome), Trace(**samples)

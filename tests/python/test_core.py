@@ -173,6 +173,25 @@ def test_trace_tells_the_trial() -> None:
     assert trace.world_from_hand[-1, 2, 3] - trace.world_from_hand[0, 2, 3] == pytest.approx(0.20, abs=1e-3)
 
 
+def test_trace_of_an_infeasible_pose_is_empty() -> None:
+    """A trace judges a pose as `simulate` does: here the palm stands inside the object, or meets it on the way."""
+    scene = graspbox.Scene(cuboid(0.06, 0.06, 0.12))
+    inside = from_above(0.05)
+    sideways = np.array([[0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    sideways[:3, 3] = [-0.05, 0.0, 0.06]
+    poses = np.stack([inside, sideways])
+    assert list(scene.simulate(poses, 0.0).failure) == ["infeasible", "infeasible"]
+    for pose in poses:
+        outcome, trace = scene.trace(pose, 0.0)
+        assert list(outcome.failure) == ["infeasible"]
+        assert not outcome.success[0]
+        assert outcome.time[0] == 0.0
+        assert trace.time.shape == trace.distance.shape == trace.hand_force.shape == (0,)
+        assert trace.world_from_hand.shape == trace.world_from_object.shape == (0, 4, 4)
+        assert trace.fingers.shape == (0, 3, 2)
+        assert trace.tensions.shape == (0, 3)
+
+
 def test_hand_from_its_files(tmp_path: Path) -> None:
     hand = graspbox.load_hand()
     assert hand.name.lower() == "reflex"

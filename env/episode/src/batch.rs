@@ -1,6 +1,6 @@
-//! Many trials on rayon: results in the order of the poses, whatever the number of threads.
+//! Trials with their feasibility check: many on rayon, results in the order of the poses, whatever the number of threads; or one, traced.
 
-use crate::trial::{Trial, TrialConfig, TrialOutcome};
+use crate::trial::{Finished, Sample, Trial, TrialConfig, TrialOutcome};
 use crate::{EpisodeError, Scene};
 use graspbox_hand::GraspPose;
 use rayon::prelude::*;
@@ -50,15 +50,9 @@ pub fn run_trials(
         if progress.stopped() {
             return Ok(None);
         }
-        let outcome = if scene.reachable(pose, config.standoff)? {
-            Trial::new(scene, pose, config, false)
-                .run(&|| progress.stopped())?
-                .map(|(outcome, _)| outcome)
-        } else {
-            Some(TrialOutcome::infeasible())
-        };
+        let finished = attempt(scene, pose, config, false, progress)?;
         progress.step();
-        Ok(outcome)
+        Ok(finished.map(|(outcome, _)| outcome))
     };
     let outcomes = poses
         .par_iter()
@@ -73,4 +67,36 @@ pub fn run_trials(
         });
     }
     Ok(finished)
+}
+
+/// One trial as [`run_trials`] runs it, with what happened every 10 ms. A pose that the open hand does not reach gives an infeasible
+/// outcome, and no sample: nothing moved.
+///
+/// # Errors
+/// As [`run_trials`].
+pub fn trace_trial(
+    scene: &Arc<Scene>,
+    pose: &GraspPose,
+    config: TrialConfig,
+    progress: &Progress,
+) -> Result<(TrialOutcome, Vec<Sample>), EpisodeError> {
+    config.validate()?;
+    let finished = attempt(scene, pose, config, true, progress)?;
+    let (outcome, trace) = finished.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })?;
+    Ok((outcome, trace.unwrap_or_default()))
+}
+
+/// Checks a pose and tries it; none when `progress` was told to stop.
+fn attempt(
+    scene: &Arc<Scene>,
+    pose: &GraspPose,
+    config: TrialConfig,
+    trace: bool,
+    progress: &Progress,
+) -> Result<Option<Finished>, EpisodeError> {
+    if scene.reachable(pose, config.standoff)? {
+        Trial::new(scene, pose, config, trace).run(&|| progress.stopped())
+    } else {
+        Ok(Some((TrialOutcome::infeasible(), None)))
+    }
 }

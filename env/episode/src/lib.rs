@@ -7,7 +7,7 @@
 //! | [`episode`] | the state machine: reset, advance, observe, verdict |
 //! | [`judge`] | the one definition of success, and every number that describes a grasp |
 //! | [`trial`] | the scripted driver: close, lift, hold |
-//! | [`batch`] | many trials on rayon, with progress and cancellation |
+//! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one traced |
 
 pub mod batch;
 pub mod body;
@@ -17,7 +17,7 @@ pub mod judge;
 pub mod scene;
 pub mod trial;
 
-pub use batch::{Progress, run_trials};
+pub use batch::{Progress, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;

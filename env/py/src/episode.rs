@@ -6,7 +6,7 @@ use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
 use graspbox_episode::{
-    EpisodeError, FailureKind, Progress, Sample, Scene as Core, Trial, TrialConfig, TrialOutcome, run_trials,
+    FailureKind, Progress, Sample, Scene as Core, TrialConfig, TrialOutcome, run_trials, trace_trial,
 };
 use graspbox_hand::GraspPose;
 use graspbox_sim::PhysicsConfig;
@@ -133,7 +133,7 @@ impl Scene {
         outcome_arrays(py, &outcomes)
     }
 
-    /// Runs one trial to its end and returns its outcome and what happened every 10 ms; arrays by name.
+    /// Runs one trial and returns its outcome and what happened every 10 ms (nothing, where the pose is infeasible); arrays by name.
     fn trace<'py>(
         &self,
         py: Python<'py>,
@@ -152,16 +152,10 @@ impl Scene {
             py,
             None,
             move || progress.stop(),
-            move || {
-                config.validate()?;
-                let traced = Trial::new(&scene, &pose, config, true).run(&|| watched.stopped());
-                traced?.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })
-            },
+            move || trace_trial(&scene, &pose, config, &watched),
         )?;
-        Ok((
-            outcome_arrays(py, &[outcome])?,
-            sample_arrays(py, &samples.unwrap_or_default())?,
-        ))
+        let fingers = self.core.template().hand().fingers.len();
+        Ok((outcome_arrays(py, &[outcome])?, sample_arrays(py, &samples, fingers)?))
     }
 }
 
@@ -195,9 +189,8 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     Ok(dict)
 }
 
-fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample]) -> PyResult<Bound<'py, PyDict>> {
+fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], fingers: usize) -> PyResult<Bound<'py, PyDict>> {
     let n = samples.len();
-    let fingers = samples.first().map_or(0, |s| s.fingers.len());
     let numbers = |get: fn(&Sample) -> f64| array(py, samples.iter().map(get).collect(), &[n]);
     let dict = PyDict::new(py);
     dict.set_item("time", numbers(|s| s.time)?)?;
