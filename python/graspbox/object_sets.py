@@ -65,7 +65,7 @@ class ObjectSpec:
     mass : float or None
         Kilograms; None where it follows from the volume (see `graspbox.load_mesh`).
     mass_known : str
-        ``published``, ``published-unconfirmed``, ``estimate``, ``given``, ``made`` (procedural) or ``density``.
+        ``published``, ``weighed``, ``estimate``, ``given``, ``made`` (procedural) or ``density``.
     """
 
     name: str

@@ -45,14 +45,14 @@ def test_ycb_is_all_of_the_package_with_its_masses() -> None:
     assert masses["006_mustard_bottle"] == 0.603
     assert all(mass is not None and 0.001 < mass < 1.5 for mass in masses.values())
     known = Counter(spec.mass_known for spec in ycb)
-    assert set(known) == {"published", "published-unconfirmed", "estimate"}
-    assert known["published"] > known["estimate"]
+    assert set(known) == {"published", "weighed", "estimate"}
+    assert known["published"] > known["weighed"] > known["estimate"]
 
 
 def test_ycb_masses_say_how_they_are_known() -> None:
     rows = list(csv.DictReader((Path(object_sets.__file__).parent / "data/ycb_masses.csv").read_text().splitlines()))
     assert {row["name"] for row in rows} == set(object_sets.load("ycb").names)
-    assert all(row["note"] for row in rows if row["known"] != "published")
+    assert all(row["source"] and (row["note"] or row["source"] == "paper; list") for row in rows)
 
 
 def test_one_ycb_object_loads_with_its_mass() -> None:
