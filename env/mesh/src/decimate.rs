@@ -13,6 +13,7 @@ use crate::clean::compact;
 use crate::{MeshError, TriMesh};
 use nalgebra::{Point3, Vector3};
 use quadric::Quadric;
+use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
@@ -40,14 +41,7 @@ pub struct Decimated {
 /// # Errors
 /// [`MeshError::BadParameter`] for a target below 4: no closed surface has fewer faces.
 pub fn decimate(mesh: &TriMesh, target_faces: usize) -> Result<Decimated, MeshError> {
-    if target_faces < 4 {
-        let rule = "a closed surface has at least 4 faces";
-        return Err(MeshError::BadParameter {
-            name: "target_faces",
-            value: target_faces as f64,
-            rule,
-        });
-    }
+    check_target(target_faces)?;
     if mesh.faces().len() <= target_faces {
         return Ok(Decimated {
             mesh: mesh.clone(),
@@ -56,10 +50,48 @@ pub fn decimate(mesh: &TriMesh, target_faces: usize) -> Result<Decimated, MeshEr
     }
     let mut collapse = Collapse::new(mesh);
     collapse.run(target_faces);
-    let faces = collapse.faces.into_iter().flatten().collect();
-    let small = compact(&collapse.points, faces)?;
+    let small = collapse.mesh()?;
     let hausdorff = hausdorff(mesh, &small, SAMPLES)?;
     Ok(Decimated { mesh: small, hausdorff })
+}
+
+/// Levels of detail: one run of collapses that leaves a mesh at each of `targets` (falling numbers of faces), each measured against
+/// the original. Cheaper than a [`decimate`] for each, and the coarser levels keep what the finer ones knew of the surface.
+///
+/// Targets that the mesh does not exceed, and those that topology lets it come no nearer to, are left out.
+///
+/// # Errors
+/// Those of [`decimate`].
+pub fn decimate_levels(mesh: &TriMesh, targets: &[usize]) -> Result<Vec<Decimated>, MeshError> {
+    let mut collapse = Collapse::new(mesh);
+    let (mut levels, mut faces) = (Vec::new(), mesh.faces().len());
+    for &target in targets {
+        check_target(target)?;
+        if faces > target {
+            collapse.run(target);
+            let level = collapse.mesh()?;
+            if level.faces().len() < faces {
+                faces = level.faces().len();
+                levels.push(level);
+            }
+        }
+    }
+    let measured = levels.into_par_iter().map(|level| {
+        let hausdorff = hausdorff(mesh, &level, SAMPLES)?;
+        Ok(Decimated { mesh: level, hausdorff })
+    });
+    measured.collect()
+}
+
+fn check_target(faces: usize) -> Result<(), MeshError> {
+    if faces < 4 {
+        return Err(MeshError::BadParameter {
+            name: "target_faces",
+            value: faces as f64,
+            rule: "a closed surface has at least 4 faces",
+        });
+    }
+    Ok(())
 }
 
 /// An edge that may be collapsed, and where to. The least cost comes first; of equals the least edge.
@@ -96,6 +128,8 @@ struct Collapse {
     points: Vec<Point3<f64>>,
     /// `None` once gone.
     faces: Vec<Option<[u32; 3]>>,
+    /// How many are not gone.
+    alive: usize,
     /// Living faces of each vertex.
     around: Vec<Vec<u32>>,
     quadrics: Vec<Quadric>,
@@ -144,6 +178,7 @@ impl Collapse {
         let mut collapse = Self {
             points: mesh.vertices().to_vec(),
             faces: mesh.faces().iter().copied().map(Some).collect(),
+            alive: mesh.faces().len(),
             around,
             quadrics,
             versions: vec![0; count],
@@ -155,14 +190,18 @@ impl Collapse {
         collapse
     }
 
+    /// What is left.
+    fn mesh(&self) -> Result<TriMesh, MeshError> {
+        compact(&self.points, self.faces.iter().flatten().copied().collect())
+    }
+
     fn run(&mut self, target: usize) {
-        let mut alive = self.faces.len();
-        while alive > target {
+        while self.alive > target {
             let Some(best) = self.heap.pop() else { break };
             let [a, b] = best.edge;
             let fresh = [self.versions[a as usize], self.versions[b as usize]] == best.versions;
             if fresh && self.allowed(a, b, &best.place) {
-                alive -= self.collapse(a, b, best.place);
+                self.alive -= self.collapse(a, b, best.place);
             }
         }
     }

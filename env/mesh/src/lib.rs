@@ -31,7 +31,7 @@ pub mod sample;
 pub mod trimesh;
 
 pub use clean::{CleanOptions, CleanReport, Defect, check_manifold, check_watertight, clean};
-pub use decimate::{Decimated, Hausdorff, decimate, hausdorff};
+pub use decimate::{Decimated, Hausdorff, decimate, decimate_levels, hausdorff};
 pub use error::MeshError;
 pub use field::DistanceField;
 pub use hull::convex_hull;

@@ -4,7 +4,7 @@
 mod shapes;
 
 use graspbox_mesh::{
-    CleanOptions, Defect, TriMesh, check_manifold, check_watertight, clean, decimate, hausdorff, load,
+    CleanOptions, Defect, TriMesh, check_manifold, check_watertight, clean, decimate, decimate_levels, hausdorff, load,
 };
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
@@ -47,6 +47,22 @@ fn the_distance_is_that_of_the_farther_side() {
     assert!((d.max - 0.01).abs() < 2e-4 && (d.mean - 0.01).abs() < 2e-4);
     assert!(decimate(&big, 3).is_err());
     assert_eq!(decimate(&big, 1 << 20).unwrap().mesh, big);
+}
+
+#[test]
+fn levels_fall_in_faces_and_are_measured_against_the_original() {
+    let fine = torus(0.06, 0.02, 80);
+    let targets = [1 << 20, 3000, 800, 200, 60];
+    let levels = decimate_levels(&fine, &targets).unwrap();
+    assert_eq!(levels.len(), 4);
+    for (level, target) in levels.iter().zip(&targets[1..]) {
+        check_manifold(&level.mesh).unwrap();
+        assert!(level.mesh.faces().len() <= *target && level.mesh.faces().len() + 2 >= *target);
+        assert_eq!(level.hausdorff, hausdorff(&fine, &level.mesh, 10_000).unwrap());
+    }
+    assert!(levels.windows(2).all(|w| w[0].hausdorff.max < w[1].hausdorff.max));
+    assert_eq!(levels[0], decimate(&fine, 3000).unwrap());
+    assert!(decimate_levels(&fine, &[100, 3]).is_err());
 }
 
 #[test]

@@ -1,0 +1,148 @@
+//! Geometry to render, at several levels of detail.
+
+use crate::error::{CameraError, in_range};
+use crate::normals::corner_normals;
+use graspbox_mesh::clean::components;
+use graspbox_mesh::{TriMesh, check_watertight, decimate_levels};
+use nalgebra::{Point3, Vector3};
+
+/// Faces below which a mesh is cheap enough as it is.
+const FEW_FACES: usize = 48;
+/// Faces of the levels below the full mesh. The step from a scanned mesh to the first pays little at any image size in use.
+const LEVELS: [usize; 7] = [4096, 2048, 1024, 512, 256, 128, 64];
+/// Error that [`Detail::Auto`] allows, in pixel footprints at the nearest point of the model's bounding ball.
+pub(crate) const PIXEL_SHARE: f64 = 0.5;
+
+/// Which level of a model is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Detail {
+    /// The coarsest level whose error is at most half a pixel: half of z / f, z the least depth of the model's bounding ball.
+    #[default]
+    Auto,
+    /// The mesh as it was given.
+    Full,
+}
+
+/// A mesh made ready for rendering; built once, drawn by any number of renderers and threads.
+///
+/// A level's error is its Hausdorff distance from the full mesh as [`graspbox_mesh::decimate_levels`] measures it, by 10,000 samples on
+/// either surface. Every point that a camera sees on a level lies as near to the true surface, and every point of the true
+/// surface as near to the level; the error of the depth itself is larger by 1 / cos of the angle at which the ray meets the surface,
+/// and unbounded at silhouettes only, which move by less than a pixel.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// From the full mesh to the coarsest.
+    levels: Vec<Level>,
+    center: Point3<f64>,
+    half_extents: Vector3<f64>,
+    radius: f64,
+    closed: bool,
+}
+
+/// One level of detail.
+#[derive(Clone, Debug)]
+pub(crate) struct Level {
+    pub(crate) vertices: Vec<Point3<f64>>,
+    pub(crate) faces: Vec<[u32; 3]>,
+    /// Unit normals that corners share.
+    pub(crate) normals: Vec<Vector3<f32>>,
+    /// For each face, the normals of its corners.
+    pub(crate) corners: Vec<[u32; 3]>,
+    /// Metres.
+    error: f64,
+}
+
+impl Model {
+    /// Takes a mesh (metres, any frame) and makes its levels of detail: about 0.2 s for 16,000 faces.
+    ///
+    /// A closed mesh is drawn by its front sides; an open one, or one with a part turned inside out, by both sides.
+    ///
+    /// # Errors
+    /// [`CameraError::OutOfRange`] for a mesh that reaches farther than 10 km from its origin.
+    pub fn new(mesh: &TriMesh) -> Result<Self, CameraError> {
+        let mut model = Self::without_levels(mesh)?;
+        if mesh.faces().len() > FEW_FACES {
+            let coarser = decimate_levels(mesh, &LEVELS)?;
+            let coarser = coarser.iter().map(|c| Level::new(&c.mesh, c.hausdorff.max));
+            model.levels.extend(coarser);
+        }
+        Ok(model)
+    }
+
+    /// As [`Model::new`], with the full mesh alone.
+    ///
+    /// # Errors
+    /// Those of [`Model::new`].
+    pub fn without_levels(mesh: &TriMesh) -> Result<Self, CameraError> {
+        let aabb = mesh.aabb();
+        let reach = aabb.min.coords.amax().max(aabb.max.coords.amax());
+        in_range("reach of the mesh", reach, 0.0, 1e4, "[0, 1e4] metres")?;
+        let center = nalgebra::center(&aabb.min, &aabb.max);
+        let distances = mesh.vertices().iter().map(|p| (p - center).norm());
+        Ok(Self {
+            levels: vec![Level::new(mesh, 0.0)],
+            center,
+            half_extents: (aabb.max - aabb.min) * 0.5,
+            radius: distances.fold(0.0, f64::max),
+            closed: is_solid(mesh),
+        })
+    }
+
+    /// Faces and error (metres) of each level, from the full mesh to the coarsest.
+    pub fn levels(&self) -> impl ExactSizeIterator<Item = (usize, f64)> + '_ {
+        self.levels.iter().map(|level| (level.faces.len(), level.error))
+    }
+
+    /// Whether its faces enclose a volume and look outward.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Centre of its bounds and radius of the ball about it that holds the full mesh.
+    pub(crate) fn ball(&self) -> (Point3<f64>, f64) {
+        (self.center, self.radius)
+    }
+
+    /// Corners of the full mesh's bounds.
+    pub(crate) fn bounds(&self) -> impl Iterator<Item = Point3<f64>> + '_ {
+        (0..8_u8).map(|i| {
+            let sign = |bit: u8| if i & bit == 0 { -1.0 } else { 1.0 };
+            self.center + Vector3::new(sign(1), sign(2), sign(4)).component_mul(&self.half_extents)
+        })
+    }
+
+    /// The coarsest level with an error of at most `error` metres.
+    pub(crate) fn level(&self, error: f64) -> &Level {
+        let coarser = self.levels[1..].iter().take_while(|level| level.error <= error);
+        coarser.last().unwrap_or(&self.levels[0])
+    }
+}
+
+impl Level {
+    fn new(mesh: &TriMesh, error: f64) -> Self {
+        let (normals, corners) = corner_normals(mesh);
+        Self {
+            vertices: mesh.vertices().to_vec(),
+            faces: mesh.faces().to_vec(),
+            normals,
+            corners,
+            error,
+        }
+    }
+}
+
+/// Closed, and every connected part outward: then what is seen from outside is a front side.
+fn is_solid(mesh: &TriMesh) -> bool {
+    if check_watertight(mesh).is_err() {
+        return false;
+    }
+    let (labels, count) = components(mesh.faces());
+    let reference = mesh.vertices()[0];
+    let mut volumes = vec![0.0; count];
+    for (face, &label) in labels.iter().enumerate() {
+        let [a, b, c] = mesh.triangle(face).map(|p| p - reference);
+        volumes[label] += a.dot(&b.cross(&c));
+    }
+    volumes.iter().all(|v| *v > 0.0)
+}

@@ -1,0 +1,206 @@
+//! Scanlines into a buffer of nearness.
+//!
+//! Nearness is 1/z of a perspective camera, or minus the way along an orthographic one's axis: both are linear over the image of a plane,
+//! and the greater one hides the other. Where an edge crosses a row depends on the edge alone, so that neighbouring faces
+//! neither leave a gap nor share a pixel.
+
+/// A projected corner: column, row, nearness.
+pub(crate) type Corner = [f64; 3];
+
+/// Below this area, pixels squared, gradients other than nearness drown in rounding.
+const SLIVER: f64 = 1e-4;
+
+pub(crate) struct Raster {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) nearness: Vec<f32>,
+    /// What was drawn at each pixel; 0 where nothing was. Empty when no ids are kept.
+    pub(crate) ids: Vec<u32>,
+}
+
+/// How quantities change over a triangle's image.
+pub(crate) struct Gradient {
+    edges: [[f64; 2]; 2],
+    per_area: f64,
+}
+
+impl Gradient {
+    /// Change per column and per row of a quantity with these values at the corners.
+    pub(crate) fn of(&self, [a, b, c]: [f64; 3]) -> [f64; 2] {
+        let [[bx, by], [cx, cy]] = self.edges;
+        let (b, c) = ((b - a) * self.per_area, (c - a) * self.per_area);
+        [b * cy - c * by, c * bx - b * cx]
+    }
+
+    /// As [`Gradient::of`], and none for slivers.
+    pub(crate) fn smooth(&self, values: [f64; 3]) -> [f64; 2] {
+        if self.per_area.abs() < 1.0 / SLIVER {
+            self.of(values)
+        } else {
+            [0.0; 2]
+        }
+    }
+}
+
+/// Twice the signed area of the image: positive when the corners run clockwise as seen (rows grow downward).
+pub(crate) fn twice_area([a, b, c]: &[Corner; 3]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+}
+
+impl Raster {
+    pub(crate) fn new() -> Self {
+        Self {
+            width: 0,
+            height: 0,
+            nearness: Vec::new(),
+            ids: Vec::new(),
+        }
+    }
+
+    /// An empty image in which only what is nearer than `nothing` will be seen.
+    pub(crate) fn clear(&mut self, width: usize, height: usize, nothing: f32, keep_ids: bool) {
+        (self.width, self.height) = (width, height);
+        self.nearness.clear();
+        self.nearness.resize(width * height, nothing);
+        self.ids.clear();
+        if keep_ids {
+            self.ids.resize(width * height, 0);
+        }
+    }
+
+    /// Draws a triangle where it is nearer than what is there; with `IDS`, leaves `id`.
+    ///
+    /// Returns its gradient, or `None` where it covers no pixel's centre by its bounds.
+    pub(crate) fn triangle<const IDS: bool>(&mut self, corners: &[Corner; 3], area: f64, id: u32) -> Option<Gradient> {
+        let [mut top, mut mid, mut low] = *corners;
+        if top[1] > mid[1] {
+            (top, mid) = (mid, top);
+        }
+        if mid[1] > low[1] {
+            (mid, low) = (low, mid);
+        }
+        if top[1] > mid[1] {
+            (top, mid) = (mid, top);
+        }
+        let (first, end) = (pixel_from(top[1], self.height), pixel_from(low[1], self.height));
+        let left = top[0].min(mid[0]).min(low[0]);
+        let right = top[0].max(mid[0]).max(low[0]);
+        let columns = (pixel_from(left, self.width), pixel_from(right, self.width));
+        if first >= end || columns.0 >= columns.1 || area == 0.0 {
+            return None;
+        }
+        let [a, b, c] = corners;
+        let gradient = Gradient {
+            edges: [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]],
+            per_area: 1.0 / area,
+        };
+        let [dx, dy] = gradient.of([a[2], b[2], c[2]]);
+        let plane = Plane {
+            origin: *a,
+            dx,
+            dy,
+            range: [a[2].min(b[2]).min(c[2]), a[2].max(b[2]).max(c[2])],
+        };
+        let long = Edge::new(&top, &low);
+        // Which side of the long edge the middle corner lies on.
+        let mid_right = (mid[0] - top[0]) * (low[1] - top[1]) > (low[0] - top[0]) * (mid[1] - top[1]);
+        let knee = pixel_from(mid[1], self.height);
+        for (from, to, short) in [(first, knee, Edge::new(&top, &mid)), (knee, end, Edge::new(&mid, &low))] {
+            let (l, r) = if mid_right { (&long, &short) } else { (&short, &long) };
+            for row in from..to {
+                let y = row as f64 + 0.5;
+                let (start, stop) = (pixel_from(l.at(y), self.width), pixel_from(r.at(y), self.width));
+                if start < stop {
+                    self.span::<IDS>(row, start, stop, plane.ramp(start, stop, y), id);
+                }
+            }
+        }
+        Some(gradient)
+    }
+
+    #[inline]
+    fn span<const IDS: bool>(&mut self, row: usize, start: usize, stop: usize, ramp: Ramp, id: u32) {
+        let range = row * self.width + start..row * self.width + stop;
+        let nearness = &mut self.nearness[range.clone()];
+        let at = |k: usize| ramp.base + ramp.slope * (k as i32 - ramp.from) as f32;
+        if IDS {
+            for (k, (here, drawn)) in nearness.iter_mut().zip(&mut self.ids[range]).enumerate() {
+                let w = at(k);
+                let nearer = w > *here;
+                *here = if nearer { w } else { *here };
+                *drawn = if nearer { id } else { *drawn };
+            }
+        } else {
+            for (k, here) in nearness.iter_mut().enumerate() {
+                let w = at(k);
+                *here = if w > *here { w } else { *here };
+            }
+        }
+    }
+}
+
+/// Nearness over a triangle.
+struct Plane {
+    origin: Corner,
+    dx: f64,
+    dy: f64,
+    range: [f64; 2],
+}
+
+/// Nearness along a span: `base + slope * (k - from)`, reckoned from its smaller end so that rounding stays relative to each value.
+struct Ramp {
+    base: f32,
+    slope: f32,
+    from: i32,
+}
+
+impl Plane {
+    #[inline]
+    fn ramp(&self, start: usize, stop: usize, y: f64) -> Ramp {
+        let from = if self.dx < 0.0 { stop - 1 } else { start };
+        let base = self.origin[2] + self.dx * (from as f64 + 0.5 - self.origin[0]) + self.dy * (y - self.origin[1]);
+        Ramp {
+            // Rounding of slivers must not leave the triangle.
+            base: base.max(self.range[0]).min(self.range[1]) as f32,
+            slope: self.dx as f32,
+            from: (from - start) as i32,
+        }
+    }
+}
+
+/// A side from its upper corner downward.
+struct Edge {
+    x: f64,
+    y: f64,
+    slope: f64,
+}
+
+impl Edge {
+    #[inline]
+    fn new(upper: &Corner, lower: &Corner) -> Self {
+        let height = lower[1] - upper[1];
+        Self {
+            x: upper[0],
+            y: upper[1],
+            slope: if height > 0.0 {
+                (lower[0] - upper[0]) / height
+            } else {
+                0.0
+            },
+        }
+    }
+
+    #[inline]
+    fn at(&self, y: f64) -> f64 {
+        self.x + (y - self.y) * self.slope
+    }
+}
+
+/// The first pixel whose centre is not before `x`, kept in [0, size].
+#[inline]
+fn pixel_from(x: f64, size: usize) -> usize {
+    let x = (x - 0.5).max(0.0).min(size as f64);
+    // Rounds up; `ceil` is a call on machines without SSE 4.1.
+    let whole = x as i32;
+    (whole + i32::from(f64::from(whole) < x)) as usize
+}

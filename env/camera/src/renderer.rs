@@ -1,0 +1,249 @@
+//! A scene and a camera to images.
+
+use crate::draw::{Cull, Piece, Scratch, View, draw};
+use crate::error::{CameraError, in_range};
+use crate::raster::Raster;
+use crate::scene::check_instances;
+use crate::shade::{Facet, Shader, shown};
+use crate::shadow::ShadowMap;
+use crate::{Camera, Detail, Frame, Instance, Light};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// What is made beside the depth.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Channels {
+    /// Colours.
+    pub rgb: bool,
+    /// Labels of instances.
+    pub segmentation: bool,
+}
+
+/// One image to be made of one scene.
+#[derive(Clone, Debug)]
+pub struct Job<'a> {
+    /// What stands where.
+    pub instances: &'a [Instance<'a>],
+    /// Who looks.
+    pub camera: Camera,
+    /// How it is lit; matters to colours alone.
+    pub light: Light,
+    /// What is made.
+    pub channels: Channels,
+}
+
+/// Renders many jobs on the current rayon pool; frames in the order of the jobs, the same bits on any number of threads.
+///
+/// # Errors
+/// Those of [`Renderer::render_into`], for the first job at fault.
+pub fn render_batch(jobs: &[Job], detail: Detail) -> Result<Vec<Frame>, CameraError> {
+    let results: Vec<_> = jobs
+        .par_iter()
+        .map_init(
+            || Renderer::new(detail),
+            |renderer, job| renderer.render(job.instances, &job.camera, &job.light, job.channels),
+        )
+        .collect();
+    results.into_iter().collect()
+}
+
+/// Memory that one image after the other is drawn in. What it drew before has no influence.
+pub struct Renderer {
+    detail: Detail,
+    raster: Raster,
+    scratch: Scratch,
+    facets: Vec<Facet>,
+    /// The label of each id.
+    labels: Vec<u8>,
+    /// Of the instance being drawn, in the world.
+    normals: Vec<Vector3<f32>>,
+    shadow: ShadowMap,
+}
+
+impl Renderer {
+    /// A renderer that draws levels of detail by this rule.
+    #[must_use]
+    pub fn new(detail: Detail) -> Self {
+        Self {
+            detail,
+            raster: Raster::new(),
+            scratch: Scratch::default(),
+            facets: Vec::new(),
+            labels: Vec::new(),
+            normals: Vec::new(),
+            shadow: ShadowMap::new(),
+        }
+    }
+
+    /// As [`Renderer::render_into`], with a new frame.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render_into`].
+    pub fn render(
+        &mut self,
+        instances: &[Instance],
+        camera: &Camera,
+        light: &Light,
+        channels: Channels,
+    ) -> Result<Frame, CameraError> {
+        let mut frame = Frame::default();
+        self.render_into(instances, camera, light, channels, &mut frame)?;
+        Ok(frame)
+    }
+
+    /// Draws `instances` as `camera` sees them into `frame`, whose memory is used again.
+    ///
+    /// Closed models hide nothing behind their backs: seen from inside they show their inner side.
+    ///
+    /// # Errors
+    /// [`CameraError::BadPose`] or [`CameraError::OutOfRange`] for an instance or the light;
+    /// [`CameraError::TooManyInstances`] above 65,536.
+    pub fn render_into(
+        &mut self,
+        instances: &[Instance],
+        camera: &Camera,
+        light: &Light,
+        channels: Channels,
+        frame: &mut Frame,
+    ) -> Result<(), CameraError> {
+        check_instances(instances)?;
+        frame.rgb.clear();
+        if channels.rgb {
+            light.check()?;
+            self.shadow.draw(instances, light, self.detail);
+            self.draw_colored(instances, camera);
+            frame.rgb.reserve(3 * camera.intrinsics().pixels());
+            let shader = self.shader(instances, camera, light);
+            shader.rows(|row| {
+                frame
+                    .rgb
+                    .extend(row.iter().flat_map(|c| [shown(c.x), shown(c.y), shown(c.z)]))
+            });
+        } else {
+            self.draw_plain(instances, camera, channels.segmentation);
+        }
+        frame.camera = Some(*camera);
+        let nothing = nothing(camera);
+        let depth = self
+            .raster
+            .nearness
+            .iter()
+            .map(|w| if *w > nothing { 1.0 / w } else { 0.0 });
+        frame.depth.clear();
+        frame.depth.extend(depth);
+        frame.segmentation.clear();
+        if channels.segmentation {
+            let labels = self.raster.ids.iter().map(|id| self.labels[*id as usize]);
+            frame.segmentation.extend(labels);
+        }
+        Ok(())
+    }
+
+    /// A smooth picture, (H, W, 3) red, green, blue: the mean of `samples` x `samples` (1 to 8) images, each moved by a part of a pixel.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render_into`]; [`CameraError::OutOfRange`] for `samples`.
+    pub fn picture(
+        &mut self,
+        instances: &[Instance],
+        camera: &Camera,
+        light: &Light,
+        samples: u32,
+    ) -> Result<Vec<u8>, CameraError> {
+        in_range("samples", f64::from(samples), 1.0, 8.0, "1 to 8")?;
+        check_instances(instances)?;
+        light.check()?;
+        self.shadow.draw(instances, light, self.detail);
+        let mut sums = vec![Vector3::zeros(); camera.intrinsics().pixels()];
+        for sample in 0..samples * samples {
+            let shift = |k: u32| (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
+            let mut intrinsics = *camera.intrinsics();
+            intrinsics.cx -= shift(sample % samples);
+            intrinsics.cy -= shift(sample / samples);
+            let moved = camera.with_intrinsics(intrinsics);
+            self.draw_colored(instances, &moved);
+            let mut rest = &mut sums[..];
+            self.shader(instances, &moved, light).rows(|row| {
+                let (here, below) = std::mem::take(&mut rest).split_at_mut(row.len());
+                here.iter_mut().zip(row).for_each(|(sum, color)| *sum += color);
+                rest = below;
+            });
+        }
+        let share = 1.0 / (samples * samples) as f32;
+        Ok(sums
+            .iter()
+            .flat_map(|c| [c.x, c.y, c.z].map(|x| shown(x * share)))
+            .collect())
+    }
+
+    /// Depth, and the instance at each pixel if wanted.
+    fn draw_plain(&mut self, instances: &[Instance], camera: &Camera, keep_ids: bool) {
+        let view = View::of_camera(camera, self.detail);
+        self.clear(camera, keep_ids);
+        for instance in instances {
+            let id = self.labels.len() as u32;
+            self.labels.push(instance.label);
+            let (raster, scratch, sink) = (&mut self.raster, &mut self.scratch, &mut |_: &Piece| id);
+            if keep_ids {
+                draw::<true>(raster, scratch, &view, Cull::Back, instance, id, sink);
+            } else {
+                draw::<false>(raster, scratch, &view, Cull::Back, instance, id, sink);
+            }
+        }
+    }
+
+    /// Depth, and the facet at each pixel.
+    fn draw_colored(&mut self, instances: &[Instance], camera: &Camera) {
+        let view = View::of_camera(camera, self.detail);
+        self.clear(camera, true);
+        for (index, instance) in instances.iter().enumerate() {
+            let id = self.labels.len() as u32;
+            let rotation = instance.world_from_model.rotation.cast::<f32>().to_rotation_matrix();
+            let (facets, labels, normals) = (&mut self.facets, &mut self.labels, &mut self.normals);
+            let mut turned = false;
+            let mut sink = |piece: &Piece| {
+                if !std::mem::replace(&mut turned, true) {
+                    normals.clear();
+                    normals.extend(piece.level.normals.iter().map(|n| rotation * n));
+                }
+                facets.push(Facet::new(piece, normals, index as u32));
+                labels.push(instance.label);
+                labels.len() as u32
+            };
+            draw::<true>(
+                &mut self.raster,
+                &mut self.scratch,
+                &view,
+                Cull::Back,
+                instance,
+                id,
+                &mut sink,
+            );
+        }
+    }
+
+    fn clear(&mut self, camera: &Camera, keep_ids: bool) {
+        let k = camera.intrinsics();
+        self.raster
+            .clear(k.width as usize, k.height as usize, nothing(camera), keep_ids);
+        self.facets.clear();
+        self.labels.clear();
+        self.labels.push(0);
+    }
+
+    fn shader<'a>(&'a self, instances: &'a [Instance], camera: &'a Camera, light: &'a Light) -> Shader<'a> {
+        Shader {
+            raster: &self.raster,
+            facets: &self.facets,
+            instances,
+            shadow: &self.shadow,
+            light,
+            camera,
+        }
+    }
+}
+
+/// Nearness of what is too far to be seen.
+fn nothing(camera: &Camera) -> f32 {
+    (1.0 / camera.far()) as f32
+}

@@ -1,0 +1,89 @@
+//! What stands where, and how it is lit.
+
+use crate::Model;
+use crate::camera::check_pose;
+use crate::error::{CameraError, in_range};
+use nalgebra::{Isometry3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// A model in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance<'a> {
+    /// Its geometry.
+    pub model: &'a Model,
+    /// Where it is.
+    pub world_from_model: Isometry3<f64>,
+    /// Red, green, blue as shown in full light, in [0, 1].
+    pub color: [f32; 3],
+    /// Its value in the segmentation; 0 means background.
+    pub label: u8,
+    /// Whether it throws a shadow. Everything receives shadows; the table need not throw one.
+    pub casts_shadow: bool,
+}
+
+/// Most instances of a scene.
+pub(crate) const MOST_INSTANCES: usize = 1 << 16;
+
+pub(crate) fn check_instances(instances: &[Instance]) -> Result<(), CameraError> {
+    let (count, limit) = (instances.len(), MOST_INSTANCES);
+    if count > limit {
+        return Err(CameraError::TooManyInstances { count, limit });
+    }
+    for (i, instance) in instances.iter().enumerate() {
+        check_pose(&instance.world_from_model, || format!("instance {i}"))?;
+        for part in instance.color {
+            in_range("color", f64::from(part), 0.0, 1.0, "[0, 1]")?;
+        }
+    }
+    Ok(())
+}
+
+/// One far lamp, the light of the surroundings, and the background.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Light {
+    /// The way that the lamp's light travels, in the world; of any length.
+    pub direction: Vector3<f64>,
+    /// Strength of the lamp, in [0, 4].
+    pub intensity: f32,
+    /// Strength of the light from everywhere, in [0, 4].
+    pub ambient: f32,
+    /// Width of a shadow's soft border, metres, in [0.001, 1].
+    pub softness: f64,
+    /// Whether shadows are thrown.
+    pub shadows: bool,
+    /// Background above, as [`Instance::color`].
+    pub sky: [f32; 3],
+    /// Background below, as [`Instance::color`].
+    pub floor: [f32; 3],
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self {
+            direction: Vector3::new(-0.45, 0.55, -1.0),
+            intensity: 0.75,
+            ambient: 0.35,
+            softness: 0.012,
+            shadows: true,
+            sky: [0.80, 0.86, 0.93],
+            floor: [0.45, 0.44, 0.43],
+        }
+    }
+}
+
+impl Light {
+    /// # Errors
+    /// [`CameraError::OutOfRange`] names the first field outside its range.
+    pub fn check(&self) -> Result<(), CameraError> {
+        let length = self.direction.norm();
+        in_range("light direction's length", length, 1e-6, 1e6, "[1e-6, 1e6]")?;
+        in_range("intensity", f64::from(self.intensity), 0.0, 4.0, "[0, 4]")?;
+        in_range("ambient", f64::from(self.ambient), 0.0, 4.0, "[0, 4]")?;
+        in_range("softness", self.softness, 1e-3, 1.0, "[0.001, 1] metres")?;
+        for part in self.sky.iter().chain(&self.floor) {
+            in_range("sky or floor", f64::from(*part), 0.0, 1.0, "[0, 1]")?;
+        }
+        Ok(())
+    }
+}
