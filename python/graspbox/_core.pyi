@@ -3,8 +3,9 @@
 Arrays are float64 and C-contiguous unless they say otherwise; the ones returned are fresh. Configs are JSON.
 """
 
+from collections.abc import Sequence
 from os import PathLike
-from typing import TypedDict, final, type_check_only
+from typing import NotRequired, TypedDict, final, type_check_only
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,15 @@ from numpy.typing import NDArray
 __all__ = [
     "Hand",
     "Mesh",
+    "Objects",
+    "Pool",
     "Scene",
     "__version__",
     "_config",
     "_spin",
     "_time_best_split",
     "_time_reset",
+    "agent_tables",
     "decompose",
     "num_threads",
     "plan",
@@ -66,6 +70,27 @@ class SampleArrays(TypedDict):
     world_from_object: NDArray[np.float64]
     fingers: NDArray[np.float64]
     tensions: NDArray[np.float64]
+
+@type_check_only
+class EnvArrays(TypedDict):
+    """One row an environment. Observations are float32 (rows, size), and there as far as the config names them."""
+
+    proprio: NotRequired[NDArray[np.float32]]
+    tactile: NotRequired[NDArray[np.float32]]
+    state: NotRequired[NDArray[np.float32]]
+    terms: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    reset: NDArray[np.bool_]
+    is_success: NDArray[np.bool_]
+    is_secure: NDArray[np.bool_]
+    touches: NDArray[np.bool_]
+    protective_stop: NDArray[np.bool_]
+    env: NDArray[np.int64]
+    object: NDArray[np.int64]
+    resting: NDArray[np.int64]
+    failure: NDArray[np.uint8]
+    lift: NDArray[np.float64]
 
 @final
 class Mesh:
@@ -146,6 +171,43 @@ class Scene:
     ) -> OutcomeArrays: ...
     def trace(self, pose: NDArray[np.float64], preshape: float, config: str) -> tuple[OutcomeArrays, SampleArrays]: ...
 
+@final
+class Objects:
+    """Objects that environments share; each is prepared at its first use."""
+
+    def __new__(
+        cls, sources: Sequence[Mesh | str], hand: Hand, physics: str, cache: str | PathLike[str] | None
+    ) -> Objects: ...
+    @property
+    def names(self) -> list[str]: ...
+    def __len__(self) -> int: ...
+    def prepare(self, index: int) -> int: ...
+
+@final
+class Pool:
+    """Environments side by side, stepped in one call."""
+
+    def __new__(cls, objects: Objects, config: str, num_envs: int, num_threads: int | None) -> Pool: ...
+    @property
+    def num_envs(self) -> int: ...
+    def reset(
+        self,
+        seeds: Sequence[int | None] | None = None,
+        mask: NDArray[np.bool_] | None = None,
+        options: str | None = None,
+        out: dict[str, NDArray[np.float32]] | None = None,
+    ) -> EnvArrays: ...
+    def step(
+        self, actions: NDArray[np.float32], out: dict[str, NDArray[np.float32]] | None = None
+    ) -> tuple[EnvArrays, EnvArrays | None]: ...
+    def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None: ...
+    def recv(self, count: int) -> tuple[EnvArrays, EnvArrays | None]: ...
+    def now(self) -> EnvArrays: ...
+    def get_state(self, env: int) -> bytes: ...
+    def set_state(self, env: int, state: bytes) -> None: ...
+    def poses(self) -> list[NDArray[np.float64]]: ...
+
+def agent_tables(hand: Hand) -> str: ...
 def decompose(mesh: Mesh, params: str) -> BoxArrays: ...
 def plan(
     mesh: Mesh,

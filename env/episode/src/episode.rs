@@ -19,15 +19,41 @@ pub struct Episode {
 impl Episode {
     /// A fresh episode: the hand open at `world_from_hand` with `preshape` (rad), the object at rest.
     pub fn reset(scene: &Arc<Scene>, world_from_hand: &Isometry3<f64>, preshape: f64) -> Self {
-        let world = scene
-            .template()
-            .spawn(world_from_hand, scene.world_from_object(), preshape);
+        Self::reset_at(scene, world_from_hand, scene.world_from_object(), preshape, [1.0, 1.0])
+    }
+
+    /// A fresh episode with the object resting at `world_from_object`, its friction and mass multiplied by `factors`.
+    pub fn reset_at(
+        scene: &Arc<Scene>,
+        world_from_hand: &Isometry3<f64>,
+        world_from_object: &Isometry3<f64>,
+        preshape: f64,
+        factors: [f64; 2],
+    ) -> Self {
+        let mut world = scene.template().spawn(world_from_hand, world_from_object, preshape);
+        world.scale_object(factors[0], factors[1]);
         let judge = Judge::new(&world, scene.base_point(), scene.center_of_mass());
         Self {
             scene: Arc::clone(scene),
             world,
             judge,
         }
+    }
+
+    /// An episode as it stood: a snapshot of its world, and its judge.
+    ///
+    /// # Errors
+    /// A snapshot of another object, hand or setting.
+    pub fn resume(scene: &Arc<Scene>, snapshot: &[u8], judge: Judge) -> Result<Self, EpisodeError> {
+        let world = scene.template().restore(snapshot).map_err(|source| EpisodeError::Sim {
+            object: scene.name().to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            scene: Arc::clone(scene),
+            world,
+            judge,
+        })
     }
 
     /// One time step: the hand reaches `world_from_hand`, the motors follow their commands, the judge looks.

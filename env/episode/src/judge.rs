@@ -150,7 +150,7 @@ impl Judge {
             }
             None => (0.0, 0.0),
         };
-        let success = self.held_steps as f64 * world.dt() >= HOLD_TIME - 1e-9;
+        let success = self.success(world);
         let (since, hand_lift) = match self.lift_start {
             Some((time, height)) => (world.time() - time, world.world_from_hand().translation.z - height),
             None => (0.0, 0.0),
@@ -164,6 +164,26 @@ impl Judge {
             turn,
             kindness_rate: if since > 0.0 { self.travelled / since } else { 0.0 },
         }
+    }
+
+    /// Time for which the object has been held high, free and still without a break, seconds.
+    pub fn held_time(&self, world: &World) -> f64 {
+        self.held_steps as f64 * world.dt()
+    }
+
+    /// True once the object has been held for [`HOLD_TIME`]: the one definition of success.
+    pub fn success(&self, world: &World) -> bool {
+        self.held_time(world) >= HOLD_TIME - 1e-9
+    }
+
+    /// Height of the centre of mass of the object at rest, metres.
+    pub fn resting_height(&self) -> f64 {
+        self.resting_height
+    }
+
+    /// True while the object touches table or ground.
+    pub fn on_scenery(&self) -> bool {
+        self.was_on_scenery
     }
 
     /// Kindness summed so far, m/s a sample.

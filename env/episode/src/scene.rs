@@ -2,7 +2,7 @@
 
 use crate::{Body, EpisodeError};
 use graspbox_hand::{GraspPose, Hand, MotorCommand};
-use graspbox_plan::{CollisionScene, Feasibility, Plan, PlanObject, PlanParams};
+use graspbox_plan::{CollisionScene, Feasibility, OpenHand, Plan, PlanObject, PlanParams};
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
@@ -136,6 +136,12 @@ impl Scene {
             .check_pose(self.template.hand(), pose, 0.0, standoff)
             .map_err(plan_error)?;
         Ok(found == Feasibility::Feasible)
+    }
+
+    /// True when the open hand at `object_from_hand` stands in object or table; an object without a mesh is not checked.
+    pub fn collides(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
+        let obstacles = self.obstacles.as_ref();
+        obstacles.is_some_and(|o| o.collides(hand, object_from_hand))
     }
 
     /// Plans grasps of `body` as it rests in this scene.

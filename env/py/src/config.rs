@@ -3,6 +3,7 @@
 use crate::convert::{config, json};
 use crate::errors::CoreError;
 use graspbox_episode::TrialConfig;
+use graspbox_episode::agent::{AgentConfig, StartOptions};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
 use graspbox_sim::PhysicsConfig;
@@ -16,6 +17,8 @@ use pyo3::prelude::*;
 #[pyo3(name = "_config")]
 pub fn config_again(name: &str, text: &str) -> PyResult<String> {
     Ok(match name {
+        "AgentConfig" => json(&config::<AgentConfig>(text, name)?),
+        "StartOptions" => json(&config::<StartOptions>(text, name)?),
         "CleanConfig" => json(&config::<CleanOptions>(text, name)?),
         "DecomposeConfig" => json(&config::<DecomposeParams>(text, name)?),
         "LoadConfig" => json(&config::<LoadOptions>(text, name)?),

@@ -18,7 +18,10 @@ pub type Floats<'py> = PyReadonlyArrayDyn<'py, f64>;
 const ORTHONORMAL: f64 = 1e-5;
 
 /// The entries of `array`, which must have the shape `shape`; `None` stands for any length.
-fn entries<'a, T: Element>(
+///
+/// # Errors
+/// Another shape, or an array that is not C-contiguous.
+pub fn entries<'a, T: Element>(
     array: &'a PyReadonlyArrayDyn<'_, T>,
     what: &str,
     shape: &[Option<usize>],

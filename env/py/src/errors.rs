@@ -87,7 +87,20 @@ impl From<SimError> for CoreError {
 impl From<EpisodeError> for CoreError {
     fn from(error: EpisodeError) -> Self {
         match error {
-            EpisodeError::BadConfig { .. } => Self::Config(error.to_string()),
+            EpisodeError::BadConfig { .. }
+            | EpisodeError::NoObjects
+            | EpisodeError::NoSuchObject { .. }
+            | EpisodeError::UnknownObject { .. }
+            | EpisodeError::BadOption { .. }
+            | EpisodeError::BadAction { .. }
+            | EpisodeError::BadLength { .. }
+            | EpisodeError::NoSuchEnv { .. }
+            | EpisodeError::NotReset { .. }
+            | EpisodeError::NotSeeded { .. }
+            | EpisodeError::Over { .. }
+            | EpisodeError::Busy { .. }
+            | EpisodeError::BadState { .. } => Self::Config(error.to_string()),
+            EpisodeError::BadHand { source } => source.into(),
             EpisodeError::Cancelled { .. } => Self::Interrupted,
             EpisodeError::Mesh { source, .. } => source.into(),
             EpisodeError::Plan { source, .. } => source.into(),

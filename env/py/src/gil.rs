@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long the calling thread sleeps between two looks for signals; a fifth of the promised second.
@@ -145,6 +145,26 @@ where
     F: FnOnce() -> Result<T, E> + Send + 'static,
 {
     interruptible(py, num_threads, || (), work)
+}
+
+/// The next of what other threads send, waited for without the GIL.
+///
+/// # Errors
+/// The signal handler's exception after a signal; an internal error if nobody can send any more.
+pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResult<T> {
+    loop {
+        let answer = py.detach(|| {
+            let results = results.lock().unwrap_or_else(PoisonError::into_inner);
+            results.recv_timeout(PATIENCE)
+        });
+        match answer {
+            Ok(result) => return Ok(result),
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(CoreError::Internal("the workers went away without a result".into()).into());
+            }
+            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+        }
+    }
 }
 
 /// The number of threads that calls use by default.

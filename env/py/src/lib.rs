@@ -12,6 +12,7 @@
 //! | [`mesh`] | the handle on a mesh |
 //! | [`plan`] | box trees and plans |
 //! | [`procedural`] | objects by family and seed |
+//! | [`vector`] | many environments in one call |
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
 
@@ -25,6 +26,7 @@ pub mod hand;
 pub mod mesh;
 pub mod plan;
 pub mod procedural;
+pub mod vector;
 
 use pyo3::prelude::*;
 
@@ -48,6 +50,8 @@ mod _core {
     use crate::plan::{decompose, plan};
     #[pymodule_export]
     use crate::procedural::{procedural, procedural_families};
+    #[pymodule_export]
+    use crate::vector::{Objects, Pool, agent_tables};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -9,7 +9,11 @@ use nalgebra::Point3;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
-fn family(name: &str) -> Result<Family, CoreError> {
+/// The family of that name.
+///
+/// # Errors
+/// A name that no family has.
+pub fn family(name: &str) -> Result<Family, CoreError> {
     name.parse()
         .map_err(|error: graspbox_mesh::procedural::UnknownFamily| CoreError::Config(error.to_string()))
 }

@@ -154,7 +154,7 @@ impl World {
 /// Against an object of several parts the engine solves merged manifolds: the impulses are on those. Of a manifold's points it
 /// solves four at most; the others keep the impulse of the step in which they were last chosen, so only those that it
 /// chose count.
-fn pressed(pair: &ContactPair) -> impl Iterator<Item = (&ContactManifold, &Contact)> {
+pub(crate) fn pressed(pair: &ContactPair) -> impl Iterator<Item = (&ContactManifold, &Contact)> {
     let points = |m: &'_ ContactManifold| -> Vec<usize> {
         let chosen = m.data.solver_contacts.iter().flat_map(|c| c.contact_indices());
         chosen.map(|i| i as usize).collect()

@@ -6,6 +6,7 @@
 //! | [`object`] | the object: convex parts, mass, inertia |
 //! | [`world`] | the world itself: step, observe, clone, snapshot |
 //! | [`contacts`] | who touches whom, how deep and how hard; tactile pressures |
+//! | [`load`] | what presses on the hand: contact points, and their sum |
 //! | `build`, `finger`, `motion`, `frames` | assembly, tendon law, the moving frame, conversions |
 //!
 //! The world is simulated in the hand's base frame: the hand's root stands still, the table moves, and gravity carries the
@@ -18,6 +19,7 @@ pub mod contacts;
 mod error;
 mod finger;
 mod frames;
+pub mod load;
 mod motion;
 pub mod object;
 mod snapshot;
@@ -26,5 +28,6 @@ pub mod world;
 pub use config::{Friction, PhysicsConfig};
 pub use contacts::{Contacts, LinkContact, Tactile};
 pub use error::SimError;
+pub use load::{HandContact, HandLoad};
 pub use object::{Geometry, ObjectModel};
 pub use world::{FingerState, Template, World};

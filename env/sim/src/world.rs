@@ -362,6 +362,36 @@ impl World {
         }
     }
 
+    /// Multiplies the object's friction factor and its mass (with its inertia), for a world that varies from its template.
+    ///
+    /// * `friction`, `mass`: positive factors; others change nothing.
+    pub fn scale_object(&mut self, friction: f64, mass: f64) {
+        let handles = &self.shared.handles;
+        let usable = |factor: f64| factor.is_finite() && factor > 0.0 && factor != 1.0;
+        if usable(friction)
+            && let Some(collider) = self.physics.colliders.get_mut(handles.object_collider)
+        {
+            collider.set_friction(collider.friction() * friction as f32);
+        }
+        if usable(mass)
+            && let Some(body) = self.physics.bodies.get_mut(handles.object)
+        {
+            let mut properties = body.mass_properties().local_mprops;
+            if properties.inv_mass == 0.0 {
+                // Not stepped yet: the engine adds the properties up in its first step.
+                body.recompute_mass_properties_from_colliders(&self.physics.colliders);
+                properties = body.mass_properties().local_mprops;
+            }
+            properties.set_mass(properties.mass() * mass as f32, true);
+            body.set_additional_mass_properties(properties, true);
+        }
+    }
+
+    /// State of every motor, in the order of the hand's motors.
+    pub fn motors(&self) -> &[MotorState] {
+        &self.state.motors
+    }
+
     /// State of finger `finger`.
     pub fn finger(&self, finger: usize) -> FingerState {
         let handles = &self.shared.handles.fingers[finger];

@@ -1,0 +1,170 @@
+//! What the numbers of an action mean. All are in [-1, 1]; values beyond are clipped.
+
+use crate::agent::config::CONTROL_PERIOD;
+use crate::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
+use crate::agent::layout::Field;
+use crate::agent::servo::{ANGULAR_SPEED, Goal, LINEAR_SPEED};
+use graspbox_hand::{Hand, MotorCommand, MotorKind};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// How an action moves the hand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Control {
+    /// A velocity in the hand's axes.
+    #[default]
+    Twist,
+    /// A step in the hand's axes, added up by the arm.
+    DeltaPose,
+    /// A pose in the world.
+    TargetPose,
+}
+
+/// A direction shorter than this, or two with a smaller sine between them, name no rotation.
+const DEGENERATE: f64 = 1e-3;
+
+impl Control {
+    /// Every control mode.
+    pub const ALL: [Self; 3] = [Self::Twist, Self::DeltaPose, Self::TargetPose];
+
+    /// Its name in configs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Twist => "twist",
+            Self::DeltaPose => "delta_pose",
+            Self::TargetPose => "target_pose",
+        }
+    }
+
+    /// Numbers of an action that move the hand; the motors' follow.
+    pub fn hand_size(self) -> usize {
+        match self {
+            Self::Twist | Self::DeltaPose => 6,
+            Self::TargetPose => 9,
+        }
+    }
+
+    /// Numbers of an action.
+    pub fn size(self, hand: &Hand) -> usize {
+        self.hand_size() + hand.motors.len()
+    }
+
+    /// What -1 and 1 stand for, row by row.
+    pub fn table(self, hand: &Hand) -> Vec<Field> {
+        let step = LINEAR_SPEED * CONTROL_PERIOD;
+        let turn = ANGULAR_SPEED * CONTROL_PERIOD;
+        let field = |name: &'static str, size, low, high, unit, meaning| Field {
+            name,
+            size,
+            low,
+            high,
+            unit,
+            meaning,
+        };
+        let mut rows = match self {
+            Self::Twist => vec![
+                field(
+                    "linear",
+                    3,
+                    -LINEAR_SPEED,
+                    LINEAR_SPEED,
+                    "m/s",
+                    "velocity in the hand's axes; its length is cut to the upper limit",
+                ),
+                field(
+                    "angular",
+                    3,
+                    -ANGULAR_SPEED,
+                    ANGULAR_SPEED,
+                    "rad/s",
+                    "angular velocity in the hand's axes; its length is cut to the upper limit",
+                ),
+            ],
+            Self::DeltaPose => vec![
+                field("step", 3, -step, step, "m", "change of position in the hand's axes"),
+                field("turn", 3, -turn, turn, "rad", "rotation vector in the hand's axes"),
+            ],
+            Self::TargetPose => vec![
+                field("x", 1, WORKSPACE_LOW[0], WORKSPACE_HIGH[0], "m", "hand position, world"),
+                field("y", 1, WORKSPACE_LOW[1], WORKSPACE_HIGH[1], "m", "hand position, world"),
+                field("z", 1, WORKSPACE_LOW[2], WORKSPACE_HIGH[2], "m", "hand position, world"),
+                field(
+                    "rotation",
+                    6,
+                    -1.0,
+                    1.0,
+                    "1",
+                    "first two columns of world_from_hand, any length; degenerate ones hold the last rotation",
+                ),
+            ],
+        };
+        for motor in &hand.motors {
+            rows.push(match motor.kind {
+                MotorKind::Finger(_) => field(
+                    "spool",
+                    1,
+                    -motor.max_speed,
+                    motor.max_speed,
+                    "rad/s",
+                    "speed of a finger's spool; positive closes",
+                ),
+                MotorKind::Preshape => field(
+                    "preshape",
+                    1,
+                    hand.preshape_limits[0],
+                    hand.preshape_limits[1],
+                    "rad",
+                    "target of the preshape",
+                ),
+            });
+        }
+        rows
+    }
+
+    /// The goal that an action names.
+    ///
+    /// * `values`: finite numbers; the first [`Control::hand_size`] count.
+    /// * `last`: the last reference, whose rotation is held where the action names none.
+    pub fn goal(self, values: &[f32], last: &Isometry3<f64>) -> Goal {
+        let at = |i: usize| f64::from(values[i]).clamp(-1.0, 1.0);
+        let three = |i: usize| Vector3::new(at(i), at(i + 1), at(i + 2));
+        match self {
+            Self::Twist => Goal::Twist(three(0) * LINEAR_SPEED, three(3) * ANGULAR_SPEED),
+            Self::DeltaPose => Goal::Delta(Isometry3::from_parts(
+                Translation3::from(three(0) * (LINEAR_SPEED * CONTROL_PERIOD)),
+                UnitQuaternion::from_scaled_axis(three(3) * (ANGULAR_SPEED * CONTROL_PERIOD)),
+            )),
+            Self::TargetPose => {
+                let (low, high) = (Vector3::from(WORKSPACE_LOW), Vector3::from(WORKSPACE_HIGH));
+                let place = low + (three(0).add_scalar(1.0) / 2.0).component_mul(&(high - low));
+                let rotation = rotation(&three(3), &three(6)).unwrap_or(last.rotation);
+                Goal::Pose(Isometry3::from_parts(Translation3::from(place), rotation))
+            }
+        }
+    }
+}
+
+/// The rotation whose first two columns point along `first` and (as far as it can) `second`; none where they name none.
+fn rotation(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
+    let x = first.try_normalize(DEGENERATE)?;
+    let y = (second - x * x.dot(second)).try_normalize(DEGENERATE * second.norm().max(1.0))?;
+    let matrix = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)]));
+    Some(UnitQuaternion::from_rotation_matrix(&matrix))
+}
+
+/// Commands to the motors from the numbers that follow those of the hand.
+pub fn motor_commands(hand: &Hand, values: &[f32], commands: &mut Vec<MotorCommand>) {
+    commands.clear();
+    let [low, high] = hand.preshape_limits;
+    commands.extend(hand.motors.iter().zip(values).map(|(motor, value)| {
+        let value = f64::from(*value).clamp(-1.0, 1.0);
+        match motor.kind {
+            MotorKind::Finger(_) => MotorCommand::Velocity(value * motor.max_speed),
+            MotorKind::Preshape => MotorCommand::Position {
+                target: low + (value + 1.0) / 2.0 * (high - low),
+                speed: None,
+            },
+        }
+    }));
+}

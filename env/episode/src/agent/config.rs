@@ -1,0 +1,175 @@
+//! How the environments are steered, ended and varied.
+
+use crate::EpisodeError;
+use crate::agent::action::Control;
+use crate::agent::layout::Observation;
+use serde::{Deserialize, Serialize};
+
+/// Seconds between two actions: 20 Hz.
+pub const CONTROL_PERIOD: f64 = 0.05;
+
+/// When an environment whose episode is over begins the next one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Autoreset {
+    /// At the next step, which then ignores the action.
+    #[default]
+    NextStep,
+    /// At once; what the ended episode showed last comes back separately.
+    SameStep,
+    /// Only when it is reset.
+    Disabled,
+}
+
+/// What varies from episode to episode beside object and start; every range at its neutral value is off.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Randomization {
+    /// Least and greatest factor on the object's friction.
+    pub friction: [f64; 2],
+    /// Least and greatest factor on the object's mass.
+    pub mass: [f64; 2],
+    /// The object's place varies by so much more in x and y, metres.
+    pub object_position: f64,
+    /// Greatest constant error of the hand's position in an episode along each axis, metres.
+    pub hand_position: f64,
+    /// Greatest constant error of the hand's rotation in an episode about each axis, radians.
+    pub hand_rotation: f64,
+}
+
+impl Default for Randomization {
+    fn default() -> Self {
+        Self {
+            friction: [1.0, 1.0],
+            mass: [1.0, 1.0],
+            object_position: 0.0,
+            hand_position: 0.0,
+            hand_rotation: 0.0,
+        }
+    }
+}
+
+impl Randomization {
+    /// The preset `"standard"`: friction within 30 %, mass within 25 %, a hand calibrated to 5 mm and 1.7 degrees.
+    pub fn standard() -> Self {
+        Self {
+            friction: [0.7, 1.3],
+            mass: [0.75, 1.25],
+            object_position: 0.03,
+            hand_position: 0.005,
+            hand_rotation: 0.03,
+        }
+    }
+}
+
+/// Everything that steers a pool of environments.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AgentConfig {
+    /// What an action means.
+    pub control: Control,
+    /// When a finished environment begins again.
+    pub autoreset: Autoreset,
+    /// An episode is cut off after so many steps; none: never.
+    pub max_episode_steps: Option<u32>,
+    /// What is observed, in this order.
+    pub observations: Vec<Observation>,
+    /// What varies.
+    pub randomization: Randomization,
+}
+
+impl Default for AgentConfig {
+    fn default() -> Self {
+        Self {
+            control: Control::default(),
+            autoreset: Autoreset::default(),
+            max_episode_steps: None,
+            observations: Observation::ALL.to_vec(),
+            randomization: Randomization::default(),
+        }
+    }
+}
+
+impl AgentConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`EpisodeError::BadConfig`], naming the first setting that is out of range.
+    pub fn validate(&self) -> Result<(), EpisodeError> {
+        let r = &self.randomization;
+        let rows = [
+            (
+                "randomization.friction[0]",
+                r.friction[0],
+                0.1,
+                10.0,
+                "between 0.1 and 10",
+            ),
+            (
+                "randomization.friction[1]",
+                r.friction[1],
+                r.friction[0],
+                10.0,
+                "between the first factor and 10",
+            ),
+            ("randomization.mass[0]", r.mass[0], 0.1, 10.0, "between 0.1 and 10"),
+            (
+                "randomization.mass[1]",
+                r.mass[1],
+                r.mass[0],
+                10.0,
+                "between the first factor and 10",
+            ),
+            (
+                "randomization.object_position",
+                r.object_position,
+                0.0,
+                0.15,
+                "between 0 and 0.15 m",
+            ),
+            (
+                "randomization.hand_position",
+                r.hand_position,
+                0.0,
+                0.05,
+                "between 0 and 0.05 m",
+            ),
+            (
+                "randomization.hand_rotation",
+                r.hand_rotation,
+                0.0,
+                0.5,
+                "between 0 and 0.5 rad",
+            ),
+            (
+                "max_episode_steps",
+                f64::from(self.max_episode_steps.unwrap_or(1)),
+                1.0,
+                f64::from(u32::MAX),
+                "at least 1",
+            ),
+        ];
+        for (field, value, low, high, expected) in rows {
+            if !(low..=high).contains(&value) {
+                return Err(EpisodeError::BadConfig { field, value, expected });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Physics steps in a control period of [`CONTROL_PERIOD`].
+///
+/// # Errors
+/// [`EpisodeError::BadConfig`] for a time step that does not divide it.
+pub fn steps_per_control(dt: f64) -> Result<u32, EpisodeError> {
+    let steps = (CONTROL_PERIOD / dt).round();
+    if steps < 1.0 || (steps * dt - CONTROL_PERIOD).abs() > 1e-9 {
+        return Err(EpisodeError::BadConfig {
+            field: "physics.dt",
+            value: dt,
+            expected: "a whole fraction of the control period of 0.05 s",
+        });
+    }
+    Ok(steps as u32)
+}

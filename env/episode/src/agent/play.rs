@@ -1,0 +1,273 @@
+//! One episode under an agent: actions in, reward terms and endings out.
+
+use crate::agent::action::motor_commands;
+use crate::agent::objects::Prepared;
+use crate::agent::reward::{Events, Potentials, TERMS, terms};
+use crate::agent::rules::Rules;
+use crate::agent::servo::Servo;
+use crate::agent::start::Start;
+use crate::{Episode, EpisodeError, FailureKind, Judge};
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// The object is lost when its centre of mass is further than this from the vertical through the table's middle, metres: out of the
+/// workspace.
+pub const LOST_DISTANCE: f64 = 0.5;
+/// The object is lost when its centre of mass is lower than this, metres: it is off the table.
+pub const LOST_HEIGHT: f64 = 0.0;
+
+/// Names of the failure codes of [`Info::failure`].
+pub const FAILURES: [&str; 6] = ["", "infeasible", "no_contact", "slipped", "dropped", "unstable"];
+
+/// What is said about an environment beside its observations.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Info {
+    /// The grasp succeeded.
+    pub is_success: bool,
+    /// It succeeded without shifting or turning in the hand.
+    pub is_secure: bool,
+    /// What the failure would be called if the episode ended now: an index into [`FAILURES`], 0 for a success.
+    pub failure: u8,
+    /// Rise of the object's centre of mass above its resting height, metres.
+    pub lift: f64,
+    /// Index of the object.
+    pub object: usize,
+    /// Index of its resting pose.
+    pub resting: usize,
+    /// The hand touches the object.
+    pub touches: bool,
+    /// The protective stop held the hand at some time in the last step.
+    pub protective_stop: bool,
+}
+
+/// One episode under an agent.
+pub struct Play {
+    episode: Episode,
+    prepared: Arc<Prepared>,
+    servo: Servo,
+    record: Record,
+}
+
+/// What an episode remembers beside world, judge and servo.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Record {
+    pub object: usize,
+    pub resting: usize,
+    /// Factor on the object's mass.
+    pub mass: f64,
+    /// Centre of mass at the start, world.
+    pub first_center: Point3<f64>,
+    pub last_action: Vec<f32>,
+    pub steps: u32,
+    /// The hand touched the object at some time.
+    pub touched: bool,
+    /// Lifting began: the object left the table in the hand.
+    pub lifting: bool,
+    pub success: bool,
+    pub stopped: bool,
+    pub potentials: Potentials,
+}
+
+impl Play {
+    /// Begins an episode.
+    pub fn new(start: &Start, rules: &Rules) -> Self {
+        let factors = [start.friction, start.mass];
+        let episode = Episode::reset_at(
+            &start.scene,
+            &start.world_from_hand,
+            &start.world_from_object,
+            start.preshape,
+            factors,
+        );
+        let record = Record {
+            object: start.object,
+            resting: start.resting,
+            mass: start.mass,
+            first_center: episode.world().object_center(),
+            last_action: vec![0.0; rules.action],
+            steps: 0,
+            touched: false,
+            lifting: false,
+            success: false,
+            stopped: false,
+            potentials: Potentials::default(),
+        };
+        let mut play = Self {
+            servo: Servo::new(&start.world_from_hand, &start.hand_error),
+            prepared: Arc::clone(&start.prepared),
+            episode,
+            record,
+        };
+        play.record.potentials = Potentials::of(&play, rules);
+        play
+    }
+
+    pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, servo: Servo, record: Record) -> Self {
+        Self {
+            episode,
+            prepared,
+            servo,
+            record,
+        }
+    }
+
+    pub(crate) fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// One control period; returns the reward terms, and whether the episode ended by success or loss.
+    ///
+    /// * `action`: finite numbers, one for each row of the control's table.
+    ///
+    /// # Errors
+    /// A motor command that is not finite, which a finite action never gives.
+    pub fn step(&mut self, action: &[f32], rules: &Rules) -> Result<([f32; TERMS], bool), EpisodeError> {
+        let control = rules.config.control;
+        let goal = control.goal(action, self.servo.believed());
+        let motion = self.servo.begin(&goal);
+        let mut commands = Vec::with_capacity(rules.hand().motors.len());
+        motor_commands(rules.hand(), &action[control.hand_size()..], &mut commands);
+        let mut events = Events::default();
+        let dt = self.episode.world().dt();
+        for i in 0..rules.substeps {
+            let load = self.episode.world().hand_load();
+            events.table |= load.scenery;
+            let time = f64::from(i) * dt;
+            let hand = self.servo.advance(&motion, time, dt, &rules.guard, &load);
+            events.stop |= self.servo.stop.active;
+            self.episode.advance(&hand, &commands)?;
+            self.watch_lift();
+            if self.episode.judge().success(self.episode.world()) {
+                events.success = true;
+                break;
+            }
+        }
+        let finite = self.episode.world().is_finite();
+        events.success &= finite;
+        events.failure = !events.success && (!finite || self.lost());
+        self.record.success = events.success;
+        self.record.stopped = events.stop;
+        self.record.steps = self.record.steps.saturating_add(1);
+        self.record.touched |= self.touches();
+        self.record.last_action.clear();
+        self.record
+            .last_action
+            .extend(action.iter().map(|a| a.clamp(-1.0, 1.0)));
+        let before = self.record.potentials;
+        self.record.potentials = Potentials::of(self, rules);
+        let terms = terms(&before, &self.record.potentials, &events, self);
+        Ok((terms, events.success || events.failure))
+    }
+
+    /// Lifting begins, for the judge, when the object first leaves the table while the hand touches it.
+    fn watch_lift(&mut self) {
+        if !self.record.lifting && !self.episode.judge().on_scenery() && self.touches() {
+            self.record.lifting = true;
+            self.record.touched = true;
+            self.episode.begin_lift();
+        }
+    }
+
+    fn touches(&self) -> bool {
+        !self.episode.world().contacts().links.is_empty()
+    }
+
+    /// The object is off the table, or out of the workspace.
+    fn lost(&self) -> bool {
+        let center = self.episode.world().object_center();
+        center.z < LOST_HEIGHT || center.coords.xy().norm() > LOST_DISTANCE
+    }
+
+    /// What can be said now.
+    pub fn info(&self) -> Info {
+        let world = self.episode.world();
+        let verdict = self.episode.verdict();
+        let touches = self.touches();
+        let failure = if self.record.success {
+            None
+        } else if !world.is_finite() {
+            Some(FailureKind::Unstable)
+        } else if !self.record.touched {
+            Some(FailureKind::NoContact)
+        } else {
+            Some(self.episode.judge().failure(world, touches))
+        };
+        Info {
+            is_success: self.record.success,
+            is_secure: self.record.success && verdict.secure,
+            failure: failure.map_or(0, code),
+            lift: if verdict.lift.is_finite() { verdict.lift } else { 0.0 },
+            object: self.record.object,
+            resting: self.record.resting,
+            touches,
+            protective_stop: self.record.stopped,
+        }
+    }
+
+    /// The state machine inside.
+    pub fn episode(&self) -> &Episode {
+        &self.episode
+    }
+
+    /// The object.
+    pub fn prepared(&self) -> &Arc<Prepared> {
+        &self.prepared
+    }
+
+    /// The judge.
+    pub fn judge(&self) -> &Judge {
+        self.episode.judge()
+    }
+
+    /// The arm.
+    pub fn servo(&self) -> &Servo {
+        &self.servo
+    }
+
+    /// The last action, clipped; zeros before the first.
+    pub fn last_action(&self) -> &[f32] {
+        &self.record.last_action
+    }
+
+    /// Steps since the episode began.
+    pub fn steps(&self) -> u32 {
+        self.record.steps
+    }
+
+    /// Factor on the object's mass.
+    pub fn mass_factor(&self) -> f64 {
+        self.record.mass
+    }
+
+    /// Potentials of the reward's shaping terms.
+    pub fn potentials(&self) -> &Potentials {
+        &self.record.potentials
+    }
+
+    /// Centre of mass of the object at the start, world, metres.
+    pub fn first_center(&self) -> &Point3<f64> {
+        &self.record.first_center
+    }
+
+    /// Middle of the object's bounds, object frame, metres.
+    pub fn bounds_center(&self) -> Point3<f64> {
+        self.prepared.bounds_center()
+    }
+
+    /// Half sides of the object's bounds along its axes, metres.
+    pub fn half_extents(&self) -> Vector3<f64> {
+        self.prepared.half_extents()
+    }
+}
+
+/// Index into [`FAILURES`].
+fn code(kind: FailureKind) -> u8 {
+    match kind {
+        FailureKind::Infeasible => 1,
+        FailureKind::NoContact => 2,
+        FailureKind::Slipped => 3,
+        FailureKind::Dropped => 4,
+        FailureKind::Unstable => 5,
+    }
+}

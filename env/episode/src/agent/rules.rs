@@ -1,0 +1,94 @@
+//! What every environment of a pool shares and none changes.
+
+use crate::EpisodeError;
+use crate::agent::config::{AgentConfig, steps_per_control};
+use crate::agent::guard::Guard;
+use crate::agent::layout::{Field, Observation};
+use crate::agent::objects::Objects;
+use graspbox_hand::Hand;
+use graspbox_plan::OpenHand;
+use std::sync::Arc;
+
+/// Room around the open hand where an episode begins, metres.
+const START_CLEARANCE: f64 = 0.01;
+
+/// What every environment of a pool shares and none changes.
+pub struct Rules {
+    /// How it is steered.
+    pub config: AgentConfig,
+    /// What there is to grasp.
+    pub objects: Arc<Objects>,
+    /// What keeps the hand off the table.
+    pub guard: Guard,
+    /// The tables of the observations that were asked for.
+    pub tables: Vec<(Observation, Vec<Field>)>,
+    /// Physics steps between two actions.
+    pub substeps: u32,
+    /// Numbers of an action.
+    pub action: usize,
+    /// For each link, the place of its contact flag: proximal and distal of each finger, then the palm.
+    pub flags: Vec<usize>,
+}
+
+impl Rules {
+    /// Checks a config against objects and hand.
+    ///
+    /// # Errors
+    /// A setting out of range, a time step that does not divide the control period, or a hand whose kinematics fail.
+    pub fn new(objects: Arc<Objects>, config: AgentConfig) -> Result<Self, EpisodeError> {
+        config.validate()?;
+        let hand = Arc::clone(objects.hand());
+        let action = config.control.size(&hand);
+        let tables = config
+            .observations
+            .iter()
+            .map(|o| (*o, o.table(&hand, action)))
+            .collect();
+        Ok(Self {
+            guard: Guard::new(&hand)?,
+            substeps: steps_per_control(objects.physics().dt)?,
+            flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
+            tables,
+            action,
+            objects,
+            config,
+        })
+    }
+
+    /// The hand.
+    pub fn hand(&self) -> &Arc<Hand> {
+        self.objects.hand()
+    }
+
+    /// The open hand at `preshape`, with the room that it needs to begin.
+    ///
+    /// # Errors
+    /// A preshape that the hand does not take.
+    pub fn open_hand(&self, preshape: f64) -> Result<OpenHand, EpisodeError> {
+        OpenHand::new(self.hand(), preshape, START_CLEARANCE, 0.0).map_err(|source| EpisodeError::Plan {
+            object: "hand".into(),
+            source,
+        })
+    }
+
+    /// Numbers of all observations together.
+    pub fn observed(&self) -> usize {
+        self.tables.iter().flat_map(|(_, fields)| fields).map(|f| f.size).sum()
+    }
+}
+
+/// Place of a link's contact flag.
+fn flag(hand: &Hand, link: usize) -> usize {
+    let Some(finger) = hand.finger_of_link(link) else {
+        return 2 * hand.fingers.len();
+    };
+    let distal = hand.fingers[finger].distal;
+    let mut at = link;
+    while let Some(joint) = at.checked_sub(1) {
+        if joint == distal {
+            return 2 * finger + 1;
+        }
+        at = hand.joints[joint].parent;
+    }
+    2 * finger
+}

@@ -1,0 +1,242 @@
+//! One environment: its stream, its episode, its state as bytes.
+
+use crate::agent::config::Autoreset;
+use crate::agent::draw::{Draw, DrawState};
+use crate::agent::observe::observe;
+use crate::agent::play::{Info, Play, Record};
+use crate::agent::reward::TERMS;
+use crate::agent::rules::Rules;
+use crate::agent::servo::Servo;
+use crate::agent::start::{StartOptions, start};
+use crate::{Episode, EpisodeError, Judge};
+use serde::{Deserialize, Serialize};
+
+/// Leads every saved state; the number changes with the layout.
+const MAGIC: &[u8; 8] = b"gbagent1";
+
+/// What one step or reset of one environment showed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// All observations, one after another.
+    pub observations: Vec<f32>,
+    /// Reward terms; zeros after a reset.
+    pub terms: [f32; TERMS],
+    /// The episode ended by success or loss.
+    pub terminated: bool,
+    /// The episode was cut off.
+    pub truncated: bool,
+    /// A new episode began instead of a step.
+    pub reset: bool,
+    /// What is said beside.
+    pub info: Info,
+}
+
+/// One environment.
+#[derive(Default)]
+pub struct Slot {
+    draw: Option<Draw>,
+    play: Option<Play>,
+    done: bool,
+    outcome: Outcome,
+    last: Option<Outcome>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    object: String,
+    draw: DrawState,
+    world: Vec<u8>,
+    judge: Judge,
+    servo: Servo,
+    record: Record,
+    done: bool,
+    terms: [f32; TERMS],
+    terminated: bool,
+    truncated: bool,
+}
+
+impl Slot {
+    /// Begins a new episode; a seed begins the stream anew.
+    ///
+    /// * `env`: index of the environment, for errors.
+    ///
+    /// # Errors
+    /// A first reset without a seed, an option that cannot be, or an object that cannot be prepared.
+    pub fn reset(
+        &mut self,
+        rules: &Rules,
+        env: usize,
+        seed: Option<u64>,
+        options: &StartOptions,
+    ) -> Result<(), EpisodeError> {
+        let mut draw = match (seed, &self.draw) {
+            (Some(seed), _) => Draw::new(seed),
+            (None, Some(draw)) => draw.clone(),
+            (None, None) => return Err(EpisodeError::NotSeeded { env }),
+        };
+        let begin = start(rules, &mut draw, options)?;
+        let play = Play::new(&begin, rules);
+        // Only now, so that a reset that fails leaves everything as it was.
+        self.draw = Some(draw);
+        self.outcome = Outcome {
+            reset: true,
+            info: play.info(),
+            ..Outcome::default()
+        };
+        observe(&play, rules, &mut self.outcome.observations);
+        self.play = Some(play);
+        self.done = false;
+        self.last = None;
+        Ok(())
+    }
+
+    /// True where the next step will not look at its action.
+    pub fn resets_next(&self, rules: &Rules) -> bool {
+        self.done && rules.config.autoreset == Autoreset::NextStep
+    }
+
+    /// Whether there is anything to show.
+    ///
+    /// # Errors
+    /// No episode yet.
+    pub fn ready_to_show(&self, env: usize) -> Result<(), EpisodeError> {
+        self.play.as_ref().map(|_| ()).ok_or(EpisodeError::NotReset { env })
+    }
+
+    /// Whether a step can be taken.
+    ///
+    /// # Errors
+    /// No episode yet, or one that is over and is not reset by itself.
+    pub fn ready(&self, rules: &Rules, env: usize) -> Result<(), EpisodeError> {
+        if self.play.is_none() {
+            return Err(EpisodeError::NotReset { env });
+        }
+        if self.done && rules.config.autoreset == Autoreset::Disabled {
+            return Err(EpisodeError::Over { env });
+        }
+        Ok(())
+    }
+
+    /// One step of the environment, autoreset included; `action` was checked.
+    ///
+    /// # Errors
+    /// As [`Slot::ready`] and [`Slot::reset`].
+    pub fn step(&mut self, rules: &Rules, env: usize, action: &[f32]) -> Result<(), EpisodeError> {
+        self.ready(rules, env)?;
+        let anew = StartOptions::default();
+        if self.resets_next(rules) {
+            return self.reset(rules, env, None, &anew);
+        }
+        let Some(play) = &mut self.play else {
+            return Err(EpisodeError::NotReset { env });
+        };
+        self.last = None;
+        let (terms, terminated) = play.step(action, rules)?;
+        let truncated = rules.config.max_episode_steps.is_some_and(|most| play.steps() >= most);
+        self.outcome = Outcome {
+            observations: std::mem::take(&mut self.outcome.observations),
+            terms,
+            terminated,
+            truncated,
+            reset: false,
+            info: play.info(),
+        };
+        self.outcome.observations.clear();
+        observe(play, rules, &mut self.outcome.observations);
+        self.done = terminated || truncated;
+        if self.done && rules.config.autoreset == Autoreset::SameStep {
+            let last = std::mem::take(&mut self.outcome);
+            self.reset(rules, env, None, &anew)?;
+            self.outcome.terms = last.terms;
+            self.outcome.terminated = last.terminated;
+            self.outcome.truncated = last.truncated;
+            self.last = Some(last);
+        }
+        Ok(())
+    }
+
+    /// What the last step or reset showed.
+    pub fn outcome(&self) -> &Outcome {
+        &self.outcome
+    }
+
+    /// What the episode that just ended showed last, where a new one began in the same step.
+    pub fn last(&self) -> Option<&Outcome> {
+        self.last.as_ref()
+    }
+
+    /// The episode.
+    pub fn play(&self) -> Option<&Play> {
+        self.play.as_ref()
+    }
+
+    /// Everything that the future of this environment depends on, as bytes.
+    ///
+    /// # Errors
+    /// No episode yet, or a world that cannot be written.
+    pub fn save(&self, env: usize) -> Result<Vec<u8>, EpisodeError> {
+        let (Some(play), Some(draw)) = (&self.play, &self.draw) else {
+            return Err(EpisodeError::NotReset { env });
+        };
+        let name = play.prepared().body().name();
+        let world = play.episode().world().snapshot().map_err(|source| EpisodeError::Sim {
+            object: name.to_owned(),
+            source,
+        })?;
+        let saved = Saved {
+            object: name.to_owned(),
+            draw: draw.state(),
+            world,
+            judge: play.judge().clone(),
+            servo: play.servo().clone(),
+            record: play.record().clone(),
+            done: self.done,
+            terms: self.outcome.terms,
+            terminated: self.outcome.terminated,
+            truncated: self.outcome.truncated,
+        };
+        let body = postcard::to_allocvec(&saved).map_err(|error| EpisodeError::BadState { why: error.to_string() })?;
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend_from_slice(&body);
+        Ok(bytes)
+    }
+
+    /// Takes up a state that [`Slot::save`] gave; from there the same actions lead to the same bits.
+    ///
+    /// # Errors
+    /// Bytes of another version, damaged ones, or ones of other objects, another hand, other physics or another control mode.
+    pub fn restore(&mut self, rules: &Rules, bytes: &[u8]) -> Result<(), EpisodeError> {
+        let bad = |why: &str| EpisodeError::BadState { why: why.to_owned() };
+        let body = bytes
+            .strip_prefix(MAGIC)
+            .ok_or_else(|| bad("it is not a state of this version"))?;
+        let saved: Saved = postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))?;
+        let (index, record) = (saved.record.object, saved.record);
+        if rules.objects.names().nth(index) != Some(&saved.object) {
+            return Err(bad(&format!("object {index} of this set is not `{}`", saved.object)));
+        }
+        if record.last_action.len() != rules.action {
+            return Err(bad("it is of another control mode or hand"));
+        }
+        let prepared = rules.objects.prepared(index)?;
+        let (resting, scene) = rules.objects.scene(&prepared, record.resting)?;
+        if resting != record.resting {
+            return Err(bad("the object no longer rests in that pose"));
+        }
+        let episode = Episode::resume(&scene, &saved.world, saved.judge)?;
+        let play = Play::resume(episode, prepared, saved.servo, record);
+        self.outcome = Outcome {
+            terms: saved.terms,
+            terminated: saved.terminated,
+            truncated: saved.truncated,
+            info: play.info(),
+            ..Outcome::default()
+        };
+        observe(&play, rules, &mut self.outcome.observations);
+        self.draw = Some(Draw::resume(&saved.draw));
+        self.play = Some(play);
+        self.done = saved.done;
+        self.last = None;
+        Ok(())
+    }
+}

@@ -1,0 +1,319 @@
+//! How an episode begins: drawn from the environment's stream, or as asked.
+//!
+//! Drawn, uniformly unless said otherwise: the object; its resting pose, by the chance that a dropped object ends in it; its turn about
+//! the vertical and its place within 5 cm of the table's middle. The hand is open, its grasp frame within 10 cm of the middle and
+//! 0.15 to 0.30 m above the table, its palm facing down but for a tilt of up to 0.2 rad, turned about the vertical by any angle; where it
+//! would stand in the object it is raised in steps of 5 cm. Every start takes the same number of draws, so that an option
+//! or a randomisation changes nothing but what it names.
+
+use crate::agent::draw::Draw;
+use crate::agent::objects::Prepared;
+use crate::agent::rules::Rules;
+use crate::{EpisodeError, Scene};
+use graspbox_mesh::TriMesh;
+use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// The object lies within this of the table's middle in x and y, metres.
+pub const OBJECT_SPREAD: f64 = 0.05;
+/// The hand begins within this of the table's middle in x and y, metres.
+pub const HAND_SPREAD: f64 = 0.10;
+/// Least and greatest height of the grasp frame at the start, metres.
+pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
+/// Greatest angle between the palm's normal and straight down at the start, radians.
+pub const HAND_TILT: f64 = 0.2;
+/// The hand is raised by this much at a time while it stands in the object, metres.
+const RAISE: f64 = 0.05;
+/// More raises than this would leave the workspace.
+const MOST_RAISES: usize = 10;
+/// A rotation may be off by this much in any entry of R^T R.
+const ORTHONORMAL: f64 = 1e-5;
+/// A given object pose may reach this far into the table, metres.
+const SUNK: f64 = 1e-3;
+
+/// Which object.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum ObjectChoice {
+    /// By its place in the list.
+    Index(usize),
+    /// By its name.
+    Name(String),
+}
+
+/// What of a start is given; the rest is drawn. Matrices are rows, homogeneous.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartOptions {
+    /// The object.
+    pub object: Option<ObjectChoice>,
+    /// Its resting pose: an index, the most probable first.
+    pub resting: Option<usize>,
+    /// Its place: x, y (m) and turn about the vertical (rad) of the resting pose.
+    pub place: Option<[f64; 3]>,
+    /// Its pose; it is let go there.
+    pub world_from_object: Option<[[f64; 4]; 4]>,
+    /// The hand's pose.
+    pub world_from_hand: Option<[[f64; 4]; 4]>,
+    /// The preshape, radians.
+    pub preshape: Option<f64>,
+    /// Factor on the object's friction.
+    pub friction: Option<f64>,
+    /// Factor on the object's mass.
+    pub mass: Option<f64>,
+}
+
+/// Where an episode begins.
+pub struct Start {
+    /// Index of the object.
+    pub object: usize,
+    /// Index of its resting pose.
+    pub resting: usize,
+    /// The object.
+    pub prepared: Arc<Prepared>,
+    /// The object as it rests.
+    pub scene: Arc<Scene>,
+    /// Where it lies.
+    pub world_from_object: Isometry3<f64>,
+    /// Where the hand is.
+    pub world_from_hand: Isometry3<f64>,
+    /// Preshape, radians.
+    pub preshape: f64,
+    /// Factor on the object's friction.
+    pub friction: f64,
+    /// Factor on the object's mass.
+    pub mass: f64,
+    /// The true hand in the hand that the arm knows.
+    pub hand_error: Isometry3<f64>,
+}
+
+/// All numbers that a start draws, in order.
+struct Drawn {
+    object: usize,
+    resting: f64,
+    place: [f64; 3],
+    hand: [f64; 3],
+    yaw: f64,
+    tilt: [f64; 2],
+    friction: f64,
+    mass: f64,
+    moved: [f64; 2],
+    shift: Vector3<f64>,
+    turn: Vector3<f64>,
+}
+
+impl Drawn {
+    fn new(draw: &mut Draw, count: usize) -> Self {
+        let three = |draw: &mut Draw| Vector3::new(draw.within(1.0), draw.within(1.0), draw.within(1.0));
+        Self {
+            object: draw.index(count),
+            resting: draw.unit(),
+            place: [draw.within(OBJECT_SPREAD), draw.within(OBJECT_SPREAD), draw.within(PI)],
+            hand: [
+                draw.within(HAND_SPREAD),
+                draw.within(HAND_SPREAD),
+                draw.range(HAND_HEIGHT[0], HAND_HEIGHT[1]),
+            ],
+            yaw: draw.within(PI),
+            tilt: [draw.within(PI), draw.range(0.0, HAND_TILT)],
+            friction: draw.unit(),
+            mass: draw.unit(),
+            moved: [draw.within(1.0), draw.within(1.0)],
+            shift: three(draw),
+            turn: three(draw),
+        }
+    }
+}
+
+/// Draws a start; what `options` gives is taken from there.
+///
+/// # Errors
+/// An option that cannot be, or an object that cannot be prepared.
+pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<Start, EpisodeError> {
+    let objects = &rules.objects;
+    let drawn = Drawn::new(draw, objects.len());
+    let object = match &options.object {
+        None => drawn.object,
+        Some(ObjectChoice::Index(index)) => *index,
+        Some(ObjectChoice::Name(name)) => objects
+            .names()
+            .position(|n| n == name)
+            .ok_or_else(|| EpisodeError::UnknownObject { name: name.clone() })?,
+    };
+    let prepared = objects.prepared(object)?;
+    let ways = prepared.probabilities().len();
+    let way = match options.resting {
+        Some(way) if way >= ways => {
+            return Err(bad_option(
+                "resting",
+                &format!(
+                    "object `{}` has {ways} resting poses, counted from 0",
+                    prepared.body().name()
+                ),
+            ));
+        }
+        Some(way) => way,
+        None => weighted(drawn.resting, prepared.probabilities()),
+    };
+    let (resting, scene) = objects.scene(&prepared, way)?;
+    let vary = &rules.config.randomization;
+    let moved = |i: usize| drawn.place[i] + drawn.moved[i] * vary.object_position;
+    let world_from_object = match (&options.world_from_object, &options.place) {
+        (Some(_), Some(_)) => return Err(bad_option("place", "give it or world_from_object, not both")),
+        (Some(rows), None) => given_object(&prepared, rows)?,
+        (None, Some([x, y, turn])) => {
+            planar(finite(*x, "place")?, finite(*y, "place")?, finite(*turn, "place")?) * scene.world_from_object()
+        }
+        (None, None) => planar(moved(0), moved(1), drawn.place[2]) * scene.world_from_object(),
+    };
+    let limits = rules.hand().preshape_limits;
+    let preshape = options.preshape.unwrap_or(limits[0]);
+    if !(limits[0]..=limits[1]).contains(&preshape) {
+        return Err(bad_option(
+            "preshape",
+            &format!("the hand takes {} to {} rad", limits[0], limits[1]),
+        ));
+    }
+    let world_from_hand = place_hand(rules, &scene, &world_from_object, &drawn, options, preshape)?;
+    let between = |[low, high]: [f64; 2], share: f64| low + (high - low) * share;
+    let hand_error = Isometry3::from_parts(
+        Translation3::from(drawn.shift * vary.hand_position),
+        UnitQuaternion::from_scaled_axis(drawn.turn * vary.hand_rotation),
+    );
+    Ok(Start {
+        object,
+        resting,
+        prepared,
+        scene,
+        world_from_object,
+        world_from_hand,
+        preshape,
+        friction: factor(options.friction, between(vary.friction, drawn.friction), "friction")?,
+        mass: factor(options.mass, between(vary.mass, drawn.mass), "mass")?,
+        hand_error,
+    })
+}
+
+fn bad_option(option: &'static str, why: &str) -> EpisodeError {
+    EpisodeError::BadOption {
+        option,
+        why: why.to_owned(),
+    }
+}
+
+fn finite(value: f64, option: &'static str) -> Result<f64, EpisodeError> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(bad_option(option, "give finite numbers"))
+    }
+}
+
+fn factor(given: Option<f64>, drawn: f64, option: &'static str) -> Result<f64, EpisodeError> {
+    let factor = given.unwrap_or(drawn);
+    if (0.01..=100.0).contains(&factor) {
+        Ok(factor)
+    } else {
+        Err(bad_option(option, "give a factor between 0.01 and 100"))
+    }
+}
+
+/// The index at `share` of the summed weights.
+fn weighted(share: f64, weights: impl ExactSizeIterator<Item = f64> + Clone) -> usize {
+    let last = weights.len().saturating_sub(1);
+    let mut left = share * weights.clone().sum::<f64>();
+    for (index, weight) in weights.enumerate() {
+        if left < weight {
+            return index;
+        }
+        left -= weight;
+    }
+    last
+}
+
+/// A move on the table: x, y (m), turn about the vertical (rad).
+fn planar(x: f64, y: f64, turn: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::new(x, y, 0.0),
+        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn),
+    )
+}
+
+fn given_object(prepared: &Prepared, rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, EpisodeError> {
+    let pose = rigid(rows, "world_from_object")?;
+    let mesh: &TriMesh = prepared.body().mesh();
+    let lowest = mesh
+        .vertices()
+        .iter()
+        .map(|v| (pose * v).z)
+        .fold(f64::INFINITY, f64::min);
+    if lowest < -SUNK {
+        return Err(bad_option(
+            "world_from_object",
+            &format!("the object would reach {:.4} m into the table", -lowest),
+        ));
+    }
+    Ok(pose)
+}
+
+/// The hand where it was asked to be, or where it was drawn, raised out of the object.
+fn place_hand(
+    rules: &Rules,
+    scene: &Scene,
+    world_from_object: &Isometry3<f64>,
+    drawn: &Drawn,
+    options: &StartOptions,
+    preshape: f64,
+) -> Result<Isometry3<f64>, EpisodeError> {
+    let open = rules.open_hand(preshape)?;
+    let collides = |hand: &Isometry3<f64>| scene.collides(&open, &(world_from_object.inverse() * hand));
+    if let Some(rows) = &options.world_from_hand {
+        let hand = rigid(rows, "world_from_hand")?;
+        if collides(&hand) {
+            return Err(bad_option(
+                "world_from_hand",
+                &format!(
+                    "the open hand would stand within 1 cm of the table or of object `{}`",
+                    scene.name()
+                ),
+            ));
+        }
+        return Ok(hand);
+    }
+    let axis = Unit::new_unchecked(Vector3::new(drawn.tilt[0].cos(), drawn.tilt[0].sin(), 0.0));
+    let rotation = UnitQuaternion::from_axis_angle(&axis, drawn.tilt[1])
+        * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), drawn.yaw)
+        * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    let mut hand = Isometry3::from_parts(Translation3::from(Vector3::from(drawn.hand)), rotation);
+    for _ in 0..MOST_RAISES {
+        if !collides(&hand) {
+            return Ok(hand);
+        }
+        hand.translation.vector.z += RAISE;
+    }
+    Err(EpisodeError::NoStart {
+        object: scene.name().to_owned(),
+    })
+}
+
+/// The rigid motion of a homogeneous matrix.
+fn rigid(rows: &[[f64; 4]; 4], option: &'static str) -> Result<Isometry3<f64>, EpisodeError> {
+    let matrix = Matrix4::from_fn(|i, j| rows[i][j]);
+    let rotation: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
+    let skew = (rotation.tr_mul(&rotation) - Matrix3::identity()).amax();
+    let bottom = (0..4).any(|j| (rows[3][j] - if j == 3 { 1.0 } else { 0.0 }).abs() > ORTHONORMAL);
+    let finite = rows.iter().flatten().all(|x| x.is_finite());
+    if !finite || bottom || skew > ORTHONORMAL || rotation.determinant() < 0.0 {
+        return Err(bad_option(
+            option,
+            "give a homogeneous matrix: a rotation, a translation column, the last row 0 0 0 1",
+        ));
+    }
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Ok(Isometry3::from_parts(
+        Translation3::new(rows[0][3], rows[1][3], rows[2][3]),
+        rotation,
+    ))
+}
