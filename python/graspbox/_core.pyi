@@ -27,6 +27,7 @@ __all__ = [
     "plan",
     "procedural",
     "procedural_families",
+    "rank_weights",
 ]
 
 __version__: str
@@ -49,6 +50,7 @@ class PlanArrays(TypedDict):
     face: NDArray[np.int64]
     score: NDArray[np.float64]
     feasible: NDArray[np.bool_]
+    features: NotRequired[NDArray[np.float64]]
 
 @type_check_only
 class OutcomeArrays(TypedDict):
@@ -216,7 +218,9 @@ def plan(
     world_from_object: NDArray[np.float64] | None,
     cache: str | PathLike[str] | None,
     num_threads: int | None,
+    features: bool,
 ) -> PlanArrays: ...
+def rank_weights() -> list[tuple[str, float]]: ...
 def procedural(family_name: str, seed: int, scale: float, mass: float | None) -> Mesh: ...
 def procedural_families() -> list[str]: ...
 def _time_best_split(mesh: Mesh, points: int, repeats: int) -> NDArray[np.float64]: ...

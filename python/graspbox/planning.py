@@ -13,7 +13,7 @@ from graspbox.configs import DecomposeConfig, PlanConfig
 from graspbox.meshes import floats, to_json
 from graspbox.simulation import Hand, cache_folder, load_hand
 
-__all__ = ["Box", "BoxTree", "Plan", "decompose", "plan"]
+__all__ = ["Box", "BoxTree", "Plan", "decompose", "plan", "rank_weights"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +152,10 @@ class Plan:
         The boxes.
     world_from_object : (4, 4) float64
         Where the object rests; the table is the plane z = 0.
+    features : (n, k) float64 or None
+        If asked for: what the ranking read off each pose, one column for each name of `rank_weights`; NaN where a pose
+        is not feasible. Their sum weighted by `rank_weights`, less a little for every better pose of the same box, face
+        and preshape, is the score.
     """
 
     poses: NDArray[np.float64]
@@ -162,6 +166,7 @@ class Plan:
     face: NDArray[np.int64]
     tree: BoxTree
     world_from_object: NDArray[np.float64]
+    features: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -169,7 +174,9 @@ class Plan:
     def best(self, count: int | None = None) -> "Plan":
         """Keep the first `count` feasible candidates, in ranking order; all feasible ones by default."""
         ranked = np.flatnonzero(self.feasible)[:count]
-        rows = ("poses", "preshape", "feasible", "score", "box", "face")
+        rows = ["poses", "preshape", "feasible", "score", "box", "face"]
+        if self.features is not None:
+            rows.append("features")
         return replace(self, **{name: getattr(self, name)[ranked] for name in rows})
 
 
@@ -181,6 +188,7 @@ def plan(
     world_from_object: ArrayLike | None = None,
     config: PlanConfig = PlanConfig(),  # noqa: B008 (frozen)
     num_threads: int | None = None,
+    features: bool = False,
     **settings: Any,
 ) -> Plan:
     """Propose hand poses from an object's boxes, drop those that collide, and rank the rest by geometry alone.
@@ -200,6 +208,8 @@ def plan(
         How to plan.
     num_threads : int, optional
         Threads to use; the result does not depend on it.
+    features : bool
+        Also return what the ranking read off each pose.
     **settings
         Fields of `PlanConfig` by name, instead of those of `config`.
 
@@ -214,7 +224,7 @@ def plan(
         settings["seed"] = seed
     pose = None if world_from_object is None else floats(world_from_object)
     settled = to_json(replace(config, **settings))
-    arrays = _core.plan(mesh, load_hand(hand), settled, pose, cache_folder(), num_threads)
+    arrays = _core.plan(mesh, load_hand(hand), settled, pose, cache_folder(), num_threads, features)
     return Plan(
         poses=arrays["poses"],
         preshape=arrays["preshape"],
@@ -224,4 +234,13 @@ def plan(
         face=arrays["face"],
         tree=_tree(arrays["tree"]),
         world_from_object=arrays["world_from_object"],
+        features=arrays.get("features"),
     )
+
+
+def rank_weights() -> dict[str, float]:
+    """Name and weight of each term of the ranking, in the order of the columns of `Plan.features`.
+
+    ``scripts/fit_ranking.py`` fits them again.
+    """
+    return dict(_core.rank_weights())

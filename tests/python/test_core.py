@@ -160,6 +160,23 @@ def test_outcomes_do_not_depend_on_the_number_of_threads() -> None:
     assert alone.lift[0] == outs[0].lift[2]
 
 
+def test_scores_are_the_weighted_features() -> None:
+    mesh = object_sets.load("procedural:bottle:1")[0].load()
+    plan = graspbox.plan(mesh, features=True)
+    weights = graspbox.planning.rank_weights()
+    assert plan.features is not None
+    assert plan.features.shape == (len(plan), len(weights))
+    np.testing.assert_array_equal(np.isnan(plan.features).any(axis=1), ~plan.feasible)
+    best = plan.best(200)
+    assert best.features is not None
+    lowered = best.features @ list(weights.values()) - best.score
+    assert lowered[0] == pytest.approx(0.0, abs=1e-9)
+    assert (lowered > -1e-9).all()
+    steps = lowered[lowered > 1e-9].min()
+    np.testing.assert_allclose(lowered / steps, np.round(lowered / steps), atol=1e-6)
+    assert graspbox.plan(mesh).features is None
+
+
 def test_trace_tells_the_trial() -> None:
     scene = graspbox.Scene(cuboid(0.06, 0.06, 0.12, mass=0.1))
     outcome, trace = scene.trace(from_above(0.14), 0.0)

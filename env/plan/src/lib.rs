@@ -32,4 +32,4 @@ pub use error::PlanError;
 pub use open_hand::OpenHand;
 pub use planner::{Candidate, Plan, PlanObject, PlanParams, plan};
 pub use poses::{HandFrame, PoseParams, Variation};
-pub use rank::Prediction;
+pub use rank::{Prediction, RANK_TERMS, rank_features, rank_weights};

@@ -7,6 +7,7 @@ mod score;
 mod wrench;
 
 pub use predict::Prediction;
+pub use score::{RANK_TERMS, rank_features, rank_weights};
 
 use crate::PlanError;
 use crate::collision::CollisionScene;

@@ -47,7 +47,7 @@ mod _core {
     #[pymodule_export]
     use crate::mesh::Mesh;
     #[pymodule_export]
-    use crate::plan::{decompose, plan};
+    use crate::plan::{decompose, plan, rank_weights};
     #[pymodule_export]
     use crate::procedural::{procedural, procedural_families};
     #[pymodule_export]

@@ -7,7 +7,8 @@ use crate::hand::Hand;
 use crate::mesh::Mesh;
 use graspbox_mesh::default_pose;
 use graspbox_plan::{
-    BoxNode, BoxTree, DecomposeParams, Plan, PlanObject, PlanParams, decompose as cut, plan as plan_grasps,
+    BoxNode, BoxTree, Candidate, DecomposeParams, Plan, PlanObject, PlanParams, RANK_TERMS, decompose as cut,
+    plan as plan_grasps, rank_features,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -45,9 +46,11 @@ fn tree_arrays<'py>(py: Python<'py>, tree: &BoxTree) -> PyResult<Bound<'py, PyDi
     Ok(dict)
 }
 
-/// Plans grasps; `params` is JSON. Arrays by name, one row a candidate: feasible ones first, in ranking order.
+/// Plans grasps; `params` is JSON. Arrays by name, one row a candidate: feasible ones first, in ranking order. With `features`, also what
+/// the ranking read off each (NaN where a pose is not feasible).
 #[pyfunction]
-#[pyo3(signature = (mesh, hand, params, world_from_object, cache, num_threads))]
+#[pyo3(signature = (mesh, hand, params, world_from_object, cache, num_threads, features))]
+#[allow(clippy::too_many_arguments)]
 pub fn plan<'py>(
     py: Python<'py>,
     mesh: &Mesh,
@@ -56,6 +59,7 @@ pub fn plan<'py>(
     world_from_object: Option<Floats<'py>>,
     cache: Option<PathBuf>,
     num_threads: Option<usize>,
+    features: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let params: PlanParams = config(params, "PlanConfig")?;
     let pose = world_from_object
@@ -72,7 +76,21 @@ pub fn plan<'py>(
         };
         Ok::<_, CoreError>(plan_grasps(&object, &hand, &params)?)
     })?;
-    plan_arrays(py, &plan)
+    let dict = plan_arrays(py, &plan)?;
+    if features {
+        let read = |c: &Candidate| {
+            c.prediction
+                .map_or([f64::NAN; RANK_TERMS], |p| rank_features(&p, c.grasp.preshape))
+        };
+        dict.set_item("features", table(py, plan.candidates.iter().map(read))?)?;
+    }
+    Ok(dict)
+}
+
+/// Name and weight of each term of the ranking, in the order of the features' columns.
+#[pyfunction]
+pub fn rank_weights() -> Vec<(&'static str, f64)> {
+    graspbox_plan::rank_weights().to_vec()
 }
 
 fn plan_arrays<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {

@@ -1,0 +1,177 @@
+"""Fit the weights of the planner's ranking to simulated grasps of procedural training objects.
+
+Of each object the planner's best poses and some random ones are tried; what the ranking reads off a pose
+(`graspbox.planning.rank_weights` names it) and whether it succeeded go into the log. A logistic regression with one
+intercept an object, so that it ranks poses within objects, gives the weights. Its held-out figures come from six folds
+over objects. A log that was interrupted is gone on with; one that is complete is only fitted. Begin a new one whenever
+planner or physics have changed.
+
+    python scripts/fit_ranking.py --log out/ranking.jsonl
+
+The weights stand in ``env/plan/src/rank/score.rs``, in the table ``TERMS``: put each printed number into the row of its
+name. To try another term, add a row with the weight 0 there, build, and fit. Needs the extra ``cli``.
+"""
+
+import json
+import sys
+import zlib
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import graspbox
+from graspbox.errors import GraspboxError
+from graspbox.journal import Journal
+from graspbox.object_sets import ObjectSpec
+from graspbox.planning import rank_weights
+
+Array = NDArray[np.float64]
+
+FOLDS = 6
+#: Ridge on the weight of an intercept: it only keeps objects without a success, or without a failure, finite.
+INTERCEPT_RIDGE = 0.3
+
+
+def collect(spec: ObjectSpec, top: int, others: int, seed: int) -> dict[str, Any]:
+    """Try the best `top` poses of an object and `others` of the rest: one row of the log."""
+    scene = graspbox.Scene(spec.load())
+    rest = scene.world_from_object
+    plan = graspbox.plan(scene.mesh, world_from_object=rest, seed=seed, features=True).best()
+    random = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
+    below = np.arange(min(top, len(plan)), len(plan))
+    chosen = np.concatenate([np.arange(len(plan))[:top], np.sort(random.permutation(below)[:others])])
+    out = scene.simulate(plan.poses[chosen], plan.preshape[chosen])
+    assert plan.features is not None
+    return {
+        "name": spec.name,
+        "rank": chosen.tolist(),
+        "features": plan.features[chosen].tolist(),
+        "success": out.success.tolist(),
+    }
+
+
+def fit(features: Array, success: Array, objects: NDArray[np.int64], ridge: float) -> Array:
+    """Fit the weights: features (n, k), success (n,) of 0 and 1, objects (n,); gives (k,).
+
+    `ridge` is on weights of features of unit variance.
+    """
+    scale = features.std(axis=0)
+    # A feature that does not vary says nothing; the ridge then leaves its weight at 0.
+    scale[scale < 1e-9] = 1.0
+    indicators = (objects[:, None] == np.unique(objects)).astype(np.float64)
+    x = np.hstack([(features - features.mean(axis=0)) / scale, indicators])
+    penalty = np.concatenate([np.full(features.shape[1], ridge), np.full(indicators.shape[1], INTERCEPT_RIDGE)])
+    w = np.zeros(x.shape[1])
+    for _ in range(50):
+        p = 1.0 / (1.0 + np.exp(-np.clip(x @ w, -30.0, 30.0)))
+        gradient = x.T @ (p - success) + penalty * w
+        step = np.linalg.solve((x.T * (p * (1.0 - p))) @ x + np.diag(penalty), gradient)
+        w -= step
+        if np.abs(step).max() < 1e-9:
+            break
+    weights: Array = w[: features.shape[1]] / scale
+    return weights
+
+
+def judge(score: Array, success: Array, objects: NDArray[np.int64]) -> dict[str, float]:
+    """Judge a score: how often the first pose of an object succeeds, and how many of its pairs are in order."""
+    first, pairs = [], []
+    for number in np.unique(objects):
+        mine = objects == number
+        first.append(success[mine][np.argmax(score[mine])])
+        good, bad = score[mine & (success == 1)], score[mine & (success == 0)]
+        if len(good) and len(bad):
+            pairs.append(np.mean((good[:, None] > bad) + 0.5 * (good[:, None] == bad)))
+    return {"first": float(np.mean(first)), "pairs": float(np.mean(pairs))}
+
+
+def held_out(features: Array, success: Array, objects: NDArray[np.int64], ridge: float, seed: int) -> Array:
+    """Score each object by weights that were fitted without it."""
+    fold = np.random.default_rng(seed).permutation(objects.max() + 1) % FOLDS
+    score = np.zeros(len(success))
+    for k in range(FOLDS):
+        out = fold[objects] == k
+        score[out] = features[out] @ fit(features[~out], success[~out], objects[~out], ridge)
+    return score
+
+
+def report(rows: list[dict[str, Any]], ridge: float, seed: int) -> dict[str, Any]:
+    """Fit and judge."""
+    rows = [row for row in rows if row["success"]]
+    features = np.array([x for row in rows for x in row["features"]])
+    success = np.array([float(x) for row in rows for x in row["success"]])
+    objects = np.repeat(np.arange(len(rows)), [len(row["success"]) for row in rows])
+    mixed = sum(0 < sum(row["success"]) < len(row["success"]) for row in rows)
+    if mixed < FOLDS:
+        raise graspbox.errors.ConfigError(
+            f"{mixed} of {len(rows)} objects have successes and failures; it takes {FOLDS} to fit: name more objects"
+        )
+    present = np.array(list(rank_weights().values()))
+    random = np.random.default_rng(seed).random(len(success))
+    judged = {
+        "fitted, held out": held_out(features, success, objects, ridge, seed),
+        "present weights": features @ present,
+        "random order": random,
+        "best possible": success,
+    }
+    weights = fit(features, success, objects, ridge)
+    return {
+        "objects": len(rows),
+        "poses": len(success),
+        "successes": int(success.sum()),
+        "weights": dict(zip(rank_weights(), weights.tolist(), strict=True)),
+        "judged": {name: judge(score, success, objects) for name, score in judged.items()},
+    }
+
+
+def show(facts: dict[str, Any]) -> None:
+    """Print what one pastes, and how good it is."""
+    console = Console()
+    weights = Table("term", "present", "fitted", title="TERMS of env/plan/src/rank/score.rs")
+    for (name, present), fitted in zip(rank_weights().items(), facts["weights"].values(), strict=True):
+        weights.add_row(name, f"{present:.2f}", f"{fitted:.2f}")
+    judged = Table("order by", "first pose succeeds", "pairs in order")
+    for name, row in facts["judged"].items():
+        judged.add_row(name, f"{row['first']:.1%}", f"{row['pairs']:.1%}")
+    console.print(weights)
+    console.print(judged)
+    console.print(f"{facts['objects']} objects, {facts['successes']} successes among {facts['poses']} poses")
+
+
+def main(
+    log: Annotated[Path, typer.Option(help="JSON lines, one an object; what it holds is not tried again.")],
+    objects: Annotated[str, typer.Option(help="Object set; its training split is used.")] = "procedural:2000-2003",
+    top: Annotated[int, typer.Option(min=0, help="The planner's best poses of each object.")] = 8,
+    others: Annotated[int, typer.Option(min=0, help="Random poses among the rest.")] = 24,
+    ridge: Annotated[float, typer.Option(min=0.01, help="Ridge on weights of features of unit variance.")] = 8.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of plans, random poses and folds.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Try poses, fit the weights of the ranking, and print them with their held-out figures."""
+    try:
+        terms = list(rank_weights())
+        journal = Journal(log, {"top": top, "others": others, "seed": seed, "terms": terms})
+        specs = graspbox.object_sets.load(objects, split="train")
+        known = {row["name"] for row in journal.rows}
+        missing = [spec for spec in specs if spec.name not in known]
+        for spec in track(missing, description="trying poses", console=Console(stderr=True)):
+            journal.append(collect(spec, top, others, seed))
+        names = set(specs.names)
+        facts = report([row for row in journal.rows if row["name"] in names], ridge, seed)
+    except GraspboxError as error:
+        print(f"fit_ranking: {error}", file=sys.stderr)
+        raise typer.Exit(2) from None
+    if as_json:
+        print(json.dumps(facts))
+    else:
+        show(facts)
+
+
+if __name__ == "__main__":
+    typer.run(main)
