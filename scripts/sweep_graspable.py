@@ -1,73 +1,144 @@
 """Find the YCB objects that the hand can grasp at all; writes the list behind the object set ``ycb:graspable``.
 
-An object is tried in ranking order, plan after plan with another seed, until a pose succeeds. It leaves the list only
-after 2,000 poses without a success. The log (JSON lines) lets an interrupted sweep go on where it was.
+An object is tried in ranking order, plan after plan with another seed and no pose twice, until one succeeds. It leaves
+the list only after 2,000 different feasible poses without a success, and the list says why: too flat, too large, too
+heavy. A log that was interrupted is gone on with; begin a new one whenever planner or physics have changed.
 
     python scripts/sweep_graspable.py --log out/graspable.jsonl --list python/graspbox/data/ycb_graspable.txt
+
+The exit status is 1 where an object that left fits none of these reasons, or one stays in only because it does not
+offer 2,000 poses; look at those. Needs the extras ``cli`` and ``ycb``.
 """
 
 import json
-import os
+import sys
+from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
-from rich.progress import track
+from rich.console import Console
+from rich.progress import Progress
 
 import graspbox
+from graspbox.configs import PlanConfig, PoseConfig
+from graspbox.errors import GraspboxError
+from graspbox.journal import Journal
 from graspbox.object_sets import ObjectSpec
 
 #: Poses without a success after which an object counts as not graspable.
 ENOUGH = 2000
-#: Poses a call: small enough to stop soon after the first success.
-BATCH = 40
-#: Plans a sweep: an object that offers few poses would otherwise never have been tried often enough.
-MOST_PLANS = 400
+#: Poses a call: few while a success is likely, then more, since a call keeps all threads busy but for its end.
+FIRST_BATCH, LARGEST_BATCH = 2, 64
+#: Plans a sweep: an object that offers few poses in each is not tried for ever.
+MOST_PLANS = 100
+#: Later plans vary each pose more often: they are asked for what the first did not think of.
+MORE = PlanConfig(poses=PoseConfig(variations=32))
+
+#: The length of a distal pad, metres: fingers that come from above touch a lower object with their tips alone.
+FLAT = 0.026
+#: Our choice, kg: where the tip alone touches, a finger presses with 4.5 to 7 N, and the heaviest YCB objects that most
+#: poses lift have about this mass.
+HEAVY = 0.6
+#: Our choice, metres: an object thicker than this in every direction does not fit between the fingers' middles.
+LARGE = 0.14
 
 
-def sweep(spec: ObjectSpec) -> dict[str, object]:
-    """Try poses of one object until one succeeds or enough have failed."""
+def reasons(scene: graspbox.Scene, mass: float) -> list[str]:
+    """Say what is out of the ordinary about an object: flat, large, heavy."""
+    rest = scene.world_from_object
+    points = scene.mesh.vertices @ rest[:3, :3].T + rest[:3, 3]
+    height = float(np.ptp(points[:, 2]))
+    thickness = 2.0 * float(graspbox.decompose(scene.mesh, max_boxes=1)[0].half_extents.min())
+    found = []
+    if height < FLAT:
+        found.append(f"too flat ({1e3 * height:.0f} mm)")
+    if thickness > LARGE:
+        found.append(f"too large ({1e3 * thickness:.0f} mm)")
+    if mass > HEAVY:
+        found.append(f"too heavy ({mass:.2f} kg)")
+    return found
+
+
+def sweep(spec: ObjectSpec, progress: Progress) -> dict[str, Any]:
+    """Try poses of one object until one succeeds or enough have failed: one row of the log."""
+    task = progress.add_task(spec.name, total=ENOUGH)
     scene = graspbox.Scene(spec.load())
-    tried, failures = 0, {}
+    seen: set[bytes] = set()
+    failures: Counter[str] = Counter()
+    batch = FIRST_BATCH
+    row: dict[str, Any] = {"name": spec.name, "graspable": None}
     for seed in range(MOST_PLANS):
-        plan = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object, seed=seed).best()
-        for start in range(0, len(plan), BATCH):
-            part = slice(start, start + BATCH)
+        config = PlanConfig() if seed == 0 else MORE
+        rest = scene.world_from_object
+        plan = graspbox.plan(scene.mesh, world_from_object=rest, config=config, seed=seed).best()
+        keys = [p.tobytes() + q.tobytes() for p, q in zip(plan.poses, plan.preshape, strict=True)]
+        new = [i for i, key in enumerate(keys) if key not in seen]
+        seen.update(keys)
+        while new and row["graspable"] is None:
+            part, new = new[:batch], new[batch:]
+            part = part[: ENOUGH - failures.total()]
+            batch = min(2 * batch, LARGEST_BATCH)
             out = scene.simulate(plan.poses[part], plan.preshape[part])
             if out.success.any():
-                return {"name": spec.name, "graspable": True, "tried": tried + int(out.success.argmax()) + 1}
-            tried += len(out)
-            for kind in out.failure:
-                failures[str(kind)] = failures.get(str(kind), 0) + 1
-            if tried >= ENOUGH:
-                return {"name": spec.name, "graspable": False, "tried": tried, "failures": failures}
-    return {"name": spec.name, "graspable": None, "tried": tried, "failures": failures}
+                row["graspable"] = True
+                failures.update(map(str, out.failure[: out.success.argmax()]))
+            else:
+                failures.update(map(str, out.failure))
+                if failures.total() >= ENOUGH:
+                    row["graspable"] = False
+            progress.update(task, completed=failures.total())
+        if row["graspable"] is not None:
+            break
+    progress.remove_task(task)
+    if row["graspable"] is not True:
+        row["reasons"] = reasons(scene, scene.body.mass)
+    return row | {"failed": failures.total(), "failures": dict(sorted(failures.items()))}
+
+
+def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write the names of the graspable objects, and in comments why others are left out."""
+    lines = ["# YCB objects that the ReFlex hand can grasp; made by scripts/sweep_graspable.py.", "# Left out:"]
+    for row in rows:
+        if row["graspable"] is False:
+            why = ", ".join(row["reasons"]) or "no known reason"
+            kinds = ", ".join(f"{count} {kind}" for kind, count in row["failures"].items())
+            lines.append(f"# {row['name']}: {why}; of {row['failed']} poses {kinds}")
+    lines += [row["name"] for row in rows if row["graspable"] is not False]
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text("\n".join(lines) + "\n")
+    temporary.replace(path)
 
 
 def main(
     log: Annotated[Path, typer.Option(help="JSON lines, one an object; what it holds is not swept again.")],
     list_file: Annotated[Path, typer.Option("--list", help="Where to write the names of the graspable objects.")],
     objects: Annotated[str, typer.Option(help="The object set to sweep.")] = "ycb",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the rows of the log as JSON.")] = False,
 ) -> None:
     """Sweep a set and write the list of its graspable objects."""
-    log.parent.mkdir(parents=True, exist_ok=True)
-    rows = [json.loads(line) for line in log.read_text().splitlines()] if log.is_file() else []
-    known = {row["name"] for row in rows}
-    specs = [spec for spec in graspbox.object_sets.load(objects) if spec.name not in known]
-    for spec in track(specs, description="sweeping"):
-        rows.append(sweep(spec))
-        with log.open("a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-    rows.sort(key=lambda row: row["name"])
-    lines = ["# YCB objects that the ReFlex hand can grasp; made by scripts/sweep_graspable.py.", "# Left out:"]
-    out = [row for row in rows if row["graspable"] is False]
-    lines += [f"# {row['name']}: {row['tried']} poses, {json.dumps(row['failures'])}" for row in out] or ["# none"]
-    lines += [row["name"] for row in rows if row["graspable"] is not False]
-    temporary = list_file.with_suffix(".tmp")
-    temporary.write_text("\n".join(lines) + "\n")
-    temporary.replace(list_file)
+    errors = Console(stderr=True)
+    try:
+        journal = Journal(log, {"poses": ENOUGH, "plans": MOST_PLANS})
+        specs = graspbox.object_sets.load(objects)
+        known = {row["name"] for row in journal.rows}
+        missing = [spec for spec in specs if spec.name not in known]
+        with Progress(console=errors) as progress:
+            for spec in progress.track(missing, description="objects"):
+                journal.append(sweep(spec, progress))
+    except GraspboxError as error:
+        print(f"sweep_graspable: {error}", file=sys.stderr)
+        raise typer.Exit(2) from None
+    names = set(specs.names)
+    rows = sorted((row for row in journal.rows if row["name"] in names), key=lambda row: str(row["name"]))
+    write_list(list_file, rows)
+    if as_json:
+        print(json.dumps(rows))
+    unclear = [row for row in rows if row["graspable"] is None or (row["graspable"] is False and not row["reasons"])]
+    for row in unclear:
+        errors.print(f"{row['name']}: {row['failed']} poses failed, and that does not settle it")
+    raise typer.Exit(1 if unclear else 0)
 
 
 if __name__ == "__main__":
