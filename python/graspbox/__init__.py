@@ -26,6 +26,7 @@ from graspbox.errors import GraspboxError
 from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
 from graspbox.planning import Box, BoxTree, Plan, decompose, plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace, load_hand, simulate
+from graspbox.voxels import Voxels, load_binvox, save_binvox, voxelize
 
 __all__ = [
     "Box",
@@ -45,15 +46,19 @@ __all__ = [
     "Scene",
     "Trace",
     "TrialConfig",
+    "Voxels",
     "__version__",
     "decompose",
     "errors",
+    "load_binvox",
     "load_hand",
     "load_mesh",
     "mesh_from_arrays",
     "object_sets",
     "plan",
+    "save_binvox",
     "simulate",
+    "voxelize",
 ]
 
 register()

@@ -143,6 +143,12 @@ pub enum MeshError {
         /// The range that it must lie in, as a sentence.
         rule: &'static str,
     },
+    /// There is no such way to choose voxels.
+    #[error("mode is {name:?}; choose solid or surface")]
+    UnknownMode {
+        /// What was given.
+        name: String,
+    },
     /// A procedural solid whose iso-surface is no manifold on any grid tried.
     #[error("no manifold surface of the procedural object in {tries} grids; take another seed and report this one")]
     NoManifoldSurface {

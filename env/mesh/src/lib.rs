@@ -12,6 +12,7 @@
 //! | [`field`] | signed distance on a grid |
 //! | [`parts`] | convex parts: the collision geometry |
 //! | [`resting`] | stable poses on a table |
+//! | [`voxel`] | solid and surface voxels, binvox files |
 //! | [`procedural`] | household objects made from a seed, with masses and exact convex parts |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
@@ -29,6 +30,7 @@ pub mod procedural;
 pub mod resting;
 pub mod sample;
 pub mod trimesh;
+pub mod voxel;
 
 pub use clean::{CleanOptions, CleanReport, Defect, check_manifold, check_watertight, clean};
 pub use decimate::{Decimated, Hausdorff, decimate, decimate_levels, hausdorff};
@@ -41,3 +43,6 @@ pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts};
 pub use resting::{RestingOptions, RestingPose, default_pose, resting_poses};
 pub use sample::{SurfaceSample, sample_surface};
 pub use trimesh::{Aabb, TriMesh};
+pub use voxel::{
+    FillRule, VoxelFrame, VoxelGrid, VoxelMode, VoxelOptions, load_binvox, parse_binvox, voxelize, write_binvox,
+};

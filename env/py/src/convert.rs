@@ -69,9 +69,21 @@ pub fn triples(array: &PyReadonlyArrayDyn<'_, u32>, what: &str) -> Result<Vec<[u
     Ok(entries(array, what, &[None, Some(3)])?.as_chunks::<3>().0.to_vec())
 }
 
+/// The side and the flags of a cube, shape (n, n, n).
+pub fn cube(array: &PyReadonlyArrayDyn<'_, bool>, what: &str) -> Result<(usize, Vec<bool>), CoreError> {
+    let side = array.shape().first().copied();
+    let flags = entries(array, what, &[side, side, side])?.to_vec();
+    Ok((side.unwrap_or(0), flags))
+}
+
 /// A vector, shape (n,).
 pub fn vector(array: &Floats<'_>, what: &str) -> Result<Vec<f64>, CoreError> {
     values(array, what, &[None]).map(<[f64]>::to_vec)
+}
+
+/// A point, shape (3,).
+pub fn point(array: &Floats<'_>, what: &str) -> Result<Point3<f64>, CoreError> {
+    values(array, what, &[Some(3)]).map(Point3::from_slice)
 }
 
 /// Points, shape (n, 3).

@@ -13,6 +13,7 @@
 //! | [`plan`] | box trees and plans |
 //! | [`procedural`] | objects by family and seed |
 //! | [`vector`] | many environments in one call |
+//! | [`voxel`] | voxels, and their files |
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
 
@@ -27,6 +28,7 @@ pub mod mesh;
 pub mod plan;
 pub mod procedural;
 pub mod vector;
+pub mod voxel;
 
 use pyo3::prelude::*;
 
@@ -52,6 +54,8 @@ mod _core {
     use crate::procedural::{procedural, procedural_families};
     #[pymodule_export]
     use crate::vector::{Objects, Pool, agent_tables};
+    #[pymodule_export]
+    use crate::voxel::{load_binvox, save_binvox, voxelize};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

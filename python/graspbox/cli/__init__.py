@@ -11,7 +11,7 @@ import matplotlib as mpl
 import typer
 
 import graspbox
-from graspbox.cli import bench, demo, grasp, objects, plan
+from graspbox.cli import bench, demo, grasp, objects, plan, voxelize
 from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
 
 mpl.use("agg")
@@ -19,6 +19,7 @@ mpl.use("agg")
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 typer_app.command("objects")(objects.objects)
 typer_app.command("plan")(plan.plan)
+typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)

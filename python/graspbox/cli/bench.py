@@ -45,6 +45,10 @@ def measure(threads: int | None) -> list[dict[str, Any]]:
         ("plan", planned, "ms"),
         ("reset of an episode", reset, "us"),
     ]
+    scanned = object_sets.load("ycb:025_mug")[0].load()
+    for n in (32, 128):
+        solid = 1e3 * median_seconds(partial(graspbox.voxelize, scanned, n), 31)
+        rows.append((f"solid voxels, {n} a side, mesh of {len(scanned.faces):,} faces", solid, "ms"))
     tried, seconds = 0, 0.0
     for spec in object_sets.load(list(_MIX)):
         scene = graspbox.Scene(spec.load())

@@ -1,0 +1,182 @@
+//! The cube that is cut into voxels, and which of them are set.
+
+use super::MAX_RESOLUTION;
+use crate::MeshError;
+use nalgebra::{Point3, Vector3};
+
+/// A cube of n x n x n voxels, aligned with the axes of its frame (for a mesh: the object's, metres).
+///
+/// Voxel (i, j, k) has its centre at `origin + (i + 0.5, j + 0.5, k + 0.5) * voxel_size()` and the flat index `(i * n + j) * n + k`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VoxelFrame {
+    resolution: usize,
+    origin: Point3<f64>,
+    side: f64,
+}
+
+impl VoxelFrame {
+    /// A cube with its least corner at `origin` and sides of `side` metres.
+    ///
+    /// # Errors
+    /// [`MeshError::BadParameter`] for a resolution outside 1 to 1024, corners that are not finite or a side that is not positive.
+    pub fn new(resolution: usize, origin: Point3<f64>, side: f64) -> Result<Self, MeshError> {
+        if !(1..=MAX_RESOLUTION).contains(&resolution) {
+            return Err(MeshError::BadParameter {
+                name: "resolution",
+                value: resolution as f64,
+                rule: "give 1 to 1024 voxels a side",
+            });
+        }
+        let far = origin + Vector3::repeat(side);
+        if let Some(&value) = origin.iter().chain(far.iter()).find(|x| !x.is_finite()) {
+            return Err(MeshError::BadParameter {
+                name: "a corner of the voxel grid",
+                value,
+                rule: "it must be finite",
+            });
+        }
+        if side / resolution as f64 <= 0.0 {
+            return Err(MeshError::BadParameter {
+                name: "the side of the voxel grid",
+                value: side,
+                rule: "it must be positive; a mesh that is a single point has no voxels",
+            });
+        }
+        Ok(Self {
+            resolution,
+            origin,
+            side,
+        })
+    }
+
+    /// Voxels along each side.
+    pub fn resolution(&self) -> usize {
+        self.resolution
+    }
+
+    /// Number of voxels.
+    #[allow(clippy::len_without_is_empty)]
+    pub fn len(&self) -> usize {
+        self.resolution.pow(3)
+    }
+
+    /// Least corner of the cube, metres.
+    pub fn origin(&self) -> Point3<f64> {
+        self.origin
+    }
+
+    /// Side of the cube, metres: the `scale` of a binvox file.
+    pub fn side(&self) -> f64 {
+        self.side
+    }
+
+    /// Side of a voxel, metres.
+    pub fn voxel_size(&self) -> f64 {
+        self.side / self.resolution as f64
+    }
+
+    /// Flat index of voxel (i, j, k).
+    pub fn index(&self, [i, j, k]: [usize; 3]) -> usize {
+        (i * self.resolution + j) * self.resolution + k
+    }
+
+    /// Centre of voxel (i, j, k), metres.
+    pub fn center(&self, at: [usize; 3]) -> Point3<f64> {
+        self.origin + Vector3::from(at.map(|i| i as f64 + 0.5)) * self.voxel_size()
+    }
+
+    /// The voxel that holds `p`; none beyond the cube. A point between two voxels belongs to the greater one.
+    pub fn voxel(&self, p: &Point3<f64>) -> Option<[usize; 3]> {
+        let at = self.to_grid(p);
+        let within = |x: f64| (0.0..self.resolution as f64).contains(&x);
+        at.iter().all(|&x| within(x)).then(|| at.map(|x| x as usize))
+    }
+
+    /// `p` in voxels from the least corner.
+    pub fn to_grid(&self, p: &Point3<f64>) -> [f64; 3] {
+        let size = self.voxel_size();
+        [0, 1, 2].map(|k| (p[k] - self.origin[k]) / size)
+    }
+}
+
+/// Voxels that are set or not.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VoxelGrid {
+    frame: VoxelFrame,
+    set: Vec<bool>,
+}
+
+impl VoxelGrid {
+    /// Takes one flag for each voxel, in the order of [`VoxelFrame::index`].
+    ///
+    /// # Errors
+    /// [`MeshError::BadParameter`] when there are fewer or more flags than voxels.
+    pub fn new(frame: VoxelFrame, set: Vec<bool>) -> Result<Self, MeshError> {
+        if set.len() != frame.len() {
+            return Err(MeshError::BadParameter {
+                name: "the number of voxels",
+                value: set.len() as f64,
+                rule: "it must be the cube of the resolution",
+            });
+        }
+        Ok(Self { frame, set })
+    }
+
+    /// Where the voxels are.
+    pub fn frame(&self) -> &VoxelFrame {
+        &self.frame
+    }
+
+    /// Whether each voxel is set, in the order of [`VoxelFrame::index`].
+    pub fn flags(&self) -> &[bool] {
+        &self.set
+    }
+
+    /// The flags alone.
+    pub fn into_flags(self) -> Vec<bool> {
+        self.set
+    }
+
+    /// Number of voxels that are set.
+    pub fn count(&self) -> usize {
+        self.set.iter().filter(|set| **set).count()
+    }
+
+    /// Volume of the voxels that are set, m3.
+    pub fn volume(&self) -> f64 {
+        self.count() as f64 * self.frame.voxel_size().powi(3)
+    }
+
+    /// The grid of half the resolution; a voxel is set where at least `min_parts` of its eight parts are.
+    pub(super) fn halved(&self, min_parts: u8) -> Result<Self, MeshError> {
+        let n = self.frame.resolution;
+        let frame = VoxelFrame {
+            resolution: n / 2,
+            ..self.frame
+        };
+        let mut parts = vec![0_u8; frame.len()];
+        for (row, cells) in self.set.chunks_exact(n).enumerate() {
+            let start = frame.index([row / n / 2, row % n / 2, 0]);
+            for (part, pair) in parts[start..].iter_mut().zip(cells.as_chunks::<2>().0) {
+                *part += u8::from(pair[0]) + u8::from(pair[1]);
+            }
+        }
+        Self::new(frame, parts.into_iter().map(|count| count >= min_parts).collect())
+    }
+
+    /// Clears the voxels whose six neighbours are set.
+    pub(super) fn remove_internal(&mut self) {
+        let n = self.frame.resolution;
+        let before = self.set.clone();
+        // Voxels at the border have a neighbour beyond it, which is empty.
+        for i in 1..n.saturating_sub(1) {
+            for j in 1..n - 1 {
+                for k in 1..n - 1 {
+                    let at = self.frame.index([i, j, k]);
+                    let neighbours = [at - n * n, at + n * n, at - n, at + n, at - 1, at + 1];
+                    self.set[at] &= !neighbours.iter().all(|&other| before[other]);
+                }
+            }
+        }
+    }
+}

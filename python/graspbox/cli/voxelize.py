@@ -1,0 +1,67 @@
+"""``graspbox voxelize``: voxels of an object, as a binvox file."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import graspbox
+from graspbox.cli.common import Json, Scale, console, find, print_json, print_table
+from graspbox.errors import ObjectSetError
+
+
+def voxelize(
+    mesh: Annotated[str, typer.Argument(help="A mesh file, or an object set that names one object.")],
+    resolution: Annotated[int, typer.Option("-d", "--resolution", min=1, help="Voxels along the longest side.")] = 32,
+    mode: Annotated[
+        str, typer.Option(help="Voxels with their centre inside ('solid') or touched by a triangle ('surface').")
+    ] = "solid",
+    down: Annotated[int, typer.Option(min=0, max=10, help="Halve the resolution this often.")] = 0,
+    remove_internal: Annotated[
+        bool, typer.Option("--ri", "--remove-internal", help="Clear voxels whose six neighbours are set.")
+    ] = False,
+    exact: Annotated[bool, typer.Option("-e", "--exact", help="Set every voxel that a triangle touches, too.")] = False,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write this .binvox file.")] = None,
+    scale: Scale = 1.0,
+    as_json: Json = False,
+) -> None:
+    """Cut an object into voxels; the options mean what binvox's do."""
+    found = find([mesh], None, scale)
+    if len(found) != 1:
+        raise ObjectSetError(f"{mesh!r} names {len(found)} objects; name one")
+    loaded = found[0].load()
+    started = time.perf_counter()
+    voxels = graspbox.voxelize(
+        loaded,
+        resolution,
+        mode,  # type: ignore[arg-type]
+        down=down,
+        remove_internal=remove_internal,
+        exact=exact,
+    )
+    seconds = time.perf_counter() - started
+    if out is not None:
+        voxels.save(out)
+        console.print(f"wrote {out}")
+    facts = {
+        "resolution": voxels.resolution,
+        "set": int(voxels.occupancy.sum()),
+        "volume": voxels.volume,
+        "voxel_size": voxels.voxel_size,
+        "origin": voxels.origin.tolist(),
+        "fill": voxels.fill,
+        "seconds": seconds,
+    }
+    if as_json:
+        print_json(facts)
+        return
+    rows: list[tuple[str, ...]] = [
+        ("voxels a side", str(voxels.resolution)),
+        ("side of a voxel / mm", f"{1e3 * voxels.voxel_size:.3f}"),
+        ("voxels set", f"{facts['set']:,}"),
+        ("volume of them / cm3", f"{1e6 * voxels.volume:.2f}"),
+        ("inside told by", voxels.fill or "-"),
+        ("time / ms", f"{1e3 * seconds:.1f}"),
+    ]
+    print_table(loaded.name, ("", ""), rows)
