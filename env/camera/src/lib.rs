@@ -9,6 +9,7 @@
 //! | [`renderer`] | [`Renderer`]: a scene and a camera to a [`Frame`]; many of them on rayon |
 //! | [`frame`](mod@frame) | depth, rgb, segmentation; millimetres and points made of them |
 //! | [`views`](mod@views) | cameras around an object by a plan |
+//! | [`occupancy`](mod@occupancy) | depth images to voxels: occupied, free, unseen |
 //! | `draw`, `raster` | transform, cull, clip; then scanlines into a buffer of inverse depths |
 //! | `shade`, `shadow` | colour of each pixel, and the map of what the light sees |
 //! | [`error`] | every way an input can be wrong, one sentence each |
@@ -25,6 +26,7 @@ pub mod error;
 pub mod frame;
 pub mod model;
 mod normals;
+pub mod occupancy;
 mod raster;
 pub mod renderer;
 pub mod scene;
@@ -37,6 +39,7 @@ pub use camera::{Camera, Intrinsics, Pixel};
 pub use error::CameraError;
 pub use frame::Frame;
 pub use model::{Detail, Model};
+pub use occupancy::{DepthView, Occupancy, occupancy};
 pub use renderer::{Channels, Job, Renderer, render_batch};
 pub use scene::{Instance, Light};
 pub use views::{Pattern, ViewPlan, views};

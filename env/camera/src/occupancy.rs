@@ -1,0 +1,143 @@
+//! What depth images tell of space: occupied, free or unseen.
+//!
+//! Each voxel is judged by its centre, in each view by the pixel that the centre falls on. With z the depth of the centre, d the depth
+//! measured there and h the side of a voxel:
+//!
+//! 1. occupied, where in some view `|z - d| <= h / 2`, or where a pixel's own point lies in the voxel;
+//! 2. else free, where in some view `z < d - h / 2`, or where the pixel saw nothing up to the camera's far end;
+//! 3. else unseen: behind a surface, or outside every image or its range of depths.
+//!
+//! Occupied goes before free, because a view that passes a surface at a low angle has long rays through its voxels. What is thinner than a
+//! pixel may be missed, and a surface is misplaced by as much as its depth changes within half a pixel.
+
+use crate::error::{CameraError, in_range};
+use crate::{Camera, Frame};
+use graspbox_mesh::VoxelFrame;
+use nalgebra::{Isometry3, Vector3};
+
+/// What is known of a voxel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Occupancy {
+    /// No view tells.
+    #[default]
+    Unseen = 0,
+    /// A view looks through it.
+    Free = 1,
+    /// A view sees a surface in it.
+    Occupied = 2,
+}
+
+/// A depth image and the camera that took it.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthView<'a> {
+    /// Lens, pose and range.
+    pub camera: Camera,
+    /// (H, W): metres along the optical axis; 0 where nothing was measured.
+    pub depth: &'a [f32],
+}
+
+impl<'a> DepthView<'a> {
+    /// What `frame` shows; `None` before anything was rendered.
+    #[must_use]
+    pub fn of(frame: &'a Frame) -> Option<Self> {
+        let camera = *frame.camera()?;
+        Some(Self {
+            camera,
+            depth: &frame.depth,
+        })
+    }
+
+    fn check(&self) -> Result<(), CameraError> {
+        let pixels = self.camera.intrinsics().pixels() as f64;
+        let have = self.depth.len() as f64;
+        in_range(
+            "length of a depth image",
+            have,
+            pixels,
+            pixels,
+            "rows times columns of its camera",
+        )?;
+        let rule = "[0, 1e4] metres, where 0 means that nothing was measured";
+        self.depth
+            .iter()
+            .try_for_each(|&d| in_range("depth", f64::from(d), 0.0, 1e4, rule))
+    }
+}
+
+/// What `views` tell of each voxel of `grid`, in the order of [`VoxelFrame::index`].
+///
+/// * `world_from_grid`: the frame that the grid is given in; the object's, the hand's or the world's own.
+/// * `nothing_is_free`: whether a pixel without depth saw nothing up to the camera's far end, as a rendered one did, so that its ray is
+///   free; otherwise it tells nothing, as with a sensor that loses pixels.
+///
+/// # Errors
+/// [`CameraError::OutOfRange`] for an image of another size than its camera's, and for depths that are negative or not finite.
+pub fn occupancy(
+    grid: &VoxelFrame,
+    world_from_grid: &Isometry3<f64>,
+    views: &[DepthView],
+    nothing_is_free: bool,
+) -> Result<Vec<Occupancy>, CameraError> {
+    views.iter().try_for_each(DepthView::check)?;
+    let mut cells = vec![Occupancy::Unseen; grid.len()];
+    for view in views {
+        let camera_from_grid = view.camera.world_from_camera().inv_mul(world_from_grid);
+        mark_points(grid, &camera_from_grid.inverse(), view, &mut cells);
+        judge_centers(grid, &camera_from_grid, view, nothing_is_free, &mut cells);
+    }
+    Ok(cells)
+}
+
+/// Marks the voxels that hold a pixel's point.
+fn mark_points(grid: &VoxelFrame, grid_from_camera: &Isometry3<f64>, view: &DepthView, cells: &mut [Occupancy]) {
+    let lens = view.camera.intrinsics();
+    let rows = view.depth.chunks_exact(lens.width as usize).enumerate();
+    for (v, row) in rows {
+        for (u, &d) in row.iter().enumerate().filter(|(_, d)| **d > 0.0) {
+            let point = grid_from_camera * lens.unproject(u as f64 + 0.5, v as f64 + 0.5, f64::from(d));
+            if let Some(at) = grid.voxel(&point) {
+                cells[grid.index(at)] = Occupancy::Occupied;
+            }
+        }
+    }
+}
+
+/// Compares each centre with the depth of the pixel that it falls on.
+fn judge_centers(
+    grid: &VoxelFrame,
+    camera_from_grid: &Isometry3<f64>,
+    view: &DepthView,
+    nothing_is_free: bool,
+    cells: &mut [Occupancy],
+) {
+    let lens = *view.camera.intrinsics();
+    let range = view.camera.near()..=view.camera.far();
+    let (width, height) = (f64::from(lens.width), f64::from(lens.height));
+    let (n, half) = (grid.resolution(), 0.5 * grid.voxel_size());
+    let rotation = camera_from_grid.rotation.to_rotation_matrix();
+    let step = rotation * Vector3::z() * grid.voxel_size();
+    for (column, cells) in cells.chunks_exact_mut(n).enumerate() {
+        let first = camera_from_grid * grid.center([column / n, column % n, 0]);
+        for (k, cell) in cells.iter_mut().enumerate() {
+            let p = first + step * k as f64;
+            if *cell == Occupancy::Occupied || !range.contains(&p.z) {
+                continue;
+            }
+            let (u, v) = (lens.fx * p.x / p.z + lens.cx, lens.fy * p.y / p.z + lens.cy);
+            if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
+                continue;
+            }
+            let d = f64::from(view.depth[v as usize * lens.width as usize + u as usize]);
+            if d == 0.0 {
+                if nothing_is_free {
+                    *cell = Occupancy::Free;
+                }
+            } else if (p.z - d).abs() <= half {
+                *cell = Occupancy::Occupied;
+            } else if p.z < d {
+                *cell = Occupancy::Free;
+            }
+        }
+    }
+}
