@@ -23,7 +23,7 @@ help:
 	@echo "make test        Rust and Python tests, without torch"
 	@echo "make test-train  tests that need torch and Stable-Baselines3 (several GB the first time)"
 	@echo "make test-all    all of them, the slow ones too"
-	@echo "make lint        clippy, rustfmt, ruff, mypy, stubtest"
+	@echo "make lint        clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
 	@echo "make fmt         format Rust and Python"
 	@echo "make bench       the figures of the benchmarks"
 	@echo "make docs        API pages of both languages, in out/docs/"
@@ -73,6 +73,7 @@ test-all: $(STAMPS)/train $(STAMPS)/core
 lint: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 	ruff check .
 	ruff format --check .
 	mypy
@@ -86,10 +87,17 @@ fmt: $(STAMPS)/dev
 bench: $(STAMPS)/demo $(STAMPS)/core
 	graspbox bench
 
+# The package shows what it exports; modules that it does not export have pages of their own. Importing MuJoCo starts a process.
+MODULES := $(subst /,.,$(patsubst python/%,%,$(patsubst %/__init__,%,$(basename \
+	$(wildcard python/graspbox/[a-z]*.py python/graspbox/[a-z]*/__init__.py)))))
+PAGES := graspbox $(filter-out graspbox.errors graspbox.object_sets,$(MODULES))
+
 docs: $(STAMPS)/dev $(STAMPS)/core
-	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps --target-dir $${CARGO_TARGET_DIR:-target}
-	pdoc --docformat numpy --output-directory out/docs/python graspbox
-	mkdir -p out/docs && rm -rf out/docs/rust && cp -r $${CARGO_TARGET_DIR:-target}/doc out/docs/rust
+	rm -rf out/docs && mkdir -p out/docs
+	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
+	cp -r $${CARGO_TARGET_DIR:-target}/doc out/docs/rust
+	PDOC_ALLOW_EXEC=1 pdoc --docformat numpy --output-directory out/docs/python $(PAGES)
+	echo '<a href="python/graspbox.html">Python</a> <a href="rust/graspbox_episode/index.html">Rust</a>' > out/docs/index.html
 
 clean:
 	rm -rf out $(VENV) target

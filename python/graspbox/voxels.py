@@ -1,14 +1,12 @@
 """Voxels: of a mesh, with the meaning of binvox's options, and from and to ``.binvox`` files.
 
-=============  ====================================================================================================
-binvox         here
-=============  ====================================================================================================
-``-d N``       ``resolution=N``: N voxels along the longest side of the bounds, whose least corner is the grid's
-(default)      ``mode="solid"``
-``-e``         ``mode="surface"``; ``exact=True`` adds the touched voxels to a solid instead
-``-down``      ``down``: each time a voxel is set where at least 4 of its 8 parts were
-``-ri``        ``remove_internal=True``, last of all: voxels whose six neighbours are set are cleared
-=============  ====================================================================================================
+| binvox    | here |
+|---|---|
+| ``-d N``  | ``resolution=N``: N voxels along the longest side of the bounds, whose least corner is the grid's |
+| (default) | ``mode="solid"`` |
+| ``-e``    | ``mode="surface"``; ``exact=True`` adds the touched voxels to a solid instead |
+| ``-down`` | ``down``: each time a voxel is set where at least 4 of its 8 parts were |
+| ``-ri``   | ``remove_internal=True``, last of all: voxels whose six neighbours are set are cleared |
 """
 
 import os

@@ -33,6 +33,14 @@ def test_docstring_examples_run() -> None:
     assert result.failed == 0
 
 
+def test_tables_of_docstrings_are_markdown() -> None:
+    """The API pages are Markdown: a table of reStructuredText would come out as one line."""
+    files = list((ROOT / "python/graspbox").rglob("*.py"))
+    assert len(files) > 20
+    for path in files:
+        assert not re.search(r"^ *={5,}", path.read_text(), flags=re.MULTILINE), path
+
+
 def test_readme_names_recipes_and_commands_that_exist() -> None:
     text = (ROOT / "README.md").read_text()
     makefile = (ROOT / "Makefile").read_text()

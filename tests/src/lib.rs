@@ -2,7 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`bench`] | worlds with one object, posed and driven for a test |
+//! | [`mod@bench`] | worlds with one object, posed and driven for a test |
 //! | [`scenes`] | procedural objects at rest, with the poses that the planner proposes for them |
 //! | [`two_link`] | closed forms of a finger as a planar double pendulum |
 #![allow(clippy::unwrap_used)]

@@ -2,10 +2,10 @@
 //!
 //! | module | what it reads |
 //! |---|---|
-//! | [`stl`] | both kinds, told apart by size, not by the word "solid" |
-//! | [`ply`] | vertices and polygons, everything else skipped |
-//! | [`obj`] | geometry of all groups; materials, lines and points ignored |
-//! | [`off`] | OFF, COFF, NOFF text |
+//! | `stl` | both kinds, told apart by size, not by the word "solid" |
+//! | `ply` | vertices and polygons, everything else skipped |
+//! | `obj` | geometry of all groups; materials, lines and points ignored |
+//! | `off` | OFF, COFF, NOFF text |
 //! | [`write`] | atomic writers |
 //!
 //! Headers lie: every count is held against the caller's limits and against the bytes that are there before anything is
@@ -132,7 +132,7 @@ impl Raw {
 /// Reads a mesh file; its ending names the format.
 ///
 /// Returns the mesh in metres, in the frame of the file. STL corners with the same bits become one vertex; nothing else is
-/// merged or repaired (see [`crate::clean`]). Polygons become fans of triangles.
+/// merged or repaired (see [`crate::clean()`]). Polygons become fans of triangles.
 ///
 /// # Errors
 /// [`MeshError::Io`], [`MeshError::UnknownFormat`], and everything that [`parse`] says.

@@ -3,8 +3,8 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`grid`] | the cube that is cut into voxels, and which of them are set |
-//! | [`solid`] | voxels whose centre lies inside, by counting crossings along grid lines |
-//! | [`surface`] | voxels that a triangle touches |
+//! | `solid` | voxels whose centre lies inside, by counting crossings along grid lines |
+//! | `surface` | voxels that a triangle touches |
 //! | [`binvox`] | `.binvox` files |
 //!
 //! | binvox | here |

@@ -1,7 +1,7 @@
 //! The one place that releases the GIL.
 //!
-//! Work runs on a rayon pool of this process while the calling thread waits and looks for signals every [`PATIENCE`]. On
-//! Ctrl-C it asks the work to stop, gives it [`GRACE`] to return, and leaves it behind if it does not.
+//! Work runs on a rayon pool of this process while the calling thread waits and looks for signals every `PATIENCE`. On
+//! Ctrl-C it asks the work to stop, gives it `GRACE` to return, and leaves it behind if it does not.
 
 use crate::errors::CoreError;
 use pyo3::prelude::*;

@@ -2,7 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`bench`] | what is too short to be timed through Python |
+//! | [`mod@bench`] | what is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
 //! | [`convert`] | arrays and configs, with every check of a shape or a number |
 //! | [`errors`] | one error type, and the Python exception of each error |

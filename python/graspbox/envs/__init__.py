@@ -1,8 +1,8 @@
 """Gymnasium environments; importing `graspbox` registers them.
 
-==========================  ============================================================
-``graspbox/GraspPose-v0``   one decision an episode: where to put the hand, and how
-==========================  ============================================================
+| id | what it is |
+|---|---|
+| ``graspbox/GraspPose-v0`` | one decision an episode: where to put the hand, and how |
 """
 
 import gymnasium

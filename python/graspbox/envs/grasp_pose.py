@@ -8,16 +8,14 @@ Action
 ``Box(-1, 1, (10,), float32)``, in the world's frame (z up, table top at z = 0). The box of positions is fixed in the
 world; the object is not at its centre.
 
-=======  ==========================================  =====  ====  =========================
-index    meaning                                     -1     1     unit
-=======  ==========================================  =====  ====  =========================
-0        hand position x                             -0.25  0.25  m
-1        hand position y                             -0.25  0.25  m
-2        hand position z                             0      0.40  m
-3-5      first column of ``world_from_hand``         -1     1     direction, any length
-6-8      second column of ``world_from_hand``        -1     1     direction, any length
-9        preshape                                    0      pi/2  rad (the hand's limits)
-=======  ==========================================  =====  ====  =========================
+| index | meaning                              | -1    | 1    | unit |
+|---|---|---|---|---|
+| 0     | hand position x                      | -0.25 | 0.25 | m |
+| 1     | hand position y                      | -0.25 | 0.25 | m |
+| 2     | hand position z                      | 0     | 0.40 | m |
+| 3-5   | first column of ``world_from_hand``  | -1    | 1    | direction, any length |
+| 6-8   | second column of ``world_from_hand`` | -1    | 1    | direction, any length |
+| 9     | preshape                             | 0     | pi/2 | rad (the hand's limits) |
 
 The two columns are made orthonormal in this order. Where that is impossible (a column shorter than 0.001, or the two
 within a thousandth of a radian of parallel), or where the hand collides with the object or the table at the pose or
@@ -27,16 +25,14 @@ Observation
 -----------
 ``obs="state"``: ``Box(float32)`` of 19 numbers. It is **privileged**: no camera sees it.
 
-=======  ===================================================  =====  ====  ====
-index    meaning                                              min    max   unit
-=======  ===================================================  =====  ====  ====
-0-2      origin of the object's frame, world                  -1     1     m
-3-8      first two columns of ``world_from_object``           -1     1     1
-9-11     centre of mass, world                                -1     1     m
-12-14    centre of the bounds (object's axes), world          -1     1     m
-15-17    half extents of the bounds along the object's axes   0      1     m
-18       mass                                                 0      10    kg
-=======  ===================================================  =====  ====  ====
+| index | meaning                                            | min | max | unit |
+|---|---|---|---|---|
+| 0-2   | origin of the object's frame, world                | -1  | 1   | m |
+| 3-8   | first two columns of ``world_from_object``         | -1  | 1   | 1 |
+| 9-11  | centre of mass, world                              | -1  | 1   | m |
+| 12-14 | centre of the bounds (object's axes), world        | -1  | 1   | m |
+| 15-17 | half extents of the bounds along the object's axes | 0   | 1   | m |
+| 18    | mass                                               | 0   | 10  | kg |
 
 Values beyond their range are clipped. The observation that ends the episode is the one it began with.
 

@@ -3,12 +3,12 @@
 It shares the hand's two files, the object's convex parts and the definition of success with the core, and no code. It
 needs ``mujoco`` (extra ``dev``).
 
-===============  ====================================================================
-`description`    reads a hand from the text of its URDF and its ``hand.toml``
-`scene`          hand, object, table and friction as an MJCF model
-`replay`         one trial: close, lift, hold, judge
-`compare`        many trials in both engines: equal labels, differences, speed
-===============  ====================================================================
+| module | what it does |
+|---|---|
+| `description` | reads a hand from the text of its URDF and its ``hand.toml`` |
+| `scene`       | hand, object, table and friction as an MJCF model |
+| `replay`      | one trial: close, lift, hold, judge |
+| `compare`     | many trials in both engines: equal labels, differences, speed |
 
 ``python -m graspbox.mujoco_judge --trials 200 --seed 0 [--json]``
 """

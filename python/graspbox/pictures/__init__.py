@@ -1,12 +1,12 @@
 """Pictures (extra ``cli``), one function each; ``save_*`` write a file whose ending names the format.
 
-======================  ======================================================================================
-`save_plan`             boxes on an object, and its best poses
-`save_sweep`            boxes for each pair of the planner's thresholds (the study's figures 2.3 and 2.4)
-`save_kindness`         how a failed and a firm grasp move in the hand over time (its figures 3.17 and 3.18)
-`save_stages`           a grasp in stages: open, closed, lifting, held
-`save_comparison`       its table 3.1 beside ours, as bars; `Comparison` is the table
-======================  ======================================================================================
+| function | picture |
+|---|---|
+| `save_plan`       | boxes on an object, and its best poses |
+| `save_sweep`      | boxes for each pair of the planner's thresholds (the study's figures 2.3 and 2.4) |
+| `save_kindness`   | how a failed and a firm grasp move in the hand over time (its figures 3.17 and 3.18) |
+| `save_stages`     | a grasp in stages: open, closed, lifting, held |
+| `save_comparison` | its table 3.1 beside ours, as bars; `Comparison` is the table |
 """
 
 from graspbox.pictures.plans import AREA_GAINS, MIN_VOLUMES, save_plan, save_sweep
