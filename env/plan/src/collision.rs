@@ -4,6 +4,8 @@
 //! surface. A shape wholly inside the object collides too. The approach is a straight line, so each of the hand's boxes sweeps a box (or
 //! a convex hull), and one exact test covers the whole way; nothing is stepped over.
 
+mod box_surface;
+
 use crate::PlanError;
 use crate::open_hand::{OpenHand, hull, pose, vector};
 use graspbox_hand::GraspPose;
@@ -163,7 +165,10 @@ impl CollisionScene {
         self.parts
             .iter()
             .any(|(part, bounds)| around.intersects(bounds) && meets(&*part.0))
-            || meets(&self.surface)
+            || match shape.as_cuboid() {
+                Some(cuboid) => box_surface::meets(cuboid.half_extents, place, &self.surface),
+                None => meets(&self.surface),
+            }
             || self.is_inside(place.translation)
     }
 
