@@ -186,6 +186,9 @@ class PhysicsConfig:
         Damping ratio of contacts.
     prediction : float
         Distance at which contacts are predicted, metres.
+    contact_drift : float
+        A pair is searched for contacts anew once it has moved by this since the last search, metres; 0 searches at every
+        step.
     allowed_penetration : float
         Penetration that is left alone, metres.
     gravity : float
@@ -199,7 +202,8 @@ class PhysicsConfig:
     contact_frequency: float = 240.0
     contact_damping_ratio: float = 2.0
     static_contact_frequency: float = 480.0
-    prediction: float = 0.005
+    prediction: float = 0.002
+    contact_drift: float = 5e-5
     allowed_penetration: float = 0.0005
     gravity: float = 9.81
     friction: FrictionConfig = field(default_factory=FrictionConfig)

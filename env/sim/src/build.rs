@@ -95,8 +95,9 @@ pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParam
         ),
         normalized_prediction_distance: config.prediction as f32,
         normalized_allowed_linear_error: config.allowed_penetration as f32,
-        // The engine's recycling threshold (5 cm) is a large part of a grasp: contacts would go stale.
-        contact_recycling: false,
+        // The engine's own threshold (5 cm) is a large part of a grasp: contacts would go stale.
+        contact_recycling: config.contact_drift > 0.0,
+        normalized_contact_recycle_distance: config.contact_drift as f32,
         // Household objects and fingers move slower than their own thickness a step.
         max_ccd_substeps: 0,
         // Solved contact by contact: boxes on the table lose up to 12 % of mu, but the engine's friction of whole patches lets

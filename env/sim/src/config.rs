@@ -39,6 +39,8 @@ pub struct PhysicsConfig {
     pub static_contact_frequency: f64,
     /// Distance at which contacts are predicted, metres.
     pub prediction: f64,
+    /// A pair is searched for contacts anew once it has moved by this since the last search, metres; 0 searches at every step.
+    pub contact_drift: f64,
     /// Penetration that is left alone, metres.
     pub allowed_penetration: f64,
     /// Gravity, m/s2, along -z of the world.
@@ -55,7 +57,8 @@ impl Default for PhysicsConfig {
             contact_frequency: 240.0,
             contact_damping_ratio: 2.0,
             static_contact_frequency: 480.0,
-            prediction: 0.005,
+            prediction: 0.002,
+            contact_drift: 5e-5,
             allowed_penetration: 0.0005,
             gravity: 9.81,
             friction: Friction::default(),
@@ -70,7 +73,7 @@ impl PhysicsConfig {
     /// [`SimError::BadConfig`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
         let f = &self.friction;
-        let rows: [(&'static str, f64, f64, f64, &'static str); 10] = [
+        let rows: [(&'static str, f64, f64, f64, &'static str); 11] = [
             ("dt", self.dt, 1e-5, 0.02, "between 1e-5 and 0.02 s"),
             (
                 "solver_iterations",
@@ -101,6 +104,13 @@ impl PhysicsConfig {
                 "between 1 and 1e4 Hz",
             ),
             ("prediction", self.prediction, 1e-4, 0.05, "between 1e-4 and 0.05 m"),
+            (
+                "contact_drift",
+                self.contact_drift,
+                0.0,
+                1e-3,
+                "between 0 and 0.001 m",
+            ),
             (
                 "allowed_penetration",
                 self.allowed_penetration,
