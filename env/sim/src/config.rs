@@ -104,13 +104,7 @@ impl PhysicsConfig {
                 "between 1 and 1e4 Hz",
             ),
             ("prediction", self.prediction, 1e-4, 0.05, "between 1e-4 and 0.05 m"),
-            (
-                "contact_drift",
-                self.contact_drift,
-                0.0,
-                1e-3,
-                "between 0 and 0.001 m",
-            ),
+            ("contact_drift", self.contact_drift, 0.0, 1e-3, "between 0 and 0.001 m"),
             (
                 "allowed_penetration",
                 self.allowed_penetration,
