@@ -225,7 +225,7 @@ impl Camera {
 pub(crate) fn check_pose(pose: &Isometry3<f64>, what: impl FnOnce() -> String) -> Result<(), CameraError> {
     // Comparisons that a NaN fails.
     let rigid = (pose.rotation.coords.norm() - 1.0).abs() <= 1e-6;
-    if rigid && pose.translation.vector.amax() <= FARTHEST {
+    if rigid && pose.translation.vector.iter().all(|x| x.abs() <= FARTHEST) {
         return Ok(());
     }
     Err(CameraError::BadPose { what: what() })

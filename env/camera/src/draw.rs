@@ -74,13 +74,13 @@ impl Lens {
 
     /// The error that a level may have whose ball begins at depth `z`, metres.
     fn tolerance(&self, z: f64) -> f64 {
-        PIXEL_SHARE
-            * match self {
-                Self::Pinhole {
-                    intrinsics: k, near, ..
-                } => z.max(*near) / k.fx.max(k.fy),
-                Self::Parallel { pixels_per_metre, .. } => 1.0 / pixels_per_metre,
-            }
+        match self {
+            Self::Pinhole {
+                intrinsics: k, near, ..
+            } => PIXEL_SHARE * z.max(*near) / k.fx.max(k.fy),
+            // A shadow's border is several pixels wide.
+            Self::Parallel { pixels_per_metre, .. } => 1.0 / pixels_per_metre,
+        }
     }
 }
 

@@ -7,9 +7,9 @@ use graspbox_mesh::{TriMesh, check_watertight, decimate_levels};
 use nalgebra::{Point3, Vector3};
 
 /// Faces below which a mesh is cheap enough as it is.
-const FEW_FACES: usize = 48;
+const FEW_FACES: usize = 12;
 /// Faces of the levels below the full mesh. The step from a scanned mesh to the first pays little at any image size in use.
-const LEVELS: [usize; 7] = [4096, 2048, 1024, 512, 256, 128, 64];
+const LEVELS: [usize; 9] = [4096, 2048, 1024, 512, 256, 128, 64, 28, 12];
 /// Error that [`Detail::Auto`] allows, in pixel footprints at the nearest point of the model's bounding ball.
 pub(crate) const PIXEL_SHARE: f64 = 0.5;
 
@@ -114,8 +114,8 @@ impl Model {
 
     /// The coarsest level with an error of at most `error` metres.
     pub(crate) fn level(&self, error: f64) -> &Level {
-        let coarser = self.levels[1..].iter().take_while(|level| level.error <= error);
-        coarser.last().unwrap_or(&self.levels[0])
+        let good = self.levels.iter().rev().find(|level| level.error <= error);
+        good.unwrap_or(&self.levels[0])
     }
 }
 

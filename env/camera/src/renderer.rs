@@ -112,12 +112,12 @@ impl Renderer {
             light.check()?;
             self.shadow.draw(instances, light, self.detail);
             self.draw_colored(instances, camera);
-            frame.rgb.reserve(3 * camera.intrinsics().pixels());
-            let shader = self.shader(instances, camera, light);
-            shader.rows(|row| {
-                frame
-                    .rgb
-                    .extend(row.iter().flat_map(|c| [shown(c.x), shown(c.y), shown(c.z)]))
+            frame.rgb.resize(3 * camera.intrinsics().pixels(), 0);
+            let mut pixels = frame.rgb.chunks_exact_mut(3);
+            self.shader(instances, camera, light).rows(|[red, green, blue]| {
+                for (((r, g), b), pixel) in red.iter().zip(green).zip(blue).zip(&mut pixels) {
+                    pixel.copy_from_slice(&[shown(*r), shown(*g), shown(*b)]);
+                }
             });
         } else {
             self.draw_plain(instances, camera, channels.segmentation);
@@ -162,11 +162,11 @@ impl Renderer {
             intrinsics.cy -= shift(sample / samples);
             let moved = camera.with_intrinsics(intrinsics);
             self.draw_colored(instances, &moved);
-            let mut rest = &mut sums[..];
-            self.shader(instances, &moved, light).rows(|row| {
-                let (here, below) = std::mem::take(&mut rest).split_at_mut(row.len());
-                here.iter_mut().zip(row).for_each(|(sum, color)| *sum += color);
-                rest = below;
+            let mut pixels = sums.iter_mut();
+            self.shader(instances, &moved, light).rows(|[red, green, blue]| {
+                for (((r, g), b), sum) in red.iter().zip(green).zip(blue).zip(&mut pixels) {
+                    *sum += Vector3::new(*r, *g, *b);
+                }
             });
         }
         let share = 1.0 / (samples * samples) as f32;

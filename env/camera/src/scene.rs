@@ -62,12 +62,12 @@ impl Default for Light {
     fn default() -> Self {
         Self {
             direction: Vector3::new(-0.45, 0.55, -1.0),
-            intensity: 0.75,
-            ambient: 0.35,
+            intensity: 0.72,
+            ambient: 0.34,
             softness: 0.012,
             shadows: true,
-            sky: [0.80, 0.86, 0.93],
-            floor: [0.45, 0.44, 0.43],
+            sky: [0.90, 0.93, 0.97],
+            floor: [0.62, 0.64, 0.68],
         }
     }
 }

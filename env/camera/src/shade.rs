@@ -16,8 +16,8 @@ const FROM_BELOW: f32 = 0.45;
 const FROM_EYE: f32 = 0.35;
 /// Strength of the highlight.
 const SHINE: f32 = 0.10;
-/// Shadows of open sheets are looked up this many texels in front of them: they would shade themselves.
-const LIFT: f64 = 1.5;
+/// How fast the background goes from below to above, over the sine of the elevation.
+const HORIZON: f32 = 1.2;
 
 /// What a triangle looks like: the normal over its image (world frame, of any length), and whose it is.
 pub(crate) struct Facet {
@@ -97,14 +97,9 @@ impl Linear {
     }
 }
 
-struct Material {
-    color: Vec3,
-    lift: f32,
-}
-
 impl Shader<'_> {
     /// Colours of the pixels, row by row, as squares of what is shown.
-    pub(crate) fn rows(&self, mut take: impl FnMut(&[Vec3])) {
+    pub(crate) fn rows(&self, mut take: impl FnMut(&Colors)) {
         let world_from_camera = self.camera.world_from_camera();
         let rotation = world_from_camera.rotation.to_rotation_matrix().into_inner();
         let to_texel = self.shadow.texel_from_world.matrix();
@@ -115,31 +110,68 @@ impl Shader<'_> {
             ways: Linear::rays(self.camera, rotation),
             texels: Linear::rays(self.camera, texel_axes * rotation),
             eye: eye.cast(),
-            texel_axes: texel_axes.cast(),
             to_lamp: (-self.light.direction.normalize()).cast(),
             sky: linear(self.light.sky),
             floor: linear(self.light.floor),
-            materials: self.materials(),
+            colors: self.instances.iter().map(|i| linear(i.color)).collect(),
         };
         let width = self.raster.width;
-        let mut colors = vec![Vec3::zeros(); width];
+        let (mut look, mut glow) = (Look::new(width), Glow::new(width));
         for (y, ids) in self.raster.ids.chunks_exact(width).enumerate() {
             let nearness = &self.raster.nearness[y * width..][..width];
-            scene.row(y as f32 + 0.5, ids, nearness, &mut colors);
-            take(&colors);
+            let y = y as f32 + 0.5;
+            scene.gather(y, ids, &mut look);
+            scene.light(y, &look, &mut glow);
+            scene.shadows(y, nearness, &mut glow);
+            scene.mix(&mut look.color, &glow);
+            scene.background(y, ids, &mut look.color);
+            take(&look.color);
         }
     }
+}
 
-    fn materials(&self) -> Vec<Material> {
-        let of = |instance: &Instance| Material {
-            color: linear(instance.color),
-            lift: if instance.model.is_closed() {
-                0.0
-            } else {
-                (LIFT * self.shadow.texel) as f32
-            },
-        };
-        self.instances.iter().map(of).collect()
+/// One row of red, green and blue.
+pub(crate) type Colors = [Vec<f32>; 3];
+
+/// One row of surfaces: normals of any length (zero where there is none) and colours. A vector for each coordinate, as everything in
+/// this file that is laid out in rows: the loops then run on several pixels at once.
+struct Look {
+    normal: [Vec<f32>; 3],
+    color: Colors,
+}
+
+impl Look {
+    fn new(width: usize) -> Self {
+        let row = || std::array::from_fn(|_| vec![0.0; width]);
+        Self {
+            normal: row(),
+            color: row(),
+        }
+    }
+}
+
+/// One row of light before it meets the colours.
+struct Glow {
+    /// From the surroundings and the eye.
+    around: Vec<f32>,
+    /// From the lamp: cosine, highlight, and the share that reaches the surface.
+    facing: Vec<f32>,
+    shine: Vec<f32>,
+    lit: Vec<f32>,
+    /// Column, row and nearness on the shadow map.
+    texel: [Vec<f32>; 3],
+}
+
+impl Glow {
+    fn new(width: usize) -> Self {
+        let row = || vec![0.0; width];
+        Self {
+            around: row(),
+            facing: row(),
+            shine: row(),
+            lit: row(),
+            texel: std::array::from_fn(|_| row()),
+        }
     }
 }
 
@@ -151,58 +183,123 @@ struct Scene<'a> {
     texels: Linear,
     /// The camera on the shadow map.
     eye: Vec3,
-    texel_axes: Matrix3<f32>,
     to_lamp: Vec3,
     sky: Vec3,
     floor: Vec3,
-    materials: Vec<Material>,
+    /// Of the instances.
+    colors: Vec<Vec3>,
 }
 
 impl Scene<'_> {
-    fn row(&self, y: f32, ids: &[u32], nearness: &[f32], colors: &mut [Vec3]) {
-        let way = self.ways.at + self.ways.row * y;
-        let texel = self.texels.at + self.texels.row * y;
-        for (x, ((id, nearness), color)) in ids.iter().zip(nearness).zip(colors).enumerate() {
-            let x = x as f32 + 0.5;
-            let way = way + self.ways.column * x;
-            let inverse_length = 1.0 / way.norm();
-            *color = if *id == 0 {
-                self.background(way.z * inverse_length)
-            } else {
-                let to_eye = way * -inverse_length;
-                let texel = self.eye + (texel + self.texels.column * x) * (1.0 / nearness);
-                self.surface(&self.shader.facets[*id as usize - 1], [x, y], &to_eye, texel)
-            };
+    /// Normals and colours, facet by facet.
+    fn gather(&self, y: f32, ids: &[u32], look: &mut Look) {
+        let mut start = 0;
+        for run in ids.chunk_by(|a, b| a == b) {
+            let end = start + run.len();
+            let facet = (run[0] as usize).checked_sub(1).map(|i| &self.shader.facets[i]);
+            for axis in 0..3 {
+                let normals = &mut look.normal[axis][start..end];
+                let Some(facet) = facet else {
+                    normals.fill(0.0);
+                    continue;
+                };
+                let first = facet.normal[axis] + facet.dy[axis] * (y - facet.origin[1]);
+                let (slope, from) = (facet.dx[axis], start as f32 + 0.5 - facet.origin[0]);
+                for (k, normal) in normals.iter_mut().enumerate() {
+                    *normal = first + slope * (k as i32 as f32 + from);
+                }
+                look.color[axis][start..end].fill(self.colors[facet.instance as usize][axis]);
+            }
+            start = end;
         }
     }
 
-    fn background(&self, rise: f32) -> Vec3 {
-        // The horizon is a soft band.
-        let share = (0.5 + rise * 2.5).clamp(0.0, 1.0);
-        let share = share * share * (3.0 - 2.0 * share);
-        self.floor + (self.sky - self.floor) * share
-    }
-
-    #[inline]
-    fn surface(&self, facet: &Facet, [x, y]: [f32; 2], to_eye: &Vec3, texel: Vec3) -> Vec3 {
-        let normal = facet.normal + facet.dx * (x - facet.origin[0]) + facet.dy * (y - facet.origin[1]);
-        let normal = normal * (1.0 / normal.norm().max(f32::MIN_POSITIVE));
-        let material = &self.materials[facet.instance as usize];
+    /// All that needs no shadow.
+    fn light(&self, y: f32, look: &Look, glow: &mut Glow) {
         let light = self.shader.light;
-        let around = light.ambient * (FROM_BELOW + (1.0 - FROM_BELOW) * (0.5 + 0.5 * normal.z));
-        let mut strength = around + light.ambient * FROM_EYE * normal.dot(to_eye).max(0.0);
-        let mut shine = 0.0;
-        let facing = normal.dot(&self.to_lamp);
-        if facing > 0.0 {
-            let texel = texel + self.texel_axes * normal * material.lift;
-            let lamp = light.intensity * self.shader.shadow.lit(texel.into());
-            strength += lamp * facing;
-            let half = self.to_lamp + to_eye;
-            let glance = (normal.dot(&half)).max(0.0) / half.norm().max(f32::MIN_POSITIVE);
-            shine = lamp * SHINE * glance.powi(32);
+        let (way, step, lamp) = (self.ways.at + self.ways.row * y, self.ways.column, self.to_lamp);
+        let (level, rise) = (
+            light.ambient * 0.5 * (1.0 + FROM_BELOW),
+            light.ambient * 0.5 * (1.0 - FROM_BELOW),
+        );
+        let from_eye = light.ambient * FROM_EYE;
+        let [nx, ny, nz] = &look.normal;
+        let normals = nx.iter().zip(ny).zip(nz);
+        let glows = glow.around.iter_mut().zip(&mut glow.facing).zip(&mut glow.shine);
+        for (k, (((nx, ny), nz), ((around, facing), shine))) in normals.zip(glows).enumerate() {
+            let x = k as i32 as f32 + 0.5;
+            let (wx, wy, wz) = (way.x + step.x * x, way.y + step.y * x, way.z + step.z * x);
+            let back = 1.0 / (wx * wx + wy * wy + wz * wz).sqrt();
+            let unit = 1.0 / (nx * nx + ny * ny + nz * nz + f32::MIN_POSITIVE).sqrt();
+            let to_lamp = (nx * lamp.x + ny * lamp.y + nz * lamp.z) * unit;
+            let to_eye = -(nx * wx + ny * wy + nz * wz) * unit * back;
+            *around = level + rise * nz * unit + from_eye * positive(to_eye);
+            *facing = positive(to_lamp);
+            // The square of the length of the sum of the ways to lamp and eye.
+            let half = 2.0 - 2.0 * (lamp.x * wx + lamp.y * wy + lamp.z * wz) * back;
+            let glance = positive(to_lamp + to_eye) / (positive(half) + f32::MIN_POSITIVE).sqrt();
+            // Where there is no highlight, its power would be a denormal number: those are slow.
+            *shine = SHINE * power_32(if glance > 0.25 { glance } else { 0.25 });
         }
-        material.color * strength + Vec3::repeat(shine)
     }
+
+    fn shadows(&self, y: f32, nearness: &[f32], glow: &mut Glow) {
+        for (axis, texels) in glow.texel.iter_mut().enumerate() {
+            let (first, step) = (
+                self.texels.at[axis] + self.texels.row[axis] * y,
+                self.texels.column[axis],
+            );
+            for (k, (texel, nearness)) in texels.iter_mut().zip(nearness).enumerate() {
+                *texel = self.eye[axis] + (first + step * (k as i32 as f32 + 0.5)) / nearness;
+            }
+        }
+        let [columns, rows, depths] = &glow.texel;
+        let texels = columns.iter().zip(rows).zip(depths);
+        for ((lit, facing), ((column, row), depth)) in glow.lit.iter_mut().zip(&glow.facing).zip(texels) {
+            *lit = 0.0;
+            if *facing > 0.0 {
+                *lit = self.shader.light.intensity * self.shader.shadow.lit([*column, *row, *depth]);
+            }
+        }
+    }
+
+    fn mix(&self, color: &mut Colors, glow: &Glow) {
+        for color in color {
+            let lamps = glow.facing.iter().zip(&glow.shine).zip(&glow.lit);
+            for ((color, around), ((facing, shine), lit)) in color.iter_mut().zip(&glow.around).zip(lamps) {
+                *color = *color * (around + lit * facing) + lit * shine;
+            }
+        }
+    }
+
+    /// Where nothing is: the horizon is a soft band.
+    fn background(&self, y: f32, ids: &[u32], color: &mut Colors) {
+        let way = self.ways.at + self.ways.row * y;
+        for (k, _) in ids.iter().enumerate().filter(|(_, id)| **id == 0) {
+            let way = way + self.ways.column * (k as f32 + 0.5);
+            let share = (0.5 + way.z / way.norm() * HORIZON).clamp(0.0, 1.0);
+            let share = share * share * (3.0 - 2.0 * share);
+            let shade = self.floor + (self.sky - self.floor) * share;
+            color
+                .iter_mut()
+                .zip(shade.iter())
+                .for_each(|(color, shade)| color[k] = *shade);
+        }
+    }
+}
+
+#[inline]
+fn positive(x: f32) -> f32 {
+    if x > 0.0 { x } else { 0.0 }
+}
+
+#[inline]
+fn power_32(x: f32) -> f32 {
+    let x = x * x;
+    let x = x * x;
+    let x = x * x;
+    let x = x * x;
+    x * x
 }
 
 /// A colour as the square of what is shown.
@@ -213,5 +310,8 @@ fn linear(color: [f32; 3]) -> Vec3 {
 /// The byte that shows a square.
 #[inline]
 pub(crate) fn shown(square: f32) -> u8 {
-    (square.clamp(0.0, 1.0).sqrt() * 255.0 + 0.5) as u8
+    /// Adding this rounds to the nearest whole number and leaves it in the lowest bits: much faster than a checked conversion.
+    const WHOLE: f32 = (1_u32 << 23) as f32;
+    let square = positive(if square < 1.0 { square } else { 1.0 });
+    (square.sqrt() * 255.0 + WHOLE).to_bits() as u8
 }

@@ -9,14 +9,16 @@ use nalgebra::{Affine3, Isometry3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 
 /// Texels across the soft border.
 const KERNEL: usize = 4;
-/// Texels along a side of a block; blocks know the least and greatest nearness in and next to them.
-const BLOCK: usize = 8;
+/// Texels along a side of a block; blocks know the least and greatest nearness in and next to them, so they reach beyond the kernel.
+const BLOCK: usize = 4;
 /// Most texels along a side of the map.
 const LARGEST: f64 = 1024.0;
 /// Nearness of texels in which no caster lies: the lamp's light goes on for ever.
 const NOTHING: f32 = f32::MIN;
 /// How much nearer to the lamp than the receiver a caster must be, metres.
 const BIAS: f32 = 4e-4;
+/// Open sheets would shade themselves: they throw their shadows from this many texels farther on.
+const SETBACK: f64 = 4.0;
 
 pub(crate) struct ShadowMap {
     raster: Raster,
@@ -27,7 +29,7 @@ pub(crate) struct ShadowMap {
     /// (column, row, nearness) of a world point.
     pub(crate) texel_from_world: Affine3<f64>,
     /// Width of a texel, metres.
-    pub(crate) texel: f64,
+    texel: f64,
 }
 
 impl ShadowMap {
@@ -80,15 +82,12 @@ impl ShadowMap {
             detail,
         };
         for instance in casters() {
-            draw::<false>(
-                &mut self.raster,
-                &mut self.scratch,
-                &view,
-                Cull::Front,
-                instance,
-                0,
-                &mut |_| 0,
-            );
+            let mut caster = *instance;
+            if !caster.model.is_closed() {
+                caster.world_from_model.translation.vector += way * (SETBACK * self.texel);
+            }
+            let (raster, scratch) = (&mut self.raster, &mut self.scratch);
+            draw::<false>(raster, scratch, &view, Cull::Front, &caster, 0, &mut |_| 0);
         }
         self.summarise();
         let scale = Matrix4::new_nonuniform_scaling(&Vector3::new(per_metre, per_metre, -1.0));
@@ -96,12 +95,11 @@ impl ShadowMap {
         self.texel_from_world = Affine3::from_matrix_unchecked(scale * shift * light_from_world.to_homogeneous());
     }
 
+    /// Extrema of each block, then of each with its neighbours along the rows, then along the columns.
     fn summarise(&mut self) {
         let (wide, high) = (self.raster.width / BLOCK, self.raster.height / BLOCK);
-        let join = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        let none = [f32::MAX, f32::MIN];
         self.spare.clear();
-        self.spare.resize(wide * high, none);
+        self.spare.resize(wide * high, NONE);
         for (y, row) in self.raster.nearness.chunks_exact(self.raster.width).enumerate() {
             let blocks = &mut self.spare[y / BLOCK * wide..][..wide];
             for (block, texels) in blocks.iter_mut().zip(row.chunks_exact(BLOCK)) {
@@ -109,16 +107,19 @@ impl ShadowMap {
             }
         }
         self.blocks.clear();
-        for y in 0..high {
-            for x in 0..wide {
-                let mut all = none;
-                for row in y.saturating_sub(1)..(y + 2).min(high) {
-                    let around = &self.spare[row * wide + x.saturating_sub(1)..row * wide + (x + 2).min(wide)];
-                    all = around.iter().fold(all, |a, b| join(a, *b));
-                }
-                self.blocks.push(all);
-            }
+        for row in self.spare.chunks_exact(wide) {
+            let around = |x: usize| row[x.saturating_sub(1)..(x + 2).min(wide)].iter();
+            self.blocks
+                .extend((0..wide).map(|x| around(x).fold(NONE, |a, b| join(a, *b))));
         }
+        self.spare.clear();
+        for y in 0..high {
+            let row = |y: usize| &self.blocks[y * wide..][..wide];
+            let (above, below) = (row(y.saturating_sub(1)), row((y + 1).min(high - 1)));
+            let lines = above.iter().zip(row(y)).zip(below);
+            self.spare.extend(lines.map(|((a, b), c)| join(join(*a, *b), *c)));
+        }
+        std::mem::swap(&mut self.blocks, &mut self.spare);
     }
 
     /// Share of the lamp's light that reaches a point at (column, row, nearness), in [0, 1].
@@ -126,12 +127,12 @@ impl ShadowMap {
     pub(crate) fn lit(&self, [x, y, nearness]: [f32; 3]) -> f32 {
         let half = 0.5 * KERNEL as f32;
         let (left, top) = (x - half, y - half);
-        let fits = |from: f32, size: usize| from >= 0.0 && from < size as f32 - (KERNEL + 1) as f32;
+        let fits = |from: f32, size: usize| from >= 1.0 && from < size as f32 - (KERNEL + 1) as f32;
         if !fits(left, self.raster.width) || !fits(top, self.raster.height) {
             return 1.0;
         }
         let limit = nearness + BIAS;
-        let block = y as usize / BLOCK * (self.raster.width / BLOCK) + x as usize / BLOCK;
+        let block = whole(y) / BLOCK * (self.raster.width / BLOCK) + whole(x) / BLOCK;
         let [least, most] = self.blocks[block];
         if most <= limit {
             return 1.0;
@@ -139,7 +140,7 @@ impl ShadowMap {
         if least > limit {
             return 0.0;
         }
-        let (column, row) = (left as usize, top as usize);
+        let (column, row) = (whole(left), whole(top));
         let (share_x, share_y) = (left - column as f32, top - row as f32);
         let mut shaded = 0.0;
         for k in 0..=KERNEL {
@@ -160,4 +161,22 @@ impl ShadowMap {
         let lit = 1.0 - shaded / (KERNEL * KERNEL) as f32;
         lit * lit * (3.0 - 2.0 * lit)
     }
+}
+
+/// Extrema of nothing.
+const NONE: [f32; 2] = [f32::MAX, f32::MIN];
+
+#[inline]
+fn join(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [
+        if b[0] < a[0] { b[0] } else { a[0] },
+        if b[1] > a[1] { b[1] } else { a[1] },
+    ]
+}
+
+/// `x`, at least 1, rounded down; a whole `x` may lose 1. Much faster than a checked conversion.
+#[inline]
+fn whole(x: f32) -> usize {
+    const WHOLE: f32 = (1_u32 << 23) as f32;
+    (((x - 0.5) + WHOLE).to_bits() & 0xffff) as usize
 }

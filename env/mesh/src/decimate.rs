@@ -11,6 +11,7 @@ pub use distance::{Hausdorff, hausdorff};
 
 use crate::clean::compact;
 use crate::{MeshError, TriMesh};
+use distance::{Surface, centre};
 use nalgebra::{Point3, Vector3};
 use quadric::Quadric;
 use rayon::prelude::*;
@@ -76,8 +77,10 @@ pub fn decimate_levels(mesh: &TriMesh, targets: &[usize]) -> Result<Vec<Decimate
             }
         }
     }
+    let centre = centre(mesh);
+    let original = Surface::new(mesh, &centre, SAMPLES)?;
     let measured = levels.into_par_iter().map(|level| {
-        let hausdorff = hausdorff(mesh, &level, SAMPLES)?;
+        let hausdorff = original.distance(&Surface::new(&level, &centre, SAMPLES)?);
         Ok(Decimated { mesh: level, hausdorff })
     });
     measured.collect()

@@ -24,27 +24,47 @@ pub struct Hausdorff {
 /// # Errors
 /// [`MeshError::Malformed`] should no search tree be built.
 pub fn hausdorff(a: &TriMesh, b: &TriMesh, samples: usize) -> Result<Hausdorff, MeshError> {
-    let aabb = a.aabb();
-    let centre = nalgebra::center(&aabb.min, &aabb.max).coords;
-    let (tree_a, tree_b) = (tree(a, &centre)?, tree(b, &centre)?);
-    let (mut max, mut sum, mut count) = (0.0_f64, 0.0, 0);
-    for (mesh, other) in [(a, &tree_b), (b, &tree_a)] {
-        for sample in sample_surface(mesh, samples, 0) {
-            let d = f64::from(
-                other
-                    .distance_to_local_point(to_glam(&(sample.point.coords - centre)), false)
-                    .abs(),
-            );
-            max = max.max(d);
-            sum += d;
-            count += 1;
+    let centre = centre(a);
+    Ok(Surface::new(a, &centre, samples)?.distance(&Surface::new(b, &centre, samples)?))
+}
+
+/// Where the distances of `mesh` are measured from.
+pub(super) fn centre(mesh: &TriMesh) -> Vector3<f64> {
+    let aabb = mesh.aabb();
+    nalgebra::center(&aabb.min, &aabb.max).coords
+}
+
+/// A surface made ready to be measured, relative to a centre.
+pub(super) struct Surface {
+    samples: Vec<Vector>,
+    tree: parry3d::shape::TriMesh,
+}
+
+impl Surface {
+    pub(super) fn new(mesh: &TriMesh, centre: &Vector3<f64>, samples: usize) -> Result<Self, MeshError> {
+        let points = sample_surface(mesh, samples, 0).into_iter();
+        Ok(Self {
+            samples: points.map(|s| to_glam(&(s.point.coords - centre))).collect(),
+            tree: tree(mesh, centre)?,
+        })
+    }
+
+    pub(super) fn distance(&self, other: &Self) -> Hausdorff {
+        let (mut max, mut sum, mut count) = (0.0_f64, 0.0, 0);
+        for (from, to) in [(self, other), (other, self)] {
+            for sample in &from.samples {
+                let d = f64::from(to.tree.distance_to_local_point(*sample, false).abs());
+                max = max.max(d);
+                sum += d;
+                count += 1;
+            }
+        }
+        Hausdorff {
+            max,
+            mean: if count > 0 { sum / f64::from(count) } else { 0.0 },
+            samples: self.samples.len().max(other.samples.len()),
         }
     }
-    Ok(Hausdorff {
-        max,
-        mean: if count > 0 { sum / f64::from(count) } else { 0.0 },
-        samples,
-    })
 }
 
 fn tree(mesh: &TriMesh, centre: &Vector3<f64>) -> Result<parry3d::shape::TriMesh, MeshError> {
