@@ -54,6 +54,12 @@ pub enum EpisodeError {
         /// Trials that were asked for.
         total: usize,
     },
+    /// An observation is asked for twice.
+    #[error("the observation `{name}` is named twice; name it once")]
+    Twice {
+        /// Its name.
+        name: &'static str,
+    },
     /// There is nothing to grasp.
     #[error("the list of objects is empty; give at least one")]
     NoObjects,
@@ -76,6 +82,12 @@ pub enum EpisodeError {
     BadHand {
         /// What the hand said.
         source: graspbox_hand::HandError,
+    },
+    /// The hand has no collision shapes that can be used.
+    #[error("the hand cannot be used: {source}")]
+    Unusable {
+        /// What the planner said.
+        source: graspbox_plan::PlanError,
     },
     /// An option of a reset is wrong.
     #[error("reset option `{option}`: {why}")]

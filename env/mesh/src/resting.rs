@@ -10,6 +10,9 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, V
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
+/// A face of the hull that is thinner than this share of the hull's extent is a sliver.
+const SLIVER: f64 = 1e-6;
+
 /// Which poses count.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -158,7 +161,18 @@ fn roll(facets: &[Facet], at: usize) -> Option<usize> {
 
 fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
     let count = hull.faces().len();
-    let areas: Vec<Vector3<f64>> = (0..count).map(|f| hull.face_area_vector(f)).collect();
+    // A sliver's normal is rounding alone: one that points sideways would put the centre of mass outside the hull.
+    let thin = SLIVER * hull.extent();
+    let area = |f: usize| {
+        let (area, [a, b, c]) = (hull.face_area_vector(f), hull.triangle(f));
+        let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+        if area.norm() > thin * longest {
+            area
+        } else {
+            Vector3::zeros()
+        }
+    };
+    let areas: Vec<Vector3<f64>> = (0..count).map(area).collect();
     let around = neighbours(hull);
     let label = merge(&areas, &around, merge_angle.cos());
     let number = label.iter().max().map_or(0, |m| m + 1);

@@ -91,6 +91,7 @@ impl From<EpisodeError> for CoreError {
         match error {
             EpisodeError::BadConfig { .. }
             | EpisodeError::NoObjects
+            | EpisodeError::Twice { .. }
             | EpisodeError::NoSuchObject { .. }
             | EpisodeError::UnknownObject { .. }
             | EpisodeError::BadOption { .. }
@@ -103,6 +104,7 @@ impl From<EpisodeError> for CoreError {
             | EpisodeError::Busy { .. }
             | EpisodeError::BadState { .. } => Self::Config(error.to_string()),
             EpisodeError::BadHand { source } => source.into(),
+            EpisodeError::Unusable { source } => source.into(),
             EpisodeError::Cancelled { .. } => Self::Interrupted,
             EpisodeError::Mesh { source, .. } => source.into(),
             EpisodeError::Plan { source, .. } => source.into(),

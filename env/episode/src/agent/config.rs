@@ -94,7 +94,7 @@ impl AgentConfig {
     /// Checks every setting.
     ///
     /// # Errors
-    /// [`EpisodeError::BadConfig`], naming the first setting that is out of range.
+    /// [`EpisodeError::BadConfig`], naming the first setting that is out of range; [`EpisodeError::Twice`] for an observation.
     pub fn validate(&self) -> Result<(), EpisodeError> {
         let r = &self.randomization;
         let rows = [
@@ -152,6 +152,13 @@ impl AgentConfig {
         for (field, value, low, high, expected) in rows {
             if !(low..=high).contains(&value) {
                 return Err(EpisodeError::BadConfig { field, value, expected });
+            }
+        }
+        for (i, observation) in self.observations.iter().enumerate() {
+            if self.observations[..i].contains(observation) {
+                return Err(EpisodeError::Twice {
+                    name: observation.name(),
+                });
             }
         }
         Ok(())

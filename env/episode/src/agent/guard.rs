@@ -18,14 +18,16 @@ pub const TABLE_CLEARANCE: f64 = 0.002;
 /// Net contact force on the hand from which on it moves no further against it, N: a heavy object weighs 15 N, and collaborative arms
 /// stop at 60 to 140 N.
 pub const STOP_FORCE: f64 = 60.0;
-/// The stop ends when the force has fallen to this share of [`STOP_FORCE`].
+/// The hand backs off, and the stop holds, until the force has fallen to this share of [`STOP_FORCE`].
 const RELAXED: f64 = 0.8;
-/// Time constant of the force sensor's filter, seconds: a knock is not a crush.
+/// A force of this many times [`STOP_FORCE`] stops the hand at once; smaller ones are filtered first, since a knock is not a crush.
+const AT_ONCE: f64 = 2.5;
+/// Time constant of the force sensor's filter, seconds.
 const FORCE_TIME: f64 = 0.02;
-/// Speed at which a stopped hand backs off from a force of twice the limit, m/s.
-const BACK_OFF: f64 = 0.05;
-/// Greatest deceleration of the protective stop, m/s2 and rad/s2.
-const STOP_DECELERATION: [f64; 2] = [50.0, 400.0];
+/// Greatest speed at which a stopped hand backs off, m/s.
+const BACK_OFF: f64 = 0.1;
+/// Greatest deceleration of the protective stop, m/s2 and rad/s2: from full speed to rest within 2 ms, as a collision would do it.
+const STOP_DECELERATION: [f64; 2] = [250.0, 1000.0];
 
 /// Shapes that the root carries, as points in the hand frame with a rounding, metres.
 #[derive(Clone, Debug)]
@@ -109,25 +111,50 @@ impl Brake {
 }
 
 /// The protective stop: watches the force on the hand and takes away motion against it.
+///
+/// It holds until the force has relaxed and the command no longer points against it: else a command that goes on would hammer on
+/// whatever is in the way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ProtectiveStop {
-    /// Filtered net force on the hand, hand frame, N.
+    /// Filtered net force on the hand, world axes, N.
     force: Vector3<f64>,
-    /// Where it acts, hand frame, metres.
-    at: Point3<f64>,
+    /// From the hand to where it acts, world axes, metres.
+    arm: Vector3<f64>,
+    /// Direction of the force that stopped the hand, world.
+    away: Vector3<f64>,
     /// True while motion is blocked.
     pub active: bool,
 }
 
 impl ProtectiveStop {
-    /// Takes the load of the last step of `dt` seconds.
-    pub fn feel(&mut self, load: &HandLoad, dt: f64) {
-        self.force += (load.force - self.force) * (dt / (FORCE_TIME + dt));
-        if load.force != Vector3::zeros() {
-            self.at = load.at;
+    /// Takes the load of the last step of `dt` seconds, and the velocity that is wanted now (world axes).
+    pub fn feel(
+        &mut self,
+        load: &HandLoad,
+        pose: &Isometry3<f64>,
+        (linear, angular): (&Vector3<f64>, &Vector3<f64>),
+        dt: f64,
+    ) {
+        let force = pose.rotation * load.force;
+        if !force.iter().all(|f| f.is_finite()) {
+            return;
         }
-        let limit = if self.active { RELAXED * STOP_FORCE } else { STOP_FORCE };
-        self.active = self.force.norm() > limit;
+        let share = if force.norm() > AT_ONCE * STOP_FORCE {
+            1.0
+        } else {
+            dt / (FORCE_TIME + dt)
+        };
+        self.force += (force - self.force) * share;
+        if force != Vector3::zeros() {
+            self.arm = pose.rotation * load.at.coords;
+        }
+        let size = self.force();
+        if size > STOP_FORCE {
+            self.active = true;
+            self.away = self.force / size;
+        } else if self.active && size < RELAXED * STOP_FORCE {
+            self.active = (linear + angular.cross(&self.arm)).dot(&self.away) < 0.0;
+        }
     }
 
     /// Filtered net force on the hand, N.
@@ -136,20 +163,18 @@ impl ProtectiveStop {
     }
 
     /// Takes motion against the force out of a velocity (world axes) while the stop is active.
-    pub fn limit(&self, pose: &Isometry3<f64>, linear: &mut Vector3<f64>, angular: &mut Vector3<f64>, dt: f64) {
+    pub fn limit(&self, linear: &mut Vector3<f64>, angular: &mut Vector3<f64>, dt: f64) {
         if !self.active {
             return;
         }
-        let away = (pose.rotation * self.force).normalize();
-        let arm = pose.rotation * self.at.coords;
-        if angular.cross(&arm).dot(&away) < 0.0 {
-            let rate = angular.norm();
+        let rate = angular.norm();
+        if angular.cross(&self.arm).dot(&self.away) < 0.0 {
             *angular *= 1.0 - (STOP_DECELERATION[1] * dt / rate).min(1.0);
         }
-        let floor = BACK_OFF * (self.force() / STOP_FORCE - 1.0).clamp(0.0, 1.0);
-        let missing = floor - linear.dot(&away);
+        let floor = BACK_OFF * (self.force() / STOP_FORCE - RELAXED).clamp(0.0, 1.0);
+        let missing = floor - linear.dot(&self.away);
         if missing > 0.0 {
-            *linear += away * missing.min(STOP_DECELERATION[0] * dt);
+            *linear += self.away * missing.min(STOP_DECELERATION[0] * dt);
         }
     }
 }

@@ -225,6 +225,11 @@ impl Objects {
         self.sources.iter().map(Source::name)
     }
 
+    /// Where object `index` comes from.
+    pub fn source(&self, index: usize) -> Option<&Source> {
+        self.sources.get(index)
+    }
+
     /// The hand of every scene.
     pub fn hand(&self) -> &Arc<Hand> {
         &self.hand

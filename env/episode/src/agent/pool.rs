@@ -150,12 +150,13 @@ impl Pool {
         F: Fn(usize, Result<Stepped, EpisodeError>) + Clone + Send + 'static,
     {
         self.check(envs, actions)?;
+        let mut named = vec![false; self.len()];
+        if let Some(&env) = envs.iter().find(|env| std::mem::replace(&mut named[**env], true)) {
+            return Err(EpisodeError::Busy { env });
+        }
         let size = self.rules.action;
         for (row, &env) in envs.iter().enumerate() {
-            if self.away[env].swap(true, Ordering::AcqRel) {
-                // Named twice: those before are on their way already, and this one is among them.
-                return Err(EpisodeError::Busy { env });
-            }
+            self.away[env].store(true, Ordering::Release);
             let (pool, done) = (Arc::clone(self), done.clone());
             let action = actions[row * size..(row + 1) * size].to_vec();
             rayon::spawn(move || {

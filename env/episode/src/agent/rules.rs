@@ -26,6 +26,8 @@ pub struct Rules {
     pub substeps: u32,
     /// Numbers of an action.
     pub action: usize,
+    /// The open hand at its least preshape, where episodes begin unless they are told otherwise.
+    pub open: OpenHand,
     /// For each link, the place of its contact flag: proximal and distal of each finger, then the palm.
     pub flags: Vec<usize>,
 }
@@ -45,6 +47,7 @@ impl Rules {
             .map(|o| (*o, o.table(&hand, action)))
             .collect();
         Ok(Self {
+            open: open_hand(&hand, hand.preshape_limits[0])?,
             guard: Guard::new(&hand)?,
             substeps: steps_per_control(objects.physics().dt)?,
             flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
@@ -60,21 +63,18 @@ impl Rules {
         self.objects.hand()
     }
 
-    /// The open hand at `preshape`, with the room that it needs to begin.
-    ///
-    /// # Errors
-    /// A preshape that the hand does not take.
-    pub fn open_hand(&self, preshape: f64) -> Result<OpenHand, EpisodeError> {
-        OpenHand::new(self.hand(), preshape, START_CLEARANCE, 0.0).map_err(|source| EpisodeError::Plan {
-            object: "hand".into(),
-            source,
-        })
-    }
-
     /// Numbers of all observations together.
     pub fn observed(&self) -> usize {
         self.tables.iter().flat_map(|(_, fields)| fields).map(|f| f.size).sum()
     }
+}
+
+/// The open hand at `preshape`, with the room that it needs to begin.
+///
+/// # Errors
+/// A preshape that the hand does not take.
+pub fn open_hand(hand: &Hand, preshape: f64) -> Result<OpenHand, EpisodeError> {
+    OpenHand::new(hand, preshape, START_CLEARANCE, 0.0).map_err(|source| EpisodeError::Unusable { source })
 }
 
 /// Place of a link's contact flag.

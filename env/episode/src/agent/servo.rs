@@ -89,11 +89,6 @@ impl Servo {
         (turn * self.linear, turn * self.angular)
     }
 
-    /// Height at which the hand's velocity points up, m/s.
-    pub fn climbs(&self) -> f64 {
-        self.linear.z
-    }
-
     /// Takes a goal for the coming control period.
     pub fn begin(&mut self, goal: &Goal) -> Motion {
         match goal {
@@ -133,17 +128,23 @@ impl Servo {
     ///
     /// * `load`: what pressed on the hand in the last step.
     pub fn advance(&mut self, motion: &Motion, time: f64, dt: f64, guard: &Guard, load: &HandLoad) -> Isometry3<f64> {
-        self.stop.feel(load, dt);
+        let truth = self.world_from_hand();
         let (linear, angular) = self.wanted(motion, time, dt);
+        self.stop.feel(load, &truth, (&linear, &angular), dt);
         self.linear += capped(&(linear - self.linear), LINEAR_ACCELERATION * dt);
         self.angular += capped(&(angular - self.angular), ANGULAR_ACCELERATION * dt);
-        let truth = self.world_from_hand();
-        self.stop.limit(&truth, &mut self.linear, &mut self.angular, dt);
+        self.stop.limit(&mut self.linear, &mut self.angular, dt);
         let brake = Brake {
             deceleration: LINEAR_ACCELERATION,
             dt,
         };
-        guard.limit(&truth, &mut self.linear, &self.angular, &brake);
+        // The walls are for the true hand, which a turn moves more than the believed one.
+        let lever = self
+            .angular
+            .cross(&(self.pose.rotation * self.error.translation.vector));
+        let mut linear = self.linear + lever;
+        guard.limit(&truth, &mut linear, &self.angular, &brake);
+        self.linear = linear - lever;
         self.pose = Isometry3::from_parts(
             Translation3::from(self.pose.translation.vector + self.linear * dt),
             turned(&self.pose.rotation, &(self.angular * dt)),

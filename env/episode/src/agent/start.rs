@@ -8,7 +8,7 @@
 
 use crate::agent::draw::Draw;
 use crate::agent::objects::Prepared;
-use crate::agent::rules::Rules;
+use crate::agent::rules::{Rules, open_hand};
 use crate::{EpisodeError, Scene};
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
@@ -267,8 +267,14 @@ fn place_hand(
     options: &StartOptions,
     preshape: f64,
 ) -> Result<Isometry3<f64>, EpisodeError> {
-    let open = rules.open_hand(preshape)?;
-    let collides = |hand: &Isometry3<f64>| scene.collides(&open, &(world_from_object.inverse() * hand));
+    let other;
+    let open = if preshape == rules.hand().preshape_limits[0] {
+        &rules.open
+    } else {
+        other = open_hand(rules.hand(), preshape)?;
+        &other
+    };
+    let collides = |hand: &Isometry3<f64>| scene.collides(open, &(world_from_object.inverse() * hand));
     if let Some(rows) = &options.world_from_hand {
         let hand = rigid(rows, "world_from_hand")?;
         if collides(&hand) {

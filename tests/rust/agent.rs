@@ -1,0 +1,420 @@
+//! Environments do not know of each other: the same seed and actions give the same bits, alone or beside others, now or from a state.
+//!
+//! A mismatch is always a bug: a draw that depends on a neighbour, something that is missing from a saved state, an order that is not
+//! fixed.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use graspbox_episode::EpisodeError;
+use graspbox_episode::agent::pool::Stepped;
+use graspbox_episode::agent::start::ObjectChoice;
+use graspbox_episode::agent::{
+    AgentConfig, Autoreset, Batch, Control, Objects, Observation, Pool, Randomization, StartOptions,
+};
+use graspbox_mesh::procedural::Family;
+use graspbox_sim::PhysicsConfig;
+use graspbox_tests::agent::{batch_bits, objects, pool, seeds};
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+
+const FAMILIES: [Family; 3] = [Family::Box, Family::Can, Family::Ball];
+
+/// A small generator for actions (splitmix64), the same everywhere.
+fn noise(state: &mut u64) -> f32 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut z = *state;
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+}
+
+/// The action of environment `env` at step `step`: towards the table with closing fingers, and some noise.
+fn action(size: usize, env: usize, step: usize) -> Vec<f32> {
+    let mut state = (env as u64) << 32 | step as u64;
+    let mut action: Vec<f32> = (0..size).map(|_| 0.4 * noise(&mut state)).collect();
+    action[2] = 0.5;
+    action[6..9].fill(if step % 40 > 12 { 0.9 } else { -0.5 });
+    action
+}
+
+fn actions(pool: &Pool, step: usize) -> Vec<f32> {
+    let size = pool.rules().action;
+    (0..pool.len()).flat_map(|env| action(size, env, step)).collect()
+}
+
+fn configured(objects: &Arc<Objects>, config: AgentConfig, count: usize) -> Arc<Pool> {
+    Arc::new(Pool::new(Arc::clone(objects), config, count).unwrap())
+}
+
+fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(work)
+}
+
+/// Row `row` of a batch, as bits.
+fn row(pool: &Pool, batch: &Batch, row: usize) -> Vec<u32> {
+    let count = batch.len();
+    let cut = |array: &Vec<f32>| {
+        let size = array.len() / count;
+        array[row * size..(row + 1) * size].to_vec()
+    };
+    let one = Batch {
+        envs: vec![0],
+        observations: batch.observations.iter().map(cut).collect(),
+        terms: cut(&batch.terms),
+        terminated: vec![batch.terminated[row]],
+        truncated: vec![batch.truncated[row]],
+        reset: vec![batch.reset[row]],
+        is_success: vec![batch.is_success[row]],
+        is_secure: vec![batch.is_secure[row]],
+        failure: vec![batch.failure[row]],
+        lift: vec![batch.lift[row]],
+        object: vec![batch.object[row]],
+        resting: vec![batch.resting[row]],
+        touches: vec![batch.touches[row]],
+        protective_stop: vec![batch.protective_stop[row]],
+    };
+    assert_eq!(one.observations.len(), pool.rules().tables.len());
+    batch_bits(&one)
+}
+
+/// Resets and steps; the bits of every environment, step by step.
+fn run(pool: &Pool, steps: usize) -> Vec<Vec<Vec<u32>>> {
+    let first = pool.reset(&seeds(pool), None, &StartOptions::default()).unwrap();
+    let rows = |batch: &Batch| (0..pool.len()).map(|i| row(pool, batch, i)).collect();
+    let mut bits = vec![rows(&first)];
+    bits.extend((0..steps).map(|step| rows(&pool.step(&actions(pool, step)).unwrap().now)));
+    bits
+}
+
+#[test]
+fn results_depend_on_neither_threads_nor_neighbours() {
+    let config = || AgentConfig {
+        max_episode_steps: Some(30),
+        randomization: Randomization::standard(),
+        ..AgentConfig::default()
+    };
+    let together = configured(&objects(&FAMILIES), config(), 5);
+    let bits = in_pool(3, || run(&together, 70));
+    // Another set of objects: nothing that was prepared before matters.
+    let again = configured(&objects(&FAMILIES), config(), 5);
+    assert_eq!(bits, in_pool(1, || run(&again, 70)));
+    assert!(bits.iter().flatten().any(|row| row != &bits[0][0]));
+    for env in [0, 4] {
+        let alone = configured(&again.rules().objects, config(), 1);
+        alone
+            .reset(&[Some(env as u64)], None, &StartOptions::default())
+            .unwrap();
+        for (step, all) in bits[1..].iter().enumerate() {
+            let now = alone.step(&action(alone.rules().action, env, step)).unwrap().now;
+            assert_eq!(all[env], row(&alone, &now, 0), "environment {env} at step {step}");
+        }
+    }
+}
+
+#[test]
+fn starts_vary_and_an_unseeded_reset_continues_the_stream() {
+    let pool = pool(&objects(&FAMILIES), Control::Twist, 4);
+    let options = StartOptions::default();
+    let none = vec![None; 4];
+    assert!(matches!(
+        pool.reset(&none, None, &options),
+        Err(EpisodeError::NotSeeded { env: 0 })
+    ));
+    let first = pool.reset(&seeds(&pool), None, &options).unwrap();
+    let second = pool.reset(&none, None, &options).unwrap();
+    let rows: Vec<_> = (0..4)
+        .map(|i| row(&pool, &first, i))
+        .chain((0..4).map(|i| row(&pool, &second, i)))
+        .collect();
+    for (i, a) in rows.iter().enumerate() {
+        assert!(rows[i + 1..].iter().all(|b| a != b), "start {i} came twice");
+    }
+    assert_eq!(first, pool.reset(&seeds(&pool), None, &options).unwrap());
+    assert_eq!(second, pool.reset(&none, None, &options).unwrap());
+    // A part of them: the others stay as they are, and their streams too.
+    let third = pool.reset(&none, None, &options).unwrap();
+    pool.reset(&seeds(&pool), None, &options).unwrap();
+    let partial = pool.reset(&none, Some(&[true, false, true, false]), &options).unwrap();
+    for env in 0..4 {
+        let expected = if env % 2 == 0 { &second } else { &first };
+        assert_eq!(row(&pool, &partial, env), row(&pool, expected, env));
+    }
+    pool.reset(&none, Some(&[false, true, false, true]), &options).unwrap();
+    assert_eq!(third, pool.reset(&none, None, &options).unwrap());
+}
+
+#[test]
+fn every_autoreset_mode_does_what_it_says() {
+    const LIMIT: u32 = 7;
+    let objects = objects(&[Family::Box]);
+    let make = |autoreset| {
+        let config = AgentConfig {
+            autoreset,
+            max_episode_steps: Some(LIMIT),
+            ..AgentConfig::default()
+        };
+        let pool = configured(&objects, config, 2);
+        pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+        pool
+    };
+    let (next, same, disabled) = (
+        make(Autoreset::NextStep),
+        make(Autoreset::SameStep),
+        make(Autoreset::Disabled),
+    );
+    let step = |pool: &Pool, i: usize| -> Result<Stepped, EpisodeError> { pool.step(&actions(pool, i)) };
+    for episode in 0..3 {
+        for i in 0..LIMIT as usize {
+            let (a, b, c) = (
+                step(&next, i).unwrap(),
+                step(&same, i).unwrap(),
+                step(&disabled, i).unwrap(),
+            );
+            let ends = i + 1 == LIMIT as usize;
+            assert_eq!(a.now.truncated, [ends; 2], "episode {episode}, step {i}");
+            assert_eq!(a.now, c.now);
+            assert!(a.last.is_empty() && c.last.is_empty());
+            assert_eq!(a.now.terms, b.now.terms);
+            assert_eq!(a.now.truncated, b.now.truncated);
+            assert_eq!(b.now.reset, [ends; 2]);
+            if ends {
+                assert_eq!(b.last.observations, a.now.observations);
+                assert_eq!((&b.last.lift, &b.last.failure), (&a.now.lift, &a.now.failure));
+                // The next step begins anew, whatever the action says.
+                let mut ignored = actions(&next, i);
+                ignored[0] = f32::NAN;
+                let anew = next.step(&ignored).unwrap().now;
+                assert_eq!((&anew.reset, &anew.truncated), (&vec![true; 2], &vec![false; 2]));
+                assert!(anew.terms.iter().all(|t| *t == 0.0));
+                assert_eq!(anew.observations, b.now.observations);
+                assert!(matches!(step(&disabled, i), Err(EpisodeError::Over { env: 0 })));
+                let fresh = disabled.reset(&[None; 2], None, &StartOptions::default()).unwrap();
+                assert_eq!(fresh.observations, anew.observations);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_saved_state_goes_on_bit_for_bit() {
+    let objects = objects(&FAMILIES);
+    let config = AgentConfig {
+        max_episode_steps: Some(40),
+        randomization: Randomization::standard(),
+        ..AgentConfig::default()
+    };
+    let pool = configured(&objects, config.clone(), 2);
+    pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+    for step in 0..25 {
+        pool.step(&actions(&pool, step)).unwrap();
+    }
+    let states: Vec<Vec<u8>> = (0..2).map(|env| pool.slot(env).unwrap().save(env).unwrap()).collect();
+    let seen = pool.now();
+    let go_on =
+        |pool: &Pool| -> Vec<Stepped> { (25..60).map(|step| pool.step(&actions(pool, step)).unwrap()).collect() };
+    let expected = go_on(&pool);
+    assert!(expected.iter().any(|s| s.now.reset[0]), "no autoreset on the way");
+    assert!(
+        expected.iter().any(|s| s.now.touches.contains(&true)),
+        "no contact on the way"
+    );
+    let other = configured(&objects, config.clone(), 2);
+    for (env, state) in states.iter().enumerate() {
+        other.slot(env).unwrap().restore(other.rules(), state).unwrap();
+        assert_eq!(other.slot(env).unwrap().save(env).unwrap(), *state);
+    }
+    assert_eq!(other.now().observations, seen.observations);
+    assert_eq!(expected, go_on(&other));
+    // Damage, other objects, another control mode.
+    let refuse = |pool: &Pool, bytes: &[u8]| {
+        let refused = pool.slot(0).unwrap().restore(pool.rules(), bytes);
+        assert!(refused.is_err());
+    };
+    for cut in [0, 4, 40, states[0].len() - 1] {
+        refuse(&other, &states[0][..cut]);
+    }
+    let delta = AgentConfig {
+        control: Control::TargetPose,
+        ..config.clone()
+    };
+    refuse(&configured(&objects, delta, 1), &states[0]);
+    let others = graspbox_tests::agent::objects(&[Family::Bottle]);
+    refuse(&configured(&others, config, 1), &states[0]);
+}
+
+#[test]
+fn sent_environments_arrive_as_if_stepped_together() {
+    let objects = objects(&FAMILIES);
+    let (whole, apart) = (pool(&objects, Control::Twist, 4), pool(&objects, Control::Twist, 4));
+    whole.reset(&seeds(&whole), None, &StartOptions::default()).unwrap();
+    apart.reset(&seeds(&apart), None, &StartOptions::default()).unwrap();
+    let size = apart.rules().action;
+    for step in 0..12 {
+        let expected = whole.step(&actions(&whole, step)).unwrap().now;
+        let (sender, arrivals) = channel();
+        for envs in [[3, 1], [0, 2]] {
+            let rows: Vec<f32> = envs.iter().flat_map(|env| action(size, *env, step)).collect();
+            let sender = sender.clone();
+            apart
+                .send(&envs, &rows, move |env, result| sender.send((env, result)).unwrap())
+                .unwrap();
+        }
+        assert!(matches!(
+            apart.step(&actions(&apart, step)),
+            Err(EpisodeError::Busy { .. })
+        ));
+        assert!(matches!(apart.slot(1).map(|_| ()), Err(EpisodeError::Busy { env: 1 })));
+        for _ in 0..4 {
+            let (env, result) = arrivals.recv().unwrap();
+            apart.arrived(env);
+            assert_eq!(
+                row(&apart, &result.unwrap().now, 0),
+                row(&whole, &expected, env),
+                "environment {env}, step {step}"
+            );
+        }
+        assert_eq!(apart.away(), 0);
+    }
+    let twice = apart.send(&[1, 1], &actions(&apart, 0)[..2 * size], |_, _| ());
+    assert!(matches!(twice, Err(EpisodeError::Busy { env: 1 })));
+    assert_eq!(apart.away(), 0, "nothing was sent");
+}
+
+/// A step with one bad action moves nothing, and the error says whose it was.
+#[test]
+fn bad_actions_are_refused_before_anything_moves() {
+    let pool = pool(&objects(&[Family::Box]), Control::DeltaPose, 3);
+    assert!(matches!(
+        pool.step(&actions(&pool, 0)),
+        Err(EpisodeError::NotReset { env: 0 })
+    ));
+    pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+    let before: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(env).unwrap()).collect();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut wrong = actions(&pool, 0);
+        wrong[2 * pool.rules().action + 4] = bad;
+        let error = pool.step(&wrong).unwrap_err();
+        assert!(matches!(error, EpisodeError::BadAction { env: 2, .. }), "{error}");
+        assert!(error.to_string().contains("environment 2"), "{error}");
+    }
+    let short = pool.step(&actions(&pool, 0)[1..]);
+    assert!(matches!(short, Err(EpisodeError::BadLength { .. })));
+    let after: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(env).unwrap()).collect();
+    assert_eq!(before, after);
+    // Beyond [-1, 1] counts as the bound.
+    let far: Vec<f32> = actions(&pool, 0).iter().map(|a| a.signum() * 7.0).collect();
+    let near: Vec<f32> = far.iter().map(|a| a.clamp(-1.0, 1.0)).collect();
+    let one = pool.step(&far).unwrap();
+    for (env, state) in before.iter().enumerate() {
+        pool.slot(env).unwrap().restore(pool.rules(), state).unwrap();
+    }
+    assert_eq!(one, pool.step(&near).unwrap());
+}
+
+#[test]
+fn options_fix_what_they_name_and_nothing_else() {
+    let pool = pool(&objects(&FAMILIES), Control::Twist, 1);
+    let start = |options: &StartOptions| {
+        pool.reset(&[Some(3)], None, options)?;
+        let slot = pool.slot(0)?;
+        let play = slot.play().unwrap();
+        let world = play.episode().world();
+        Ok::<_, EpisodeError>((
+            slot.outcome().info.object,
+            world.world_from_object(),
+            world.world_from_hand(),
+        ))
+    };
+    let drawn = start(&StartOptions::default()).unwrap();
+    let heavier = StartOptions {
+        mass: Some(2.0),
+        friction: Some(0.5),
+        ..StartOptions::default()
+    };
+    assert_eq!(start(&heavier).unwrap(), drawn);
+    let placed = StartOptions {
+        object: Some(ObjectChoice::Name("can".into())),
+        place: Some([0.02, -0.03, 0.0]),
+        ..StartOptions::default()
+    };
+    let (object, pose, hand) = start(&placed).unwrap();
+    assert_eq!((object, hand), (1, drawn.2));
+    assert!((pose.translation.vector.xy() - nalgebra::Vector2::new(0.02, -0.03)).norm() < 2e-3);
+    let rows = |z: f64| {
+        Some([
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, -1.0, 0.0, 0.0],
+            [0.0, 0.0, -1.0, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ])
+    };
+    let posed = StartOptions {
+        world_from_hand: rows(0.4),
+        preshape: Some(0.7),
+        ..StartOptions::default()
+    };
+    assert!((start(&posed).unwrap().2.translation.z - 0.4).abs() < 1e-12);
+    let wrong = |change: fn(&mut StartOptions)| {
+        let mut options = StartOptions::default();
+        change(&mut options);
+        start(&options).unwrap_err().to_string()
+    };
+    for (message, part) in [
+        (wrong(|o| o.object = Some(ObjectChoice::Index(9))), "no object 9"),
+        (wrong(|o| o.object = Some(ObjectChoice::Name("x".into()))), "\"x\""),
+        (wrong(|o| o.resting = Some(99)), "resting poses"),
+        (wrong(|o| o.preshape = Some(9.0)), "preshape"),
+        (wrong(|o| o.mass = Some(0.0)), "mass"),
+        (wrong(|o| o.place = Some([f64::NAN, 0.0, 0.0])), "finite"),
+        (wrong(|o| o.world_from_hand = Some([[2.0; 4]; 4])), "homogeneous"),
+        (
+            wrong(|o| {
+                o.world_from_hand = Some([
+                    [1.0, 0.0, 0.0, 0.0],
+                    [0.0, -1.0, 0.0, 0.0],
+                    [0.0, 0.0, -1.0, 0.0],
+                    [0.0, 0.0, 0.0, 1.0],
+                ]);
+            }),
+            "table",
+        ),
+    ] {
+        assert!(message.contains(part), "{message}");
+    }
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let objects = objects(&[Family::Box]);
+    let refused = |change: fn(&mut AgentConfig)| {
+        let mut config = AgentConfig::default();
+        change(&mut config);
+        Pool::new(Arc::clone(&objects), config, 1)
+            .map(|_| ())
+            .unwrap_err()
+            .to_string()
+    };
+    for (message, part) in [
+        (refused(|c| c.max_episode_steps = Some(0)), "max_episode_steps"),
+        (refused(|c| c.randomization.mass = [2.0, 1.0]), "randomization.mass"),
+        (
+            refused(|c| c.randomization.friction = [0.0, 1.0]),
+            "randomization.friction",
+        ),
+        (refused(|c| c.observations = vec![Observation::State; 2]), "state"),
+    ] {
+        assert!(message.contains(part), "{message}");
+    }
+    assert!(Pool::new(Arc::clone(&objects), AgentConfig::default(), 0).is_err());
+    let physics = PhysicsConfig {
+        dt: 0.003,
+        ..PhysicsConfig::default()
+    };
+    let hand = Arc::clone(objects.hand());
+    let odd = Objects::new(vec![objects.source(0).unwrap().clone()], hand, physics, None).unwrap();
+    let message = Pool::new(Arc::new(odd), AgentConfig::default(), 1)
+        .map(|_| ())
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("physics.dt"), "{message}");
+}

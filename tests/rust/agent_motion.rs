@@ -1,0 +1,327 @@
+//! What an agent can do to the world, and what it cannot: limits of the servo, table, protective stop, endings, success.
+//!
+//! A bug here: a hand that jerks what it holds, that is driven into the table or crushes an object; an ending that is missed.
+#![allow(clippy::unwrap_used)]
+
+use graspbox_episode::agent::config::CONTROL_PERIOD;
+use graspbox_episode::agent::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_episode::agent::play::FAILURES;
+use graspbox_episode::agent::reward::TERM_TABLE;
+use graspbox_episode::agent::servo::{
+    ANGULAR_ACCELERATION, ANGULAR_SPEED, Goal, LINEAR_ACCELERATION, LINEAR_SPEED, Servo,
+};
+use graspbox_episode::agent::start::ObjectChoice;
+use graspbox_episode::agent::{Control, Pool, StartOptions};
+use graspbox_mesh::procedural::Family;
+use graspbox_sim::HandLoad;
+use graspbox_tests::agent::{follow, objects, pool, seeds};
+use graspbox_tests::bench::{palm_down, reflex, turn_rate};
+use graspbox_tests::scenes::{planned, procedural};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+const DT: f64 = 0.002;
+const NO_LOAD: HandLoad = HandLoad {
+    force: Vector3::new(0.0, 0.0, 0.0),
+    at: Point3::new(0.0, 0.0, 0.0),
+    scenery: false,
+};
+
+/// What was worst on a way: speeds and accelerations, linear and angular; and the lowest point of the base.
+#[derive(Debug, Default)]
+struct Worst {
+    speed: [f64; 2],
+    acceleration: [f64; 2],
+    lowest: f64,
+}
+
+/// Drives a servo through `goals`, one a control period, and measures every step.
+fn drive(servo: &mut Servo, guard: &Guard, goals: impl Iterator<Item = Goal>) -> Worst {
+    let mut worst = Worst {
+        lowest: f64::INFINITY,
+        ..Worst::default()
+    };
+    let mut before = (Vector3::zeros(), Vector3::zeros());
+    for goal in goals {
+        let motion = servo.begin(&goal);
+        for i in 0..25 {
+            let from = servo.world_from_hand();
+            let to = servo.advance(&motion, f64::from(i) * DT, DT, guard, &NO_LOAD);
+            let now = (
+                (to.translation.vector - from.translation.vector) / DT,
+                turn_rate(&from, &to, DT),
+            );
+            for (k, (a, b)) in [(now.0, before.0), (now.1, before.1)].into_iter().enumerate() {
+                worst.speed[k] = worst.speed[k].max(a.norm());
+                worst.acceleration[k] = worst.acceleration[k].max((a - b).norm() / DT);
+            }
+            before = now;
+            worst.lowest = worst.lowest.min(guard.lowest(&to));
+            for axis in 0..3 {
+                let at = to.translation.vector[axis];
+                assert!(
+                    (WORKSPACE_LOW[axis] - 1e-5..=WORKSPACE_HIGH[axis] + 1e-5).contains(&at),
+                    "axis {axis}: {at}"
+                );
+            }
+        }
+    }
+    worst
+}
+
+/// Numbers in [-1, 1), the same everywhere.
+fn noise(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+}
+
+fn random_goals(seed: u64) -> impl Iterator<Item = Goal> {
+    let mut unit = noise(seed);
+    (0..400).map(move |i| {
+        let mut three = |size: f64| Vector3::new(unit(), unit(), unit()) * size;
+        // Each mode for a while, jumping between its extremes.
+        match i / 20 % 3 {
+            0 => Goal::Twist(three(2.0 * LINEAR_SPEED), three(2.0 * ANGULAR_SPEED)),
+            1 => Goal::Delta(Isometry3::new(three(0.05), three(0.2))),
+            _ => Goal::Pose(Isometry3::new(three(0.5) + Vector3::new(0.0, 0.0, 0.3), three(2.0))),
+        }
+    })
+}
+
+/// In free space the limits hold to the digit.
+#[test]
+fn the_servo_keeps_its_limits() {
+    let guard = Guard::new(&reflex()).unwrap();
+    let high = palm_down(0.0, 0.0, 0.4);
+    for seed in 0..20 {
+        let mut servo = Servo::new(&high, &Isometry3::identity());
+        let free = random_goals(seed).map(|goal| match goal {
+            Goal::Pose(pose) => Goal::Pose(Isometry3::from_parts(
+                Translation3::from(pose.translation.vector * 0.2 + Vector3::new(0.0, 0.0, 0.34)),
+                pose.rotation,
+            )),
+            // Towards the middle, so that no wall is met.
+            _ => Goal::Pose(high),
+        });
+        let worst = drive(&mut servo, &guard, free);
+        assert!(
+            worst.speed[0] <= LINEAR_SPEED + 1e-9 && worst.speed[1] <= ANGULAR_SPEED + 1e-6,
+            "{worst:?}"
+        );
+        assert!(
+            worst.speed[0] > 0.5 * LINEAR_SPEED && worst.speed[1] > 0.9 * ANGULAR_SPEED,
+            "{worst:?}"
+        );
+        assert!(worst.acceleration[0] <= LINEAR_ACCELERATION + 1e-6, "{worst:?}");
+        assert!(worst.acceleration[1] <= ANGULAR_ACCELERATION + 1e-3, "{worst:?}");
+    }
+}
+
+/// Whatever the commands, the base stays off the table and the hand inside its box.
+#[test]
+fn the_palm_never_meets_the_table() {
+    let guard = Guard::new(&reflex()).unwrap();
+    let mut lowest = f64::INFINITY;
+    for seed in 0..40 {
+        let error = Isometry3::new(Vector3::new(0.005, -0.005, 0.005), Vector3::new(0.03, 0.02, -0.03));
+        let mut servo = Servo::new(&palm_down(0.1, 0.0, 0.2), &error);
+        let sinking = random_goals(seed).map(|goal| match goal {
+            Goal::Pose(mut pose) => {
+                pose.translation.vector.z -= 0.3;
+                Goal::Pose(pose)
+            }
+            other => other,
+        });
+        let worst = drive(&mut servo, &guard, sinking);
+        lowest = lowest.min(worst.lowest);
+        println!("{worst:?}");
+        assert!(worst.acceleration[0] < 4.0 * LINEAR_ACCELERATION, "{worst:?}");
+    }
+    assert!(
+        (TABLE_CLEARANCE - 1e-9..TABLE_CLEARANCE + 0.001).contains(&lowest),
+        "{lowest}"
+    );
+}
+
+/// A goal that moves smoothly is followed without lag; one that jumps is reached and kept.
+#[test]
+fn goals_are_reached_and_followed() {
+    let guard = Guard::new(&reflex()).unwrap();
+    let start = palm_down(0.0, 0.0, 0.2);
+    let mut servo = Servo::new(&start, &Isometry3::identity());
+    for i in 1..=20 {
+        let s = f64::from(i) * CONTROL_PERIOD;
+        let rise = 0.2 * s * s * s * (10.0 + s * (6.0 * s - 15.0));
+        let goal = Translation3::new(0.0, 0.0, rise) * start;
+        drive(&mut servo, &guard, std::iter::once(Goal::Pose(goal)));
+        let lag = (servo.world_from_hand().translation.vector - goal.translation.vector).norm();
+        assert!(lag < 1.5e-3, "{lag} m behind at {s} s");
+    }
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.5, -1.0, 2.0));
+    let goal = Isometry3::from_parts(Translation3::new(0.2, -0.2, 0.5), turn * start.rotation);
+    let here = servo.world_from_hand();
+    drive(&mut servo, &guard, std::iter::repeat_n(Goal::Pose(here), 10));
+    let worst = drive(&mut servo, &guard, std::iter::repeat_n(Goal::Pose(goal), 50));
+    let at = servo.world_from_hand();
+    assert!((at.translation.vector - goal.translation.vector).norm() < 1e-5, "{at}");
+    assert!(at.rotation.angle_to(&goal.rotation) < 1e-4, "{at}");
+    assert!(worst.acceleration[0] <= LINEAR_ACCELERATION + 1e-6, "{worst:?}");
+    // Steps add up, and a hand that stands still stays where it is.
+    let step = Isometry3::new(Vector3::new(0.0, 0.0, 0.01), Vector3::zeros());
+    drive(&mut servo, &guard, std::iter::repeat_n(Goal::Delta(step), 10));
+    drive(
+        &mut servo,
+        &guard,
+        std::iter::repeat_n(Goal::Delta(Isometry3::identity()), 20),
+    );
+    let moved = goal.inverse() * servo.world_from_hand();
+    assert!(
+        (moved.translation.vector - Vector3::new(0.0, 0.0, 0.1)).norm() < 1e-4,
+        "{moved}"
+    );
+}
+
+/// An action of a pool in twist mode: velocity along z of the world at full speed, the fingers as they are.
+fn vertical(pool: &Pool, up: f32) -> Vec<f32> {
+    let mut action = vec![0.0; pool.rules().action];
+    // The palm faces down: hand z is against the world's.
+    action[2] = -up;
+    action
+}
+
+/// Pressed down on an object, the hand stops, backs off to the limit of its force, and can rise again.
+#[test]
+fn an_object_under_the_palm_is_not_crushed() {
+    let pool = pool(&objects(&[Family::Box, Family::Can, Family::Kettle]), Control::Twist, 1);
+    for (object, resting) in [(0, 0), (1, 0), (2, 0)] {
+        let hand = palm_down(0.0, 0.0, 0.45).to_homogeneous();
+        let options = StartOptions {
+            object: Some(ObjectChoice::Index(object)),
+            resting: Some(resting),
+            place: Some([0.0, 0.0, 0.4]),
+            world_from_hand: Some(std::array::from_fn(|i| std::array::from_fn(|j| hand[(i, j)]))),
+            ..StartOptions::default()
+        };
+        pool.reset(&[Some(1)], None, &options).unwrap();
+        let (mut stopped, mut pressed, mut peak, mut late, mut deepest) = (0, 0, 0.0_f64, 0.0_f64, 0.0_f64);
+        for i in 0..80 {
+            let batch = pool.step(&vertical(&pool, -1.0)).unwrap().now;
+            if batch.terminated[0] {
+                break;
+            }
+            stopped += usize::from(batch.protective_stop[0]);
+            let slot = pool.slot(0).unwrap();
+            let play = slot.play().unwrap();
+            let force = play.servo().stop.force();
+            peak = peak.max(force);
+            pressed += usize::from(force > STOP_FORCE);
+            deepest = deepest.max(play.episode().world().contacts().hand_depth);
+            late = if i >= 60 { late.max(force) } else { late };
+        }
+        let low = pool.slot(0).unwrap().play().unwrap().servo().believed().translation.z;
+        println!(
+            "object {object}: stopped in {stopped} steps, force {peak:.0} N at most, {late:.0} N late, depth {deepest:.4} m, hand at {low:.3} m"
+        );
+        assert!(stopped > 10, "the stop was never needed: the hand missed the object");
+        // A collision at full speed takes the object's momentum within a step or two; after that, nothing above the limit.
+        assert!(
+            peak < 15.0 * STOP_FORCE && pressed <= 3 && late < STOP_FORCE,
+            "{peak} N, {pressed} steps, {late} N"
+        );
+        assert!(deepest < 0.002, "{deepest} m");
+        for _ in 0..10 {
+            pool.step(&vertical(&pool, 1.0)).unwrap();
+        }
+        let high = pool.slot(0).unwrap().play().unwrap().servo().believed().translation.z;
+        assert!(high > low + 0.1, "the hand is caught at {high}");
+    }
+}
+
+/// Grasps that the planner ranks first succeed through actions alone; the terms tell the story of the grasp.
+#[test]
+fn a_planned_grasp_succeeds_by_actions_alone() {
+    for family in [Family::Box, Family::Can, Family::Ball] {
+        let objects = objects(&[family]);
+        let pool = pool(&objects, Control::TargetPose, 1);
+        let (_, scene) = objects.scene(&objects.prepared(0).unwrap(), 0).unwrap();
+        let options = StartOptions {
+            resting: Some(0),
+            ..StartOptions::default()
+        };
+        for (seed, grasp) in planned(&procedural(family, 0), &scene, 2, 0).iter().enumerate() {
+            let driven = follow(&pool, &options, seed as u64, grasp);
+            assert!(driven.success, "{family:?} {seed}: {driven:?}");
+            assert_eq!((driven.failure, driven.stopped), (0, 0));
+            let sum = |name: &str| driven.terms[TERM_TABLE.iter().position(|row| row.0 == name).unwrap()];
+            println!(
+                "{family:?} {seed}: {:?}",
+                TERM_TABLE
+                    .iter()
+                    .zip(driven.terms)
+                    .map(|(row, t)| (row.0, t))
+                    .collect::<Vec<_>>()
+            );
+            assert_eq!((sum("success"), sum("failure"), sum("stop")), (1.0, 0.0, 0.0));
+            assert!((sum("hold") - 1.0).abs() < 1e-5 && (sum("lift") - 1.0).abs() < 1e-5);
+            assert!((0.0..=1.0).contains(&sum("reach")) && (0.5..=1.0).contains(&sum("contact")));
+            let state = pool.now();
+            assert!(state.is_success[0] && state.touches[0] && state.lift[0] > 0.15);
+        }
+    }
+}
+
+#[test]
+fn a_lost_object_ends_the_episode() {
+    let pool = pool(&objects(&[Family::Ball]), Control::Twist, 1);
+    for place in [[0.52, 0.0, 0.0], [0.0, 0.75, 0.0]] {
+        let options = StartOptions {
+            place: Some(place),
+            ..StartOptions::default()
+        };
+        pool.reset(&[Some(0)], None, &options).unwrap();
+        let batch = pool.step(&vertical(&pool, 0.0)).unwrap().now;
+        assert!(batch.terminated[0] && !batch.is_success[0]);
+        assert_eq!(FAILURES[usize::from(batch.failure[0])], "no_contact");
+    }
+    // Nothing is lost where nobody moves anything.
+    pool.reset(&[Some(0)], None, &StartOptions::default()).unwrap();
+    for _ in 0..40 {
+        assert!(!pool.step(&vertical(&pool, 0.0)).unwrap().now.terminated[0]);
+    }
+}
+
+/// Numbers stay in the bounds that the tables promise, also when everything is thrown about.
+#[test]
+fn observations_and_terms_stay_in_their_bounds() {
+    for control in Control::ALL {
+        let pool = pool(&objects(&[Family::Ball, Family::Bottle, Family::Hammer]), control, 4);
+        pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+        let mut unit = noise(9);
+        for _ in 0..120 {
+            let actions: Vec<f32> = (0..4 * pool.rules().action).map(|_| (2.0 * unit()) as f32).collect();
+            let batch = pool.step(&actions).unwrap().now;
+            for ((observation, fields), values) in pool.rules().tables.iter().zip(&batch.observations) {
+                let bounds: Vec<(f32, f32)> = fields
+                    .iter()
+                    .flat_map(|f| std::iter::repeat_n((f.low as f32, f.high as f32), f.size))
+                    .collect();
+                assert_eq!(values.len(), 4 * bounds.len());
+                for (i, value) in values.iter().enumerate() {
+                    let (low, high) = bounds[i % bounds.len()];
+                    assert!((low..=high).contains(value), "{} {i}: {value}", observation.name());
+                }
+            }
+            for (i, term) in batch.terms.iter().enumerate() {
+                let (name, low, high, _) = TERM_TABLE[i % TERM_TABLE.len()];
+                assert!(
+                    (low as f32 - 1e-6..=high as f32 + 1e-6).contains(term),
+                    "{name}: {term}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! Environments of procedural objects, and a driver that follows a planned grasp by ordinary actions.
+
+use graspbox_episode::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_episode::agent::reward::TERMS;
+use graspbox_episode::agent::{AgentConfig, Batch, Control, Objects, Pool, Source, StartOptions};
+use graspbox_episode::{TrialConfig, agent::config::CONTROL_PERIOD};
+use graspbox_hand::{GraspPose, Hand, MotorKind};
+use graspbox_mesh::procedural::Family;
+use graspbox_sim::PhysicsConfig;
+use nalgebra::{Isometry3, Translation3};
+use std::sync::Arc;
+
+/// The objects `families` with seed 0, for the ReFlex.
+pub fn objects(families: &[Family]) -> Arc<Objects> {
+    let source = |family: &Family| Source::Procedural {
+        name: family.name().to_owned(),
+        family: *family,
+        seed: 0,
+        scale: 1.0,
+        mass: None,
+    };
+    let hand = Arc::new(crate::bench::reflex());
+    let sources = families.iter().map(source).collect();
+    Arc::new(Objects::new(sources, hand, PhysicsConfig::default(), None).unwrap())
+}
+
+/// Environments with a given control mode.
+pub fn pool(objects: &Arc<Objects>, control: Control, count: usize) -> Arc<Pool> {
+    let config = AgentConfig {
+        control,
+        ..AgentConfig::default()
+    };
+    Arc::new(Pool::new(Arc::clone(objects), config, count).unwrap())
+}
+
+/// Seeds 0, 1, ... for a pool.
+pub fn seeds(pool: &Pool) -> Vec<Option<u64>> {
+    (0..pool.len() as u64).map(Some).collect()
+}
+
+/// Every number of a batch, as bits.
+pub fn batch_bits(batch: &Batch) -> Vec<u32> {
+    let numbers = batch
+        .observations
+        .iter()
+        .flatten()
+        .chain(&batch.terms)
+        .map(|x| x.to_bits());
+    let flags = [
+        &batch.terminated,
+        &batch.truncated,
+        &batch.reset,
+        &batch.is_success,
+        &batch.is_secure,
+        &batch.touches,
+        &batch.protective_stop,
+    ];
+    let flags = flags.into_iter().flatten().map(|f| u32::from(*f));
+    let codes = batch.failure.iter().map(|c| u32::from(*c));
+    let lift = batch.lift.iter().map(|l| (*l as f32).to_bits());
+    let objects = batch.object.iter().chain(&batch.resting).map(|i| *i as u32);
+    numbers.chain(flags).chain(codes).chain(lift).chain(objects).collect()
+}
+
+/// The `target_pose` action that sends the hand to `world_from_hand`; fingers close with `spool` in [-1, 1].
+pub fn target(hand: &Hand, world_from_hand: &Isometry3<f64>, spool: f64, preshape: f64) -> Vec<f32> {
+    let mut action: Vec<f64> = (0..3)
+        .map(|i| {
+            let (low, high) = (WORKSPACE_LOW[i], WORKSPACE_HIGH[i]);
+            2.0 * (world_from_hand.translation.vector[i] - low) / (high - low) - 1.0
+        })
+        .collect();
+    let turn = world_from_hand.rotation.to_rotation_matrix();
+    action.extend((0..6).map(|i| turn[(i % 3, i / 3)]));
+    let [low, high] = hand.preshape_limits;
+    action.extend(hand.motors.iter().map(|m| match m.kind {
+        MotorKind::Finger(_) => spool,
+        MotorKind::Preshape => 2.0 * (preshape - low) / (high - low) - 1.0,
+    }));
+    action.into_iter().map(|x| x as f32).collect()
+}
+
+/// What came of a grasp that was driven by actions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Driven {
+    /// It succeeded.
+    pub success: bool,
+    /// Failure code at the end.
+    pub failure: u8,
+    /// Actions that were sent.
+    pub steps: usize,
+    /// Of these, with the protective stop active.
+    pub stopped: usize,
+    /// Reward terms, summed.
+    pub terms: [f32; TERMS],
+}
+
+/// Follows `grasp` in environment 0 of a pool of one in `target_pose` mode: over the object, to the standoff, down, close, lift, hold.
+pub fn follow(pool: &Pool, options: &StartOptions, seed: u64, grasp: &GraspPose) -> Driven {
+    pool.reset(&[Some(seed)], None, options).unwrap();
+    let hand = Arc::clone(pool.rules().hand());
+    let trial = TrialConfig::default();
+    let (start, object) = {
+        let slot = pool.slot(0).unwrap();
+        let world = slot.play().unwrap().episode().world();
+        (world.world_from_hand(), world.world_from_object())
+    };
+    let goal = object * grasp.object_from_hand;
+    let standoff = goal * Translation3::new(0.0, 0.0, -trial.standoff);
+    let high = start.translation.vector.z.max(standoff.translation.vector.z).max(0.35);
+    let over = |pose: &Isometry3<f64>| {
+        let mut pose = *pose;
+        pose.translation.vector.z = high;
+        pose
+    };
+    let mut driven = Driven {
+        success: false,
+        failure: 0,
+        steps: 0,
+        stopped: 0,
+        terms: [0.0; TERMS],
+    };
+    let mut go = |pose: &Isometry3<f64>, spool: f64| {
+        let batch = pool.step(&target(&hand, pose, spool, grasp.preshape)).unwrap().now;
+        driven.success = batch.is_success[0];
+        driven.failure = batch.failure[0];
+        driven.steps += 1;
+        driven.stopped += usize::from(batch.protective_stop[0]);
+        driven
+            .terms
+            .iter_mut()
+            .zip(&batch.terms)
+            .for_each(|(sum, term)| *sum += term);
+        batch.terminated[0]
+    };
+    let near = |pose: &Isometry3<f64>| {
+        let slot = pool.slot(0).unwrap();
+        let at = *slot.play().unwrap().servo().believed();
+        let still = slot.play().unwrap().servo().velocity().0.norm() < 0.005;
+        still
+            && (at.translation.vector - pose.translation.vector).norm() < 5e-4
+            && at.rotation.angle_to(&pose.rotation) < 5e-3
+    };
+    let mut ended = false;
+    for pose in [over(&start), over(&standoff), standoff, goal] {
+        for _ in 0..80 {
+            if ended || near(&pose) {
+                break;
+            }
+            ended = go(&pose, -1.0);
+        }
+    }
+    let close = 3.0 / 3.5;
+    let steps = |time: f64| (time / CONTROL_PERIOD).round() as usize;
+    for _ in 0..steps(trial.close_time) {
+        ended = ended || go(&goal, close);
+    }
+    for i in 1..=steps(trial.lift_time) + steps(2.0) {
+        let s = (i as f64 * CONTROL_PERIOD / trial.lift_time).min(1.0);
+        let rise = trial.lift_height * s * s * s * (10.0 + s * (6.0 * s - 15.0));
+        ended = ended || go(&(Translation3::new(0.0, 0.0, rise) * goal), close);
+    }
+    driven
+}
