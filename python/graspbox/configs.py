@@ -187,8 +187,8 @@ class PhysicsConfig:
     prediction : float
         Distance at which contacts are predicted, metres.
     contact_drift : float
-        A pair is searched for contacts anew once it has moved by this since the last search, metres; 0 searches at every
-        step.
+        A pair is searched for contacts anew once it has moved by this since the last search, metres; 0 searches at
+        every step.
     allowed_penetration : float
         Penetration that is left alone, metres.
     gravity : float
