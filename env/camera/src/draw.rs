@@ -72,7 +72,7 @@ impl Lens {
         in_depth && !beyond(center.x, k.fx, k.cx, k.width) && !beyond(center.y, k.fy, k.cy, k.height)
     }
 
-    /// The error that a level may have whose ball begins at depth `z`, metres.
+    /// The error that a level may have whose bounds begin at depth `z`, metres.
     fn tolerance(&self, z: f64) -> f64 {
         match self {
             Self::Pinhole {
@@ -143,7 +143,10 @@ pub(crate) fn draw<const IDS: bool>(
     }
     let level = match view.detail {
         Detail::Full => model.level(0.0),
-        Detail::Auto => model.level(view.lens.tolerance(center.z - radius)),
+        Detail::Auto => {
+            let depths = model.bounds().map(|p| (view_from_model * p).z);
+            model.level(view.lens.tolerance(depths.fold(f64::INFINITY, f64::min)))
+        }
     };
     let rotation = view_from_model.rotation.to_rotation_matrix();
     let place = |p: &Point3<f64>| rotation * p + view_from_model.translation.vector;

@@ -8,15 +8,16 @@ use nalgebra::{Point3, Vector3};
 
 /// Faces below which a mesh is cheap enough as it is.
 const FEW_FACES: usize = 12;
-/// Faces of the levels below the full mesh. The step from a scanned mesh to the first pays little at any image size in use.
-const LEVELS: [usize; 9] = [4096, 2048, 1024, 512, 256, 128, 64, 28, 12];
-/// Error that [`Detail::Auto`] allows, in pixel footprints at the nearest point of the model's bounding ball.
+/// Faces of the levels below the full mesh.
+const LEVELS: [usize; 10] = [8192, 4096, 2048, 1024, 512, 256, 128, 64, 28, 12];
+/// Error that [`Detail::Auto`] allows, in pixel footprints at the nearest point of the model's bounds.
 pub(crate) const PIXEL_SHARE: f64 = 0.5;
 
 /// Which level of a model is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Detail {
-    /// The coarsest level whose error is at most half a pixel: half of z / f, z the least depth of the model's bounding ball.
+    /// The coarsest level whose error is at most half a pixel: half of z / f, z the least depth of the model's
+    /// bounding box.
     #[default]
     Auto,
     /// The mesh as it was given.

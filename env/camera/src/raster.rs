@@ -7,8 +7,8 @@
 /// A projected corner: column, row, nearness.
 pub(crate) type Corner = [f64; 3];
 
-/// Below this area, pixels squared, gradients other than nearness drown in rounding.
-const SLIVER: f64 = 1e-4;
+/// Twice the area, pixels squared, below which a triangle has one normal.
+const SMALL: f64 = 3.0;
 
 pub(crate) struct Raster {
     pub(crate) width: usize,
@@ -32,13 +32,9 @@ impl Gradient {
         [b * cy - c * by, c * bx - b * cx]
     }
 
-    /// As [`Gradient::of`], and none for slivers.
-    pub(crate) fn smooth(&self, values: [f64; 3]) -> [f64; 2] {
-        if self.per_area.abs() < 1.0 / SLIVER {
-            self.of(values)
-        } else {
-            [0.0; 2]
-        }
+    /// Whether the image is about a pixel, or a sliver whose gradients drown in rounding.
+    pub(crate) fn is_small(&self) -> bool {
+        self.per_area.abs() > 1.0 / SMALL
     }
 }
 
@@ -72,6 +68,13 @@ impl Raster {
     ///
     /// Returns its gradient, or `None` where it covers no pixel's centre by its bounds.
     pub(crate) fn triangle<const IDS: bool>(&mut self, corners: &[Corner; 3], area: f64, id: u32) -> Option<Gradient> {
+        let [left, right] = range(corners, 0);
+        let [upper, lower] = range(corners, 1);
+        let (first, end) = (pixel_from(upper, self.height), pixel_from(lower, self.height));
+        // Many triangles of a fine mesh lie between the pixels' centres.
+        if first >= end || pixel_from(left, self.width) >= pixel_from(right, self.width) || area == 0.0 {
+            return None;
+        }
         let [mut top, mut mid, mut low] = *corners;
         if top[1] > mid[1] {
             (top, mid) = (mid, top);
@@ -81,13 +84,6 @@ impl Raster {
         }
         if top[1] > mid[1] {
             (top, mid) = (mid, top);
-        }
-        let (first, end) = (pixel_from(top[1], self.height), pixel_from(low[1], self.height));
-        let left = top[0].min(mid[0]).min(low[0]);
-        let right = top[0].max(mid[0]).max(low[0]);
-        let columns = (pixel_from(left, self.width), pixel_from(right, self.width));
-        if first >= end || columns.0 >= columns.1 || area == 0.0 {
-            return None;
         }
         let [a, b, c] = corners;
         let gradient = Gradient {
@@ -99,7 +95,7 @@ impl Raster {
             origin: *a,
             dx,
             dy,
-            range: [a[2].min(b[2]).min(c[2]), a[2].max(b[2]).max(c[2])],
+            range: range(corners, 2),
         };
         let long = Edge::new(&top, &low);
         // Which side of the long edge the middle corner lies on.
@@ -202,6 +198,14 @@ fn pixel_from(x: f64, size: usize) -> usize {
     /// Adding this rounds to the nearest whole number and leaves it in the lowest bits: much faster than a checked conversion.
     const WHOLE: f64 = (1_u64 << 52) as f64;
     (clamp(x, 0.0, size as f64) + WHOLE).to_bits() as u32 as usize
+}
+
+/// Least and greatest of a coordinate.
+#[inline]
+fn range([a, b, c]: &[Corner; 3], axis: usize) -> [f64; 2] {
+    let [a, b, c] = [a[axis], b[axis], c[axis]];
+    let [low, high] = if a < b { [a, b] } else { [b, a] };
+    [if c < low { c } else { low }, if c > high { c } else { high }]
 }
 
 /// Two instructions; `low` for NaN.

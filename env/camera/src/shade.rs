@@ -33,13 +33,13 @@ impl Facet {
         let own = piece.level.corners[piece.face].map(|n| normals[n as usize]);
         let own = if piece.back { own.map(|n| -n) } else { own };
         let origin = [piece.corners[0][0] as f32, piece.corners[0][1] as f32];
-        if piece.weights.is_none() && own[0] == own[1] && own[1] == own[2] {
-            let (normal, none) = (own[0], Vec3::zeros());
+        let flat = own[0] == own[1] && own[1] == own[2];
+        if flat || piece.gradient.is_small() {
             return Self {
                 origin,
-                normal,
-                dx: none,
-                dy: none,
+                normal: own[0] + own[1] + own[2],
+                dx: Vec3::zeros(),
+                dy: Vec3::zeros(),
                 instance,
             };
         }
@@ -52,7 +52,7 @@ impl Facet {
             mixed * piece.corners[k][2]
         };
         let at = [at(0), at(1), at(2)];
-        let slopes = |axis: usize| piece.gradient.smooth(at.map(|n| n[axis]));
+        let slopes = |axis: usize| piece.gradient.of(at.map(|n| n[axis]));
         let [x, y, z] = [slopes(0), slopes(1), slopes(2)];
         let column = |k: usize| Vec3::new(x[k] as f32, y[k] as f32, z[k] as f32);
         Self {
