@@ -10,9 +10,11 @@ use graspbox_episode::agent::start::ObjectChoice;
 use graspbox_episode::agent::{
     AgentConfig, Autoreset, Batch, Control, Objects, Observation, Pool, Randomization, StartOptions,
 };
+use graspbox_hand::Hand;
 use graspbox_mesh::procedural::Family;
 use graspbox_sim::PhysicsConfig;
 use graspbox_tests::agent::{batch_bits, objects, pool, seeds};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 
@@ -32,7 +34,8 @@ fn action(size: usize, env: usize, step: usize) -> Vec<f32> {
     let mut state = (env as u64) << 32 | step as u64;
     let mut action: Vec<f32> = (0..size).map(|_| 0.4 * noise(&mut state)).collect();
     action[2] = 0.5;
-    action[6..9].fill(if step % 40 > 12 { 0.9 } else { -0.5 });
+    let spools = action.len().min(9);
+    action[6..spools].fill(if step % 40 > 12 { 0.9 } else { -0.5 });
     action
 }
 
@@ -417,4 +420,25 @@ fn settings_out_of_range_are_refused() {
         .unwrap_err()
         .to_string();
     assert!(message.contains("physics.dt"), "{message}");
+}
+
+/// A hand of two fingers without a preshape: fewer numbers, the same environments.
+#[test]
+fn another_hand_acts_as_well() {
+    let files = Path::new(env!("CARGO_MANIFEST_DIR")).join("../env/hand/tests/fixtures");
+    let hand = Hand::load(&files.join("gripper.urdf"), &files.join("gripper.toml")).unwrap();
+    let (motors, fingers, sensors) = (hand.motors.len(), hand.fingers.len(), hand.sensors.len());
+    let sources = vec![objects(&[Family::Box]).source(0).unwrap().clone()];
+    let objects = Arc::new(Objects::new(sources, Arc::new(hand), PhysicsConfig::default(), None).unwrap());
+    for control in Control::ALL {
+        let pool = pool(&objects, control, 2);
+        assert_eq!(pool.rules().action, control.hand_size() + motors);
+        pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+        for step in 0..20 {
+            let batch = pool.step(&actions(&pool, step)).unwrap().now;
+            assert_eq!(batch.observations[1].len(), 2 * sensors);
+            let proprio: usize = pool.rules().tables[0].1.iter().map(|f| f.size).sum();
+            assert_eq!((proprio, batch.observations[0].len()), (16 + 4 * fingers, 2 * proprio));
+        }
+    }
 }

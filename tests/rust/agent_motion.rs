@@ -11,11 +11,11 @@ use graspbox_episode::agent::servo::{
     ANGULAR_ACCELERATION, ANGULAR_SPEED, Goal, LINEAR_ACCELERATION, LINEAR_SPEED, Servo,
 };
 use graspbox_episode::agent::start::ObjectChoice;
-use graspbox_episode::agent::{Control, Pool, StartOptions};
+use graspbox_episode::agent::{Control, Observation, Pool, StartOptions};
 use graspbox_mesh::procedural::Family;
-use graspbox_sim::HandLoad;
+use graspbox_sim::{Geometry, HandLoad, PhysicsConfig};
 use graspbox_tests::agent::{follow, objects, pool, seeds};
-use graspbox_tests::bench::{palm_down, reflex, turn_rate};
+use graspbox_tests::bench::{at, palm_down, reflex, template, turn_rate};
 use graspbox_tests::scenes::{planned, procedural};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -324,4 +324,59 @@ fn observations_and_terms_stay_in_their_bounds() {
             }
         }
     }
+}
+
+/// A world whose object is scaled at its start is one whose object was made so.
+#[test]
+fn a_varied_object_weighs_and_slides_as_it_was_told() {
+    let half = Vector3::new(0.03, 0.03, 0.03);
+    let cube = template(reflex(), &Geometry::Cuboid(half), 0.2, PhysicsConfig::default());
+    let palm_up = at(0.0, 0.0, 0.5);
+    for factor in [0.5, 1.0, 2.5] {
+        let mut world = cube.spawn(&palm_up, &at(0.0, 0.0, 0.5305), 0.0);
+        world.scale_object(1.0, factor);
+        for _ in 0..400 {
+            world.step(&palm_up, &[]).unwrap();
+        }
+        let weight = 0.2 * factor * 9.81;
+        let force = world.hand_load().force.norm();
+        assert!(
+            (force - weight).abs() < 0.02 * weight,
+            "{force} N instead of {weight} N"
+        );
+    }
+    // The table's friction is 0.5 times the object's factor; the slope is 0.36.
+    let slope = 20f64.to_radians();
+    for (factor, slides) in [(1.0, false), (0.5, true), (0.8, false)] {
+        let mut world = cube.spawn(&palm_up, &at(0.0, 0.0, 0.03), 0.0);
+        world.scale_object(factor, 1.0);
+        world.set_gravity(&Vector3::new(9.81 * slope.sin(), 0.0, -9.81 * slope.cos()));
+        for _ in 0..250 {
+            world.step(&palm_up, &[]).unwrap();
+        }
+        let moved = world.object_center().x;
+        assert_eq!(moved > 0.02, slides, "moved by {moved} m at a factor of {factor}");
+    }
+}
+
+/// What a real robot senses does not tell where the object is.
+#[test]
+fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
+    let objects = objects(&[Family::Can, Family::Banana]);
+    let pool = pool(&objects, Control::Twist, 1);
+    let seen = |object: usize, place: [f64; 3]| {
+        let options = StartOptions {
+            object: Some(ObjectChoice::Index(object)),
+            place: Some(place),
+            ..StartOptions::default()
+        };
+        pool.reset(&[Some(5)], None, &options).unwrap();
+        let moved = pool.step(&vertical(&pool, 0.3)).unwrap().now;
+        let of = |name| pool.rules().tables.iter().position(|(o, _)| *o == name).unwrap();
+        [Observation::Proprio, Observation::Tactile, Observation::State]
+            .map(|name| moved.observations[of(name)].clone())
+    };
+    let (a, b) = (seen(0, [0.05, 0.0, 0.0]), seen(1, [-0.05, 0.02, 1.0]));
+    assert_eq!((&a[0], &a[1]), (&b[0], &b[1]));
+    assert_ne!(a[2], b[2]);
 }

@@ -14,8 +14,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Objects kept ready; one takes about 2 to 10 MB with its resting poses.
-const KEPT: usize = 128;
+/// Objects kept ready; one takes 1 to 4 MB with its resting poses. A set with more of them prepares one anew in many a reset.
+const KEPT: usize = 512;
 /// Resting poses less probable than this are left out, unless none is more probable.
 const LEAST_PROBABILITY: f64 = 0.05;
 /// Resting poses that are kept for an object, the most probable ones.

@@ -1,0 +1,201 @@
+"""The core's environments as Python sees them: arrays, buffers, errors, states, forks.
+
+What they do is tested in ``tests/rust``.
+"""
+
+import json
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspbox import _core, errors
+
+NUM_ENVS = 3
+FLAGS = ("terminated", "truncated", "reset", "is_success", "is_secure", "touches", "protective_stop")
+
+
+@pytest.fixture(scope="module")
+def objects() -> _core.Objects:
+    names = ("box", "can", "ball")
+    sources = [json.dumps({"name": name, "family": name, "seed": 0}) for name in names]
+    return _core.Objects(sources, _core.Hand.reflex(), "{}", None)
+
+
+def make(objects: _core.Objects, num_envs: int = NUM_ENVS, **config: Any) -> _core.Pool:
+    return _core.Pool(objects, json.dumps(config), num_envs, None)
+
+
+def actions(seed: int, num_envs: int = NUM_ENVS, size: int = 10) -> Iterator[np.ndarray[Any, Any]]:
+    rng = np.random.default_rng(seed)
+    while True:
+        yield rng.uniform(-1, 1, (num_envs, size)).astype(np.float32)
+
+
+def tables() -> Any:
+    return json.loads(_core.agent_tables(_core.Hand.reflex()))
+
+
+@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
+def test_arrays_are_as_the_tables_say(objects: _core.Objects, control: str) -> None:
+    table = tables()
+    assert objects.names == ["box", "can", "ball"]
+    assert len(objects) == 3
+    size = sum(row["size"] for row in table["actions"][control])
+    assert size == (13 if control == "target_pose" else 10)
+    pool = make(objects, control=control)
+    first = pool.reset([1, 2, 3])
+    assert first["reset"].all()
+    assert not first["terms"].any()
+    stepped, last = pool.step(np.zeros((NUM_ENVS, size), np.float32))
+    assert last is None
+    for arrays in (first, stepped):
+        for name, rows in table["observations"][control].items():
+            low, high = (np.concatenate([np.full(row["size"], row[end]) for row in rows]) for end in ("low", "high"))
+            values: np.ndarray[Any, Any] = arrays[name]  # type: ignore[literal-required]
+            assert values.dtype == np.float32
+            assert values.shape == (NUM_ENVS, len(low))
+            assert (values >= low.astype(np.float32)).all()
+            assert (values <= high.astype(np.float32)).all()
+        assert arrays["terms"].shape == (NUM_ENVS, len(table["terms"]))
+        assert all(arrays[name].dtype == bool and arrays[name].shape == (NUM_ENVS,) for name in FLAGS)  # type: ignore[literal-required]
+        assert arrays["env"].tolist() == [0, 1, 2]
+        assert all(table["failures"][code] == "no_contact" for code in arrays["failure"])
+    assert table["privileged"] == ["state"]
+    config = json.loads(_core._config("AgentConfig", json.dumps({"randomization": table["randomization"]["standard"]})))
+    assert config["randomization"] == table["randomization"]["standard"]
+    object_from, hand, believed = pool.poses()
+    assert object_from.shape == hand.shape == (NUM_ENVS, 4, 4)
+    np.testing.assert_allclose(hand, believed, atol=1e-12)
+
+
+def test_arrays_are_fresh_or_the_callers_own(objects: _core.Objects) -> None:
+    pool = make(objects, observations=["proprio", "state"])
+    draw = actions(0)
+    first = pool.reset([0, 1, 2])
+    assert "tactile" not in first
+    kept = {name: array.copy() for name, array in first.items()}  # type: ignore[attr-defined]
+    pool.step(next(draw))
+    for name, array in kept.items():
+        np.testing.assert_array_equal(array, first[name])  # type: ignore[literal-required]
+    out = {"state": np.zeros_like(first["state"])}
+    stepped, _ = pool.step(next(draw), out)
+    assert stepped["state"] is out["state"]
+    assert stepped["proprio"] is not first["proprio"]
+    np.testing.assert_array_equal(out["state"], pool.now()["state"])
+    for wrong in (np.zeros((NUM_ENVS, 3), np.float32), np.zeros((88, NUM_ENVS), np.float32).T):
+        with pytest.raises(errors.ConfigError, match="state"):
+            pool.step(next(draw), {"state": wrong})
+
+
+def test_one_environment_is_like_one_of_many(objects: _core.Objects) -> None:
+    config: dict[str, Any] = {"max_episode_steps": 12, "autoreset": "same_step"}
+    many = make(objects, **config)
+    single = [make(objects, 1, **config) for _ in range(NUM_ENVS)]
+    many.reset([7, 8, 9])
+    for i, pool in enumerate(single):
+        pool.reset([7 + i])
+    ended = 0
+    for action, _ in zip(actions(1), range(30), strict=False):
+        together, last = many.step(action)
+        ended += 0 if last is None else len(last["env"])
+        for i, pool in enumerate(single):
+            alone, own = pool.step(action[i : i + 1])
+            assert (own is None) == (last is None or i not in last["env"])
+            for name, array in alone.items():
+                if name != "env":
+                    np.testing.assert_array_equal(array[0], together[name][i], name)  # type: ignore[index, literal-required]
+    assert ended >= 2 * NUM_ENVS
+
+
+def test_environments_come_back_as_they_arrive(objects: _core.Objects) -> None:
+    whole, apart = make(objects), make(objects)
+    whole.reset([0, 1, 2])
+    apart.reset([0, 1, 2])
+    for action, _ in zip(actions(2), range(8), strict=False):
+        expected, _ = whole.step(action)
+        apart.send(action, [0, 1, 2])
+        with pytest.raises(errors.ConfigError, match="still stepping"):
+            apart.step(action)
+        seen = []
+        for count in (2, 1):
+            rows, _ = apart.recv(count)
+            for row, env in enumerate(rows["env"]):
+                np.testing.assert_array_equal(rows["state"][row], expected["state"][env])
+                seen.append(int(env))
+        assert sorted(seen) == [0, 1, 2]
+    with pytest.raises(errors.ConfigError, match="0 environments"):
+        apart.recv(1)
+
+
+def test_a_state_crosses_as_bytes(objects: _core.Objects) -> None:
+    pool, other = make(objects), make(objects)
+    pool.reset([4, 5, 6])
+    draw = actions(3)
+    for _ in range(5):
+        pool.step(next(draw))
+    for env in range(NUM_ENVS):
+        other.set_state(env, pool.get_state(env))
+    for _ in range(5):
+        action = next(draw)
+        np.testing.assert_array_equal(pool.step(action)[0]["state"], other.step(action)[0]["state"])
+    with pytest.raises(errors.ConfigError, match="state"):
+        pool.set_state(0, b"nonsense")
+
+
+def test_errors_name_what_is_wrong(objects: _core.Objects) -> None:
+    hand = _core.Hand.reflex()
+    for source, match in (
+        ('{"name": "x"}', "path, or a family"),
+        ('{"name": "x", "family": "box", "seed": 0, "scale": -1}', "scale"),
+        ('{"name": "x", "colour": 1}', "colour"),
+    ):
+        with pytest.raises(errors.ConfigError, match=match):
+            _core.Objects([source], hand, "{}", None)
+    with pytest.raises(errors.ConfigError, match="empty"):
+        _core.Objects([], hand, "{}", None)
+    missing = _core.Objects(['{"name": "gone", "path": "/no/such/file.stl"}'], hand, "{}", None)
+    with pytest.raises(errors.FileError):
+        make(missing, 1).reset([0])
+    for config, match in (({"control": "thought"}, "thought"), ({"max_episode_steps": 0}, "max_episode_steps")):
+        with pytest.raises(errors.ConfigError, match=match):
+            make(objects, **config)
+    pool = make(objects)
+    zeros = np.zeros((NUM_ENVS, 10), np.float32)
+    with pytest.raises(errors.ConfigError, match="reset"):
+        pool.step(zeros)
+    with pytest.raises(errors.ConfigError, match="seed"):
+        pool.reset()
+    with pytest.raises(errors.ConfigError, match='"sphere"'):
+        pool.reset([0, 0, 0], None, json.dumps({"object": "sphere"}))
+    pool.reset([0, 0, 0])
+    bad = zeros.copy()
+    bad[1, 3] = np.nan
+    with pytest.raises(errors.ConfigError, match="environment 1"):
+        pool.step(bad)
+    with pytest.raises(errors.ConfigError, match="shape"):
+        pool.step(zeros[:, :9])
+    with pytest.raises(errors.ConfigError, match="mask"):
+        pool.reset(None, np.ones(5, bool))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_forked_child_steps_on(objects: _core.Objects) -> None:
+    """A child that was forked after a rollout has none of its parent's threads."""
+    pool = make(objects)
+    pool.reset([0, 1, 2])
+    draw = actions(4)
+    pool.step(next(draw))
+    state = pool.get_state(0)
+    action = next(draw)
+    expected = pool.step(action)[0]["state"][0]
+    read, write = os.pipe()
+    if (child := os.fork()) == 0:
+        pool.set_state(0, state)
+        os.write(write, pool.step(action)[0]["state"][0].tobytes())
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert os.read(read, 1 << 16) == expected.tobytes()
