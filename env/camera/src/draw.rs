@@ -2,7 +2,7 @@
 
 use crate::model::{Level, PIXEL_SHARE};
 use crate::raster::{Corner, Gradient, Raster, twice_area};
-use crate::{Camera, Detail, Instance, Intrinsics};
+use crate::{Camera, Detail, Instance, Intrinsics, Model};
 use nalgebra::{Isometry3, Point3};
 
 /// What looks at the scene.
@@ -96,6 +96,14 @@ impl View {
             detail,
         }
     }
+
+    fn level<'a>(&self, model: &'a Model, view_from_model: &Isometry3<f64>) -> &'a Level {
+        if self.detail == Detail::Full {
+            return model.level(0.0);
+        }
+        let depths = model.bounds().map(|p| (view_from_model * p).z);
+        model.level(self.lens.tolerance(depths.fold(f64::INFINITY, f64::min)))
+    }
 }
 
 /// Which sides of a closed model are left out.
@@ -109,10 +117,10 @@ pub(crate) enum Cull {
 pub(crate) struct Piece<'a> {
     pub(crate) level: &'a Level,
     pub(crate) face: usize,
-    pub(crate) corners: [Corner; 3],
+    pub(crate) corners: &'a [Corner; 3],
     pub(crate) gradient: Gradient,
     /// For each of `corners`, its weights on the face's own; `None` where they are the same.
-    pub(crate) weights: Option<[[f64; 3]; 3]>,
+    pub(crate) weights: Option<&'a [[f64; 3]; 3]>,
     /// Whether its back is seen.
     pub(crate) back: bool,
 }
@@ -124,14 +132,14 @@ pub(crate) struct Scratch {
     corners: Vec<Corner>,
 }
 
-/// Draws `instance`; `sink` hears of each triangle drawn and returns the id of the next one.
+/// Draws `instance`; `sink` hears of each triangle drawn and returns the id of the next one, which at first is `id`.
 pub(crate) fn draw<const IDS: bool>(
     raster: &mut Raster,
     scratch: &mut Scratch,
     view: &View,
     cull: Cull,
     instance: &Instance,
-    mut id: u32,
+    id: u32,
     sink: &mut impl FnMut(&Piece) -> u32,
 ) {
     let model = instance.model;
@@ -141,27 +149,56 @@ pub(crate) fn draw<const IDS: bool>(
     if !view.lens.sees(&center, radius) {
         return;
     }
-    let level = match view.detail {
-        Detail::Full => model.level(0.0),
-        Detail::Auto => {
-            let depths = model.bounds().map(|p| (view_from_model * p).z);
-            model.level(view.lens.tolerance(depths.fold(f64::INFINITY, f64::min)))
-        }
-    };
+    let level = view.level(model, &view_from_model);
     let rotation = view_from_model.rotation.to_rotation_matrix();
-    let place = |p: &Point3<f64>| rotation * p + view_from_model.translation.vector;
-    let near = view.lens.near();
+    let placed = level
+        .vertices
+        .iter()
+        .map(|p| rotation * p + view_from_model.translation.vector);
     // A ball before the near plane needs no clipping, and the camera is outside.
-    let ahead = center.z - radius > near;
+    let ahead = center.z - radius > view.lens.near();
     let hidden = if model.is_closed() && ahead { Some(cull) } else { None };
-    let mut one = |corners: [Corner; 3], face: usize, weights: Option<[[f64; 3]; 3]>| {
-        let area = twice_area(&corners);
+    let mut pen = Pen {
+        raster,
+        level,
+        hidden,
+        id,
+        sink,
+    };
+    if ahead {
+        scratch.corners.clear();
+        scratch.corners.extend(placed.map(|p| view.lens.project(&p)));
+        for (f, face) in level.faces.iter().enumerate() {
+            pen.draw::<IDS>(f, &face.map(|v| scratch.corners[v as usize]), None);
+        }
+    } else {
+        scratch.points.clear();
+        scratch.points.extend(placed);
+        for (f, face) in level.faces.iter().enumerate() {
+            pen.draw_clipped::<IDS>(f, &face.map(|v| scratch.points[v as usize]), &view.lens);
+        }
+    }
+}
+
+struct Pen<'a, Sink> {
+    raster: &'a mut Raster,
+    level: &'a Level,
+    hidden: Option<Cull>,
+    id: u32,
+    sink: &'a mut Sink,
+}
+
+impl<Sink: FnMut(&Piece) -> u32> Pen<'_, Sink> {
+    #[inline(always)]
+    fn draw<const IDS: bool>(&mut self, face: usize, corners: &[Corner; 3], weights: Option<&[[f64; 3]; 3]>) {
+        let area = twice_area(corners);
         let back = area > 0.0;
-        if hidden.is_some_and(|side| (side == Cull::Back) == back) {
+        if self.hidden.is_some_and(|side| (side == Cull::Back) == back) || !self.raster.may_cover(corners) {
             return;
         }
-        if let Some(gradient) = raster.triangle::<IDS>(&corners, area, id) {
-            id = sink(&Piece {
+        if let Some(gradient) = self.raster.triangle::<IDS>(corners, area, self.id) {
+            let level = self.level;
+            self.id = (self.sink)(&Piece {
                 level,
                 face,
                 corners,
@@ -170,34 +207,22 @@ pub(crate) fn draw<const IDS: bool>(
                 back,
             });
         }
-    };
-    if ahead {
-        scratch.corners.clear();
-        scratch
-            .corners
-            .extend(level.vertices.iter().map(|p| view.lens.project(&place(p))));
-        for (f, face) in level.faces.iter().enumerate() {
-            one(face.map(|v| scratch.corners[v as usize]), f, None);
-        }
-        return;
     }
-    scratch.points.clear();
-    scratch.points.extend(level.vertices.iter().map(place));
-    for (f, face) in level.faces.iter().enumerate() {
-        let points = face.map(|v| scratch.points[v as usize]);
+
+    fn draw_clipped<const IDS: bool>(&mut self, face: usize, points: &[Point3<f64>; 3], lens: &Lens) {
+        let near = lens.near();
         if points.iter().all(|p| p.z >= near) {
-            one(points.map(|p| view.lens.project(&p)), f, None);
-            continue;
+            return self.draw::<IDS>(face, &points.map(|p| lens.project(&p)), None);
         }
-        let (polygon, count) = clip(&points, near);
+        let (polygon, count) = clip(points, near);
         for k in 2..count {
             let weights = [polygon[0], polygon[k - 1], polygon[k]];
             let corners = weights.map(|w| {
                 let mut p = points[0].coords * w[0] + points[1].coords * w[1] + points[2].coords * w[2];
                 p.z = p.z.max(near);
-                view.lens.project(&p.into())
+                lens.project(&p.into())
             });
-            one(corners, f, Some(weights));
+            self.draw::<IDS>(face, &corners, Some(&weights));
         }
     }
 }

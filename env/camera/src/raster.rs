@@ -64,15 +64,18 @@ impl Raster {
         }
     }
 
+    /// Whether a pixel's centre lies within the bounds of a triangle: of a fine mesh's many do not reach any.
+    #[inline]
+    pub(crate) fn may_cover(&self, corners: &[Corner; 3]) -> bool {
+        let crosses = |[from, to]: [f64; 2], size: usize| pixel_from(from, size) < pixel_from(to, size);
+        crosses(range(corners, 0), self.width) && crosses(range(corners, 1), self.height)
+    }
+
     /// Draws a triangle where it is nearer than what is there; with `IDS`, leaves `id`.
     ///
-    /// Returns its gradient, or `None` where it covers no pixel's centre by its bounds.
+    /// Returns its gradient, or `None` where it is seen from the side.
     pub(crate) fn triangle<const IDS: bool>(&mut self, corners: &[Corner; 3], area: f64, id: u32) -> Option<Gradient> {
-        let [left, right] = range(corners, 0);
-        let [upper, lower] = range(corners, 1);
-        let (first, end) = (pixel_from(upper, self.height), pixel_from(lower, self.height));
-        // Many triangles of a fine mesh lie between the pixels' centres.
-        if first >= end || pixel_from(left, self.width) >= pixel_from(right, self.width) || area == 0.0 {
+        if area == 0.0 {
             return None;
         }
         let [mut top, mut mid, mut low] = *corners;
@@ -85,6 +88,7 @@ impl Raster {
         if top[1] > mid[1] {
             (top, mid) = (mid, top);
         }
+        let (first, end) = (pixel_from(top[1], self.height), pixel_from(low[1], self.height));
         let [a, b, c] = corners;
         let gradient = Gradient {
             edges: [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]],

@@ -142,22 +142,17 @@ impl ShadowMap {
         }
         let (column, row) = (whole(left), whole(top));
         let (share_x, share_y) = (left - column as f32, top - row as f32);
-        let mut shaded = 0.0;
+        let mut columns = [0.0; KERNEL + 1];
         for k in 0..=KERNEL {
+            let weight = [1.0 - share_y, 1.0, 1.0, 1.0, share_y][k];
             let start = (row + k) * self.raster.width + column;
-            let texels = &self.raster.nearness[start..=start + KERNEL];
-            let dark = |w: f32| if w > limit { 1.0 } else { 0.0 };
-            let inner: f32 = texels[1..KERNEL].iter().map(|w| dark(*w)).sum();
-            let line = inner + dark(texels[0]) * (1.0 - share_x) + dark(texels[KERNEL]) * share_x;
-            shaded += line
-                * if k == 0 {
-                    1.0 - share_y
-                } else if k == KERNEL {
-                    share_y
-                } else {
-                    1.0
-                };
+            let texels = &self.raster.nearness[start..start + KERNEL + 1];
+            for (sum, w) in columns.iter_mut().zip(texels) {
+                *sum += if *w > limit { weight } else { 0.0 };
+            }
         }
+        let [first, inner @ .., last] = columns;
+        let shaded = first * (1.0 - share_x) + inner.iter().sum::<f32>() + last * share_x;
         let lit = 1.0 - shaded / (KERNEL * KERNEL) as f32;
         lit * lit * (3.0 - 2.0 * lit)
     }
