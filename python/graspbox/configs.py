@@ -4,9 +4,10 @@ The core checks every value when it is used, and names the first one that is out
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Self
 
 __all__ = [
+    "AgentConfig",
     "CleanConfig",
     "DecomposeConfig",
     "FrictionConfig",
@@ -14,6 +15,7 @@ __all__ = [
     "PhysicsConfig",
     "PlanConfig",
     "PoseConfig",
+    "Randomization",
     "TrialConfig",
 ]
 
@@ -234,3 +236,55 @@ class TrialConfig:
     hold_time: float = 1.0
     early_stop: bool = True
     legacy: bool = False
+
+
+@dataclass(frozen=True)
+class Randomization:
+    """What varies from episode to episode beside object and start; by default nothing.
+
+    Attributes
+    ----------
+    friction, mass : pair of float
+        Least and greatest factor on the object's friction and mass.
+    object_position : float
+        The object's place varies by so much more in x and y, metres.
+    hand_position, hand_rotation : float
+        Greatest constant error of the hand's pose in an episode, along and about each axis, metres and radians: the
+        arm believes that the hand is elsewhere than it is.
+    """
+
+    friction: tuple[float, float] = (1.0, 1.0)
+    mass: tuple[float, float] = (1.0, 1.0)
+    object_position: float = 0.0
+    hand_position: float = 0.0
+    hand_rotation: float = 0.0
+
+    @classmethod
+    def standard(cls) -> Self:
+        """Make the preset ``"standard"``: what a calibrated robot and a household leave open."""
+        return cls((0.7, 1.3), (0.75, 1.25), object_position=0.03, hand_position=0.005, hand_rotation=0.03)
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """Everything that steers environments under an agent.
+
+    Attributes
+    ----------
+    control : {"twist", "delta_pose", "target_pose"}
+        How an action moves the hand.
+    autoreset : {"next_step", "same_step", "disabled"}
+        When a finished environment begins again.
+    max_episode_steps : int or None
+        An episode is cut off after so many steps.
+    observations : tuple of str
+        What is observed, in this order.
+    randomization : Randomization
+        What varies.
+    """
+
+    control: Literal["twist", "delta_pose", "target_pose"] = "twist"
+    autoreset: Literal["next_step", "same_step", "disabled"] = "next_step"
+    max_episode_steps: int | None = None
+    observations: tuple[str, ...] = ("proprio", "tactile", "state")
+    randomization: Randomization = field(default_factory=Randomization)

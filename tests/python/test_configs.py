@@ -9,7 +9,7 @@ import pytest
 from graspbox import _core, configs, errors
 from graspbox.meshes import to_json
 
-CONFIGS = [getattr(configs, name) for name in configs.__all__ if name != "FrictionConfig"]
+CONFIGS = [getattr(configs, name) for name in configs.__all__ if name not in ("FrictionConfig", "Randomization")]
 
 
 def changed(value: Any) -> Any:
@@ -23,7 +23,9 @@ def changed(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: changed(inner) for key, inner in value.items()}
     other = {"minimum": "pca", "share": "area", "random": "grid", "reflex": "soft_hand"}
-    return other[value] if isinstance(value, str) else 0.5
+    other |= {"twist": "delta_pose", "next_step": "same_step"}
+    other |= {"proprio": "tactile", "tactile": "state", "state": "proprio"}
+    return other[value] if isinstance(value, str) else 1
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.__name__)
@@ -43,6 +45,11 @@ def test_every_field_crosses(config: Any) -> None:
 def test_unknown_fields_are_refused(config: Any) -> None:
     with pytest.raises(errors.ConfigError, match="colour"):
         _core._config(config.__name__, json.dumps({"colour": 1}))
+
+
+def test_the_preset_is_that_of_the_core() -> None:
+    tables = json.loads(_core.agent_tables(_core.Hand.reflex()))
+    assert json.loads(to_json(configs.Randomization.standard())) == tables["randomization"]["standard"]
 
 
 def test_configs_are_frozen_and_finite() -> None:

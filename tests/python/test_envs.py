@@ -1,73 +1,18 @@
-"""One conformance test over every registered environment, and what is particular to each."""
+"""``graspbox/GraspPose-v0``: what is particular to it; what all environments must do: ``test_conformance``."""
 
-import warnings
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import graspbox
 from graspbox import errors
-from graspbox.envs import IDS
 from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, rotation_from_columns
-
-OBJECTS = ["procedural:ball:0-2", "procedural:can:0-1", "procedural:mug:0"]
-
-
-@pytest.fixture(params=IDS)
-def env(request: pytest.FixtureRequest) -> Any:
-    made = gymnasium.make(request.param, objects=OBJECTS)
-    yield made
-    made.close()
-
-
-def rollout(env: Any, seed: int, episodes: int = 6) -> list[Any]:
-    """Everything that a few episodes with seeded actions return."""
-    env.action_space.seed(seed)
-    seen: list[Any] = []
-    for episode in range(episodes):
-        seen.append(env.reset(seed=seed if episode == 0 else None))
-        done = False
-        while not done:
-            *step, terminated, truncated, info = env.step(env.action_space.sample())
-            seen.append((*step, terminated, truncated, info))
-            done = terminated or truncated
-    return seen
-
-
-def test_gymnasium_finds_nothing_to_complain_about(env: Any) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(env.unwrapped)
-
-
-def test_bounds_are_finite(env: Any) -> None:
-    for space in (env.observation_space, env.action_space):
-        assert np.isfinite(space.low).all()
-        assert np.isfinite(space.high).all()
-
-
-def test_same_seed_same_bits(env: Any) -> None:
-    assert data_equivalence(rollout(env, 7), rollout(env, 7), exact=True)
-    again = gymnasium.make(env.spec)
-    assert data_equivalence(rollout(again, 7), rollout(env, 7), exact=True)
-
-
-def test_observations_vary_and_share_no_memory(env: Any) -> None:
-    first = [env.reset(seed=seed)[0] for seed in range(12)]
-    kept = [obs.copy() for obs in first]
-    assert all((a == b).all() for a, b in zip(first, kept, strict=True))
-    assert not any(np.shares_memory(a, b) for i, a in enumerate(first) for b in first[:i])
-    assert (np.ptp(np.stack(first), axis=0) > 0).sum() >= env.observation_space.shape[0] - 4
-    env.reset(seed=0)
-    end = env.step(env.action_space.sample())[0]
-    assert not any(np.shares_memory(end, obs) for obs in first)
 
 
 def test_make_with_the_module_prefix() -> None:
-    env = gymnasium.make(f"graspbox:{IDS[0]}", objects="procedural:ball:0")
+    env = gymnasium.make("graspbox:graspbox/GraspPose-v0", objects="procedural:ball:0")
     assert env.reset(seed=0)[1]["object"] == "ball-000000"
 
 

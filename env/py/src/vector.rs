@@ -77,7 +77,7 @@ enum Given<'py> {
 }
 
 /// A handle on objects that environments share; each is prepared at its first use.
-#[pyclass(frozen, module = "graspbox._core")]
+#[pyclass(frozen, weakref, module = "graspbox._core")]
 pub struct Objects(Arc<agent::Objects>);
 
 #[pymethods]

@@ -3,15 +3,26 @@
 | id | what it is |
 |---|---|
 | ``graspbox/GraspPose-v0`` | one decision an episode: where to put the hand, and how |
+| ``graspbox/Grasp-v0`` | closed loop at 20 Hz: move the hand, close it, lift |
 """
 
 import gymnasium
 
 #: Every id that the package registers; the conformance tests run over all of them.
-IDS = ("graspbox/GraspPose-v0",)
+IDS = ("graspbox/GraspPose-v0", "graspbox/Grasp-v0")
+
+#: An episode of ``graspbox/Grasp-v0`` is cut off after so many steps (10 s) where ``max_episode_steps`` names no other.
+MAX_EPISODE_STEPS = 200
 
 
 def register() -> None:
     """Register every environment, once."""
-    if IDS[0] not in gymnasium.registry:
-        gymnasium.register(id=IDS[0], entry_point="graspbox.envs.grasp_pose:GraspPoseEnv")
+    if IDS[0] in gymnasium.registry:
+        return
+    gymnasium.register(id=IDS[0], entry_point="graspbox.envs.grasp_pose:GraspPoseEnv")
+    gymnasium.register(
+        id=IDS[1],
+        entry_point="graspbox.envs.grasp:GraspEnv",
+        vector_entry_point="graspbox.envs.vector:GraspVectorEnv",
+        max_episode_steps=MAX_EPISODE_STEPS,
+    )

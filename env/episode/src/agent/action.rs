@@ -95,7 +95,7 @@ impl Control {
                     -1.0,
                     1.0,
                     "1",
-                    "first two columns of world_from_hand, any length; degenerate ones hold the last rotation",
+                    "first two columns of world_from_hand, any length; degenerate ones hold the last one",
                 ),
             ],
         };

@@ -1,0 +1,182 @@
+"""What the single and the vector environment of ``graspbox/Grasp-v0`` share: a pool, and what its rows mean."""
+
+import json
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core, object_sets
+from graspbox._core import Hand, Objects
+from graspbox.configs import AgentConfig, PhysicsConfig, Randomization
+from graspbox.envs import spaces
+from graspbox.envs.reward import term_weights, total
+from graspbox.errors import ConfigError
+from graspbox.meshes import to_json
+from graspbox.simulation import cache_folder, load_hand
+
+ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
+HandArgument = str | Hand | tuple[str, str]
+Control = Literal["twist", "delta_pose", "target_pose"]
+Reward = Literal["sparse", "dense"]
+
+#: Seconds between two actions are the core's; frames of a video are one for each action.
+FPS = 20
+
+#: Handles in use: environments beside each other prepare an object once.
+_handles: WeakValueDictionary[tuple[Any, ...], Objects] = WeakValueDictionary()
+
+
+def _describe(spec: object_sets.ObjectSpec) -> str:
+    """Write an object as the core reads it."""
+    found = asdict(spec)
+    del found["mass_known"]
+    return json.dumps({**found, "path": None if spec.path is None else str(spec.path)})
+
+
+def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: PhysicsConfig) -> tuple[Objects, Hand]:
+    """Make a handle on objects, or take the one that another environment uses."""
+    cache = cache_folder()
+    key = (objects.objects, hand, physics, cache)
+    found = _handles.get(key) if hand == "reflex" else None
+    loaded = load_hand(hand)
+    if found is None:
+        found = Objects([_describe(spec) for spec in objects], loaded, to_json(physics), cache)
+        if hand == "reflex":
+            _handles[key] = found
+    return found, loaded
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"not {type(value).__name__}")
+
+
+def options_json(options: Mapping[str, Any] | None) -> str | None:
+    """Write the options of a reset as the core reads them."""
+    if not options:
+        return None
+    try:
+        return json.dumps(dict(options), allow_nan=False, default=_plain)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"the options of a reset must be finite numbers, strings and arrays ({error})") from None
+
+
+def checked_seed(seed: int) -> int:
+    """Refuse a seed that the core does not take."""
+    if not 0 <= seed < 2**64:
+        raise ConfigError(f"seed is {seed}; it must be between 0 and 2^64 - 1")
+    return int(seed)
+
+
+def fresh_seed() -> int:
+    """Draw a seed that nobody chose."""
+    return secrets.randbits(63)
+
+
+class GraspCore:
+    """A pool of environments with its spaces, weights and names; the keywords are those of `GraspEnv`."""
+
+    def __init__(
+        self,
+        num_envs: int,
+        objects: ObjectsArgument,
+        *,
+        split: object_sets.Split | None,
+        obs: str | Sequence[str],
+        reward: Reward,
+        reward_weights: Mapping[str, float] | None,
+        image_size: int,
+        control: Control,
+        randomization: Literal["standard"] | Randomization | None,
+        render_mode: None,
+        num_threads: int | None,
+        physics: PhysicsConfig,
+        hand: HandArgument,
+        autoreset: Literal["next_step", "same_step", "disabled"],
+        max_episode_steps: int | None,
+    ) -> None:
+        if render_mode is not None:
+            raise ConfigError(f"render_mode={render_mode!r} is not available; use None")
+        if not 16 <= image_size <= 1024:
+            raise ConfigError(f"image_size is {image_size}; it must be between 16 and 1024 pixels")
+        self.object_set = object_sets.load(objects, split=split)
+        handle, self.hand = load_objects(self.object_set, hand, physics)
+        self.tables = spaces.tables(self.hand)
+        self.action_space = spaces.action_space(control, self.tables)
+        self.action_size = spaces.size(self.tables["actions"][control])
+        self.observation_space = spaces.observation_space(obs, control, self.tables)
+        self.obs = obs if isinstance(obs, str) else tuple(obs)
+        self.weights = term_weights(reward, reward_weights, self.tables)
+        config = AgentConfig(
+            control=control,
+            autoreset=autoreset,
+            max_episode_steps=max_episode_steps,
+            observations=(self.obs,) if isinstance(self.obs, str) else self.obs,
+            randomization=_randomization(randomization),
+        )
+        self.config = config
+        self.pool = _core.Pool(handle, to_json(config), num_envs, num_threads)
+        self._terms = [term["name"] for term in self.tables["terms"]]
+        self._failures = np.array(self.tables["failures"], dtype=object)
+        self._names = np.array(handle.names, dtype=object)
+
+    def observations(self, arrays: "_core.EnvArrays") -> Any:
+        """Pick the observations of all rows: an array, or a dictionary of arrays."""
+        if isinstance(self.obs, str):
+            return arrays[self.obs]  # type: ignore[literal-required]
+        return {name: arrays[name] for name in self.obs}  # type: ignore[literal-required]
+
+    def rewards(self, arrays: "_core.EnvArrays") -> NDArray[np.float64]:
+        """Weigh the terms of every row."""
+        return total(self.weights, arrays["terms"])
+
+    def columns(self, arrays: "_core.EnvArrays") -> dict[str, Any]:
+        """Name what is said beside: an array an entry."""
+        terms = np.ascontiguousarray(arrays["terms"].T, dtype=np.float64)
+        if arrays["reset"].any():
+            # Where an episode ended and the next began in one step, the terms are those of the end.
+            terms[:, arrays["reset"]] = 0.0
+        return {
+            "is_success": arrays["is_success"],
+            "is_secure": arrays["is_secure"],
+            "failure": self._failures[arrays["failure"]],
+            "lift": arrays["lift"],
+            "object": self._names[arrays["object"]],
+            "resting": arrays["resting"],
+            "touches": arrays["touches"],
+            "protective_stop": arrays["protective_stop"],
+            "reward_terms": dict(zip(self._terms, terms, strict=True)),
+        }
+
+    def action(self, action: Any, rows: int) -> NDArray[np.float32]:
+        """Actions as the core takes them; it checks that they are finite where they count."""
+        size = self.action_size
+        given = np.asarray(action, dtype=np.float32)
+        if given.size != rows * size:
+            raise ConfigError(f"the action has shape {given.shape}; give {size} numbers for each of {rows} envs")
+        return np.ascontiguousarray(given.reshape(rows, size))
+
+
+def _randomization(given: Literal["standard"] | Randomization | None) -> Randomization:
+    if given is None:
+        return Randomization()
+    if given == "standard":
+        return Randomization.standard()
+    if isinstance(given, Randomization):
+        return given
+    raise ConfigError(f"randomization is {given!r}; give None, 'standard' or a Randomization")
+
+
+def row(columns: dict[str, Any], index: int) -> dict[str, Any]:
+    """One row of the columns, as plain Python values."""
+    return {
+        name: row(values, index) if isinstance(values, dict) else values[index : index + 1].tolist()[0]
+        for name, values in columns.items()
+    }

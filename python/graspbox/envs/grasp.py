@@ -1,0 +1,304 @@
+"""``graspbox/Grasp-v0``: a hand, a table, an object; closed loop at 20 Hz.
+
+An object lies near the middle of a table in one of its resting poses. The hand begins open, somewhere above it, and has
+no plan: the agent moves it, closes it, lifts. An episode ends with success, which is that of `graspbox.simulation` (the
+object is held for 0.5 s, 0.15 m above where it lay, free and still), or when the object is lost for good: off the
+table, or further than 0.5 m from its middle.
+
+Action
+------
+``Box(-1, 1, float32)``; numbers beyond are clipped. Speeds and accelerations are limited, the palm cannot be driven
+into the table nor out of the workspace, and a protective stop ends motion against more than 60 N.
+
+``control="twist"``, a velocity in the hand's axes:
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0-2 | linear | -0.5 | 0.5 | m/s | velocity in the hand's axes; its length is cut to the upper limit |
+| 3-5 | angular | -2 | 2 | rad/s | angular velocity in the hand's axes; its length is cut to the upper limit |
+| 6 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 7 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 9 | preshape | 0 | pi/2 | rad | target of the preshape |
+
+``control="delta_pose"``, a step in the hand's axes:
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0-2 | step | -0.025 | 0.025 | m | change of position in the hand's axes |
+| 3-5 | turn | -0.1 | 0.1 | rad | rotation vector in the hand's axes |
+| 6 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 7 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 9 | preshape | 0 | pi/2 | rad | target of the preshape |
+
+``control="target_pose"``, a pose in the world:
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0 | x | -0.35 | 0.35 | m | hand position, world |
+| 1 | y | -0.35 | 0.35 | m | hand position, world |
+| 2 | z | 0 | 0.75 | m | hand position, world |
+| 3-8 | rotation | -1 | 1 | 1 | first two columns of world_from_hand, any length; degenerate ones hold the last one |
+| 9 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 10 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 11 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
+| 12 | preshape | 0 | pi/2 | rad | target of the preshape |
+
+Observation
+-----------
+``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The columns
+named like an observation say where a field stands in it, for the control mode ``twist``; ``last_action`` is as long as
+an action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot gives it.
+``proprio`` and ``tactile`` hold nothing of the object's pose.
+
+| field | proprio | state | tactile | min | max | unit | meaning |
+|---|---|---|---|---|---|---|---|
+| hand_position | 0-2 | 0-2 |  | -1 | 1 | m | grasp frame as the arm knows it, world |
+| hand_rotation | 3-8 | 3-8 |  | -1 | 1 | 1 | first two columns of world_from_hand |
+| hand_velocity | 9-11 | 9-11 |  | -1 | 1 | m/s | of the grasp frame, hand axes |
+| hand_spin | 12-14 | 12-14 |  | -4 | 4 | rad/s | angular velocity, hand axes |
+| proximal | 15-17 | 15-17 |  | -0.5 | 3.2 | rad | proximal encoder of each finger |
+| spool | 18-20 | 18-20 |  | 0 | 3.6 | rad | spool encoder of each finger |
+| spool_speed | 21-23 | 21-23 |  | -3.5 | 3.5 | rad/s | speed of each finger's spool |
+| load | 24-26 | 24-26 |  | 0 | 50 | N | load of each finger's motor: the tension of its tendon |
+| preshape | 27 | 27 |  | 0 | pi/2 | rad | preshape angle |
+| distal |  | 28-30 |  | -0.5 | 3.2 | rad | distal angle of each finger |
+| object_position |  | 31-33 |  | -1 | 1 | m | origin of the object's frame, world |
+| object_rotation |  | 34-39 |  | -1 | 1 | 1 | first two columns of world_from_object |
+| object_in_hand_position |  | 40-42 |  | -1.5 | 1.5 | m | origin of the object's frame, true hand frame |
+| object_in_hand_rotation |  | 43-48 |  | -1 | 1 | 1 | first two columns of hand_from_object |
+| object_velocity |  | 49-51 |  | -5 | 5 | m/s | of its centre of mass relative to the hand, hand axes |
+| object_spin |  | 52-54 |  | -50 | 50 | rad/s | relative to the hand, hand axes |
+| center_of_mass |  | 55-57 |  | -1.5 | 1.5 | m | of the object, hand frame |
+| bounds_center |  | 58-60 |  | -1.5 | 1.5 | m | middle of the bounds along the object's axes, hand frame |
+| half_extents |  | 61-63 |  | 0 | 1 | m | half sides of these bounds |
+| mass |  | 64 |  | 0 | 10 | kg | of the object |
+| contact |  | 65-71 |  | 0 | 1 | 1 | 1 where the object touches: proximal and distal link of each finger, palm |
+| on_table |  | 72 |  | 0 | 1 | 1 | 1 while the object touches table or ground |
+| lift |  | 73 |  | -1 | 1 | m | rise of the centre of mass above its resting height |
+| held |  | 74 |  | 0 | 1 | 1 | share of the hold time for which the object has been held |
+| shift |  | 75 |  | 0 | 1 | m | shift in the hand since the object left the table |
+| turn |  | 76 |  | 0 | pi | rad | turn in the hand since the object left the table |
+| closure |  | 77 |  | 0 | 1 | 1 | epsilon quality of the present contacts |
+| last_action |  | 78-87 |  | -1 | 1 | 1 | the last action; zeros after a reset |
+| tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
+
+Reward
+------
+The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; ``reward="dense"`` has the weights of
+`graspbox.envs.reward.DENSE`. ``reward_weights`` replaces weights by name.
+
+| term | min | max | meaning |
+|---|---|---|---|
+| reach | -1 | 1 | change of 1 - d / 0.4 m, with d the distance from the grasp centre to the object's core |
+| contact | -1 | 1 | change of the mean of the share of fingers that touch and how far two of them oppose |
+| closure | -1 | 1 | change of the epsilon quality of the present contacts |
+| lift | -1 | 1 | change of the share of the lift height, while the hand holds the object off the table |
+| hold | -1 | 1 | change of the share of the hold time |
+| success | 0 | 1 | 1 at success |
+| failure | -1 | 0 | -1 where the object is lost for good |
+| effort | -1 | 0 | minus the mean square of hand and spool speeds as shares of their limits |
+| push | -1 | 1 | minus the change of how far the object was moved sideways, up to 0.2 m |
+| table | -1 | 0 | -1 while the hand touches the table |
+| stop | -1 | 0 | -1 while the protective stop holds the hand |
+
+Info
+----
+After a reset and after a step: ``is_success``, ``is_secure`` (bool, as `graspbox.simulation` defines them), ``failure``
+(str: what the failure would be called if the episode ended now; empty for a success), ``lift`` (m), ``object`` (str),
+``resting`` (int: which resting pose), ``touches`` (bool: the hand touches the object), ``protective_stop`` (bool) and
+``reward_terms`` (float by name).
+
+Options of a reset
+------------------
+What is named is taken, the rest is drawn; the draws of what is not named stay the same.
+
+| option | value |
+|---|---|
+| object | name of an object, or its index |
+| resting | index of its resting pose, the most probable first |
+| place | x, y (m) and turn about the vertical (rad) of the resting pose |
+| world_from_object | pose (4, 4); the object is let go there |
+| world_from_hand | pose (4, 4) |
+| preshape | rad |
+| friction, mass | factor on the object's |
+
+Version history
+---------------
+v0: first version.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core, object_sets
+from graspbox.configs import PhysicsConfig, Randomization
+from graspbox.envs.core import (
+    FPS,
+    Control,
+    GraspCore,
+    HandArgument,
+    ObjectsArgument,
+    Reward,
+    checked_seed,
+    fresh_seed,
+    options_json,
+    row,
+)
+
+
+class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
+    """One environment: see the module for what it takes and gives.
+
+    Parameters
+    ----------
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to draw from: see `graspbox.object_sets`.
+    split : {"train", "validation", "test"}, optional
+        Draw from this split only.
+    obs : str or sequence of str
+        What is observed: a name, or names, which give a ``Dict``.
+    reward : {"sparse", "dense"}
+        What is rewarded.
+    reward_weights : mapping of str to float, optional
+        Weights of reward terms, instead of those of the same name in `reward`.
+    image_size : int
+        Side of camera images, pixels; vectors have none.
+    control : {"twist", "delta_pose", "target_pose"}
+        What an action means.
+    randomization : "standard" or Randomization, optional
+        What varies beside object and start; by default nothing.
+    render_mode : None
+        There is nothing to render yet.
+    num_threads : int, optional
+        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    physics : PhysicsConfig
+        The engine; its time step must divide 0.05 s.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError, MissingExtraError, HandError
+        If an argument is out of place; objects are read when they are drawn first.
+    """
+
+    metadata = {"render_modes": [], "render_fps": FPS}  # noqa: RUF012 (as Gymnasium declares it)
+
+    def __init__(
+        self,
+        objects: ObjectsArgument = "procedural",
+        *,
+        split: object_sets.Split | None = None,
+        obs: str | Sequence[str] = "state",
+        reward: Reward = "sparse",
+        reward_weights: Mapping[str, float] | None = None,
+        image_size: int = 64,
+        control: Control = "twist",
+        randomization: Literal["standard"] | Randomization | None = None,
+        render_mode: None = None,
+        num_threads: int | None = None,
+        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
+        hand: HandArgument = "reflex",
+    ) -> None:
+        self._core = GraspCore(
+            1,
+            objects,
+            split=split,
+            obs=obs,
+            reward=reward,
+            reward_weights=reward_weights,
+            image_size=image_size,
+            control=control,
+            randomization=randomization,
+            render_mode=render_mode,
+            num_threads=num_threads,
+            physics=physics,
+            hand=hand,
+            autoreset="disabled",
+            max_episode_steps=None,
+        )
+        self.objects = self._core.object_set
+        self.render_mode = render_mode
+        self.observation_space = self._core.observation_space
+        self.action_space = self._core.action_space
+        self._begun = False
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            Begins the environment's random stream anew; without it the stream goes on (the first time: from a random
+            seed, which ``np_random_seed`` tells).
+        options : dict, optional
+            What of the start is given instead of drawn: see the module.
+
+        Raises
+        ------
+        ConfigError
+            If a seed or an option cannot be; then the episode goes on as if nothing had been asked.
+        MeshError, FileError, SimulationError
+            If the object cannot be read or simulated.
+        """
+        if seed is None and not self._begun:
+            seed = fresh_seed()
+        seeds = None if seed is None else [checked_seed(seed)]
+        arrays = self._core.pool.reset(seeds, None, options_json(options))
+        super().reset(seed=seed)
+        self._begun = True
+        return self._observation(arrays), row(self._core.columns(arrays), 0)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Act for one control period of 0.05 s.
+
+        Parameters
+        ----------
+        action : (n,) array
+            As the table says; numbers beyond [-1, 1] are clipped.
+
+        Raises
+        ------
+        ConfigError
+            If the action has another size or holds numbers that are not finite, or the episode is over.
+        """
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        arrays, _ = self._core.pool.step(self._core.action(action, 1))
+        reward = float(self._core.rewards(arrays)[0])
+        return self._observation(arrays), reward, bool(arrays["terminated"][0]), False, self._info(arrays)
+
+    def get_state(self) -> bytes:
+        """Everything that the future of the environment depends on, its random stream included."""
+        return self._core.pool.get_state(0)
+
+    def set_state(self, state: bytes) -> tuple[Any, dict[str, Any]]:
+        """Take up a state that `get_state` gave: from there the same actions lead to the same bits.
+
+        Returns
+        -------
+        observation, info
+            As they were then.
+
+        Raises
+        ------
+        ConfigError
+            If the state is damaged, of another version, or of other objects, another hand or another control mode.
+        """
+        self._core.pool.set_state(0, state)
+        self._begun = True
+        arrays = self._core.pool.now()
+        return self._observation(arrays), self._info(arrays)
+
+    def _observation(self, arrays: "_core.EnvArrays") -> Any:
+        found = self._core.observations(arrays)
+        return {name: rows[0] for name, rows in found.items()} if isinstance(found, dict) else found[0]
+
+    def _info(self, arrays: "_core.EnvArrays") -> dict[str, Any]:
+        return row(self._core.columns(arrays), 0)

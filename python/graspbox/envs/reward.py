@@ -1,0 +1,81 @@
+"""Rewards: the core gives named terms, the weights stand here.
+
+A reward is the sum of weights times terms. ``graspbox.envs.spaces.tables(hand)["terms"]`` lists the terms with their
+ranges and meanings.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.envs.spaces import Tables
+from graspbox.errors import ConfigError
+
+__all__ = ["DENSE", "SPARSE", "WEIGHTS", "term_weights", "total"]
+
+#: 1 for a success, else 0.
+SPARSE: Mapping[str, float] = MappingProxyType({"success": 1.0})
+
+#: Shaped. The shaping terms are differences of bounded potentials, so that what they pay in an episode depends on where
+#: it began and ended, whatever way the hand took. Their weights rise towards the goal: a grasp that lifts is worth more
+#: than all that leads up to it, and a success more than everything before it. What costs, costs less than any progress.
+DENSE: Mapping[str, float] = MappingProxyType(
+    {
+        "reach": 1.0,
+        "contact": 1.0,
+        "closure": 0.5,
+        "lift": 3.0,
+        "hold": 3.0,
+        "success": 10.0,
+        "failure": 5.0,
+        "effort": 0.01,
+        "push": 0.5,
+        "table": 0.02,
+        "stop": 0.1,
+    }
+)
+
+#: Weights by the name of the reward.
+WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE, "dense": DENSE})
+
+
+def term_weights(reward: str, given: Mapping[str, float] | None, found: Tables) -> NDArray[np.float64]:
+    """Weights in the order of the core's terms.
+
+    Parameters
+    ----------
+    reward : {"sparse", "dense"}
+        Which weights.
+    given : mapping of str to float, optional
+        Weights that replace those of the same name.
+    found : Tables
+        What `graspbox.envs.spaces.tables` gave.
+
+    Returns
+    -------
+    (terms,) float64
+
+    Raises
+    ------
+    ConfigError
+        For a reward or a term that does not exist, or a weight that is not finite.
+    """
+    if reward not in WEIGHTS:
+        raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(WEIGHTS)}")
+    names = [term["name"] for term in found["terms"]]
+    chosen = {**WEIGHTS[reward], **(given or {})}
+    for name, weight in chosen.items():
+        if name not in names:
+            raise ConfigError(f"there is no reward term {name!r}; choose from {', '.join(names)}")
+        if not np.isfinite(weight):
+            raise ConfigError(f"the weight of {name!r} is {weight}; give a finite number")
+    return np.array([float(chosen.get(name, 0.0)) for name in names])
+
+
+def total(weights: NDArray[np.float64], terms: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Sum up rewards (rows,) of terms (rows, terms), one by one: a row's bits do not depend on its neighbours."""
+    # Adding zero turns -0.0, which zero terms with negative weights give, into 0.0.
+    rewards: NDArray[np.float64] = np.cumsum(terms * weights, axis=1)[:, -1] + 0.0
+    return rewards

@@ -1,0 +1,23 @@
+"""What the tests of the environments share: cheap objects, and actions that lead to contact."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Objects whose convex parts are known exactly: they are ready within milliseconds.
+OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
+
+
+def pressing(steps: int, count: int, seed: int = 0, motors: int = 3) -> NDArray[np.float32]:
+    """Twist actions (steps, count, 7 + motors) that shake the hand, move it along its palm's normal, and close it."""
+    rng = np.random.default_rng(seed)
+    actions = rng.uniform(-0.2, 0.2, (steps, count, 7 + motors))
+    actions[:, :, 2] = 1.0
+    actions[:, :, 6:-1] = np.where(np.arange(steps) % 25 > 12, 1.0, -1.0)[:, None, None]
+    return actions.astype(np.float32)
+
+
+def columns_of(info: dict[str, Any]) -> set[str]:
+    """Names of the entries of a vector info, masks left aside."""
+    return {name for name in info if not name.startswith("_")}

@@ -1,0 +1,121 @@
+"""What every environment must do, over every registered id and observation."""
+
+import pickle
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+
+import graspbox
+from acting import OBJECTS, pressing
+from graspbox.envs import IDS, spaces
+
+TABLES = spaces.tables(graspbox.load_hand())
+GRASP = "graspbox/Grasp-v0"
+STEPS = 20
+
+#: Every id with every observation that it has, and with several at once; Grasp-v0 with its other control modes too.
+CASES: list[tuple[str, dict[str, Any]]] = [
+    ("graspbox/GraspPose-v0", {"obs": "state"}),
+    *[(GRASP, {"obs": name}) for name in TABLES["observations"]["twist"]],
+    (GRASP, {"obs": ("proprio", "tactile"), "reward": "dense", "randomization": "standard"}),
+    *[(GRASP, {"obs": "state", "control": control}) for control in TABLES["actions"] if control != "twist"],
+]
+
+
+def factory(case: tuple[str, dict[str, Any]]) -> Callable[[], Any]:
+    env_id, settings = case
+    limit: dict[str, Any] = {"max_episode_steps": STEPS} if env_id == GRASP else {}
+    return partial(gymnasium.make, env_id, objects=OBJECTS, **settings, **limit)
+
+
+@pytest.fixture(params=CASES, ids=lambda case: "-".join([case[0].split("/")[1], *map(str, case[1].values())]))
+def make(request: pytest.FixtureRequest) -> Callable[[], Any]:
+    return factory(request.param)
+
+
+def actions(env: Any, count: int) -> Any:
+    """Actions that lead to contact where that is easy, seeded ones elsewhere."""
+    if env.spec.id == GRASP and env.unwrapped.action_space.shape == (10,):
+        return pressing(count, 1)[:, 0]
+    env.action_space.seed(7)
+    return [env.action_space.sample() for _ in range(count)]
+
+
+def rollout(env: Any, seed: int, steps: int = 3 * STEPS) -> list[Any]:
+    """Everything that a few episodes return."""
+    seen: list[Any] = [env.reset(seed=seed)]
+    for action in actions(env, steps):
+        seen.append(env.step(action))
+        if seen[-1][2] or seen[-1][3]:
+            seen.append(env.reset())
+    return seen
+
+
+def leaves(observation: Any) -> list[Any]:
+    return list(observation.values()) if isinstance(observation, dict) else [observation]
+
+
+def test_every_id_and_observation_is_here() -> None:
+    assert {env_id for env_id, _ in CASES} == set(IDS)
+    assert set(TABLES["observations"]["twist"]) <= {settings["obs"] for _, settings in CASES}
+
+
+def test_gymnasium_finds_nothing_to_complain_about(make: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(make().unwrapped)
+
+
+def test_spaces_are_finite_and_hold_what_comes(make: Any) -> None:
+    env = make()
+    boxes = list(getattr(env.observation_space, "spaces", {"": env.observation_space}).values())
+    for space in [*boxes, env.action_space]:
+        assert np.isfinite(space.low).all()
+        assert np.isfinite(space.high).all()
+        assert (space.low < space.high).all()
+    for seen in rollout(env, 3):
+        assert env.observation_space.contains(seen[0])
+        for space, array in zip(boxes, leaves(seen[0]), strict=True):
+            assert array.dtype == space.dtype
+
+
+def test_same_seed_same_bits(make: Any) -> None:
+    env = make()
+    first = rollout(env, 7)
+    assert data_equivalence(rollout(env, 7), first, exact=True)
+    assert data_equivalence(rollout(gymnasium.make(env.spec), 7), first, exact=True)
+    assert not data_equivalence(rollout(env, 8), first, exact=True)
+
+
+def test_memory_is_not_shared_between_steps(make: Any) -> None:
+    kept = [leaves(seen[0]) for seen in rollout(make(), 1, steps=10)]
+    copies = [[array.copy() for array in arrays] for arrays in kept]
+    rollout(make(), 2, steps=5)
+    assert all((a == b).all() for x, y in zip(kept, copies, strict=True) for a, b in zip(x, y, strict=True))
+    for i, arrays in enumerate(kept):
+        assert not any(np.shares_memory(a, b) for a in arrays for other in kept[:i] for b in other)
+
+
+def test_observations_and_initial_states_vary(make: Any) -> None:
+    """Over a few episodes with contact no observation stays the same; nearly every number of a state begins anew."""
+    env = make()
+    seen = [leaves(x[0]) for seed in range(3) for x in rollout(env, seed)]
+    for index in range(len(seen[0])):
+        assert np.ptp(np.stack([arrays[index] for arrays in seen]), axis=0).any()
+    first = [leaves(env.reset(seed=seed)[0]) for seed in range(12)]
+    touch = env.spec.kwargs.get("obs") == "tactile"
+    assert touch or any(np.ptp(np.stack([arrays[0] for arrays in first]), axis=0) > 0)
+
+
+def test_factories_can_be_pickled(make: Any) -> None:
+    env = make()
+    again = pickle.loads(pickle.dumps(make))()
+    assert data_equivalence(again.reset(seed=1), env.reset(seed=1), exact=True)
+    spec = pickle.loads(pickle.dumps(env.spec))
+    assert data_equivalence(gymnasium.make(spec).reset(seed=1), env.reset(seed=1), exact=True)

@@ -1,0 +1,189 @@
+"""``graspbox/Grasp-v0``: what is particular to it; what every environment must do stands in ``test_conformance``."""
+
+import warnings
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+
+import graspbox
+from acting import OBJECTS, pressing
+from graspbox import errors
+from graspbox.configs import Randomization
+from graspbox.envs import grasp, reward, spaces
+
+ID = "graspbox/Grasp-v0"
+#: They do not roll away.
+BOXES = "procedural:box:0-1"
+
+
+def make(**settings: Any) -> Any:
+    return gymnasium.make(ID, **{"objects": OBJECTS, **settings})
+
+
+def test_documentation_is_that_of_the_core() -> None:
+    """The tables of the docstring are what the core says, to the letter."""
+    found = spaces.tables(graspbox.load_hand())
+    text = grasp.__doc__ or ""
+    for control in found["actions"]:
+        assert f'control="{control}"' in text
+        assert spaces.action_table(control, found) in text
+    assert spaces.observation_table("twist", found) in text
+    for term in found["terms"]:
+        assert f"| {term['name']} | {term['low']:g} | {term['high']:g} | {term['meaning']} |" in text
+    for name in found["observations"]["twist"]:
+        assert (name in found["privileged"]) == (f"``{name}`` is **privileged**" in text)
+    assert found["control_period"] * grasp.GraspEnv.metadata["render_fps"] == 1.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, info = make().reset(seed=0)
+    assert all(f"``{name}``" in text for name in info)
+
+
+@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
+def test_spaces_follow_the_control_mode(control: str) -> None:
+    env = make(control=control, obs=("proprio", "tactile", "state"))
+    found = spaces.tables(graspbox.load_hand())
+    assert env.action_space.shape == (sum(f["size"] for f in found["actions"][control]),)
+    for name, rows in found["observations"][control].items():
+        assert env.observation_space[name].shape == (sum(f["size"] for f in rows),)
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(observation["proprio"], observation["state"][: len(observation["proprio"])])
+    action = env.action_space.sample()
+    state = env.step(action)[0]["state"]
+    np.testing.assert_array_equal(state[-len(action) :], action)
+
+
+def test_reward_is_the_weighted_sum_of_its_terms() -> None:
+    """Dense, sparse and own weights on the same actions: one run, three rewards."""
+    envs = {
+        "dense": make(reward="dense"),
+        "sparse": make(),
+        "own": make(reward_weights={"reach": 2.0, "success": 0.0}),
+    }
+    weights = {"dense": reward.DENSE, "sparse": reward.SPARSE, "own": {"reach": 2.0}}
+    for env in envs.values():
+        env.reset(seed=3)
+    seen = set()
+    for action in pressing(30, 1)[:, 0]:
+        for name, env in envs.items():
+            _, value, _, _, info = env.step(action)
+            expected = sum(weights[name].get(term, 0.0) * x for term, x in info["reward_terms"].items())
+            assert value == pytest.approx(expected, abs=1e-12)
+            seen.add((name, value != 0.0))
+    assert ("dense", True) in seen
+    assert ("own", True) in seen
+    assert ("sparse", True) not in seen
+
+
+def test_state_restores_the_future() -> None:
+    """Contact, a state in the middle, and the same actions again: the same bits; also the draws of the next episode."""
+    env = make(objects=BOXES, reward="dense", randomization="standard").unwrapped
+    actions = pressing(60, 1)[:, 0]
+
+    def run(rest: Any) -> list[Any]:
+        found = [env.step(action) for action in rest]
+        return [*found, env.reset()]
+
+    env.reset(seed=8)
+    before = [env.step(action) for action in actions[:30]]
+    state = env.get_state()
+    first = run(actions[30:])
+    observation, info = env.set_state(state)
+    assert data_equivalence((observation, info), (before[-1][0], before[-1][4]), exact=True)
+    assert data_equivalence(run(actions[30:]), first, exact=True)
+    assert any(step[4]["touches"] for step in [*before, *first[:-1]])
+    other = make(objects=BOXES, reward="dense", randomization="standard").unwrapped
+    other.set_state(state)
+    again = [*(other.step(action) for action in actions[30:]), other.reset()]
+    assert data_equivalence(again, first, exact=True)
+
+
+def test_options_change_what_they_name_alone() -> None:
+    env = make().unwrapped
+    env.reset(seed=2)
+    state, info = env.reset(seed=2)
+    moved, _ = env.reset(seed=2, options={"place": [0.02, -0.03, 1.0], "object": info["object"]})
+    proprio = 28
+    np.testing.assert_array_equal(state[:proprio], moved[:proprio])
+    assert (state[proprio:] != moved[proprio:]).any()
+    world_from_hand = np.diag([1.0, -1.0, -1.0, 1.0])
+    world_from_hand[:3, 3] = [0.1, 0.05, 0.4]
+    placed, info = env.reset(seed=2, options={"world_from_hand": world_from_hand, "object": np.int64(1)})
+    np.testing.assert_allclose(placed[:3], [0.1, 0.05, 0.4], atol=1e-6)
+    assert info["object"] == env.objects.names[1]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"colour": 1},
+        {"object": "moon"},
+        {"object": 99},
+        {"place": [0.0, np.nan, 0.0]},
+        {"world_from_hand": np.ones((4, 4))},
+        {"friction": -1.0},
+        {"place": object()},
+    ],
+)
+def test_wrong_options_leave_the_episode_as_it_was(options: dict[str, Any]) -> None:
+    env = make().unwrapped
+    env.reset(seed=1)
+    state = env.get_state()
+    with pytest.raises(errors.ConfigError):
+        env.reset(options=options)
+    assert env.get_state() == state
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"obs": "depth"}, "no observation 'depth'"),
+        ({"obs": ()}, "at least one"),
+        ({"obs": ("state", "state")}, "each once"),
+        ({"control": "joint"}, "no control mode"),
+        ({"reward": "shaped"}, "no reward"),
+        ({"reward_weights": {"joy": 1.0}}, "no reward term 'joy'"),
+        ({"reward_weights": {"lift": float("nan")}}, "finite"),
+        ({"image_size": 3}, "image_size"),
+        ({"randomization": "wild"}, "randomization"),
+        ({"randomization": Randomization(friction=(2.0, 1.0))}, "friction"),
+        ({"num_threads": 0}, "num_threads"),
+        ({"physics": graspbox.PhysicsConfig(dt=0.003)}, "0.05 s"),
+        ({"objects": "cupboard"}, "no object set"),
+    ],
+)
+def test_wrong_arguments_are_explained(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(errors.GraspboxError, match=message):
+        make(**wrong)
+
+
+def test_wrong_actions_and_seeds_are_explained() -> None:
+    env = make().unwrapped
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(env.action_space.sample())
+    with pytest.raises(errors.ConfigError, match="seed"):
+        env.reset(seed=-1)
+    env.reset(seed=0)
+    with pytest.raises(errors.ConfigError, match="10 numbers"):
+        env.step(np.zeros(3, dtype=np.float32))
+    with pytest.raises(errors.ConfigError, match="index 4"):
+        env.step(np.array([0, 0, 0, 0, np.inf, 0, 0, 0, 0, 0], dtype=np.float32))
+    with pytest.raises(errors.ConfigError, match="state"):
+        env.set_state(b"nothing")
+
+
+def test_an_unseeded_episode_can_be_had_again() -> None:
+    env = make().unwrapped
+    first = env.reset()
+    assert data_equivalence(env.reset(seed=env.np_random_seed), first, exact=True)
+    assert not data_equivalence(make().unwrapped.reset(), first, exact=True)
+
+
+def test_time_limit_truncates() -> None:
+    env = make(max_episode_steps=3)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(10, dtype=np.float32))[2:4] for _ in range(3)]
+    assert ends == [(False, False), (False, False), (False, True)]

@@ -1,0 +1,221 @@
+"""The native vector environment is the single one, many times: the same bits, infos included."""
+
+import itertools
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+import graspbox
+from acting import OBJECTS, pressing
+from graspbox import errors
+from graspbox.envs import spaces
+
+ID = "graspbox/Grasp-v0"
+OBSERVATIONS = [*spaces.tables(graspbox.load_hand())["observations"]["twist"], ("tactile", "proprio")]
+
+
+def make(num_envs: int = 3, **settings: Any) -> Any:
+    return gymnasium.make_vec(ID, num_envs=num_envs, **{"objects": OBJECTS, "reward": "dense", **settings})
+
+
+def make_sync(mode: AutoresetMode, num_envs: int = 3, **settings: Any) -> Any:
+    return make(num_envs, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **settings)
+
+
+@pytest.mark.parametrize(("mode", "obs"), list(itertools.product(AutoresetMode, OBSERVATIONS)), ids=str)
+def test_equals_sync_of_single_environments(mode: AutoresetMode, obs: Any) -> None:
+    """Bits, infos and masks, over contact and at least two autoresets in each environment."""
+    native = make(autoreset_mode=mode, obs=obs, max_episode_steps=20)
+    single = make_sync(mode, obs=obs, max_episode_steps=20)
+    assert native.observation_space == single.observation_space
+    assert native.action_space == single.action_space
+    assert native.metadata == single.metadata
+    assert data_equivalence(native.reset(seed=3), single.reset(seed=3), exact=True)
+    touches, ends = np.zeros(3), np.zeros(3)
+    for action in pressing(64, 3):
+        ours, theirs = native.step(action), single.step(action)
+        assert data_equivalence(ours, theirs, exact=True)
+        done = ours[2] | ours[3]
+        touches += ours[4]["touches"]
+        ends += done
+        if mode == AutoresetMode.DISABLED and done.any():
+            # Gymnasium's takes the mask out of the options.
+            ours = native.reset(options={"reset_mask": done})
+            theirs = single.reset(options={"reset_mask": done.copy()})
+            assert data_equivalence(ours, theirs, exact=True)
+    assert (ends >= 2).all()
+    assert (touches > 0).all()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_partial_resets_equal_those_of_sync(mode: AutoresetMode) -> None:
+    """In the middle of episodes, with seeds and options, and where an autoreset is due."""
+    native, single = make(autoreset_mode=mode, max_episode_steps=9), make_sync(mode, max_episode_steps=9)
+    native.reset(seed=0)
+    single.reset(seed=0)
+    kinds: list[dict[str, Any]] = [{}, {"seed": 8}, {"seed": [7, None, 9]}, {"options": {"place": [0.0, 0.0, 0.5]}}]
+    asked = itertools.cycle(kinds)
+    rng = np.random.default_rng(0)
+    for step, action in enumerate(pressing(40, 3)):
+        ours = native.step(action)
+        assert data_equivalence(ours, single.step(action), exact=True)
+        done = ours[2] | ours[3]
+        if step % 3 == 2 or (mode == AutoresetMode.DISABLED and done.any()):
+            settings = next(asked)
+            mask = done | (rng.random(3) < 0.5)
+            if not mask.any():
+                continue
+            options = settings.get("options", {})
+            ours = native.reset(seed=settings.get("seed"), options={**options, "reset_mask": mask})
+            theirs = single.reset(seed=settings.get("seed"), options={**options, "reset_mask": mask})
+            assert data_equivalence(ours, theirs, exact=True)
+
+
+def rollout(native: Any, steps: int = 40) -> list[Any]:
+    return [native.reset(seed=1), *(native.step(action) for action in pressing(steps, native.num_envs, seed=4))]
+
+
+def test_results_depend_neither_on_neighbours_nor_on_threads() -> None:
+    many = rollout(make(5, num_threads=2, max_episode_steps=15))
+    assert data_equivalence(rollout(make(5, num_threads=1, max_episode_steps=15)), many, exact=True)
+    actions = pressing(40, 5, seed=4)
+    alone = make(1, max_episode_steps=15)
+    observation, _ = alone.reset(seed=1 + 3)
+    np.testing.assert_array_equal(observation[0], many[0][0][3])
+    for action, step in zip(actions, many[1:], strict=True):
+        observation, *_ = alone.step(action[3:4])
+        np.testing.assert_array_equal(observation[0], step[0][3])
+
+
+@pytest.mark.parametrize("obs", ["state", ("tactile", "proprio")])
+def test_views_hold_what_copies_hold(obs: Any) -> None:
+    copies, views = make(obs=obs), make(obs=obs, copy=False)
+
+    def arrays(observation: Any) -> list[Any]:
+        return list(observation.values()) if isinstance(observation, dict) else [observation]
+
+    kept, buffers = arrays(copies.reset(seed=1)[0]), arrays(views.reset(seed=1)[0])
+    for action in pressing(30, 3):
+        before = [array.copy() for array in kept]
+        new, now = arrays(copies.step(action)[0]), arrays(views.step(action)[0])
+        assert all(a is b for a, b in zip(now, buffers, strict=True))
+        assert all((a == b).all() for a, b in zip(now, new, strict=True))
+        assert all((a == b).all() for a, b in zip(kept, before, strict=True))
+        assert not any(np.shares_memory(a, b) for a in new for b in kept)
+        kept = new
+
+
+def test_environments_have_different_objects() -> None:
+    _, info = make(16, objects="procedural:can:0-3").reset(seed=0)
+    assert len(set(info["object"])) == 4
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_statistics_of_episodes(mode: AutoresetMode) -> None:
+    """Gymnasium's wrapper counts returns and lengths as they are, also under partial resets."""
+    env = RecordEpisodeStatistics(make(autoreset_mode=mode, max_episode_steps=7))
+    env.reset(seed=0)
+    returns, lengths, fresh = np.zeros(3), np.zeros(3, dtype=int), np.zeros(3, dtype=bool)
+    episodes = 0
+    for step, action in enumerate(pressing(60, 3)):
+        _, rewards, terminated, truncated, info = env.step(action)
+        done = terminated | truncated
+        acted = ~fresh
+        returns[acted] += rewards[acted]
+        lengths[acted] += 1
+        for i in np.flatnonzero(done):
+            assert info["episode"]["l"][i] == lengths[i]
+            assert info["episode"]["r"][i] == pytest.approx(returns[i], abs=1e-9)
+            episodes += 1
+        assert ("episode" in info) == done.any()
+        mask = done if mode == AutoresetMode.DISABLED else np.zeros(3, dtype=bool)
+        if step % 10 == 4:
+            mask = mask | np.array([True, False, False])
+        returns[done] = lengths[done] = 0
+        fresh = done & (mode == AutoresetMode.NEXT_STEP)
+        if mask.any():
+            env.reset(options={"reset_mask": mask.copy()})
+            returns[mask] = lengths[mask] = 0
+            fresh[mask] = False
+    assert episodes > 15
+    assert env.episode_count == episodes
+
+
+def test_send_and_recv_give_what_step_gives() -> None:
+    """In whatever order they arrive, each environment sees what it would have seen in a common step."""
+    together, apart = make(4, max_episode_steps=10), make(4, max_episode_steps=10)
+    together.reset(seed=2)
+    apart.reset(seed=2)
+    for action in pressing(25, 4):
+        expected = together.step(action)
+        apart.send(action)
+        parts = [apart.recv(1), apart.recv(3)]
+        arrived = np.concatenate([part[4]["env_id"] for part in parts])
+        assert sorted(arrived) == [0, 1, 2, 3]
+        for array in range(4):
+            found = np.concatenate([part[array] for part in parts])
+            np.testing.assert_array_equal(found, expected[array][arrived])
+        failures = np.concatenate([part[4]["failure"] for part in parts])
+        assert (failures == expected[4]["failure"][arrived]).all()
+    with pytest.raises(errors.ConfigError, match="on their way"):
+        apart.recv(1)
+    apart.send(pressing(1, 2)[0], [1, 3])
+    with pytest.raises(errors.ConfigError):
+        apart.step(pressing(1, 4)[0])
+    assert set(apart.recv(2)[4]["env_id"]) == {1, 3}
+    apart.step(pressing(1, 4)[0])
+
+
+def test_final_observations_arrive_through_recv() -> None:
+    env = make(3, max_episode_steps=4, autoreset_mode="SameStep")
+    twin = make(3, max_episode_steps=4, autoreset_mode="SameStep")
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    for action in pressing(4, 3):
+        env.send(action, [2, 0, 1])
+        found = env.recv()
+        expected = twin.step(action[[1, 2, 0]])
+    infos, arrived = found[4], found[4]["env_id"]
+    assert infos["_final_obs"].all()
+    for i, e in enumerate(arrived):
+        np.testing.assert_array_equal(infos["final_obs"][i], expected[4]["final_obs"][e])
+    np.testing.assert_array_equal(infos["final_info"]["lift"], expected[4]["final_info"]["lift"][arrived])
+
+
+def test_states_pass_between_single_and_vector() -> None:
+    objects = "procedural:box:0-1"
+    single: Any = gymnasium.make(ID, objects=objects, reward="dense").unwrapped
+    env = make(2, objects=objects, max_episode_steps=50)
+    actions = pressing(30, 2)
+    env.reset(seed=6)
+    for action in actions[:15]:
+        env.step(action)
+    single.set_state(env.get_state(1))
+    for action in actions[15:]:
+        ours = env.step(action)
+        theirs = single.step(action[1])
+        np.testing.assert_array_equal(ours[0][1], theirs[0])
+        assert ours[1][1] == theirs[1]
+
+
+def test_wrong_arguments_are_explained() -> None:
+    with pytest.raises(errors.ConfigError, match="autoreset"):
+        make(autoreset_mode="sometimes")
+    with pytest.raises(errors.ConfigError, match="num_envs"):
+        make(0)
+    env = make()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(env.action_space.sample())
+    with pytest.raises(errors.ConfigError, match="2 seeds"):
+        env.reset(seed=[1, 2])
+    env.reset(seed=0)
+    for mask in ([True, False, False], np.zeros(3, dtype=bool), np.ones(2, dtype=bool), np.ones(3)):
+        with pytest.raises(errors.ConfigError, match="reset_mask"):
+            env.reset(options={"reset_mask": mask})
+    with pytest.raises(errors.ConfigError, match="10 numbers"):
+        env.step(np.zeros((2, 10), dtype=np.float32))
