@@ -182,6 +182,8 @@ class PhysicsConfig:
         Time step, seconds.
     solver_iterations : int
         Solver sub-steps in a step.
+    idle_iterations : int
+        The same while nothing in the hand moves and it is in contact with nothing.
     contact_frequency, static_contact_frequency : float
         Natural frequency of contacts, and of those with hand root and table, Hz.
     contact_damping_ratio : float
@@ -201,6 +203,7 @@ class PhysicsConfig:
 
     dt: float = 0.002
     solver_iterations: int = 4
+    idle_iterations: int = 1
     contact_frequency: float = 240.0
     contact_damping_ratio: float = 2.0
     static_contact_frequency: float = 480.0

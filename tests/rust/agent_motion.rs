@@ -267,7 +267,10 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
             );
             assert_eq!((sum("success"), sum("failure"), sum("stop")), (1.0, 0.0, 0.0));
             assert!((sum("hold") - 1.0).abs() < 1e-5 && (sum("lift") - 1.0).abs() < 1e-5);
-            assert!((0.0..=1.0).contains(&sum("reach")) && (0.5..=1.0).contains(&sum("contact")));
+            assert!(
+                (0.0..=1.0).contains(&sum("reach")) && (0.5..1.00001).contains(&sum("contact")),
+                "{driven:?}"
+            );
             let state = pool.now();
             assert!(state.is_success[0] && state.touches[0] && state.lift[0] > 0.15);
         }

@@ -31,6 +31,8 @@ pub struct PhysicsConfig {
     pub dt: f64,
     /// Solver sub-steps a step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
     pub solver_iterations: usize,
+    /// The same while nothing in the hand moves and it is in contact with nothing: what remains then is an object on the table.
+    pub idle_iterations: usize,
     /// Natural frequency of contacts, Hz. Stock values of the engine (30 Hz) let fingers sink in by millimetres.
     pub contact_frequency: f64,
     /// Damping ratio of contacts.
@@ -54,6 +56,7 @@ impl Default for PhysicsConfig {
         Self {
             dt: 0.002,
             solver_iterations: 4,
+            idle_iterations: 1,
             contact_frequency: 240.0,
             contact_damping_ratio: 2.0,
             static_contact_frequency: 480.0,
@@ -73,11 +76,18 @@ impl PhysicsConfig {
     /// [`SimError::BadConfig`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
         let f = &self.friction;
-        let rows: [(&'static str, f64, f64, f64, &'static str); 11] = [
+        let rows: [(&'static str, f64, f64, f64, &'static str); 12] = [
             ("dt", self.dt, 1e-5, 0.02, "between 1e-5 and 0.02 s"),
             (
                 "solver_iterations",
                 self.solver_iterations as f64,
+                1.0,
+                64.0,
+                "between 1 and 64",
+            ),
+            (
+                "idle_iterations",
+                self.idle_iterations as f64,
                 1.0,
                 64.0,
                 "between 1 and 64",

@@ -91,6 +91,13 @@ impl World {
         self.contacts().scenery
     }
 
+    /// True where a part of the hand is in contact, or so near to one that the solver looks out for it.
+    pub(crate) fn hand_in_contact(&self) -> bool {
+        let of_hand = |collider| matches!(self.part(collider), Part::Link { .. });
+        let mut pairs = self.physics().narrow_phase.contact_pairs();
+        pairs.any(|p| p.has_any_active_contact() && (of_hand(p.collider1) || of_hand(p.collider2)))
+    }
+
     /// Forces on the tactile sensors.
     ///
     /// A contact presses the sensors of its link in proportion to their nearness: a sensor feels nothing beyond its reach.

@@ -33,6 +33,12 @@ pub struct FingerState {
 /// A sensor reports contact from this force on, N: a touch with the weight of 10 g.
 const CONTACT_FORCE: f64 = 0.1;
 
+/// A joint below this speed is still, rad/s: it sways in its flexure when the hand is moved.
+const STILL: f64 = 0.2;
+
+/// An object that turns faster than this tumbles, rad/s.
+const TUMBLING: f64 = 1.0;
+
 /// What changes from step to step, beside the engine's own state.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct State {
@@ -220,9 +226,30 @@ impl World {
         if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.scenery) {
             body.set_next_kinematic_position(frames::pose(&target.inverse()));
         }
+        let config = &self.shared.config;
+        self.physics.integration_parameters.num_solver_iterations = if self.idles() {
+            config.idle_iterations
+        } else {
+            config.solver_iterations
+        };
         self.physics.step();
         self.state.steps += 1;
         Ok(())
+    }
+
+    /// True while the hand is in contact with nothing, nothing in it moves and the object does not tumble: what is left to solve
+    /// is at most an object on the table.
+    fn idles(&self) -> bool {
+        let still = |finger: usize| {
+            let finger = self.finger(finger);
+            finger.proximal_speed.abs() < STILL && finger.distal_speed.abs() < STILL
+        };
+        let motion = &self.state.motion;
+        let spin = frames::vector64(self.body(self.shared.handles.object).angvel());
+        self.state.motors.iter().all(|m| m.velocity == 0.0)
+            && (motion.world_from_base.rotation * spin + motion.angular).norm() < TUMBLING
+            && (0..self.shared.hand.fingers.len()).all(still)
+            && !self.hand_in_contact()
     }
 
     fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) -> Result<(), SimError> {
