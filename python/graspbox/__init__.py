@@ -12,11 +12,14 @@ Importing the package registers its Gymnasium environments.
 from graspbox import errors, object_sets
 from graspbox._core import __version__
 from graspbox.configs import (
+    CameraConfig,
     CleanConfig,
     DecomposeConfig,
+    EyesConfig,
     FrictionConfig,
     LoadConfig,
     PhysicsConfig,
+    PictureConfig,
     PlanConfig,
     PoseConfig,
     TrialConfig,
@@ -26,13 +29,16 @@ from graspbox.errors import GraspboxError
 from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
 from graspbox.planning import Box, BoxTree, Plan, decompose, plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace, load_hand, simulate
+from graspbox.viewpoints import ViewPlan, Views, occupancy, views
 from graspbox.voxels import Voxels, load_binvox, save_binvox, voxelize
 
 __all__ = [
     "Box",
     "BoxTree",
+    "CameraConfig",
     "CleanConfig",
     "DecomposeConfig",
+    "EyesConfig",
     "FrictionConfig",
     "GraspboxError",
     "Hand",
@@ -40,12 +46,15 @@ __all__ = [
     "Mesh",
     "Outcomes",
     "PhysicsConfig",
+    "PictureConfig",
     "Plan",
     "PlanConfig",
     "PoseConfig",
     "Scene",
     "Trace",
     "TrialConfig",
+    "ViewPlan",
+    "Views",
     "Voxels",
     "__version__",
     "decompose",
@@ -55,9 +64,11 @@ __all__ = [
     "load_mesh",
     "mesh_from_arrays",
     "object_sets",
+    "occupancy",
     "plan",
     "save_binvox",
     "simulate",
+    "views",
     "voxelize",
 ]
 

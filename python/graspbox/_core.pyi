@@ -20,16 +20,22 @@ __all__ = [
     "_config",
     "_spin",
     "_time_best_split",
+    "_time_images",
     "_time_reset",
     "agent_tables",
     "decompose",
+    "image_tables",
     "load_binvox",
     "num_threads",
+    "occupancy",
+    "pictures",
     "plan",
+    "poses_of_cameras",
     "procedural",
     "procedural_families",
     "rank_weights",
     "save_binvox",
+    "views",
     "voxelize",
 ]
 
@@ -238,3 +244,34 @@ def _time_reset(scene: Scene, repeats: int) -> NDArray[np.float64]: ...
 def num_threads() -> int: ...
 def _config(name: str, text: str) -> str: ...
 def _spin(seconds: float, *, num_threads: int | None = None, deaf: bool = False, fail: bool = False) -> int: ...
+
+@type_check_only
+class ViewArrays(TypedDict):
+    depth: NDArray[np.float32]
+    rgb: NotRequired[NDArray[np.uint8]]
+    segmentation: NotRequired[NDArray[np.uint8]]
+    intrinsics: NDArray[np.float64]
+    world_from_camera: NDArray[np.float64]
+    camera_from_object: NDArray[np.float64]
+
+def image_tables(hand: Hand, eyes: str) -> str: ...
+def pictures(pool: Pool, envs: Sequence[int], picture: str) -> NDArray[np.uint8]: ...
+def poses_of_cameras(pool: Pool) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
+def views(
+    mesh: Mesh,
+    config: str,
+    world_from_object: NDArray[np.float64] | None,
+    target: NDArray[np.float64] | None,
+    num_threads: int | None,
+) -> ViewArrays: ...
+def occupancy(
+    depth: NDArray[np.float32],
+    intrinsics: NDArray[np.float64],
+    frame_from_camera: NDArray[np.float64],
+    resolution: int,
+    origin: NDArray[np.float64],
+    side: float,
+    far: float,
+    nothing_is_free: bool,
+) -> NDArray[np.uint8]: ...
+def _time_images(pool: Pool, env: int, eyes: str, repeats: int) -> NDArray[np.float64]: ...

@@ -8,11 +8,14 @@ from typing import Literal, Self
 
 __all__ = [
     "AgentConfig",
+    "CameraConfig",
     "CleanConfig",
     "DecomposeConfig",
+    "EyesConfig",
     "FrictionConfig",
     "LoadConfig",
     "PhysicsConfig",
+    "PictureConfig",
     "PlanConfig",
     "PoseConfig",
     "Randomization",
@@ -215,6 +218,91 @@ class PhysicsConfig:
 
 
 @dataclass(frozen=True)
+class CameraConfig:
+    """One camera; lengths in metres, in the frame of what carries it.
+
+    Attributes
+    ----------
+    name : str
+        Small letters and digits.
+    mount : {"world", "hand"}
+        What carries it: the world, or the palm (the grasp frame, z out of the palm).
+    eye, target, up : tuple of float
+        Where it is, what is in the middle of its image, what is upward in it.
+    fov : float
+        Angle from the upper to the lower border of its image, radians.
+    near, far : float
+        Least and greatest depth that it sees, metres.
+    """
+
+    name: str = "front"
+    mount: Literal["world", "hand"] = "world"
+    eye: tuple[float, float, float] = (-0.421, 0.0, 0.413)
+    target: tuple[float, float, float] = (0.0, 0.0, 0.06)
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    fov: float = 0.5
+    near: float = 0.02
+    far: float = 2.0
+
+
+#: In front of the workspace, 0.55 m from its middle, looking down at 40 degrees.
+FRONT = CameraConfig()
+#: On a bracket beside the palm, looking between the fingers at what they hold.
+PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
+#: For pictures: from the side, the whole scene.
+VIEWER = CameraConfig("viewer", eye=(-0.375, -0.5, 0.375), target=(0.0, 0.0, 0.13), fov=0.6, far=30.0)
+
+
+@dataclass(frozen=True)
+class EyesConfig:
+    """What environments see.
+
+    Attributes
+    ----------
+    images : tuple of str
+        Names of images, ``kind`` (from the first camera) or ``kind_camera``; the kinds are ``rgb``, ``depth``,
+        ``rgbd``, ``segmentation``, ``points`` and ``voxels``. ``voxels`` alone is made of what all cameras see.
+    image_size : pair of int
+        Rows and columns of every image.
+    cameras : tuple of CameraConfig
+        The cameras.
+    shadows : bool
+        Whether hand and object throw shadows in colour images.
+    voxels : int
+        Voxels along each side of the cube of ``voxels``.
+    voxel_side : float
+        Side of that cube, metres. It stands over the table's middle; the table's top is in the middle of its lowest
+        layer.
+    """
+
+    images: tuple[str, ...] = ()
+    image_size: tuple[int, int] = (64, 64)
+    cameras: tuple[CameraConfig, ...] = (FRONT, PALM)
+    shadows: bool = True
+    voxels: int = 32
+    voxel_side: float = 0.4
+
+
+@dataclass(frozen=True)
+class PictureConfig:
+    """A picture to look at.
+
+    Attributes
+    ----------
+    image_size : pair of int
+        Rows and columns.
+    samples : int
+        Samples along each side of a pixel, 1 to 8.
+    camera : CameraConfig
+        Who looks.
+    """
+
+    image_size: tuple[int, int] = (480, 640)
+    samples: int = 3
+    camera: CameraConfig = VIEWER
+
+
+@dataclass(frozen=True)
 class TrialConfig:
     """A grasp trial: approach, close, lift, hold.
 
@@ -254,6 +342,11 @@ class Randomization:
     hand_position, hand_rotation : float
         Greatest constant error of the hand's pose in an episode, along and about each axis, metres and radians: the
         arm believes that the hand is elsewhere than it is.
+    camera_position, camera_rotation : float
+        Greatest shift and turn of a camera along and about each of its axes, metres and radians.
+    light : float
+        Variation of the light, in [0, 1]: at 1 the lamp turns by up to 0.7 rad about each axis and grows or fades by
+        half.
     """
 
     friction: tuple[float, float] = (1.0, 1.0)
@@ -261,11 +354,23 @@ class Randomization:
     object_position: float = 0.0
     hand_position: float = 0.0
     hand_rotation: float = 0.0
+    camera_position: float = 0.0
+    camera_rotation: float = 0.0
+    light: float = 0.0
 
     @classmethod
     def standard(cls) -> Self:
         """Make the preset ``"standard"``: what a calibrated robot and a household leave open."""
-        return cls((0.7, 1.3), (0.75, 1.25), object_position=0.03, hand_position=0.005, hand_rotation=0.03)
+        return cls(
+            (0.7, 1.3),
+            (0.75, 1.25),
+            object_position=0.03,
+            hand_position=0.005,
+            hand_rotation=0.03,
+            camera_position=0.01,
+            camera_rotation=0.02,
+            light=0.5,
+        )
 
 
 @dataclass(frozen=True)
@@ -284,6 +389,8 @@ class AgentConfig:
         What is observed, in this order.
     randomization : Randomization
         What varies.
+    eyes : EyesConfig
+        What is seen.
     """
 
     control: Literal["twist", "delta_pose", "target_pose"] = "twist"
@@ -291,3 +398,4 @@ class AgentConfig:
     max_episode_steps: int | None = None
     observations: tuple[str, ...] = ("proprio", "tactile", "state")
     randomization: Randomization = field(default_factory=Randomization)
+    eyes: EyesConfig = field(default_factory=EyesConfig)

@@ -19,12 +19,13 @@ def changed(value: Any) -> Any:
     if isinstance(value, int | float):
         return value * 2 + 1
     if isinstance(value, list):
-        return [changed(inner) for inner in value]
+        return [changed(inner) for inner in value] or ["rgb"]
     if isinstance(value, dict):
         return {key: changed(inner) for key, inner in value.items()}
     other = {"minimum": "pca", "share": "area", "random": "grid", "reflex": "soft_hand"}
     other |= {"twist": "delta_pose", "next_step": "same_step"}
     other |= {"proprio": "tactile", "tactile": "state", "state": "proprio"}
+    other |= {"world": "hand", "front": "side", "palm": "wrist", "viewer": "me", "hand": "world"}
     return other[value] if isinstance(value, str) else 1
 
 

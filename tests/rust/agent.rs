@@ -61,6 +61,7 @@ fn row(pool: &Pool, batch: &Batch, row: usize) -> Vec<u32> {
         array[row * size..(row + 1) * size].to_vec()
     };
     let one = Batch {
+        images: Vec::new(),
         envs: vec![0],
         observations: batch.observations.iter().map(cut).collect(),
         terms: cut(&batch.terms),

@@ -79,14 +79,31 @@ pub fn occupancy(
     views: &[DepthView],
     nothing_is_free: bool,
 ) -> Result<Vec<Occupancy>, CameraError> {
+    let mut cells = Vec::new();
+    occupancy_into(grid, world_from_grid, views, nothing_is_free, &mut cells)?;
+    Ok(cells)
+}
+
+/// As [`occupancy`], into `cells`, whose memory is used again.
+///
+/// # Errors
+/// Those of [`occupancy`].
+pub fn occupancy_into(
+    grid: &VoxelFrame,
+    world_from_grid: &Isometry3<f64>,
+    views: &[DepthView],
+    nothing_is_free: bool,
+    cells: &mut Vec<Occupancy>,
+) -> Result<(), CameraError> {
     views.iter().try_for_each(DepthView::check)?;
-    let mut cells = vec![Occupancy::Unseen; grid.len()];
+    cells.clear();
+    cells.resize(grid.len(), Occupancy::Unseen);
     for view in views {
         let camera_from_grid = view.camera.world_from_camera().inv_mul(world_from_grid);
-        mark_points(grid, &camera_from_grid.inverse(), view, &mut cells);
-        judge_centers(grid, &camera_from_grid, view, nothing_is_free, &mut cells);
+        mark_points(grid, &camera_from_grid.inverse(), view, cells);
+        judge_centers(grid, &camera_from_grid, view, nothing_is_free, cells);
     }
-    Ok(cells)
+    Ok(())
 }
 
 /// Marks the voxels that hold a pixel's point.

@@ -58,7 +58,32 @@ pub enum EpisodeError {
     #[error("the observation `{name}` is named twice; name it once")]
     Twice {
         /// Its name.
-        name: &'static str,
+        name: String,
+    },
+    /// An image is unknown.
+    #[error(
+        "there is no image {name:?}; give rgb, depth, rgbd, segmentation, points or voxels, alone or with one of the cameras \
+         ({cameras}) as in depth_palm"
+    )]
+    UnknownImage {
+        /// What was given.
+        name: String,
+        /// Names of the cameras.
+        cameras: String,
+    },
+    /// The name of a camera is taken or not plain.
+    #[error("a camera cannot be called {name:?}; give each one a name of its own, of small letters and digits")]
+    CameraName {
+        /// What was given.
+        name: String,
+    },
+    /// Something cannot be seen, or nothing can be seen with it.
+    #[error("{name}: {source}")]
+    Camera {
+        /// The camera, or what is looked at.
+        name: String,
+        /// What the renderer said.
+        source: graspbox_camera::CameraError,
     },
     /// There is nothing to grasp.
     #[error("the list of objects is empty; give at least one")]

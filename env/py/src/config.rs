@@ -4,6 +4,7 @@ use crate::convert::{config, json};
 use crate::errors::CoreError;
 use graspbox_episode::TrialConfig;
 use graspbox_episode::agent::{AgentConfig, StartOptions};
+use graspbox_episode::eyes::{CameraConfig, EyesConfig, PictureConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
 use graspbox_sim::PhysicsConfig;
@@ -19,6 +20,9 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
     Ok(match name {
         "AgentConfig" => json(&config::<AgentConfig>(text, name)?),
         "StartOptions" => json(&config::<StartOptions>(text, name)?),
+        "CameraConfig" => json(&config::<CameraConfig>(text, name)?),
+        "EyesConfig" => json(&config::<EyesConfig>(text, name)?),
+        "PictureConfig" => json(&config::<PictureConfig>(text, name)?),
         "CleanConfig" => json(&config::<CleanOptions>(text, name)?),
         "DecomposeConfig" => json(&config::<DecomposeParams>(text, name)?),
         "LoadConfig" => json(&config::<LoadOptions>(text, name)?),

@@ -2,6 +2,7 @@
 //!
 //! The classes themselves live in `graspbox.errors`, because Rust cannot give an exception two bases.
 
+use graspbox_camera::CameraError;
 use graspbox_episode::EpisodeError;
 use graspbox_hand::HandError;
 use graspbox_mesh::MeshError;
@@ -86,12 +87,24 @@ impl From<SimError> for CoreError {
     }
 }
 
+impl From<CameraError> for CoreError {
+    fn from(error: CameraError) -> Self {
+        match error {
+            CameraError::Mesh(source) => source.into(),
+            _ => Self::Config(error.to_string()),
+        }
+    }
+}
+
 impl From<EpisodeError> for CoreError {
     fn from(error: EpisodeError) -> Self {
         match error {
             EpisodeError::BadConfig { .. }
             | EpisodeError::NoObjects
             | EpisodeError::Twice { .. }
+            | EpisodeError::UnknownImage { .. }
+            | EpisodeError::CameraName { .. }
+            | EpisodeError::Camera { .. }
             | EpisodeError::NoSuchObject { .. }
             | EpisodeError::UnknownObject { .. }
             | EpisodeError::BadOption { .. }

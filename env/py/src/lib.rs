@@ -6,6 +6,7 @@
 //! | [`config`] | the configs that cross |
 //! | [`convert`] | arrays and configs, with every check of a shape or a number |
 //! | [`errors`] | one error type, and the Python exception of each error |
+//! | [`eyes`] | images of environments and objects, pictures, cameras |
 //! | [`gil`] | releases the GIL, keeps panics inside, listens for Ctrl-C, owns the thread pools |
 //! | [`episode`] | an object at rest, and trials on it |
 //! | [`hand`] | the handle on a hand |
@@ -22,6 +23,7 @@ pub mod config;
 pub mod convert;
 pub mod episode;
 pub mod errors;
+pub mod eyes;
 pub mod gil;
 pub mod hand;
 pub mod mesh;
@@ -42,6 +44,8 @@ mod _core {
     use crate::config::config_again;
     #[pymodule_export]
     use crate::episode::Scene;
+    #[pymodule_export]
+    use crate::eyes::{image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]
     use crate::gil::{num_threads, spin};
     #[pymodule_export]

@@ -3,6 +3,7 @@
 use crate::convert::{Array, Floats, array, config, matrices, row_major, table};
 use crate::errors::CoreError;
 use crate::gil::detached;
+use graspbox_camera::Model;
 use graspbox_episode::{Body, DEFAULT_DENSITY, ObjectSpec};
 use graspbox_mesh::{
     CleanOptions, LoadOptions, Mass, MassProperties, RestingOptions, TriMesh, check_watertight, clean, convex_hull,
@@ -22,6 +23,7 @@ pub struct MeshData {
     pub spec: ObjectSpec,
     properties: MassProperties,
     body: OnceLock<Arc<Body>>,
+    look: OnceLock<Model>,
 }
 
 impl MeshData {
@@ -36,6 +38,7 @@ impl MeshData {
             spec,
             properties,
             body: OnceLock::new(),
+            look: OnceLock::new(),
         })
     }
 
@@ -49,6 +52,18 @@ impl MeshData {
         }
         let body = Arc::new(Body::prepare(&self.spec, cache)?);
         Ok(Arc::clone(self.body.get_or_init(|| body)))
+    }
+
+    /// The mesh as the renderer takes it, prepared at its first use.
+    ///
+    /// # Errors
+    /// As [`Model::new`].
+    pub fn look(&self) -> Result<&Model, CoreError> {
+        if let Some(look) = self.look.get() {
+            return Ok(look);
+        }
+        let made = Model::new(&self.spec.mesh)?;
+        Ok(self.look.get_or_init(|| made))
     }
 }
 

@@ -9,7 +9,7 @@ use graspbox_episode::EpisodeError;
 use graspbox_episode::agent::{self, AgentConfig, Batch, Control, Observation, Source, StartOptions};
 use graspbox_episode::agent::{pool::Stepped, reward, rules::Rules};
 use graspbox_sim::PhysicsConfig;
-use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use serde::Deserialize;
@@ -129,8 +129,8 @@ type Arrival = (usize, Result<Stepped, CoreError>);
 /// Environments side by side.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct Pool {
-    core: Arc<agent::Pool>,
-    num_threads: Option<usize>,
+    pub(crate) core: Arc<agent::Pool>,
+    pub(crate) num_threads: Option<usize>,
     sender: Mutex<Sender<Arrival>>,
     arrivals: Mutex<Receiver<Arrival>>,
 }
@@ -306,6 +306,7 @@ fn arrays<'py>(
         };
         dict.set_item(name, found)?;
     }
+    crate::eyes::images(py, rules, batch.images, rows, &dict, out)?;
     dict.set_item("terms", array(py, batch.terms, &[rows, reward::TERMS])?)?;
     let flags = [
         ("terminated", batch.terminated),
@@ -329,16 +330,16 @@ fn arrays<'py>(
 }
 
 /// Writes `values` into the caller's array.
-fn filled<'py>(
-    given: Bound<'py, PyArrayDyn<f32>>,
+pub(crate) fn filled<'py, T: Element + Copy>(
+    given: Bound<'py, PyArrayDyn<T>>,
     name: &str,
-    values: &[f32],
+    values: &[T],
     rows: usize,
-) -> PyResult<Array<'py, f32>> {
+) -> PyResult<Array<'py, T>> {
     let wrong = || {
         let size = values.len() / rows.max(1);
         CoreError::Config(format!(
-            "out[{name:?}] has shape {:?}; give a writeable C-contiguous float32 array of shape ({rows}, {size})",
+            "out[{name:?}] has shape {:?}; give a writeable C-contiguous array of {rows} rows of {size} numbers",
             given.shape()
         ))
     };

@@ -2,21 +2,13 @@
 
 use crate::config::PhysicsConfig;
 use crate::object::ObjectModel;
+use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
 use crate::{SimError, frames};
 use graspbox_hand::{Hand, Shape};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rapier3d::math::Vector;
 use rapier3d::prelude::*;
 use serde::{Deserialize, Serialize};
-
-/// Side of the table top, metres.
-pub(crate) const TABLE_SIDE: f64 = 1.2;
-/// Thickness of the table top, metres.
-const TABLE_THICKNESS: f64 = 0.1;
-/// Height of the table top above the ground, metres: a usual table.
-const TABLE_HEIGHT: f64 = 0.75;
-/// Side of the ground, metres: further than anything rolls in an episode.
-const GROUND_SIDE: f64 = 20.0;
 
 const OBJECT: Group = Group::GROUP_1;
 const GROUND: Group = Group::GROUP_2;

@@ -6,6 +6,7 @@
 //! | [`object`] | the object: convex parts, mass, inertia |
 //! | [`world`] | the world itself: step, observe, clone, snapshot |
 //! | [`contacts`] | who touches whom, how deep and how hard; tactile pressures |
+//! | [`scenery`] | how large table and ground are |
 //! | [`load`] | what presses on the hand: contact points, and their sum |
 //! | `build`, `finger`, `motion`, `frames` | assembly, tendon law, the moving frame, conversions |
 //!
@@ -22,6 +23,7 @@ mod frames;
 pub mod load;
 mod motion;
 pub mod object;
+pub mod scenery;
 mod snapshot;
 pub mod world;
 

@@ -3,6 +3,7 @@
 use crate::agent::reward::TERMS;
 use crate::agent::rules::Rules;
 use crate::agent::slot::Outcome;
+use crate::eyes::Pixels;
 
 /// One row an environment; every array is C-contiguous.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,6 +12,8 @@ pub struct Batch {
     pub envs: Vec<usize>,
     /// One array an observation, in the order of the config.
     pub observations: Vec<Vec<f32>>,
+    /// One array an image, in the order of the config.
+    pub images: Vec<Pixels>,
     /// Reward terms, (rows, terms).
     pub terms: Vec<f32>,
     /// Ended by success or loss.
@@ -47,6 +50,7 @@ impl Batch {
                 .iter()
                 .map(|(_, f)| Vec::with_capacity(rows * size(f)))
                 .collect(),
+            images: rules.eyes.blank(rows),
             terms: Vec::with_capacity(rows * TERMS),
             ..Self::default()
         }
@@ -61,6 +65,9 @@ impl Batch {
             let (own, others) = rest.split_at(size);
             array.extend_from_slice(own);
             rest = others;
+        }
+        for (array, image) in self.images.iter_mut().zip(&outcome.images) {
+            array.extend(image);
         }
         self.terms.extend_from_slice(&outcome.terms);
         self.terminated.push(outcome.terminated);
@@ -82,6 +89,9 @@ impl Batch {
         self.envs.append(&mut other.envs);
         for (array, more) in self.observations.iter_mut().zip(&mut other.observations) {
             array.append(more);
+        }
+        for (array, more) in self.images.iter_mut().zip(&other.images) {
+            array.extend(more);
         }
         self.terms.append(&mut other.terms);
         self.terminated.append(&mut other.terminated);

@@ -38,6 +38,11 @@ impl Draw {
         Self(stream)
     }
 
+    /// The seed of another stream.
+    pub fn seed(&mut self) -> u64 {
+        self.0.next_u64()
+    }
+
     /// Uniform in [0, 1), from the upper 53 bits.
     pub fn unit(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 * (-53f64).exp2()

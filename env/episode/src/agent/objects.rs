@@ -5,6 +5,7 @@
 //! while an object is prepared: threads that want the same one at the same time do the work twice and keep the first.
 
 use crate::{Body, EpisodeError, ObjectSpec, Scene};
+use graspbox_camera::Model;
 use graspbox_hand::Hand;
 use graspbox_mesh::procedural::{Family, generate};
 use graspbox_mesh::{CleanOptions, LoadOptions, RestingOptions, TriMesh, convex_hull, resting_poses};
@@ -113,6 +114,8 @@ pub struct Prepared {
     ways: Vec<Way>,
     /// Middle and half sides of the bounds along the object's axes, metres.
     bounds: [Point3<f64>; 2],
+    /// How it looks; made when it is first seen.
+    look: OnceLock<Model>,
 }
 
 /// One way to lie on the table; settled at its first use.
@@ -147,12 +150,28 @@ impl Prepared {
                 Point3::from((aabb.max - aabb.min) / 2.0),
             ],
             body,
+            look: OnceLock::new(),
         })
     }
 
     /// The object itself.
     pub fn body(&self) -> &Body {
         &self.body
+    }
+
+    /// The object as the renderer takes it, made at its first use.
+    ///
+    /// # Errors
+    /// A mesh that cannot be drawn.
+    pub fn look(&self) -> Result<&Model, EpisodeError> {
+        if let Some(look) = self.look.get() {
+            return Ok(look);
+        }
+        let made = Model::new(self.body.mesh()).map_err(|source| EpisodeError::Camera {
+            name: format!("object `{}`", self.body.name()),
+            source,
+        })?;
+        Ok(self.look.get_or_init(|| made))
     }
 
     /// Chances of the resting poses, in order.

@@ -6,6 +6,8 @@ use crate::agent::reward::{Events, Potentials, TERMS, terms};
 use crate::agent::rules::Rules;
 use crate::agent::servo::Servo;
 use crate::agent::start::Start;
+use crate::eyes::stage::object_color;
+use crate::eyes::{Look, Moment};
 use crate::{Episode, EpisodeError, FailureKind, Judge};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -67,6 +69,7 @@ pub(crate) struct Record {
     pub success: bool,
     pub stopped: bool,
     pub potentials: Potentials,
+    pub look: Look,
 }
 
 impl Play {
@@ -92,6 +95,7 @@ impl Play {
             success: false,
             stopped: false,
             potentials: Potentials::default(),
+            look: start.look.clone(),
         };
         let mut play = Self {
             servo: Servo::new(&start.world_from_hand, &start.hand_error),
@@ -243,6 +247,21 @@ impl Play {
     /// Potentials of the reward's shaping terms.
     pub fn potentials(&self) -> &Potentials {
         &self.record.potentials
+    }
+
+    /// Cameras and light.
+    pub fn look(&self) -> &Look {
+        &self.record.look
+    }
+
+    /// Where everything is now.
+    ///
+    /// # Errors
+    /// A mesh that cannot be drawn.
+    pub fn moment(&self) -> Result<Moment<'_>, EpisodeError> {
+        let object = self.prepared.look()?;
+        let color = object_color(self.prepared.body().name());
+        Ok(Moment::of(self.episode.world(), object, color))
     }
 
     /// Centre of mass of the object at the start, world, metres.

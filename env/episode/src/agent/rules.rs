@@ -5,6 +5,7 @@ use crate::agent::config::{AgentConfig, steps_per_control};
 use crate::agent::guard::Guard;
 use crate::agent::layout::{Field, Observation};
 use crate::agent::objects::Objects;
+use crate::eyes::Eyes;
 use graspbox_hand::Hand;
 use graspbox_plan::OpenHand;
 use std::sync::Arc;
@@ -22,6 +23,8 @@ pub struct Rules {
     pub guard: Guard,
     /// The tables of the observations that were asked for.
     pub tables: Vec<(Observation, Vec<Field>)>,
+    /// What it sees with.
+    pub eyes: Eyes,
     /// Physics steps between two actions.
     pub substeps: u32,
     /// Numbers of an action.
@@ -51,6 +54,7 @@ impl Rules {
             guard: Guard::new(&hand)?,
             substeps: steps_per_control(objects.physics().dt)?,
             flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
+            eyes: Eyes::new(Arc::clone(&hand), config.eyes.clone())?,
             tables,
             action,
             objects,

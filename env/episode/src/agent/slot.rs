@@ -8,17 +8,20 @@ use crate::agent::reward::TERMS;
 use crate::agent::rules::Rules;
 use crate::agent::servo::Servo;
 use crate::agent::start::{StartOptions, start};
+use crate::eyes::Pixels;
 use crate::{Episode, EpisodeError, Judge};
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagent1";
+const MAGIC: &[u8; 8] = b"gbagent2";
 
 /// What one step or reset of one environment showed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// All observations, one after another.
     pub observations: Vec<f32>,
+    /// The images, in the order of the config.
+    pub images: Vec<Pixels>,
     /// Reward terms; zeros after a reset.
     pub terms: [f32; TERMS],
     /// The episode ended by success or loss.
@@ -29,6 +32,18 @@ pub struct Outcome {
     pub reset: bool,
     /// What is said beside.
     pub info: Info,
+}
+
+impl Outcome {
+    /// Fills observations and images.
+    fn show(&mut self, play: &Play, rules: &Rules) -> Result<(), EpisodeError> {
+        self.observations.clear();
+        observe(play, rules, &mut self.observations);
+        if rules.eyes.sights().is_empty() {
+            return Ok(());
+        }
+        rules.eyes.see(&play.moment()?, play.look(), &mut self.images)
+    }
 }
 
 /// One environment.
@@ -76,14 +91,15 @@ impl Slot {
         };
         let begin = start(rules, &mut draw, options)?;
         let play = Play::new(&begin, rules);
-        // Only now, so that a reset that fails leaves everything as it was.
-        self.draw = Some(draw);
-        self.outcome = Outcome {
+        let mut outcome = Outcome {
             reset: true,
             info: play.info(),
             ..Outcome::default()
         };
-        observe(&play, rules, &mut self.outcome.observations);
+        outcome.show(&play, rules)?;
+        // Only now, so that a reset that fails leaves everything as it was.
+        self.draw = Some(draw);
+        self.outcome = outcome;
         self.play = Some(play);
         self.done = false;
         self.last = None;
@@ -135,14 +151,14 @@ impl Slot {
         let truncated = rules.config.max_episode_steps.is_some_and(|most| play.steps() >= most);
         self.outcome = Outcome {
             observations: std::mem::take(&mut self.outcome.observations),
+            images: std::mem::take(&mut self.outcome.images),
             terms,
             terminated,
             truncated,
             reset: false,
             info: play.info(),
         };
-        self.outcome.observations.clear();
-        observe(play, rules, &mut self.outcome.observations);
+        self.outcome.show(play, rules)?;
         self.done = terminated || truncated;
         if self.done && rules.config.autoreset == Autoreset::SameStep {
             let last = std::mem::take(&mut self.outcome);
@@ -218,6 +234,9 @@ impl Slot {
         if record.last_action.len() != rules.action {
             return Err(bad("it is of another control mode or hand"));
         }
+        if record.look.parent_from_camera.len() != rules.eyes.lenses().len() {
+            return Err(bad("it is of other cameras"));
+        }
         let prepared = rules.objects.prepared(index)?;
         let (resting, scene) = rules.objects.scene(&prepared, record.resting)?;
         if resting != record.resting {
@@ -225,14 +244,15 @@ impl Slot {
         }
         let episode = Episode::resume(&scene, &saved.world, saved.judge)?;
         let play = Play::resume(episode, prepared, saved.servo, record);
-        self.outcome = Outcome {
+        let mut outcome = Outcome {
             terms: saved.terms,
             terminated: saved.terminated,
             truncated: saved.truncated,
             info: play.info(),
             ..Outcome::default()
         };
-        observe(&play, rules, &mut self.outcome.observations);
+        outcome.show(&play, rules)?;
+        self.outcome = outcome;
         self.draw = Some(Draw::resume(&saved.draw));
         self.play = Some(play);
         self.done = saved.done;

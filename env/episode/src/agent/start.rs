@@ -9,10 +9,13 @@
 use crate::agent::draw::Draw;
 use crate::agent::objects::Prepared;
 use crate::agent::rules::{Rules, open_hand};
+use crate::eyes::Look;
+use crate::eyes::look::Variation;
 use crate::{EpisodeError, Scene};
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -63,6 +66,8 @@ pub struct StartOptions {
     pub friction: Option<f64>,
     /// Factor on the object's mass.
     pub mass: Option<f64>,
+    /// Poses of cameras by name, in the frame of what carries them.
+    pub cameras: BTreeMap<String, [[f64; 4]; 4]>,
 }
 
 /// Where an episode begins.
@@ -87,6 +92,8 @@ pub struct Start {
     pub mass: f64,
     /// The true hand in the hand that the arm knows.
     pub hand_error: Isometry3<f64>,
+    /// Cameras and light.
+    pub look: Look,
 }
 
 /// All numbers that a start draws, in order.
@@ -102,6 +109,7 @@ struct Drawn {
     moved: [f64; 2],
     shift: Vector3<f64>,
     turn: Vector3<f64>,
+    look: u64,
 }
 
 impl Drawn {
@@ -123,6 +131,7 @@ impl Drawn {
             moved: [draw.within(1.0), draw.within(1.0)],
             shift: three(draw),
             turn: three(draw),
+            look: draw.seed(),
         }
     }
 }
@@ -182,6 +191,11 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
         Translation3::from(drawn.shift * vary.hand_position),
         UnitQuaternion::from_scaled_axis(drawn.turn * vary.hand_rotation),
     );
+    let seen = Variation {
+        camera_position: vary.camera_position,
+        camera_rotation: vary.camera_rotation,
+        light: vary.light,
+    };
     Ok(Start {
         object,
         resting,
@@ -193,6 +207,7 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
         friction: factor(options.friction, between(vary.friction, drawn.friction), "friction")?,
         mass: factor(options.mass, between(vary.mass, drawn.mass), "mass")?,
         hand_error,
+        look: Look::draw(&rules.eyes, &seen, &options.cameras, drawn.look)?,
     })
 }
 
@@ -305,7 +320,7 @@ fn place_hand(
 }
 
 /// The rigid motion of a homogeneous matrix.
-fn rigid(rows: &[[f64; 4]; 4], option: &'static str) -> Result<Isometry3<f64>, EpisodeError> {
+pub(crate) fn rigid(rows: &[[f64; 4]; 4], option: &'static str) -> Result<Isometry3<f64>, EpisodeError> {
     let matrix = Matrix4::from_fn(|i, j| rows[i][j]);
     let rotation: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
     let skew = (rotation.tr_mul(&rotation) - Matrix3::identity()).amax();
