@@ -87,7 +87,7 @@ def test_state_restores_the_future() -> None:
         found = [env.step(action) for action in rest]
         return [*found, env.reset()]
 
-    env.reset(seed=8)
+    env.reset(seed=10)
     before = [env.step(action) for action in actions[:30]]
     state = env.get_state()
     first = run(actions[30:])
