@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.envs.expert import Expert, planned
+
 #: Objects whose convex parts are known exactly: they are ready within milliseconds.
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
 
@@ -21,3 +23,15 @@ def pressing(steps: int, count: int, seed: int = 0, motors: int = 3) -> NDArray[
 def columns_of(info: dict[str, Any]) -> set[str]:
     """Names of the entries of a vector info, masks left aside."""
     return {name for name in info if not name.startswith("_")}
+
+
+def expert_actions(env: Any, seed: int) -> list[NDArray[np.float32]]:
+    """What the scripted expert does in an episode of a single Grasp-v0 that observes its state, up to the end of it."""
+    state, info = env.reset(seed=seed)
+    mesh = env.objects[env.objects.names.index(info["object"])].load()
+    plan = planned(mesh, state, seed=seed)
+    expert, actions, done = Expert(state, plan.poses[0], plan.preshape[0]), [], False
+    while not done and not expert.finished:
+        actions.append(expert.act(state))
+        state, _, done, _, _ = env.step(actions[-1])
+    return actions

@@ -1,0 +1,89 @@
+"""Compare the scripted expert of Grasp-v0 with the planner's own trials: the same objects and poses, two verdicts.
+
+In each episode the object lies as it was drawn. The planner proposes poses for it; one of the best three is tried by
+`graspbox.simulate` and by the expert, which drives the hand there from wherever it begins, by actions alone. An
+episode is left out where nothing is proposed, or where the trial's object, settled anew, comes to rest elsewhere.
+
+    python scripts/expert_rates.py --episodes 120 procedural ycb:025_mug ycb:005_tomato_soup_can
+
+Needs the extras ``cli`` and, for YCB objects, ``ycb``.
+"""
+
+from typing import Annotated, Any
+
+import gymnasium
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import graspbox
+from graspbox.envs.expert import Expert, object_pose, planned
+
+#: The trial's object rests where the environment's does if no entry of its pose differs by more than this (m, or 1).
+SAME = 5e-3
+
+
+def compare(env: Any, seed: int, control: str) -> dict[str, Any] | None:
+    """Try one pose both ways; None where there is nothing to compare."""
+    state, info = env.reset(seed=seed)
+    name = info["object"]
+    mesh = env.objects[env.objects.names.index(name)].load()
+    pose = object_pose(state, control=control)
+    plan = planned(mesh, state, control=control, seed=seed)
+    scene = graspbox.Scene(mesh, world_from_object=pose)
+    if not len(plan) or np.abs(scene.world_from_object - pose).max() > SAME:
+        return None
+    chosen = seed % min(3, len(plan))
+    trial = scene.simulate(plan.poses[chosen : chosen + 1], plan.preshape[chosen : chosen + 1])
+    expert = Expert(state, plan.poses[chosen], plan.preshape[chosen], control=control)  # type: ignore[arg-type]
+    steps, touches, done = 0, 0, False
+    while not done and not expert.finished:
+        state, _, done, _, info = env.step(expert.act(state))
+        steps += 1
+        touches += info["touches"]
+    row = {"seed": seed, "object": name, "expert": info["is_success"], "trial": bool(trial.success[0])}
+    row |= {"failure": info["failure"], "trial_failure": str(trial.failure[0])}
+    return {**row, "steps": steps, "touches": touches}
+
+
+def rates(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Sum up: success rates, how often both agree, steps of an episode, share of steps with the object in touch."""
+    steps = sum(row["steps"] for row in rows)
+    return {
+        "episodes": len(rows),
+        "expert": float(np.mean([row["expert"] for row in rows])),
+        "trial": float(np.mean([row["trial"] for row in rows])),
+        "agreement": float(np.mean([row["expert"] == row["trial"] for row in rows])),
+        "steps": steps / len(rows),
+        "contact": sum(row["touches"] for row in rows) / steps,
+    }
+
+
+def main(
+    objects: Annotated[list[str], typer.Argument(help="Object sets.")],
+    episodes: Annotated[int, typer.Option(min=1, help="How many episodes.")] = 120,
+    control: Annotated[str, typer.Option(help="Control mode.")] = "twist",
+) -> None:
+    """Compare the expert with the planner's own trials."""
+    env: Any = gymnasium.make("graspbox/Grasp-v0", objects=objects, control=control).unwrapped
+    rows = [
+        row for seed in track(range(episodes), console=Console(stderr=True)) if (row := compare(env, seed, control))
+    ]
+    if not rows:
+        raise typer.BadParameter("the planner proposes nothing for any of these objects")
+    table = Table("seed", "object", "expert", "trial", title="where they differ", title_justify="left")
+    for row in rows:
+        if row["expert"] != row["trial"]:
+            table.add_row(
+                str(row["seed"]), row["object"], row["failure"] or "success", row["trial_failure"] or "success"
+            )
+    console = Console()
+    console.print(table)
+    for name, value in rates(rows).items():
+        console.print(f"{name}: {value:.3g}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,147 @@
+"""`graspbox.sb3`: Stable-Baselines3 sees what it sees of single environments. Needs the extra ``train``."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+
+from acting import OBJECTS, pressing
+from graspbox import errors
+
+pytestmark = pytest.mark.train
+
+sb3 = pytest.importorskip("stable_baselines3")
+
+ID = "graspbox/Grasp-v0"
+
+
+def make(num_envs: int = 3, **settings: Any) -> Any:
+    from graspbox.sb3 import VecEnv
+
+    return VecEnv.make(ID, num_envs, **{"objects": OBJECTS, "reward": "dense", "max_episode_steps": 9, **settings})
+
+
+@pytest.mark.parametrize("obs", ["state", ("proprio", "tactile")])
+def test_equals_dummy_vec_env(obs: Any) -> None:
+    """Observations, rewards, dones and infos, terminal observations included, over several episodes."""
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    def single() -> Any:
+        return gymnasium.make(ID, objects=OBJECTS, reward="dense", obs=obs, max_episode_steps=9)
+
+    native, dummy = make(obs=obs), DummyVecEnv([single] * 3)
+    for env in (native, dummy):
+        env.seed(4)
+        env.set_options({"place": [0.0, 0.01, 0.2]})
+    assert data_equivalence(native.reset(), dict_of(dummy.reset()), exact=True)
+    assert data_equivalence(native.reset_infos, dummy.reset_infos, exact=True)
+    ends = 0
+    for actions in pressing(30, 3):
+        ours, theirs = native.step(actions), dummy.step(actions)
+        assert data_equivalence(ours[0], dict_of(theirs[0]), exact=True)
+        for a, b in zip(ours[1:3], theirs[1:3], strict=True):
+            assert data_equivalence(a, b, exact=True)
+        assert data_equivalence(ours[3], theirs[3], exact=True)
+        assert data_equivalence(native.reset_infos, dummy.reset_infos, exact=True)
+        ends += int(ours[2].sum())
+    assert ends >= 6
+
+
+def dict_of(observation: Any) -> Any:
+    return dict(observation) if isinstance(observation, dict) else observation
+
+
+def test_attributes_methods_and_their_errors() -> None:
+    env = make()
+    env.reset()
+    assert env.get_attr("num_envs", indices=[0, 2]) == [3, 3]
+    assert env.has_attr("render_mode")
+    assert not env.has_attr("moon")
+    assert env.env_is_wrapped(gymnasium.Wrapper) == [False] * 3
+    states = env.env_method("get_state")
+    actions = pressing(2, 3)
+    first = env.step(actions[0])
+    for i, state in enumerate(states):
+        env.env_method("set_state", state, indices=i)
+    assert data_equivalence(env.step(actions[0]), first, exact=True)
+    with pytest.raises(errors.ConfigError, match="no method"):
+        env.env_method("step", actions[0])
+    with pytest.raises(errors.ConfigError, match="without indices"):
+        env.set_attr("render_mode", None, indices=[0])
+    env.set_options([{"object": 0}, {"object": 1}, {"object": 0}])
+    with pytest.raises(errors.ConfigError, match="the same"):
+        env.reset()
+    from graspbox.sb3 import VecEnv
+
+    with pytest.raises(errors.ConfigError, match="SameStep"):
+        VecEnv(gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS))
+
+
+def test_ppo_learns_and_is_evaluated() -> None:
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    env = VecMonitor(make(4), info_keywords=("is_success", "lift"))
+    model = sb3.PPO("MlpPolicy", env, n_steps=8, batch_size=32, n_epochs=1, seed=0, device="cpu")
+    before = [p.clone() for p in model.policy.parameters()]
+    model.learn(128)
+    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
+    assert len(model.ep_info_buffer) >= 8
+    assert all(info["l"] == 9 for info in model.ep_info_buffer)
+    returns, lengths = evaluate_policy(model, env, n_eval_episodes=4, return_episode_rewards=True)
+    assert np.isfinite(returns).all()
+    assert lengths == [9] * 4
+
+
+def test_subproc_vec_env_after_a_rollout_in_the_parent() -> None:
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    from test_conformance import factory
+
+    single = factory((ID, {"obs": "state"}))
+    parent = single()
+    parent.reset(seed=0)
+    parent.step(parent.action_space.sample())
+    env = SubprocVecEnv([single] * 2, start_method="fork")
+    try:
+        env.seed(0)
+        observation: Any = env.reset()
+        np.testing.assert_array_equal(observation[0], parent.reset(seed=0)[0])
+        for actions in pressing(5, 2):
+            seen: Any = env.step(actions)[0]
+            np.testing.assert_array_equal(seen[0], parent.step(actions[0])[0])
+    finally:
+        env.close()
+
+
+def test_data_loader_workers_step_after_a_rollout_in_the_parent() -> None:
+    torch = pytest.importorskip("torch")
+    from test_conformance import factory
+
+    single = factory((ID, {"obs": "state"}))
+    parent = single()
+    expected = [parent.reset(seed=seed)[0] for seed in range(4)]
+
+    class Starts(torch.utils.data.Dataset):  # type: ignore[misc, name-defined, unused-ignore]
+        def __len__(self) -> int:
+            return 4
+
+        def __getitem__(self, seed: int) -> Any:
+            return single().reset(seed=seed)[0]
+
+    loader = torch.utils.data.DataLoader(Starts(), num_workers=2, multiprocessing_context="fork")
+    found = [batch[0].numpy() for batch in loader]
+    np.testing.assert_array_equal(np.stack(found), np.stack(expected))
+
+
+def test_missing_extra_is_named(tmp_path: Path) -> None:
+    (tmp_path / "stable_baselines3.py").write_text("raise ModuleNotFoundError(name='stable_baselines3')\n")
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import graspbox.sb3; graspbox.sb3.VecEnv"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "MissingExtraError" in result.stderr
+    assert "graspbox[train]" in result.stderr
