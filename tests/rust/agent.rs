@@ -237,6 +237,11 @@ fn a_saved_state_goes_on_bit_for_bit() {
     for cut in [0, 4, 40, states[0].len() - 1] {
         refuse(&other, &states[0][..cut]);
     }
+    for at in (0..states[0].len()).step_by(states[0].len() / 50) {
+        let mut flipped = states[0].clone();
+        flipped[at] ^= 4;
+        refuse(&other, &flipped);
+    }
     let delta = AgentConfig {
         control: Control::TargetPose,
         ..config.clone()

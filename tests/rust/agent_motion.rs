@@ -23,6 +23,7 @@ const DT: f64 = 0.002;
 const NO_LOAD: HandLoad = HandLoad {
     force: Vector3::new(0.0, 0.0, 0.0),
     at: Point3::new(0.0, 0.0, 0.0),
+    object: false,
     scenery: false,
 };
 
@@ -318,6 +319,12 @@ fn observations_and_terms_stay_in_their_bounds() {
                     assert!((low..=high).contains(value), "{} {i}: {value}", observation.name());
                 }
             }
+            // What the hand never touched stays where it is, however the hand is thrown about.
+            let lost = batch.terminated.iter().zip(&batch.failure);
+            assert!(
+                lost.into_iter()
+                    .all(|(ended, code)| !ended || FAILURES[usize::from(*code)] != "no_contact")
+            );
             for (i, term) in batch.terms.iter().enumerate() {
                 let (name, low, high, _) = TERM_TABLE[i % TERM_TABLE.len()];
                 assert!(
@@ -382,4 +389,27 @@ fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
     let (a, b) = (seen(0, [0.05, 0.0, 0.0]), seen(1, [-0.05, 0.02, 1.0]));
     assert_eq!((&a[0], &a[1]), (&b[0], &b[1]));
     assert_ne!(a[2], b[2]);
+}
+
+/// Once, the force of the step in which a turn ended stayed on the object, and drove it off the table.
+#[test]
+fn a_hand_that_stops_turning_leaves_the_object_alone() {
+    let cube = template(
+        reflex(),
+        &Geometry::Cuboid(Vector3::repeat(0.03)),
+        0.2,
+        PhysicsConfig::default(),
+    );
+    for rate in [0.5, 2.0] {
+        let mut world = cube.spawn(&palm_down(0.2, 0.0, 0.3), &at(0.0, 0.0, 0.03), 0.0);
+        let start = palm_down(0.2, 0.0, 0.3);
+        for i in 0..500 {
+            let angle = rate * DT * f64::from(i.min(100));
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+            let hand = Isometry3::from_parts(start.translation, turn * start.rotation);
+            world.step(&hand, &[]).unwrap();
+        }
+        let moved = (world.object_center() - Point3::new(0.0, 0.0, 0.03)).norm();
+        assert!(moved < 1e-3, "{moved} m at {rate} rad/s");
+    }
 }

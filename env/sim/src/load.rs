@@ -31,6 +31,8 @@ pub struct HandLoad {
     pub force: Vector3<f64>,
     /// Mean of the contact points, weighted by their forces, metres; the origin without contact.
     pub at: Point3<f64>,
+    /// True where the object presses.
+    pub object: bool,
     /// True where table or ground press.
     pub scenery: bool,
 }
@@ -45,17 +47,20 @@ impl World {
 
     /// What presses on the hand, summed.
     pub fn hand_load(&self) -> HandLoad {
-        let (mut force, mut at, mut total, mut scenery) = (Vector3::zeros(), Vector3::zeros(), 0.0, false);
+        let (mut force, mut at, mut total) = (Vector3::zeros(), Vector3::zeros(), 0.0);
+        let (mut object, mut scenery) = (false, false);
         self.each_press(|contact| {
             force += contact.normal * contact.force;
             at += contact.point.coords * contact.force;
             total += contact.force;
+            object |= contact.with_object;
             scenery |= !contact.with_object;
         });
         let at = if total > 0.0 { at / total } else { at };
         HandLoad {
             force,
             at: Point3::from(at),
+            object,
             scenery,
         }
     }

@@ -212,10 +212,9 @@ impl World {
         self.drive_motors(commands, dt)?;
         self.drive_fingers(dt);
         let target = world_from_hand * self.shared.hand.base_from_hand.inverse();
-        let was_turning = self.state.motion.angular != Vector3::zeros();
         let forces = self.state.motion.advance(target, dt, &self.state.gravity);
         self.physics.gravity = forces.gravity;
-        if forces.turning() || was_turning {
+        if forces.turning() || self.bears_frame_forces() {
             let fingers = self.shared.handles.fingers.iter().flat_map(|f| f.bodies);
             for body in fingers.chain([self.shared.handles.object]) {
                 if let Some(body) = self.physics.bodies.get_mut(body) {
@@ -250,6 +249,15 @@ impl World {
             && (motion.world_from_base.rotation * spin + motion.angular).norm() < TUMBLING
             && (0..self.shared.hand.fingers.len()).all(still)
             && !self.hand_in_contact()
+    }
+
+    /// True where the frame's forces of the last step are still on the bodies: the engine keeps them until they are taken off.
+    fn bears_frame_forces(&self) -> bool {
+        let fingers = self.shared.handles.fingers.iter().flat_map(|f| f.bodies);
+        fingers.chain([self.shared.handles.object]).any(|handle| {
+            let body = self.body(handle);
+            body.user_force() != Vector::ZERO || body.user_torque() != Vector::ZERO
+        })
     }
 
     fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) -> Result<(), SimError> {

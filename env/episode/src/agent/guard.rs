@@ -26,8 +26,11 @@ const AT_ONCE: f64 = 2.5;
 const FORCE_TIME: f64 = 0.02;
 /// Greatest speed at which a stopped hand backs off, m/s.
 const BACK_OFF: f64 = 0.1;
-/// Greatest deceleration of the protective stop, m/s2 and rad/s2: from full speed to rest within 2 ms, as a collision would do it.
-const STOP_DECELERATION: [f64; 2] = [250.0, 1000.0];
+/// How fast it takes up that speed, m/s2: more than the servo's own acceleration, which may pull the other way.
+const BACK_OFF_ACCELERATION: f64 = 10.0;
+/// Greatest deceleration of the protective stop, m/s2 and rad/s2: ten times the servo's, as a collision would have it. The world is
+/// simulated in the hand's frame, where more of it would shake what lies on the table.
+const STOP_DECELERATION: [f64; 2] = [50.0, 200.0];
 
 /// Shapes that the root carries, as points in the hand frame with a rounding, metres.
 #[derive(Clone, Debug)]
@@ -139,12 +142,7 @@ impl ProtectiveStop {
         if !force.iter().all(|f| f.is_finite()) {
             return;
         }
-        let share = if force.norm() > AT_ONCE * STOP_FORCE {
-            1.0
-        } else {
-            dt / (FORCE_TIME + dt)
-        };
-        self.force += (force - self.force) * share;
+        self.force += (force - self.force) * (dt / (FORCE_TIME + dt));
         if force != Vector3::zeros() {
             self.arm = pose.rotation * load.at.coords;
         }
@@ -152,6 +150,9 @@ impl ProtectiveStop {
         if size > STOP_FORCE {
             self.active = true;
             self.away = self.force / size;
+        } else if !self.active && force.norm() > AT_ONCE * STOP_FORCE {
+            self.active = true;
+            self.away = force.normalize();
         } else if self.active && size < RELAXED * STOP_FORCE {
             self.active = (linear + angular.cross(&self.arm)).dot(&self.away) < 0.0;
         }
@@ -171,10 +172,14 @@ impl ProtectiveStop {
         if angular.cross(&self.arm).dot(&self.away) < 0.0 {
             *angular *= 1.0 - (STOP_DECELERATION[1] * dt / rate).min(1.0);
         }
+        let along = linear.dot(&self.away);
+        if along < 0.0 {
+            *linear += self.away * (-along).min(STOP_DECELERATION[0] * dt);
+        }
         let floor = BACK_OFF * (self.force() / STOP_FORCE - RELAXED).clamp(0.0, 1.0);
-        let missing = floor - linear.dot(&self.away);
+        let missing = floor - along.max(0.0);
         if missing > 0.0 {
-            *linear += self.away * missing.min(STOP_DECELERATION[0] * dt);
+            *linear += self.away * missing.min(BACK_OFF_ACCELERATION * dt);
         }
     }
 }

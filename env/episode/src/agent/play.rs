@@ -137,17 +137,22 @@ impl Play {
         for i in 0..rules.substeps {
             let load = self.episode.world().hand_load();
             events.table |= load.scenery;
+            self.record.touched |= load.object;
             let time = f64::from(i) * dt;
             let hand = self.servo.advance(&motion, time, dt, &rules.guard, &load);
             events.stop |= self.servo.stop.active;
-            self.episode.advance(&hand, &commands)?;
-            self.watch_lift();
+            match self.episode.advance(&hand, &commands) {
+                Ok(()) => self.watch_lift(),
+                // The action is finite: it is a world that diverged whose tendons are no numbers any more.
+                Err(_) if !self.finite() => break,
+                Err(error) => return Err(error),
+            }
             if self.episode.judge().success(self.episode.world()) {
                 events.success = true;
                 break;
             }
         }
-        let finite = self.episode.world().is_finite();
+        let finite = self.finite();
         events.success &= finite;
         events.failure = !events.success && (!finite || self.lost());
         self.record.success = events.success;
@@ -173,6 +178,12 @@ impl Play {
         }
     }
 
+    /// False once anything in the world is no longer a number.
+    fn finite(&self) -> bool {
+        let world = self.episode.world();
+        world.is_finite() && (0..world.hand().fingers.len()).all(|i| world.finger(i).tension.is_finite())
+    }
+
     fn touches(&self) -> bool {
         !self.episode.world().contacts().links.is_empty()
     }
@@ -190,7 +201,7 @@ impl Play {
         let touches = self.touches();
         let failure = if self.record.success {
             None
-        } else if !world.is_finite() {
+        } else if !self.finite() {
             Some(FailureKind::Unstable)
         } else if !self.record.touched {
             Some(FailureKind::NoContact)

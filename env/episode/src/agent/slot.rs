@@ -13,7 +13,9 @@ use crate::{Episode, EpisodeError, Judge};
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagent2";
+const MAGIC: &[u8; 8] = b"gbagent3";
+/// Length of the checksum that follows.
+const CHECKSUM: usize = 32;
 
 /// What one step or reset of one environment showed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -213,6 +215,7 @@ impl Slot {
         };
         let body = postcard::to_allocvec(&saved).map_err(|error| EpisodeError::BadState { why: error.to_string() })?;
         let mut bytes = MAGIC.to_vec();
+        bytes.extend_from_slice(blake3::hash(&body).as_bytes());
         bytes.extend_from_slice(&body);
         Ok(bytes)
     }
@@ -223,9 +226,13 @@ impl Slot {
     /// Bytes of another version, damaged ones, or ones of other objects, another hand, other physics or another control mode.
     pub fn restore(&mut self, rules: &Rules, bytes: &[u8]) -> Result<(), EpisodeError> {
         let bad = |why: &str| EpisodeError::BadState { why: why.to_owned() };
-        let body = bytes
+        let rest = bytes
             .strip_prefix(MAGIC)
             .ok_or_else(|| bad("it is not a state of this version"))?;
+        let (sum, body) = rest.split_at_checked(CHECKSUM).ok_or_else(|| bad("it is too short"))?;
+        if blake3::hash(body).as_bytes() != sum {
+            return Err(bad("its checksum does not match; it was cut off or changed"));
+        }
         let saved: Saved = postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))?;
         let (index, record) = (saved.record.object, saved.record);
         if rules.objects.names().nth(index) != Some(&saved.object) {
