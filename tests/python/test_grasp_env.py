@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import data_equivalence
 import graspbox
 from acting import OBJECTS, expert_actions, pressing
 from graspbox import errors
-from graspbox.configs import Randomization
+from graspbox.configs import EyesConfig, Randomization
 from graspbox.envs import grasp, reward, spaces
 
 ID = "graspbox/Grasp-v0"
@@ -29,6 +29,8 @@ def test_documentation_is_that_of_the_core() -> None:
         assert f'control="{control}"' in text
         assert spaces.action_table(control, found) in text
     assert spaces.observation_table("twist", found) in text
+    images = spaces.images(graspbox.load_hand(), EyesConfig(images=spaces.IMAGES))
+    assert spaces.image_table(images) in text
     for term in found["terms"]:
         assert f"| {term['name']} | {term['low']:g} | {term['high']:g} | {term['meaning']} |" in text
     for name in found["observations"]["twist"]:
@@ -139,7 +141,7 @@ def test_wrong_options_leave_the_episode_as_it_was(options: dict[str, Any]) -> N
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"obs": "depth"}, "no observation 'depth'"),
+        ({"obs": "deep"}, "no observation 'deep'"),
         ({"obs": ()}, "at least one"),
         ({"obs": ("state", "state")}, "each once"),
         ({"control": "joint"}, "no control mode"),

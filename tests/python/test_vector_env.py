@@ -16,7 +16,12 @@ from graspbox import errors
 from graspbox.envs import spaces
 
 ID = "graspbox/Grasp-v0"
-OBSERVATIONS = [*spaces.tables(graspbox.load_hand())["observations"]["twist"], ("tactile", "proprio")]
+OBSERVATIONS = [
+    *spaces.tables(graspbox.load_hand())["observations"]["twist"],
+    ("tactile", "proprio"),
+    ("depth", "rgb_palm", "proprio"),
+    *spaces.IMAGES,
+]
 
 
 def make(num_envs: int = 3, **settings: Any) -> Any:

@@ -25,7 +25,7 @@ use std::time::Instant;
 #[pyfunction]
 pub fn image_tables(hand: &Hand, eyes: &str) -> PyResult<String> {
     let config: EyesConfig = config(eyes, "EyesConfig")?;
-    let eyes = Eyes::new(Arc::clone(&hand.0), config).map_err(CoreError::from)?;
+    let eyes = Eyes::new(Arc::clone(&hand.0), config, Arc::default()).map_err(CoreError::from)?;
     Ok(serde_json::json!(eyes.tables()).to_string())
 }
 
@@ -257,7 +257,7 @@ pub fn time_images<'py>(
     let config: EyesConfig = config(eyes, "EyesConfig")?;
     let core = Arc::clone(&pool.core);
     let seconds = detached(py, Some(1), move || {
-        let eyes = Eyes::new(Arc::clone(core.rules().hand()), config)?;
+        let eyes = Eyes::new(Arc::clone(core.rules().hand()), config, core.rules().objects.stage())?;
         let slot = core.slot(env)?;
         let play = slot.play().ok_or(EpisodeError::NotReset { env })?;
         let mut images = Vec::new();

@@ -3,7 +3,7 @@
 import json
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 from weakref import WeakValueDictionary
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
-from graspbox.configs import AgentConfig, PhysicsConfig, Randomization
+from graspbox.configs import AgentConfig, EyesConfig, PhysicsConfig, PictureConfig, Randomization
 from graspbox.envs import spaces
 from graspbox.envs.reward import term_weights, total
 from graspbox.errors import ConfigError
@@ -24,6 +24,7 @@ ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
 HandArgument = str | Hand | tuple[str, str]
 Control = Literal["twist", "delta_pose", "target_pose"]
 Reward = Literal["sparse", "dense"]
+RenderMode = Literal["rgb_array"] | None
 
 #: Seconds between two actions are the core's; frames of a video are one for each action.
 FPS = 20
@@ -92,37 +93,42 @@ class GraspCore:
         obs: str | Sequence[str],
         reward: Reward,
         reward_weights: Mapping[str, float] | None,
-        image_size: int,
+        image_size: int | tuple[int, int] | None,
+        eyes: EyesConfig,
+        picture: PictureConfig,
         control: Control,
         randomization: Literal["standard"] | Randomization | None,
-        render_mode: None,
+        render_mode: RenderMode,
         num_threads: int | None,
         physics: PhysicsConfig,
         hand: HandArgument,
         autoreset: Literal["next_step", "same_step", "disabled"],
         max_episode_steps: int | None,
     ) -> None:
-        if render_mode is not None:
-            raise ConfigError(f"render_mode={render_mode!r} is not available; use None")
-        if not 16 <= image_size <= 1024:
-            raise ConfigError(f"image_size is {image_size}; it must be between 16 and 1024 pixels")
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
+        eyes = _eyes(eyes, spaces.image_names(obs), image_size)
         self.object_set = object_sets.load(objects, split=split)
         handle, self.hand = load_objects(self.object_set, hand, physics)
         self.tables = spaces.tables(self.hand)
         self.action_space = spaces.action_space(control, self.tables)
         self.action_size = spaces.size(self.tables["actions"][control])
-        self.observation_space = spaces.observation_space(obs, control, self.tables)
+        seen = spaces.images(self.hand, eyes)
+        self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
         self.obs = obs if isinstance(obs, str) else tuple(obs)
+        names = (self.obs,) if isinstance(self.obs, str) else self.obs
         self.weights = term_weights(reward, reward_weights, self.tables)
         config = AgentConfig(
             control=control,
             autoreset=autoreset,
             max_episode_steps=max_episode_steps,
-            observations=(self.obs,) if isinstance(self.obs, str) else self.obs,
+            observations=tuple(name for name in names if name not in eyes.images),
             randomization=_randomization(randomization),
+            eyes=eyes,
         )
         self.config = config
         self.pool = _core.Pool(handle, to_json(config), num_envs, num_threads)
+        self._picture = to_json(picture)
         self._terms = [term["name"] for term in self.tables["terms"]]
         self._failures = np.array(self.tables["failures"], dtype=object)
         self._names = np.array(handle.names, dtype=object)
@@ -132,6 +138,14 @@ class GraspCore:
         if isinstance(self.obs, str):
             return arrays[self.obs]  # type: ignore[literal-required]
         return {name: arrays[name] for name in self.obs}  # type: ignore[literal-required]
+
+    def pictures(self) -> NDArray[np.uint8]:
+        """Take a picture of every environment, (num_envs, H, W, 3)."""
+        return _core.pictures(self.pool, range(self.pool.num_envs), self._picture)
+
+    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        return _core.poses_of_cameras(self.pool)
 
     def rewards(self, arrays: "_core.EnvArrays") -> NDArray[np.float64]:
         """Weigh the terms of every row."""
@@ -172,6 +186,17 @@ def _randomization(given: Literal["standard"] | Randomization | None) -> Randomi
     if isinstance(given, Randomization):
         return given
     raise ConfigError(f"randomization is {given!r}; give None, 'standard' or a Randomization")
+
+
+def _eyes(eyes: EyesConfig, images: tuple[str, ...], image_size: int | tuple[int, int] | None) -> EyesConfig:
+    """Complete the eyes by what `obs` and `image_size` ask for."""
+    if eyes.images:
+        raise ConfigError(f"eyes.images is {eyes.images!r}; name images in obs")
+    size = eyes.image_size if image_size is None else image_size
+    height, width = (size, size) if isinstance(size, int | np.integer) else size
+    if not all(16 <= side <= 1024 for side in (height, width)):
+        raise ConfigError(f"image_size is {size!r}; sides must be between 16 and 1024 pixels")
+    return replace(eyes, images=images, image_size=(int(height), int(width)))
 
 
 def row(columns: dict[str, Any], index: int) -> dict[str, Any]:

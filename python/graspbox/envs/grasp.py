@@ -50,7 +50,7 @@ Observation
 ``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The columns
 named like an observation say where a field stands in it, for the control mode ``twist``; ``last_action`` is as long as
 an action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot gives it.
-``proprio`` and ``tactile`` hold nothing of the object's pose.
+``proprio``, ``tactile`` and the images hold nothing of the object's pose.
 
 | field | proprio | state | tactile | min | max | unit | meaning |
 |---|---|---|---|---|---|---|---|
@@ -83,6 +83,24 @@ an action. Values beyond their range are clipped. ``state`` is **privileged**: n
 | closure |  | 77 |  | 0 | 1 | 1 | epsilon quality of the present contacts |
 | last_action |  | 78-87 |  | -1 | 1 | 1 | the last action; zeros after a reset |
 | tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
+
+Images are taken by the first camera of ``eyes``, ``front`` by default, in front of the workspace; ``depth_palm`` by the
+camera ``palm``, on the palm; so for every kind and camera. ``voxels`` is made of the depth images of all cameras, for a
+cube of 0.4 m over the table's middle, whose lowest layer has the table's top in its middle; ``voxels_front`` of one. A
+camera's frame has z forward, x right, y down; ``cameras()`` tells where the cameras are. At the default size of 64 x 64
+(``image_size``), and with one bound where it is that of all channels:
+
+| image | shape | dtype | min | max | camera | frame | unit | missing | privileged | meaning |
+|---|---|---|---|---|---|---|---|---|---|---|
+| rgb | 64 x 64 x 3 | uint8 | 0 | 255 | front | camera | 1 | the background's colour | no | red, green, blue |
+| depth | 64 x 64 x 1 | float32 | 0 | 2 | front | camera | m | 0 | no | distance along the optical axis (not along the ray) |
+| rgbd | 64 x 64 x 4 | float32 | 0, 0, 0, 0 | 1, 1, 1, 2 | front | camera | 1; m | the background's colour; 0 | no | red, green, blue in [0, 1], then depth |
+| segmentation | 64 x 64 x 1 | uint8 | 0 | 11 | front | camera | 1 | 0 | yes | 0 background, 1 table and ground, 2 object, 3 + i link i of the hand |
+| points | 64 x 64 x 3 | float32 | -0.511, -0.511, 0 | 0.511, 0.511, 2 | front | camera | m | 0, 0, 0 | no | the point seen: x right, y down, z forward from the camera |
+| voxels | 32 x 32 x 32 | uint8 | 0 | 2 | front, palm | world | 1 | 0 | no | 0 unseen, 1 free, 2 occupied (by table, object or hand); axes x, y, z |
+
+Links of the ReFlex, from label 3 on: base; swivel, proximal and distal link of finger 1; the same of finger 2; proximal
+and distal link of finger 3. ``segmentation`` is privileged, since its labels come from the simulation.
 
 Reward
 ------
@@ -123,11 +141,17 @@ What is named is taken, the rest is drawn; the draws of what is not named stay t
 | world_from_hand | pose (4, 4) |
 | preshape | rad |
 | friction, mass | factor on the object's |
+| cameras | ``{name: pose}``: poses (4, 4) of cameras in the world, or in the grasp frame if the hand carries them |
+
+Pictures
+--------
+``render_mode="rgb_array"`` makes ``render`` give smooth pictures of 480 x 640 pixels from the side; ``picture`` chooses
+their size and camera.
 
 Version history
 ---------------
 v0: first version.
-"""
+"""  # noqa: E501 (the table of images)
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -137,13 +161,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox.configs import PhysicsConfig, Randomization
+from graspbox.configs import EyesConfig, PhysicsConfig, PictureConfig, Randomization
 from graspbox.envs.core import (
     FPS,
     Control,
     GraspCore,
     HandArgument,
     ObjectsArgument,
+    RenderMode,
     Reward,
     checked_seed,
     fresh_seed,
@@ -167,20 +192,24 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         What is rewarded.
     reward_weights : mapping of str to float, optional
         Weights of reward terms, instead of those of the same name in `reward`.
-    image_size : int
-        Side of camera images, pixels; vectors have none.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `eyes`.
     control : {"twist", "delta_pose", "target_pose"}
         What an action means.
     randomization : "standard" or Randomization, optional
         What varies beside object and start; by default nothing.
-    render_mode : None
-        There is nothing to render yet.
+    render_mode : "rgb_array", optional
+        Whether `render` gives pictures.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
     physics : PhysicsConfig
         The engine; its time step must divide 0.05 s.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
+    eyes : EyesConfig
+        Cameras, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, smoothness and camera of the pictures that `render` gives.
 
     Raises
     ------
@@ -188,7 +217,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         If an argument is out of place; objects are read when they are drawn first.
     """
 
-    metadata = {"render_modes": [], "render_fps": FPS}  # noqa: RUF012 (as Gymnasium declares it)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": FPS}  # noqa: RUF012 (as Gymnasium declares it)
 
     def __init__(
         self,
@@ -198,13 +227,15 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         obs: str | Sequence[str] = "state",
         reward: Reward = "sparse",
         reward_weights: Mapping[str, float] | None = None,
-        image_size: int = 64,
+        image_size: int | tuple[int, int] | None = None,
         control: Control = "twist",
         randomization: Literal["standard"] | Randomization | None = None,
-        render_mode: None = None,
+        render_mode: RenderMode = None,
         num_threads: int | None = None,
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         hand: HandArgument = "reflex",
+        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
+        picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         self._core = GraspCore(
             1,
@@ -214,6 +245,8 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
+            eyes=eyes,
+            picture=picture,
             control=control,
             randomization=randomization,
             render_mode=render_mode,
@@ -273,6 +306,19 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         arrays, _ = self._core.pool.step(self._core.action(action, 1))
         reward = float(self._core.rewards(arrays)[0])
         return self._observation(arrays), reward, bool(arrays["terminated"][0]), False, self._info(arrays)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Take a picture, (H, W, 3), with ``render_mode="rgb_array"``; nothing without."""
+        if self.render_mode is None:
+            return None
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("call reset before render")
+        frame: NDArray[np.uint8] = self._core.pictures()[0]
+        return frame
+
+    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Intrinsics (3, 3) and ``world_from_camera`` (4, 4) of every camera as it stands, by name."""
+        return {name: (intrinsics, poses[0]) for name, (intrinsics, poses) in self._core.cameras().items()}
 
     def get_state(self) -> bytes:
         """Everything that the future of the environment depends on, its random stream included."""

@@ -1,7 +1,8 @@
 """Spaces of the environments, made from the core's tables: one place for shapes, dtypes and bounds.
 
 A vector observation is a list of fields, each with its size, bounds and unit; its space is a ``Box`` of float32. An
-observation is asked for by name, or several by a sequence of names, which gives a ``Dict``.
+image is one row: kind, camera, shape, dtype, bounds. An observation is asked for by name, or several by a sequence of
+names, which gives a ``Dict``.
 """
 
 import json
@@ -15,9 +16,27 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox._core import Hand
+from graspbox.configs import EyesConfig
 from graspbox.errors import ConfigError
+from graspbox.meshes import to_json
 
-__all__ = ["Field", "Tables", "action_space", "action_table", "observation_space", "observation_table", "tables"]
+__all__ = [
+    "IMAGES",
+    "Field",
+    "Image",
+    "Tables",
+    "action_space",
+    "action_table",
+    "image_names",
+    "image_table",
+    "images",
+    "observation_space",
+    "observation_table",
+    "tables",
+]
+
+#: Kinds of images; ``kind_camera`` names one of a certain camera.
+IMAGES = ("rgb", "depth", "rgbd", "segmentation", "points", "voxels")
 
 
 class Field(TypedDict):
@@ -29,6 +48,23 @@ class Field(TypedDict):
     high: float
     unit: str
     meaning: str
+
+
+class Image(TypedDict):
+    """An image: what the core says about it. One bound stands for all channels."""
+
+    name: str
+    kind: str
+    shape: list[int]
+    dtype: str
+    low: list[float]
+    high: list[float]
+    cameras: list[str]
+    frame: str
+    unit: str
+    missing: str
+    meaning: str
+    privileged: bool
 
 
 class Term(TypedDict):
@@ -65,6 +101,30 @@ def tables(hand: Hand) -> Tables:
     return _parse(_core.agent_tables(hand))
 
 
+def image_names(obs: str | Iterable[str]) -> tuple[str, ...]:
+    """Pick the names of images, in order; whether their cameras exist is the core's to say."""
+    names = (obs,) if isinstance(obs, str) else tuple(obs)
+    return tuple(name for name in names if name.split("_")[0] in IMAGES)
+
+
+def images(hand: Hand, eyes: EyesConfig) -> list[Image]:
+    """Rows of the images of a config.
+
+    Raises
+    ------
+    ConfigError
+        For an image or a camera that cannot be.
+    """
+    rows: list[Image] = json.loads(_core.image_tables(hand, to_json(eyes)))
+    return rows
+
+
+def _image_space(row: Image) -> gymnasium.Space[Any]:
+    dtype = np.dtype(row["dtype"])
+    low, high = (np.full(row["shape"], bound, dtype=dtype) for bound in (row["low"], row["high"]))
+    return gymnasium.spaces.Box(low, high, dtype=dtype.type)
+
+
 def _bounds(fields: Sequence[Field]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Least and greatest value of every number of a vector."""
     sizes = [field["size"] for field in fields]
@@ -91,7 +151,9 @@ def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[s
     return names
 
 
-def observation_space(obs: str | Iterable[str], control: str, found: Tables) -> gymnasium.Space[Any]:
+def observation_space(
+    obs: str | Iterable[str], control: str, found: Tables, seen: Iterable[Image] = ()
+) -> gymnasium.Space[Any]:
     """Space of one observation, or a ``Dict`` of several.
 
     Parameters
@@ -102,16 +164,22 @@ def observation_space(obs: str | Iterable[str], control: str, found: Tables) -> 
         The control mode: the state holds the last action.
     found : Tables
         What `tables` gave.
+    seen : iterable of Image
+        What `images` gave.
 
     Raises
     ------
     ConfigError
         As `observation_names`.
     """
-    rows = found["observations"][control]
-    names = observation_names(obs, rows)
+    vectors = found["observations"][control]
+    pictures = {row["name"]: row for row in seen}
+    names = observation_names(obs, dict.fromkeys([*vectors, *IMAGES, *pictures]))
     boxes: dict[str, gymnasium.Space[Any]] = {
-        name: gymnasium.spaces.Box(*_bounds(rows[name]), dtype=np.float32) for name in names
+        name: _image_space(pictures[name])
+        if name in pictures
+        else gymnasium.spaces.Box(*_bounds(vectors[name]), dtype=np.float32)
+        for name in names
     }
     return boxes[obs] if isinstance(obs, str) else gymnasium.spaces.Dict(boxes)
 
@@ -170,4 +238,17 @@ def observation_table(control: str, found: Tables) -> str:
         where = " | ".join(places[name].get(column, "") for column in columns)
         bounds = f"{_number(row['low'])} | {_number(row['high'])}"
         lines.append(f"| {name} | {where} | {bounds} | {row['unit']} | {row['meaning']} |")
+    return "\n".join(lines)
+
+
+def image_table(rows: Iterable[Image]) -> str:
+    """Write the table of images, as Markdown."""
+    titles = ("image", "shape", "dtype", "min", "max", "camera", "frame", "unit", "missing", "privileged", "meaning")
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    for row in rows:
+        low, high = (", ".join(f"{bound:.3g}" for bound in row[key]) for key in ("low", "high"))
+        shape = " x ".join(map(str, row["shape"]))
+        cells = (row["name"], shape, row["dtype"], low, high, ", ".join(row["cameras"]), row["frame"], row["unit"])
+        privileged = "yes" if row["privileged"] else "no"
+        lines.append(f"| {' | '.join(cells)} | {row['missing']} | {privileged} | {row['meaning']} |")
     return "\n".join(lines)

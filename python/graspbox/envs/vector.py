@@ -18,13 +18,14 @@ from gymnasium.vector.utils import batch_space, create_empty_array
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox.configs import PhysicsConfig, Randomization
+from graspbox.configs import EyesConfig, PhysicsConfig, PictureConfig, Randomization
 from graspbox.envs.core import (
     FPS,
     Control,
     GraspCore,
     HandArgument,
     ObjectsArgument,
+    RenderMode,
     Reward,
     checked_seed,
     fresh_seed,
@@ -72,16 +73,18 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         obs: str | Sequence[str] = "state",
         reward: Reward = "sparse",
         reward_weights: Mapping[str, float] | None = None,
-        image_size: int = 64,
+        image_size: int | tuple[int, int] | None = None,
         control: Control = "twist",
         randomization: Literal["standard"] | Randomization | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        render_mode: None = None,
+        render_mode: RenderMode = None,
         copy: bool = True,
         num_threads: int | None = None,
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         hand: HandArgument = "reflex",
+        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
+        picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         super().__init__()
         self.autoreset_mode = _mode(autoreset_mode)
@@ -93,6 +96,8 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
+            eyes=eyes,
+            picture=picture,
             control=control,
             randomization=randomization,
             render_mode=render_mode,
@@ -105,7 +110,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.num_envs = num_envs
         self.objects = self._core.object_set
         self.render_mode = render_mode
-        self.metadata = {"render_modes": [], "render_fps": FPS, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": FPS, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = self._core.observation_space
         self.single_action_space = self._core.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -175,6 +180,18 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             raise gymnasium.error.ResetNeeded("call reset before step")
         now, last = self._core.pool.step(self._core.action(actions, self.num_envs), self._out)
         return self._results(now, last, self.num_envs)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Take a picture of every environment, (H, W, 3) each, with ``render_mode="rgb_array"``; nothing without."""
+        if self.render_mode is None:
+            return None
+        if None in self._seeds:
+            raise gymnasium.error.ResetNeeded("call reset before render")
+        return tuple(self._core.pictures())
+
+    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera as it stands, by name."""
+        return self._core.cameras()
 
     def send(self, actions: NDArray[np.float32], envs: Sequence[int] | NDArray[np.integer[Any]] | None = None) -> None:
         """Let environments step while the caller does something else.

@@ -4,6 +4,7 @@
 //! the object alone. So it is kept until room is needed, and dropping it costs time, never a different result. No lock is held
 //! while an object is prepared: threads that want the same one at the same time do the work twice and keep the first.
 
+use crate::eyes::Stage;
 use crate::{Body, EpisodeError, ObjectSpec, Scene};
 use graspbox_camera::Model;
 use graspbox_hand::Hand;
@@ -196,6 +197,7 @@ pub struct Objects {
     hand: Arc<Hand>,
     physics: PhysicsConfig,
     cache: Option<PathBuf>,
+    stage: Arc<OnceLock<Stage>>,
     shelf: Mutex<Shelf>,
 }
 
@@ -225,6 +227,7 @@ impl Objects {
             hand,
             physics,
             cache,
+            stage: Arc::default(),
             shelf: Mutex::default(),
         })
     }
@@ -252,6 +255,11 @@ impl Objects {
     /// The hand of every scene.
     pub fn hand(&self) -> &Arc<Hand> {
         &self.hand
+    }
+
+    /// The models of the hand, made when it is first seen.
+    pub fn stage(&self) -> Arc<OnceLock<Stage>> {
+        Arc::clone(&self.stage)
     }
 
     /// The physics of every scene.

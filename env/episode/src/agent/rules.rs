@@ -54,7 +54,7 @@ impl Rules {
             guard: Guard::new(&hand)?,
             substeps: steps_per_control(objects.physics().dt)?,
             flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
-            eyes: Eyes::new(Arc::clone(&hand), config.eyes.clone())?,
+            eyes: Eyes::new(Arc::clone(&hand), config.eyes.clone(), objects.stage())?,
             tables,
             action,
             objects,

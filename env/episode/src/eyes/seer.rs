@@ -52,16 +52,16 @@ pub struct Eyes {
     /// What each camera has to make; none where nobody needs it.
     channels: Vec<Option<Channels>>,
     grid: VoxelFrame,
-    stage: OnceLock<Stage>,
+    stage: Arc<OnceLock<Stage>>,
     retinas: Mutex<Vec<Retina>>,
 }
 
 impl Eyes {
-    /// Checks a config.
+    /// Checks a config; `stage` is where the models of `hand` are kept, for all who see that hand.
     ///
     /// # Errors
     /// An image that is unknown or named twice, a camera that cannot be, or voxels that cannot be.
-    pub fn new(hand: Arc<Hand>, config: EyesConfig) -> Result<Self, EpisodeError> {
+    pub fn new(hand: Arc<Hand>, config: EyesConfig, stage: Arc<OnceLock<Stage>>) -> Result<Self, EpisodeError> {
         let lenses = config.lenses()?;
         let sights = config.images.iter().map(|name| Sight::read(name, &config));
         let sights = sights.collect::<Result<Vec<_>, _>>()?;
@@ -89,7 +89,7 @@ impl Eyes {
             channels,
             config,
             hand,
-            stage: OnceLock::new(),
+            stage,
             retinas: Mutex::default(),
         })
     }
