@@ -250,7 +250,7 @@ FRONT = CameraConfig()
 #: On a bracket beside the palm, looking between the fingers at what they hold.
 PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
 #: For pictures: from the side, the whole scene.
-VIEWER = CameraConfig("viewer", eye=(-0.375, -0.5, 0.375), target=(0.0, 0.0, 0.13), fov=0.6, far=30.0)
+VIEWER = CameraConfig("viewer", eye=(-0.45, -0.6, 0.45), target=(0.0, 0.0, 0.1875), fov=0.6, far=30.0)
 
 
 @dataclass(frozen=True)

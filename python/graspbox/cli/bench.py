@@ -9,6 +9,7 @@ import numpy as np
 
 import graspbox
 from graspbox import _core, object_sets
+from graspbox.cli import bench_images
 from graspbox.cli.common import Json, Threads, console, print_json, print_table
 from graspbox.configs import DecomposeConfig
 from graspbox.meshes import to_json
@@ -58,6 +59,7 @@ def measure(threads: int | None) -> list[dict[str, Any]]:
         seconds += time.perf_counter() - started
         tried += len(best)
     rows.append((f"grasp trials, {threads or _core.num_threads()} threads, procedural mix", tried / seconds, "1/s"))
+    rows += [*bench_images.frames(threads), *bench_images.steps(threads)]
     return [{"work": work, "value": value, "unit": unit} for work, value, unit in rows]
 
 

@@ -82,8 +82,8 @@ impl CameraConfig {
         Self {
             name: "viewer".into(),
             mount: Mount::World,
-            eye: [-0.375, -0.5, 0.375],
-            target: [0.0, 0.0, 0.13],
+            eye: [-0.45, -0.6, 0.45],
+            target: [0.0, 0.0, 0.1875],
             up: [0.0, 0.0, 1.0],
             fov: 0.6,
             near: 0.02,

@@ -6,7 +6,7 @@ use graspbox_hand::{Collider, Hand, HandConfiguration, Material, Shape};
 use graspbox_mesh::TriMesh;
 use graspbox_sim::World;
 use graspbox_sim::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
 
 /// Label of pixels that see nothing.
 pub const BACKGROUND: u8 = 0;
@@ -21,6 +21,10 @@ pub const FIRST_LINK: u8 = 3;
 const BEVEL_SHARE: f64 = 0.3;
 /// Metres.
 const MOST_BEVEL: f64 = 0.006;
+/// Half the width of a knuckle, and its radius, as shares of the least half side of the link that it carries.
+const KNUCKLE: [f64; 2] = [0.85, 0.8];
+/// Sides of a knuckle.
+const KNUCKLE_COLUMNS: usize = 16;
 /// Sides of a cylinder or ball of the hand.
 const COLUMNS: usize = 32;
 
@@ -29,6 +33,7 @@ const GROUND_COLOR: [f32; 3] = [0.78, 0.79, 0.81];
 const BASE_COLOR: [f32; 3] = [0.36, 0.39, 0.44];
 const PALM_COLOR: [f32; 3] = [0.13, 0.36, 0.46];
 const PROXIMAL_COLOR: [f32; 3] = [0.80, 0.82, 0.85];
+const KNUCKLE_COLOR: [f32; 3] = [0.30, 0.32, 0.36];
 const DISTAL_COLOR: [f32; 3] = [0.66, 0.69, 0.74];
 const PAD_COLOR: [f32; 3] = [0.15, 0.48, 0.60];
 /// Colours of objects.
@@ -123,6 +128,7 @@ impl Stage {
                 for material in [Material::Bare, Material::Pad] {
                     parts.extend(part(hand, link, material)?);
                 }
+                parts.extend(knuckle(hand, link)?);
             }
             let table = Some(scenery()?);
             Ok(Self { parts, table })
@@ -221,6 +227,33 @@ fn part(hand: &Hand, link: usize, material: Material) -> Result<Option<Part>, Ca
     let model = Model::new(&TriMesh::new(vertices, faces)?)?;
     let color = color(hand, link, material);
     Ok(Some(Part { link, model, color }))
+}
+
+/// A cylinder about the axis of the joint that carries a finger's link. It fills the gap that the collision shapes leave: for the eye
+/// alone, since nothing collides with it.
+fn knuckle(hand: &Hand, link: usize) -> Result<Option<Part>, CameraError> {
+    let Some(joint) = hand.joints.iter().find(|j| j.child == link && !j.fixed) else {
+        return Ok(None);
+    };
+    let least = |collider: &Collider| match collider.shape {
+        Shape::Cuboid(half) if collider.material == Material::Bare => Some(half.min()),
+        _ => None,
+    };
+    let Some(half) = hand.links[link].colliders.iter().find_map(least) else {
+        return Ok(None);
+    };
+    let along = Rotation3::rotation_between(&Vector3::z(), &joint.axis).unwrap_or_else(|| {
+        // The opposite way: a cylinder is the same.
+        Rotation3::identity()
+    });
+    let [width, radius] = KNUCKLE.map(|share| share * half);
+    let mesh = shapes::cylinder(radius, width, KNUCKLE_COLUMNS)?;
+    let turned = Isometry3::from_parts(Translation3::identity(), along.into());
+    Ok(Some(Part {
+        link,
+        model: Model::new(&mesh.transformed(&turned))?,
+        color: KNUCKLE_COLOR,
+    }))
 }
 
 fn solid(collider: &Collider) -> Result<TriMesh, CameraError> {

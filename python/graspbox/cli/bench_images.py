@@ -1,0 +1,83 @@
+"""The part of ``graspbox bench`` that sees: frames and steps a second, with the shares that make them honest."""
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+from graspbox.configs import EyesConfig
+from graspbox.envs.expert import Expert, planned
+from graspbox.envs.vector import GraspVectorEnv
+from graspbox.meshes import to_json
+
+#: Scanned objects of about 16,000 faces each.
+_OBJECTS = ("ycb:003_cracker_box", "ycb:005_tomato_soup_can", "ycb:006_mustard_bottle", "ycb:025_mug")
+_SIZES = (64, 128, 224)
+_FRAMES = 300
+_ENVS, _STEPS = 16, 120
+_OBJECT = 2
+
+Row = tuple[str, float, str]
+
+
+def frames(threads: int | None) -> list[Row]:
+    """Count frames a second on one thread, of hand, table and object, as the camera ``front`` sees a grasp begin."""
+    env = GraspVectorEnv(1, "ycb:006_mustard_bottle", obs=("segmentation", "state"), num_threads=threads)
+    world_from_hand = [[1.0, 0, 0, 0.0], [0, -1.0, 0, 0.0], [0, 0, -1.0, 0.21], [0, 0, 0, 1.0]]
+    seen, _ = env.reset(seed=0, options={"world_from_hand": world_from_hand, "resting": 0, "place": [0.0, 0.0, 0.9]})
+    labels = seen["segmentation"]
+    shares = f"object on {100 * (labels == _OBJECT).mean():.0f} %, hand on {100 * (labels > _OBJECT).mean():.0f} %"
+    rows: list[Row] = []
+    for image in ("depth", "rgb"):
+        for size in _SIZES:
+            eyes = to_json(EyesConfig(images=(image,), image_size=(size, size)))
+            seconds = _core._time_images(env._core.pool, 0, eyes, _FRAMES)
+            rows.append(
+                (f"{image} frames, {size} x {size}, one thread ({shares})", 1 / float(np.median(seconds)), "1/s")
+            )
+    return rows
+
+
+def _expert(env: GraspVectorEnv, name: str, state: NDArray[np.float32]) -> Expert:
+    """Plan for an object as it lies, and take the best pose."""
+    plan = planned(env.objects[env.objects.names.index(name)].load(), state)
+    return Expert(state, plan.poses[0], plan.preshape[0])
+
+
+def steps(threads: int | None) -> list[Row]:
+    """Count steps a second of environments side by side, under the actions of the scripted expert."""
+
+    def make(obs: Any) -> GraspVectorEnv:
+        return GraspVectorEnv(_ENVS, _OBJECTS, obs=obs, max_episode_steps=200, num_threads=threads)
+
+    env = make(("state", "segmentation"))
+    seen, info = env.reset(seed=0)
+    experts = [_expert(env, name, state) for name, state in zip(info["object"], seen["state"], strict=True)]
+    actions, touches, share, ended = [], [], [], np.zeros(_ENVS, dtype=np.bool_)
+    for _ in range(_STEPS):
+        acts = [expert.act(state) for expert, state in zip(experts, seen["state"], strict=True)]
+        actions.append(np.stack(acts).astype(np.float32))
+        seen, _, terminated, truncated, info = env.step(actions[-1])
+        # The step after the last one began the next episode.
+        for i in np.flatnonzero(ended):
+            experts[i] = _expert(env, info["object"][i], seen["state"][i])
+        ended = terminated | truncated
+        touches.append(info["touches"].mean())
+        share.append((seen["segmentation"] == _OBJECT).mean())
+    what = f"{_ENVS} envs, expert ({100 * np.mean(touches):.0f} % in contact"
+    rows: list[Row] = []
+    envs, seconds = {obs: make(obs) for obs in ("state", "depth")}, {"state": 0.0, "depth": 0.0}
+    for one in envs.values():
+        one.reset(seed=0)
+    # By turns, so that whatever else the machine does slows both alike.
+    for action in actions:
+        for obs, one in envs.items():
+            started = time.perf_counter()
+            one.step(action)
+            seconds[obs] += time.perf_counter() - started
+    for obs, says in (("state", ""), ("depth", f", object on {100 * np.mean(share):.0f} % of the pixels")):
+        image = " 64 x 64" if obs == "depth" else ""
+        rows.append((f"env-steps, {obs}{image}, {what}{says})", _ENVS * _STEPS / seconds[obs], "1/s"))
+    return rows
