@@ -5,10 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.configs import EyesConfig
 from graspbox.envs.expert import Expert, planned
 
 #: Objects whose convex parts are known exactly: they are ready within milliseconds.
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
+#: Small images; 36 pixels are the least that Stable-Baselines3 takes without a warning.
+EYES = EyesConfig(image_size=(36, 40), voxels=16)
 
 
 def pressing(steps: int, count: int, seed: int = 0, motors: int = 3) -> NDArray[np.float32]:
@@ -26,7 +29,7 @@ def columns_of(info: dict[str, Any]) -> set[str]:
 
 
 def expert_actions(env: Any, seed: int) -> list[NDArray[np.float32]]:
-    """What the scripted expert does in an episode of a single Grasp-v0 that observes its state, up to the end of it."""
+    """Let the scripted expert do an episode of a single Grasp-v0 that observes its state; its actions, to the end."""
     state, info = env.reset(seed=seed)
     mesh = env.objects[env.objects.names.index(info["object"])].load()
     plan = planned(mesh, state, seed=seed)

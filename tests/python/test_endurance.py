@@ -1,0 +1,72 @@
+"""Long runs and other processes: nothing becomes NaN, nothing panics, nothing grows, nothing hangs."""
+
+import os
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AsyncVectorEnv
+
+from acting import OBJECTS, pressing
+
+ID = "graspbox/Grasp-v0"
+
+
+def resident() -> float:
+    """Memory of this process, MB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@pytest.mark.parametrize("steps", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_random_steps_stay_within_bounds_and_memory(steps: int) -> None:
+    """Uniformly random actions hit object, table and walls; a third of them goes against the object."""
+    count = 20
+    env: Any = gymnasium.make_vec(
+        ID,
+        num_envs=count,
+        objects=[*OBJECTS, "procedural:mug:0"],
+        obs=("state", "tactile"),
+        reward="dense",
+        randomization="standard",
+        max_episode_steps=50,
+    )
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    biased = pressing(steps // count, count)
+    after_warm_up, episodes, touches = None, 0, 0
+    for step in range(steps // count):
+        action = rng.uniform(-1, 1, (count, 10)).astype(np.float32)
+        action[:7] = biased[step, :7]
+        observation, rewards, terminated, truncated, info = env.step(action)
+        assert env.observation_space.contains(observation)
+        assert np.isfinite(rewards).all()
+        assert np.isfinite(info["lift"]).all()
+        assert (info["failure"] != "unstable").mean() > 0.8
+        episodes += int((terminated | truncated).sum())
+        touches += int(info["touches"].sum())
+        if step == min(2000, steps // count // 2):
+            after_warm_up = resident()
+    assert episodes >= 0.9 * steps / 51
+    assert touches > 0.02 * steps
+    assert after_warm_up is not None
+    assert resident() < after_warm_up + 50
+
+
+def test_async_vector_env_after_a_rollout_in_the_parent() -> None:
+    """Forked children start their own threads, and see what the native environment sees."""
+    native: Any = gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS, max_episode_steps=8)
+    native.reset(seed=0)
+    native.step(pressing(1, 2)[0])
+    make: Any = partial(gymnasium.make, ID, objects=OBJECTS, max_episode_steps=8)
+    env = AsyncVectorEnv([make] * 2, context="fork")
+    try:
+        assert data_equivalence(env.reset(seed=1), native.reset(seed=1), exact=True)
+        for action in pressing(12, 2):
+            assert data_equivalence(env.step(action), native.step(action), exact=True)
+    finally:
+        env.close()
