@@ -12,11 +12,14 @@ from graspbox import _core, object_sets
 from graspbox.cli import bench_images
 from graspbox.cli.common import Json, Threads, console, print_json, print_table
 from graspbox.configs import DecomposeConfig
+from graspbox.envs.vector import GraspVectorEnv
 from graspbox.meshes import to_json
 
 #: Objects of the mix on which trials are timed.
 _MIX = ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1")
 _POSES = 10
+#: Environments of the call whose overhead is measured.
+_WIDE = 64
 
 
 def median_seconds(work: Callable[[], Any], repeats: int = 7) -> float:
@@ -28,6 +31,20 @@ def median_seconds(work: Callable[[], Any], repeats: int = 7) -> float:
         work()
         times.append(time.perf_counter() - started)
     return float(np.median(times))
+
+
+def call_overhead(threads: int | None) -> float:
+    """Time what a vector step costs beside physics (threads, rows, arrays, rewards, infos): microseconds an env."""
+    env = GraspVectorEnv(_WIDE, "procedural:can:0", reward="dense", num_threads=threads)
+    env.reset(seed=0)
+    actions = env.action_space.sample()
+
+    def call() -> None:
+        env._core.action(actions, _WIDE)
+        _core._spin(0.0, num_threads=threads)
+        env._results(env._core.pool.now(), None, _WIDE)
+
+    return 1e6 * median_seconds(call, 301) / _WIDE
 
 
 def measure(threads: int | None) -> list[dict[str, Any]]:
@@ -59,6 +76,7 @@ def measure(threads: int | None) -> list[dict[str, Any]]:
         seconds += time.perf_counter() - started
         tried += len(best)
     rows.append((f"grasp trials, {threads or _core.num_threads()} threads, procedural mix", tried / seconds, "1/s"))
+    rows.append((f"overhead of a vector call, {_WIDE} envs, state, for each", call_overhead(threads), "us"))
     rows += [*bench_images.frames(threads), *bench_images.steps(threads)]
     return [{"work": work, "value": value, "unit": unit} for work, value, unit in rows]
 
