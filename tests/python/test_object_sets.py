@@ -49,6 +49,12 @@ def test_ycb_is_all_of_the_package_with_its_masses() -> None:
     assert known["published"] > known["weighed"] > known["estimate"]
 
 
+def test_the_graspable_objects_are_ycb_objects() -> None:
+    names = object_sets.load("ycb:graspable").names
+    assert len(names) > 60
+    assert set(names) <= set(object_sets.load("ycb").names)
+
+
 def test_ycb_masses_say_how_they_are_known() -> None:
     rows = list(csv.DictReader((Path(object_sets.__file__).parent / "data/ycb_masses.csv").read_text().splitlines()))
     assert {row["name"] for row in rows} == set(object_sets.load("ycb").names)
