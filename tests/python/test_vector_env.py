@@ -114,6 +114,14 @@ def test_views_hold_what_copies_hold(obs: Any) -> None:
         kept = new
 
 
+def test_environments_beside_each_other_prepare_objects_once() -> None:
+    first, second = make(2), make_sync(AutoresetMode.NEXT_STEP, 2)
+    cores = [first._core, *(env.unwrapped._core for env in second.envs)]
+    assert all(core.handle is cores[0].handle for core in cores)
+    assert make(2, objects="procedural:can:0")._core.handle is not cores[0].handle
+    assert make(2, physics=graspbox.PhysicsConfig(gravity=1.6))._core.handle is not cores[0].handle
+
+
 def test_environments_have_different_objects() -> None:
     _, info = make(16, objects="procedural:can:0-3").reset(seed=0)
     assert len(set(info["object"])) == 4

@@ -109,7 +109,8 @@ class GraspCore:
             raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
         eyes = _eyes(eyes, spaces.image_names(obs), image_size)
         self.object_set = object_sets.load(objects, split=split)
-        handle, self.hand = load_objects(self.object_set, hand, physics)
+        # Kept, so that environments made later find it.
+        self.handle, self.hand = load_objects(self.object_set, hand, physics)
         self.tables = spaces.tables(self.hand)
         self.action_space = spaces.action_space(control, self.tables)
         self.action_size = spaces.size(self.tables["actions"][control])
@@ -127,11 +128,11 @@ class GraspCore:
             eyes=eyes,
         )
         self.config = config
-        self.pool = _core.Pool(handle, to_json(config), num_envs, num_threads)
+        self.pool = _core.Pool(self.handle, to_json(config), num_envs, num_threads)
         self._picture = to_json(picture)
         self._terms = [term["name"] for term in self.tables["terms"]]
         self._failures = np.array(self.tables["failures"], dtype=object)
-        self._names = np.array(handle.names, dtype=object)
+        self._names = np.array(self.handle.names, dtype=object)
 
     def observations(self, arrays: "_core.EnvArrays") -> Any:
         """Pick the observations of all rows: an array, or a dictionary of arrays."""
