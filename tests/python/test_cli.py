@@ -131,9 +131,12 @@ def test_demo_leaves_its_table_and_pictures(tmp_path: Path) -> None:
 
 
 def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
-    from graspbox.cli import bench
+    from graspbox.cli import bench, bench_images
 
     monkeypatch.setattr(bench, "_MIX", ("procedural:ball:0",))
+    can = "procedural:can:0"
+    for name, value in {"_SEEN": can, "_OBJECTS": (can,), "_ENVS": 2, "_STEPS": 12}.items():
+        monkeypatch.setattr(bench_images, name, value)
     rows = bench.measure(1)
     assert all(set(row) == {"work", "value", "unit"} and row["value"] > 0 for row in rows)
     assert _core.num_threads() >= 1

@@ -22,6 +22,8 @@ STEPS = 20
 #: Every id with every observation that it has, and with several at once; Grasp-v0 with its other control modes too.
 CASES: list[tuple[str, dict[str, Any]]] = [
     ("graspbox/GraspPose-v0", {"obs": "state"}),
+    ("graspbox/GraspPose-v0", {"obs": ("depth", "rgb", "state", "voxels"), "image_size": 36}),
+    *[("graspbox/GraspPose-v0", {"obs": name, "image_size": (40, 48)}) for name in spaces.IMAGES],
     *[(GRASP, {"obs": name}) for name in TABLES["observations"]["twist"]],
     *[(GRASP, {"obs": name, "image_size": 36}) for name in spaces.IMAGES],
     (GRASP, {"obs": ("depth_palm", "proprio"), "randomization": "standard", "image_size": (40, 48)}),

@@ -73,7 +73,7 @@ def test_rotation_from_columns_is_a_rotation() -> None:
         assert np.linalg.det(rotation) > 0
 
 
-@pytest.mark.parametrize("wrong", [{"obs": "depth"}, {"reward": "dense"}, {"objects": "cupboard"}, {"split": "x"}])
+@pytest.mark.parametrize("wrong", [{"obs": "deep"}, {"reward": "dense"}, {"objects": "cupboard"}, {"split": "x"}])
 def test_wrong_arguments_are_explained(wrong: dict[str, Any]) -> None:
     with pytest.raises(errors.GraspboxError):
         gymnasium.make("graspbox/GraspPose-v0", **wrong)

@@ -128,3 +128,24 @@ def test_videos_are_recorded_single_and_vector(tmp_path: Path) -> None:
             assert clip.fps == 20
             assert clip.n_frames >= 6
             assert np.asarray(clip.get_frame(0)).std() > 5
+
+
+def test_a_grasp_pose_can_be_seen_and_pictured() -> None:
+    settings: dict[str, Any] = {"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL}
+    env = gymnasium.make("graspbox/GraspPose-v0", obs=("depth", "segmentation", "state"), **settings).unwrapped
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.render()
+    observation, _ = env.reset(seed=0)
+    labels = observation["segmentation"]
+    assert set(np.unique(labels)) == {1, 2}
+    assert (observation["depth"] > 0).all()
+    before: Any = env.render()
+    action = np.array([0, 0, 0.5, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32)
+    again = env.step(action)[0]
+    np.testing.assert_array_equal(again["depth"], observation["depth"])
+    after: Any = env.render()
+    # The hand stands where it was sent.
+    assert (before != after).any(axis=-1).mean() > 0.02
+    for wrong, message in (({"eyes": EyesConfig()}, "cameras of the world"), ({"obs": "deep"}, "deep")):
+        with pytest.raises(errors.ConfigError, match=message):
+            gymnasium.make("graspbox/GraspPose-v0", **{**settings, **wrong})

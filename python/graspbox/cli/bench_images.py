@@ -14,6 +14,7 @@ from graspbox.meshes import to_json
 
 #: Scanned objects of about 16,000 faces each.
 _OBJECTS = ("ycb:003_cracker_box", "ycb:005_tomato_soup_can", "ycb:006_mustard_bottle", "ycb:025_mug")
+_SEEN = "ycb:006_mustard_bottle"
 _SIZES = (64, 128, 224)
 _FRAMES = 300
 _ENVS, _STEPS = 16, 120
@@ -24,7 +25,7 @@ Row = tuple[str, float, str]
 
 def frames(threads: int | None) -> list[Row]:
     """Count frames a second on one thread, of hand, table and object, as the camera ``front`` sees a grasp begin."""
-    env = GraspVectorEnv(1, "ycb:006_mustard_bottle", obs=("segmentation", "state"), num_threads=threads)
+    env = GraspVectorEnv(1, _SEEN, obs=("segmentation", "state"), num_threads=threads)
     world_from_hand = [[1.0, 0, 0, 0.0], [0, -1.0, 0, 0.0], [0, 0, -1.0, 0.21], [0, 0, 0, 1.0]]
     seen, _ = env.reset(seed=0, options={"world_from_hand": world_from_hand, "resting": 0, "place": [0.0, 0.0, 0.9]})
     labels = seen["segmentation"]

@@ -107,7 +107,7 @@ class GraspCore:
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
-        eyes = _eyes(eyes, spaces.image_names(obs), image_size)
+        eyes = completed(eyes, spaces.image_names(obs), image_size)
         self.object_set = object_sets.load(objects, split=split)
         # Kept, so that environments made later find it.
         self.handle, self.hand = load_objects(self.object_set, hand, physics)
@@ -189,7 +189,7 @@ def _randomization(given: Literal["standard"] | Randomization | None) -> Randomi
     raise ConfigError(f"randomization is {given!r}; give None, 'standard' or a Randomization")
 
 
-def _eyes(eyes: EyesConfig, images: tuple[str, ...], image_size: int | tuple[int, int] | None) -> EyesConfig:
+def completed(eyes: EyesConfig, images: tuple[str, ...], image_size: int | tuple[int, int] | None) -> EyesConfig:
     """Complete the eyes by what `obs` and `image_size` ask for."""
     if eyes.images:
         raise ConfigError(f"eyes.images is {eyes.images!r}; name images in obs")

@@ -36,6 +36,10 @@ Observation
 
 Values beyond their range are clipped. The observation that ends the episode is the one it began with.
 
+Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``; the table in `graspbox.envs.grasp` fixes
+shapes, units and bounds) show the object on the table from the camera ``front``; the hand waits elsewhere. They hold no
+pose of the object. Several names give a ``Dict``.
+
 Reward
 ------
 ``reward="sparse"``: 1 for a success as `graspbox.simulation` defines it, else 0.
@@ -59,9 +63,12 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox import object_sets
-from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox import _core, object_sets
+from graspbox.configs import FRONT, EyesConfig, PhysicsConfig, PictureConfig, TrialConfig
+from graspbox.envs import spaces
+from graspbox.envs.core import RenderMode, completed
 from graspbox.errors import ConfigError
+from graspbox.meshes import to_json
 from graspbox.simulation import Scene, load_hand
 
 #: Corners of the box of hand positions, world frame, metres: a hand's reach around the objects that `_SPREAD` allows.
@@ -91,7 +98,7 @@ def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-class GraspPoseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class GraspPoseEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     """One decision an episode: see the module for the tables of action and observation.
 
     Parameters
@@ -100,8 +107,8 @@ class GraspPoseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         Object sets to draw from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
         Draw from this split only.
-    obs : {"state"}
-        What is observed.
+    obs : str or sequence of str
+        What is observed: ``state``, or images by name; several names give a ``Dict``.
     reward : {"sparse"}
         What is rewarded.
     hand : str or pair of paths
@@ -112,45 +119,60 @@ class GraspPoseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         The engine.
     num_threads : int, optional
         Threads to use.
-    render_mode : None
-        There is nothing to render yet.
+    render_mode : "rgb_array", optional
+        Whether `render` gives pictures: of the object, and after a step of the open hand where it was sent.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `eyes`.
+    eyes : EyesConfig
+        Cameras of the world, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, smoothness and camera of the pictures that `render` gives.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 (as Gymnasium declares it)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
 
     def __init__(
         self,
         objects: str | Path | object_sets.ObjectSet | Sequence[str | Path] = "procedural",
         *,
         split: object_sets.Split | None = None,
-        obs: Literal["state"] = "state",
+        obs: str | Sequence[str] = "state",
         reward: Literal["sparse"] = "sparse",
         hand: str | tuple[str, str] = "reflex",
         trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         num_threads: int | None = None,
-        render_mode: None = None,
+        render_mode: RenderMode = None,
+        image_size: int | tuple[int, int] | None = None,
+        eyes: EyesConfig = EyesConfig(cameras=(FRONT,)),  # noqa: B008 (frozen)
+        picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
-        for name, given, known in (
-            ("obs", obs, "state"),
-            ("reward", reward, "sparse"),
-            ("render_mode", render_mode, None),
-        ):
-            if given != known:
-                raise ConfigError(f"{name}={given!r} is not available; use {known!r}")
+        if reward != "sparse":
+            raise ConfigError(f"reward={reward!r} is not available; use 'sparse'")
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
+        if any(camera.mount != "world" for camera in eyes.cameras):
+            raise ConfigError("the hand waits elsewhere before it is sent; give cameras of the world alone")
+        eyes = completed(eyes, spaces.image_names(obs), image_size)
         self.objects = object_sets.load(objects, split=split)
         self.render_mode = render_mode
-        self.observation_space = gymnasium.spaces.Box(_STATE_LOW, _STATE_HIGH, dtype=np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (10,), dtype=np.float32)
         self._hand = load_hand(hand)
+        self._obs = spaces.observation_names(obs, ("state", *spaces.IMAGES, *eyes.images))
+        boxes = {row["name"]: spaces.image_space(row) for row in spaces.images(self._hand, eyes)}
+        boxes["state"] = gymnasium.spaces.Box(_STATE_LOW, _STATE_HIGH, dtype=np.float32)
+        self.observation_space = (
+            boxes[obs] if isinstance(obs, str) else gymnasium.spaces.Dict({name: boxes[name] for name in self._obs})
+        )
+        self._single = isinstance(obs, str)
+        self._gaze, self._picture = _core.Gaze(self._hand, to_json(eyes)), to_json(picture)
+        self._sent: tuple[NDArray[np.float64], float] | None = None
         self._trial, self._physics, self._num_threads = trial, physics, num_threads
         self._scenes: OrderedDict[int, Scene] = OrderedDict()
         self._scene: Scene | None = None
         self._world_from_table = np.eye(4)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Draw an object and its place on the table.
 
         Parameters
@@ -167,14 +189,14 @@ class GraspPoseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             if wanted not in self.objects.names:
                 raise ConfigError(f"there is no object {wanted!r} in {self.objects.name!r}")
             index = self.objects.names.index(wanted)
-        self._scene = self._prepare(index)
+        self._scene, self._sent = self._prepare(index), None
         x, y = self.np_random.uniform(-_SPREAD, _SPREAD, size=2)
         turn = self.np_random.uniform(-np.pi, np.pi)
         cos, sin = np.cos(turn), np.sin(turn)
         self._world_from_table = np.array([[cos, -sin, 0, x], [sin, cos, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
         return self._observe(self._scene), {"object": self._scene.name}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Try the grasp; the episode ends."""
         scene = self._scene
         if scene is None:
@@ -193,11 +215,22 @@ class GraspPoseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             world_from_hand[:3, 3] = POSITION_LOW + (values[:3] + 1) / 2 * (POSITION_HIGH - POSITION_LOW)
             low, high = self._hand.preshape_limits
             pose = np.linalg.inv(self._world_from_table @ scene.world_from_object) @ world_from_hand
-            preshape = low + (values[9] + 1) / 2 * (high - low)
+            preshape = float(low + (values[9] + 1) / 2 * (high - low))
+            self._sent = (world_from_hand, preshape)
             out = scene.simulate(pose[None], [preshape], config=self._trial, num_threads=self._num_threads)
             info |= {"is_success": bool(out.success[0]), "is_secure": bool(out.secure[0]), "lift": float(out.lift[0])}
             info |= {"failure": str(out.failure[0]), "infeasible": str(out.failure[0]) == "infeasible"}
         return observation, float(info["is_success"]), True, False, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Take a picture, (H, W, 3), with ``render_mode="rgb_array"``; nothing without."""
+        if self.render_mode is None:
+            return None
+        if self._scene is None:
+            raise gymnasium.error.ResetNeeded("call reset before render")
+        pose = self._world_from_table @ self._scene.world_from_object
+        hand, preshape = self._sent or (None, 0.0)
+        return self._gaze.picture(self._scene.mesh, pose, hand, preshape, self._picture, self._num_threads)
 
     def _prepare(self, index: int) -> Scene:
         """Take the scene of an object from those kept ready, or settle it."""
@@ -210,8 +243,15 @@ class GraspPoseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._scenes.popitem(last=False)
         return scene
 
-    def _observe(self, scene: Scene) -> NDArray[np.float32]:
+    def _observe(self, scene: Scene) -> Any:
         pose = self._world_from_table @ scene.world_from_object
+        found: dict[str, NDArray[Any]] = {}
+        if set(self._obs) != {"state"}:
+            found |= self._gaze.see(scene.mesh, pose, self._num_threads)
+        found["state"] = self._state(scene, pose)
+        return found[self._obs[0]] if self._single else {name: found[name] for name in self._obs}
+
+    def _state(self, scene: Scene, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         low, high = scene.mesh.bounds
         center = pose[:3, :3] @ scene.center_of_mass + pose[:3, 3]
         middle = pose[:3, :3] @ ((low + high) / 2) + pose[:3, 3]

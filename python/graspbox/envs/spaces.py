@@ -119,7 +119,7 @@ def images(hand: Hand, eyes: EyesConfig) -> list[Image]:
     return rows
 
 
-def _image_space(row: Image) -> gymnasium.Space[Any]:
+def image_space(row: Image) -> gymnasium.Space[Any]:
     dtype = np.dtype(row["dtype"])
     low, high = (np.full(row["shape"], bound, dtype=dtype) for bound in (row["low"], row["high"]))
     return gymnasium.spaces.Box(low, high, dtype=dtype.type)
@@ -176,7 +176,7 @@ def observation_space(
     pictures = {row["name"]: row for row in seen}
     names = observation_names(obs, dict.fromkeys([*vectors, *IMAGES, *pictures]))
     boxes: dict[str, gymnasium.Space[Any]] = {
-        name: _image_space(pictures[name])
+        name: image_space(pictures[name])
         if name in pictures
         else gymnasium.spaces.Box(*_bounds(vectors[name]), dtype=np.float32)
         for name in names
