@@ -1,0 +1,251 @@
+"""Features of every observation, without flattening what has a shape: ``policy_kwargs=dict(features_extractor_class=Extractor)``.
+
+Stable-Baselines3 has a network for uint8 images alone; metres, labels, points and voxels it would flatten. `Extractor`
+looks at the space, at each one of a ``Dict``, and chooses:
+
+| the space | is taken for | network |
+|---|---|---|
+| one axis | a vector | none: the numbers as they are |
+| (n, 3) or (H, W, 3), float, negative x allowed | points | the same small network for every point seen, then the maximum |
+| three equal sides | voxels | labels as channels, Conv3d |
+| three axes, the first or the last at most 16 | an image, channels where these are | Conv2d |
+
+Of an image, uint8 up to 255 is colour, which Stable-Baselines3 scales to [0, 1] and puts channels first by itself; uint8
+below is a label, each a channel of its own; floats (depth, rgbd) are scaled to [0, 1] by the bounds of the space.
+
+>>> from stable_baselines3 import PPO
+>>> from graspbox.sb3 import Extractor, VecEnv
+>>> env = VecEnv.make("graspbox/Grasp-v0", num_envs=2, objects="procedural:can:0", obs=("proprio", "depth"))
+>>> policy = {"features_extractor_class": Extractor, "features_extractor_kwargs": {"features": 64}}
+>>> model = PPO("MultiInputPolicy", env, policy_kwargs=policy, n_steps=8, batch_size=16, device="cpu").learn(16)
+"""  # noqa: E501
+
+from itertools import pairwise
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor, nn
+
+from graspbox.errors import ConfigError
+
+__all__ = ["Extractor", "ImageNet", "PointNet", "VoxelNet"]
+
+#: More channels than this are no channels.
+_MAX_CHANNELS = 16
+#: Points beyond so many are left out, evenly: on a CPU a policy has no time for more.
+_MAX_POINTS = 1024
+#: Neighbouring cells that the last maps of an image and of voxels keep along a side.
+_MAP_2D, _MAP_3D = 4, 2
+
+
+def _is_points(space: Box) -> bool:
+    floats, seen = np.issubdtype(space.dtype, np.floating), len(space.shape) in (2, 3) and space.shape[-1] == 3
+    return bool(floats and seen and (space.low[..., 0] < 0).all())
+
+
+def _labels(space: Box) -> int | None:
+    """Count the labels of a space; None where its numbers are no labels."""
+    if not np.issubdtype(space.dtype, np.integer) or (space.high == 255).all():
+        return None
+    return int(space.high.max()) + 1
+
+
+class _Unit(nn.Module):  # type: ignore[misc, unused-ignore]
+    """Channels of a network from an observation (rows, *shape): labels one by one, floats in [0, 1]."""
+
+    low: Tensor
+    span: Tensor
+
+    def __init__(self, space: Box, channel_axis: int | None) -> None:
+        super().__init__()
+        self.labels = _labels(space)
+        self._axis = channel_axis
+        self._colour = self.labels is None and np.issubdtype(space.dtype, np.integer)
+        low, span = space.low.astype(np.float32), (space.high - space.low).astype(np.float32)
+        if not self._colour and not (np.isfinite([low, span]).all() and (span > 0).all()):
+            raise ConfigError(f"the bounds of {space} do not say how to scale it; give finite ones")
+        self.register_buffer("low", torch.as_tensor(low), persistent=False)
+        self.register_buffer("span", torch.as_tensor(span), persistent=False)
+        own = 1 if channel_axis is None else space.shape[channel_axis]
+        self.channels = own * (self.labels or 1)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        if self.labels is None:
+            # Colours come scaled by Stable-Baselines3.
+            found = observation if self._colour else (observation - self.low) / self.span
+        else:
+            found = observation
+        found = found.unsqueeze(1) if self._axis is None else found.movedim(self._axis + 1, 1)
+        if self.labels is None:
+            return found
+        ones = nn.functional.one_hot(found.long(), self.labels).movedim(-1, 2)
+        return ones.flatten(1, 2).to(observation.dtype)
+
+
+class ImageNet(nn.Module):  # type: ignore[misc, unused-ignore]
+    """Features of an image: four strided convolutions, and a layer over what they leave of its places.
+
+    Parameters
+    ----------
+    space : Box
+        Three axes; the first or the last one is that of the channels.
+    features : int
+        How many numbers come out.
+    """
+
+    def __init__(self, space: Box, features: int) -> None:
+        super().__init__()
+        axis = 0 if space.shape[0] < space.shape[2] else 2
+        self.unit = _Unit(space, axis)
+        layers: list[nn.Module] = []
+        before = self.unit.channels
+        for channels, size in ((16, 5), (32, 3), (64, 3), (64, 3)):
+            layers += [nn.Conv2d(before, channels, size, stride=2, padding=size // 2), nn.ReLU()]
+            before = channels
+        layers += [nn.AdaptiveAvgPool2d(_MAP_2D), nn.Flatten(), nn.Linear(before * _MAP_2D**2, features), nn.ReLU()]
+        self.net = nn.Sequential(*layers)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Features (rows, features) of images (rows, *shape)."""
+        found: Tensor = self.net(self.unit(observation))
+        return found
+
+
+class VoxelNet(nn.Module):  # type: ignore[misc, unused-ignore]
+    """Features of a cube of voxels (N, N, N): three strided convolutions, and a layer over what they leave.
+
+    Parameters
+    ----------
+    space : Box
+        Three axes of the same length.
+    features : int
+        How many numbers come out.
+    """
+
+    def __init__(self, space: Box, features: int) -> None:
+        super().__init__()
+        self.unit = _Unit(space, None)
+        layers: list[nn.Module] = []
+        before = self.unit.channels
+        for channels, size in ((16, 5), (32, 3), (64, 3)):
+            layers += [nn.Conv3d(before, channels, size, stride=2, padding=size // 2), nn.ReLU()]
+            before = channels
+        layers += [nn.AdaptiveAvgPool3d(_MAP_3D), nn.Flatten(), nn.Linear(before * _MAP_3D**3, features), nn.ReLU()]
+        self.net = nn.Sequential(*layers)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Features (rows, features) of voxels (rows, N, N, N)."""
+        found: Tensor = self.net(self.unit(observation))
+        return found
+
+
+class PointNet(nn.Module):  # type: ignore[misc, unused-ignore]
+    """Features of a cloud, whatever the order of its points; those at the origin are missing, and left out.
+
+    Parameters
+    ----------
+    space : Box
+        (n, 3), or (H, W, 3) as an image of points.
+    features : int
+        How many numbers come out.
+
+    Notes
+    -----
+    The symmetric function of Qi, Su, Mo, Guibas, "PointNet: deep learning on point sets for 3D classification and
+    segmentation", CVPR 2017, without its alignment networks.
+    """
+
+    middle: Tensor
+
+    def __init__(self, space: Box, features: int) -> None:
+        super().__init__()
+        step = 1
+        while np.prod([-(-side // step) for side in space.shape[:-1]]) > _MAX_POINTS:
+            step += 1
+        self._pick = (slice(None), *[slice(None, None, step)] * (len(space.shape) - 1))
+        low, high = (bound.reshape(-1, 3) for bound in (space.low, space.high))
+        if not np.isfinite([low, high]).all():
+            raise ConfigError(f"the bounds of {space} do not say how to scale it; give finite ones")
+        middle, half = (low.min(0) + high.max(0)) / 2, (high.max(0) - low.min(0)).max() / 2
+        self.register_buffer("middle", torch.as_tensor(middle, dtype=torch.float32), persistent=False)
+        self._half = float(half)
+        widths = (3, 32, 64, 128)
+        layers = [(nn.Linear(a, b), nn.ReLU()) for a, b in pairwise(widths)]
+        self.each = nn.Sequential(*[layer for pair in layers for layer in pair])
+        self.all = nn.Sequential(nn.Linear(widths[-1], features), nn.ReLU())
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Features (rows, features) of points (rows, *shape)."""
+        points = observation[self._pick].flatten(1, -2)
+        missing = (points == 0).all(-1, keepdim=True)
+        found = self.each((points - self.middle) / self._half)
+        # What comes out of a ReLU is not negative: zero is the maximum of no points.
+        pooled: Tensor = self.all(found.masked_fill(missing, 0.0).amax(1))
+        return pooled
+
+
+class _Vector(nn.Module):  # type: ignore[misc, unused-ignore]
+    def __init__(self, space: Box) -> None:
+        super().__init__()
+        self.size = space.shape[0]
+
+    def forward(self, observation: Tensor) -> Tensor:
+        return observation
+
+
+def network(space: gymnasium.Space[Any], features: int) -> tuple[nn.Module, int]:
+    """Choose the network of a space, and say how many numbers come out of it.
+
+    Raises
+    ------
+    ConfigError
+        For a space that the table does not know.
+    """
+    if isinstance(space, Box):
+        if len(space.shape) == 1:
+            return _Vector(space), space.shape[0]
+        if _is_points(space):
+            return PointNet(space, features), features
+        if len(space.shape) == 3:
+            if len(set(space.shape)) == 1:
+                return VoxelNet(space, features), features
+            if min(space.shape[0], space.shape[2]) <= _MAX_CHANNELS:
+                return ImageNet(space, features), features
+    raise ConfigError(f"there is no network for {space}; give a vector, an image, points or voxels")
+
+
+class Extractor(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
+    """Features of an observation, or of all of a ``Dict``, one after the other.
+
+    Parameters
+    ----------
+    observation_space : gymnasium.Space
+        A ``Box``, or a ``Dict`` of them; see the module.
+    features : int
+        How many numbers come of each image, cloud or cube; vectors stay as they are.
+
+    Raises
+    ------
+    ConfigError
+        For a space that the module's table does not know, or one whose bounds are not finite.
+    """
+
+    def __init__(self, observation_space: gymnasium.Space[Any], features: int = 128) -> None:
+        if features < 1:
+            raise ConfigError(f"features is {features}; it must be at least 1")
+        self._keys = tuple(observation_space) if isinstance(observation_space, gymnasium.spaces.Dict) else None
+        spaces = observation_space.spaces if self._keys is not None else {"": observation_space}  # type: ignore[attr-defined]
+        found = {name: network(space, features) for name, space in spaces.items()}
+        super().__init__(observation_space, sum(size for _, size in found.values()))
+        self.networks = nn.ModuleDict({f"of_{name}": net for name, (net, _) in found.items()})
+
+    def forward(self, observations: Any) -> Tensor:
+        """Features (rows, features_dim) of observations as Stable-Baselines3 prepares them."""
+        if self._keys is None:
+            found: Tensor = self.networks["of_"](observations)
+            return found
+        return torch.cat([self.networks[f"of_{name}"](observations[name]) for name in self._keys], dim=1)

@@ -1,0 +1,45 @@
+"""PPO of RLlib on the single environment, in two processes.
+
+RLlib pins an older Gymnasium than the one that graspbox is tested with; graspbox runs on both. pip lets the pin win:
+
+    pip install 'graspbox[rllib]'
+    python scripts/examples/rllib_ppo.py
+
+To keep the newer Gymnasium instead, override the pin: ``uv pip install 'graspbox[rllib]' --override overrides.txt``,
+with the line ``gymnasium>=1.1`` in that file; or, with pip, ``pip install --no-deps 'gymnasium>=1.1'`` afterwards.
+"""
+
+from typing import Any
+
+import gymnasium
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.tune.registry import register_env
+
+import graspbox  # noqa: F401 (registers the environments)
+
+
+def make(settings: dict[str, Any]) -> gymnasium.Env[Any, Any]:
+    """Make an environment; this runs in RLlib's processes, which import graspbox with it."""
+    return gymnasium.make("graspbox/Grasp-v0", **settings)
+
+
+def main(iterations: int = 3, runners: int = 2) -> None:
+    """Train for a few iterations."""
+    register_env("grasp", make)
+    settings = {"objects": "procedural:can:0-9", "reward": "dense", "num_threads": 1}
+    config = (
+        PPOConfig()
+        .environment("grasp", env_config=settings)
+        .env_runners(num_env_runners=runners, num_envs_per_env_runner=4)
+        .training(train_batch_size_per_learner=2048, minibatch_size=256, lr=3e-4)
+        .debugging(seed=0)
+    )
+    algorithm = config.build_algo()
+    for _ in range(iterations):
+        found = algorithm.train()["env_runners"]
+        print("steps", found["num_env_steps_sampled_lifetime"], "return", found.get("episode_return_mean"))
+    algorithm.stop()
+
+
+if __name__ == "__main__":
+    main()

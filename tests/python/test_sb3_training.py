@@ -1,0 +1,191 @@
+"""`scripts/train_sb3.py`: what it writes, that it stops and goes on, and that it tells the truth. Needs ``train``."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspbox.errors import ConfigError
+from test_scripts import SCRIPTS, script
+
+pytestmark = pytest.mark.train
+
+sb3 = pytest.importorskip("stable_baselines3")
+torch = pytest.importorskip("torch")
+typer = pytest.importorskip("typer")
+
+SMALL = ("num_envs=4", "env.max_episode_steps=12", 'env.objects=["procedural:can:0-9"]')
+PPO = (*SMALL, "timesteps=256", "every=128", "model.n_steps=16", "model.batch_size=32", "model.n_epochs=1")
+SAC = (*SMALL, "timesteps=128", "every=64", "model.learning_starts=32", "model.buffer_size=512", "model.batch_size=16")
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Leave the number of torch's threads as it was: runs set it."""
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+
+
+def run(algorithm: str, folder: Path, changes: tuple[str, ...], **settings: Any) -> int:
+    """Train in this process; the exit status."""
+    program = script("train_sb3")
+    given = {"episodes": 4, **settings}
+    return int(program.train(program.Settings(algorithm, folder, set=list(changes), **given)))
+
+
+def rows_of(folder: Path) -> list[dict[str, Any]]:
+    lines = (folder / "evaluations.jsonl").read_text().splitlines()
+    return [json.loads(line) for line in lines[1:]]
+
+
+def test_a_run_and_its_resumption(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert run("ppo", folder, PPO) == 0
+    assert [row["timesteps"] for row in rows_of(folder)] == [128, 256]
+    for row in rows_of(folder):
+        assert row["episodes"] == 4
+        assert sum(row["failures"].values()) == round(4 * (1 - row["success"]))
+        assert 0 < row["length"] <= 12
+    assert list(folder.glob("tensorboard/*/events*"))
+    assert (folder / "best/model.zip").is_file()
+    first = sb3.PPO.load(folder / "checkpoint/model.zip")
+    with pytest.raises(ConfigError, match="--resume"):
+        run("ppo", folder, PPO)
+    with pytest.raises(ConfigError, match="other settings"):
+        run("ppo", folder, (*PPO, "model.gamma=0.5"), resume=True)
+    longer = (*PPO, "timesteps=512")
+    assert run("ppo", folder, longer, resume=True) == 0
+    assert [row["timesteps"] for row in rows_of(folder)] == [128, 256, 384, 512]
+    second = sb3.PPO.load(folder / "checkpoint/model.zip")
+    assert (first.num_timesteps, second.num_timesteps) == (256, 512)
+    # The statistics went on too: each of the 512 steps, and one reset for each environment and run, is in them.
+    import pickle
+
+    statistics = pickle.loads((folder / "checkpoint/normalize.pkl").read_bytes())
+    assert statistics.obs_rms.count == pytest.approx(512 + 2 * 4, abs=0.01)
+    # Its end is reached: nothing is left to do.
+    assert run("ppo", folder, longer, resume=True) == 0
+    assert len(rows_of(folder)) == 4
+
+
+def test_the_same_seed_trains_the_same_policy(tmp_path: Path) -> None:
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        assert run("ppo", tmp_path / name, PPO, seed=seed) == 0
+    a, b, c = (
+        torch.cat([p.flatten() for p in sb3.PPO.load(tmp_path / name / "checkpoint/model.zip").policy.parameters()])
+        for name in "abc"
+    )
+    assert (a == b).all()
+    assert (a != c).any()
+
+
+def test_an_off_policy_run_keeps_its_replay_buffer(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert run("sac", folder, SAC) == 0
+    assert run("sac", folder, (*SAC, "timesteps=192"), resume=True) == 0
+    model = sb3.SAC.load(folder / "checkpoint/model.zip")
+    model.load_replay_buffer(folder / "checkpoint/replay_buffer.pkl")
+    assert model.replay_buffer.size() * 4 == 192
+    assert not (folder / "best/replay_buffer.pkl").exists()
+
+
+def test_an_environment_without_a_native_one_trains_too(tmp_path: Path) -> None:
+    """Td3, in processes; what the run does not reach it says."""
+    changes = (
+        "num_envs=2",
+        'env.objects=["procedural:can:0-9"]',
+        "timesteps=16",
+        "every=16",
+        "model.learning_starts=8",
+    )
+    settings = {"env": "graspbox/GraspPose-v0", "target": 1.0, "references": True, "episodes": 6}
+    folder = tmp_path / "run"
+    assert run("td3", folder, changes, **settings) == 1
+    found = json.loads((folder / "references.json").read_text())
+    assert found["zero"]["success"] == 0.0
+    assert found["planner"]["success"] > max(0.5, found["random"]["success"])
+    plot = script("plot_sb3")
+    plot.main([folder], out=tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+def test_the_planner_drives_the_closed_loop() -> None:
+    from graspbox.sb3.references import references
+
+    found = references("graspbox/Grasp-v0", 3, 6, 0, objects="procedural:can:0-9", max_episode_steps=200)
+    assert found["zero"]["success"] == found["random"]["success"] == 0.0
+    assert found["planner"]["success"] > 0.5
+
+
+def test_images_are_trained_on(tmp_path: Path) -> None:
+    changes = (*PPO, "env.obs=[proprio, depth]", "env.image_size=16", "timesteps=128")
+    assert run("ppo", tmp_path / "run", changes) == 0
+    model = sb3.PPO.load(tmp_path / "run/checkpoint/model.zip")
+    assert type(model.policy.features_extractor).__name__ == "Extractor"
+
+
+def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    changes = [part for change in (*PPO, "timesteps=1000000") for part in ("--set", change)]
+    command = [sys.executable, str(SCRIPTS / "train_sb3.py"), "ppo", str(folder), "--episodes", "4", "--json", *changes]
+    log = folder / "evaluations.jsonl"
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        while child.poll() is None and not (log.is_file() and len(log.read_text().splitlines()) > 2):
+            time.sleep(0.05)
+        child.send_signal(signal.SIGINT)
+        output, _ = child.communicate()
+        assert child.returncode == 130
+    result = json.loads(output)
+    assert result["interrupted"]
+    steps = json.loads((folder / "checkpoint/progress.json").read_text())["timesteps"]
+    assert steps == result["timesteps"] >= 256
+    assert not list(folder.glob("checkpoint.*"))
+    end = steps + 128
+    assert run("ppo", folder, (*PPO, f"timesteps={end}"), resume=True) == 0
+    assert rows_of(folder)[-1]["timesteps"] >= end
+    assert np.all(np.diff([row["seconds"] for row in rows_of(folder)]) > 0)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "changes", "message"),
+    [
+        ("dqn", (), "choose from ppo, sac, td3"),
+        ("ppo", ("gamma",), "names no parameter"),
+        ("ppo", ("model.gamma.x=1",), "names no parameter"),
+        ("ppo", ("colour=1",), "parameters are timesteps"),
+    ],
+)
+def test_what_cannot_be_is_refused(tmp_path: Path, algorithm: str, changes: tuple[str, ...], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        run(algorithm, tmp_path / "run", changes)
+    assert not (tmp_path / "run").exists()
+
+
+def test_every_entry_names_what_exists() -> None:
+    """Each of the parameters makes its model, on environments and a buffer of small size."""
+    import yaml
+
+    program = script("train_sb3")
+    found = yaml.safe_load((SCRIPTS / "sb3.yaml").read_text())
+    from graspbox.sb3.running import make_env
+
+    for algorithm, entries in found.items():
+        for env_id, values in entries.items():
+            parameters = program.Parameters(**values)
+            env = make_env(env_id, 1, **{**parameters.env, "objects": "procedural:ball:0"})
+            settings = program.model_settings(parameters.model, env)
+            if "buffer_size" in settings:
+                settings["buffer_size"] = 16
+            else:
+                settings["n_steps"] = settings["batch_size"]
+            model = program.ALGORITHMS[algorithm](env=env, device="cpu", **settings)
+            assert model.gamma == parameters.model["gamma"]
+            env.close()
