@@ -13,6 +13,7 @@
 
 import json
 import shutil
+import signal
 import time
 from collections.abc import Callable
 from copy import deepcopy
@@ -44,6 +45,8 @@ def make_env(env_id: str, num_envs: int, **settings: Any) -> VecMonitor:
         return VecMonitor(VecEnv.make(env_id, num_envs, **settings))
 
     def single() -> gymnasium.Env[Any, Any]:
+        # Ctrl-C reaches the whole group; the run that began this process ends it when it has been saved.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         return gymnasium.make(env_id, num_threads=1, **settings)
 
     return VecMonitor(SubprocVecEnv([single] * num_envs, start_method="fork"))
