@@ -186,7 +186,7 @@ class PhysicsConfig:
     solver_iterations : int
         Solver sub-steps in a step.
     idle_iterations : int
-        The same while nothing in the hand moves and it is in contact with nothing.
+        The same while nothing in the hand moves, it is in contact with nothing and the object does not tumble.
     contact_frequency, static_contact_frequency : float
         Natural frequency of contacts, and of those with hand root and table, Hz.
     contact_damping_ratio : float

@@ -2,7 +2,7 @@
 //!
 //! Primitives from above; procedural objects of every family and real YCB meshes by the best-ranked pose that holds them. No
 //! object is swapped for an easier one; an object that no tried pose holds is a failure where the test says so.
-//! A bug here, for all of them: contacts that are softer, solved less often, or recycled; friction that creeps.
+//! A bug here, for all of them: contacts that are softer, solved less often, or kept for too long; friction that creeps.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::{Body, Episode, Progress, Scene, TrialConfig, run_trials};

@@ -1,4 +1,5 @@
-//! Physics settings and the friction of table and object. Every default passes the hold and label checks in `tests/`; change them together or not at all.
+//! Physics settings and the friction of table and object. Every default passes the hold and label checks in `tests/`; change them
+//! together or not at all.
 
 use crate::SimError;
 use serde::{Deserialize, Serialize};
@@ -31,7 +32,8 @@ pub struct PhysicsConfig {
     pub dt: f64,
     /// Solver sub-steps a step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
     pub solver_iterations: usize,
-    /// The same while nothing in the hand moves and it is in contact with nothing: what remains then is an object on the table.
+    /// The same while nothing in the hand moves, it is in contact with nothing and the object does not tumble: what remains then is
+    /// an object on the table.
     pub idle_iterations: usize,
     /// Natural frequency of contacts, Hz. Stock values of the engine (30 Hz) let fingers sink in by millimetres.
     pub contact_frequency: f64,
