@@ -25,6 +25,7 @@ __all__ = [
     "_time_reset",
     "agent_tables",
     "decompose",
+    "draw",
     "image_tables",
     "load_binvox",
     "num_threads",
@@ -270,6 +271,23 @@ class Gaze:
         picture: str,
         num_threads: int | None,
     ) -> NDArray[np.uint8]: ...
+
+def draw(
+    meshes: Sequence[Mesh],
+    world_from_mesh: NDArray[np.float64],
+    colors: NDArray[np.float64],
+    casts_shadow: Sequence[bool],
+    hand: tuple[Hand, NDArray[np.float64], float, NDArray[np.float64], NDArray[np.float64]] | None,
+    intrinsics: NDArray[np.float64],
+    world_from_camera: NDArray[np.float64],
+    config: str,
+    num_threads: int | None,
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Draw meshes and a hand: picture (H, W, 3), depth (H, W) in metres along the optical axis, 0 where nothing is.
+
+    `world_from_mesh` is (n, 4, 4), `colors` (n, 3) in [0, 1]; `hand` is a hand, its `world_from_hand` (4, 4), preshape
+    and proximal and distal angles (f,), radians. Camera frames have x right, y down, z forward.
+    """
 
 def image_tables(hand: Hand, eyes: str) -> str: ...
 def pictures(pool: Pool, envs: Sequence[int], picture: str) -> NDArray[np.uint8]: ...

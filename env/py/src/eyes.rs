@@ -116,6 +116,22 @@ fn lens_matrix(k: &Intrinsics) -> [f64; 9] {
     [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0]
 }
 
+/// The lens of a matrix (3, 3).
+///
+/// # Errors
+/// Another shape.
+pub(crate) fn lens(matrix: &Floats, height: u32, width: u32) -> Result<Intrinsics, CoreError> {
+    let k = crate::convert::entries(matrix, "intrinsics", &[Some(3), Some(3)])?;
+    Ok(Intrinsics {
+        width,
+        height,
+        fx: k[0],
+        fy: k[4],
+        cx: k[2],
+        cy: k[5],
+    })
+}
+
 /// What [`views`] takes beside mesh and poses.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -209,15 +225,7 @@ pub fn occupancy<'py>(
     let poses = isometries(&frame_from_camera, "frame_from_camera")?;
     let values = crate::convert::entries(&depth, "depth", &[Some(poses.len()), None, None])?.to_vec();
     let [height, width] = [1, 2].map(|axis| depth.shape()[axis]);
-    let k = crate::convert::entries(&intrinsics, "intrinsics", &[Some(3), Some(3)])?;
-    let lens = Intrinsics {
-        width: width as u32,
-        height: height as u32,
-        fx: k[0],
-        fy: k[4],
-        cx: k[2],
-        cy: k[5],
-    };
+    let lens = lens(&intrinsics, height as u32, width as u32)?;
     let origin: Point3<f64> = point(&origin, "origin")?;
     let cells = detached(py, None, move || {
         let grid = VoxelFrame::new(resolution, origin, side)?;

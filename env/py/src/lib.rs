@@ -5,6 +5,7 @@
 //! | [`mod@bench`] | what is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
 //! | [`convert`] | arrays and configs, with every check of a shape or a number |
+//! | [`mod@draw`] | pictures of any meshes and a hand, from any camera |
 //! | [`errors`] | one error type, and the Python exception of each error |
 //! | [`eyes`] | images of environments and objects, pictures, cameras |
 //! | [`gil`] | releases the GIL, keeps panics inside, listens for Ctrl-C, owns the thread pools |
@@ -21,6 +22,7 @@
 pub mod bench;
 pub mod config;
 pub mod convert;
+pub mod draw;
 pub mod episode;
 pub mod errors;
 pub mod eyes;
@@ -42,6 +44,8 @@ mod _core {
     use crate::bench::{time_best_split, time_reset};
     #[pymodule_export]
     use crate::config::config_again;
+    #[pymodule_export]
+    use crate::draw::draw;
     #[pymodule_export]
     use crate::episode::Scene;
     #[pymodule_export]

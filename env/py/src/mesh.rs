@@ -24,6 +24,7 @@ pub struct MeshData {
     properties: MassProperties,
     body: OnceLock<Arc<Body>>,
     look: OnceLock<Model>,
+    surface: OnceLock<Model>,
 }
 
 impl MeshData {
@@ -39,6 +40,7 @@ impl MeshData {
             properties,
             body: OnceLock::new(),
             look: OnceLock::new(),
+            surface: OnceLock::new(),
         })
     }
 
@@ -52,6 +54,19 @@ impl MeshData {
         }
         let body = Arc::new(Body::prepare(&self.spec, cache)?);
         Ok(Arc::clone(self.body.get_or_init(|| body)))
+    }
+
+    /// The mesh as the renderer takes it in full detail, prepared at its first use. Levels of detail cost more than a
+    /// picture, and those of a million faces half a minute.
+    ///
+    /// # Errors
+    /// As [`Model::without_levels`].
+    pub fn surface(&self) -> Result<&Model, CoreError> {
+        if let Some(model) = self.look.get().or_else(|| self.surface.get()) {
+            return Ok(model);
+        }
+        let made = Model::without_levels(&self.spec.mesh)?;
+        Ok(self.surface.get_or_init(|| made))
     }
 
     /// The mesh as the renderer takes it, prepared at its first use.

@@ -155,6 +155,21 @@ impl Stage {
         })
     }
 
+    /// The hand alone; links without a finite place are left out.
+    pub fn hand<'a>(&'a self, world_from_links: &'a [Isometry3<f64>]) -> impl Iterator<Item = Instance<'a>> {
+        let instance = |part: &'a Part| {
+            Some(Instance {
+                model: &part.model,
+                world_from_model: *world_from_links.get(part.link)?,
+                color: part.color,
+                label: FIRST_LINK + part.link as u8,
+                casts_shadow: true,
+            })
+        };
+        let all = self.parts.iter().filter_map(instance);
+        all.filter(|i| is_near(&i.world_from_model))
+    }
+
     /// Everything that is to be drawn; what has no finite place is left out.
     #[must_use]
     pub fn instances<'a>(&'a self, moment: &'a Moment) -> Vec<Instance<'a>> {
@@ -165,15 +180,6 @@ impl Stage {
             label: OBJECT,
             casts_shadow: true,
         };
-        let hand = self.parts.iter().filter_map(|part| {
-            Some(Instance {
-                model: &part.model,
-                world_from_model: *moment.world_from_links.get(part.link)?,
-                color: part.color,
-                label: FIRST_LINK + part.link as u8,
-                casts_shadow: true,
-            })
-        });
         let middles = [-TABLE_THICKNESS * 0.5, -TABLE_HEIGHT - TABLE_THICKNESS * 0.5];
         let looks = middles.into_iter().zip([TABLE_COLOR, GROUND_COLOR]);
         let scenery = self
@@ -190,7 +196,8 @@ impl Stage {
             });
         let mut all = Vec::with_capacity(self.parts.len() + 3);
         // From what is mostly in front to what is mostly behind: less is painted over.
-        all.extend(hand.chain([object]).filter(|i| is_near(&i.world_from_model)));
+        all.extend(self.hand(&moment.world_from_links));
+        all.extend(is_near(&moment.world_from_object).then_some(object));
         all.extend(scenery);
         all
     }
