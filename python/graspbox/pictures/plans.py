@@ -3,26 +3,14 @@
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from graspbox.meshes import Mesh
-from graspbox.pictures.solids import (
-    COLORS,
-    FAILURE,
-    OBJECT,
-    SUCCESS,
-    TABLE,
-    UNTRIED,
-    box_edges,
-    hand_solids,
-    mesh_triangles,
-    place,
-    table_triangles,
-)
-from graspbox.pictures.view import Camera, Floats, Solid, View, write
+from graspbox.pictures.solids import COLORS, FAILURE, OBJECT, SUCCESS, UNTRIED, box_edges, place
+from graspbox.pictures.view import Camera, Floats, PosedHand, Solid, View, pixels, write
 from graspbox.planning import Box, Plan, decompose
 from graspbox.simulation import Hand, Outcomes, load_hand
 
@@ -31,6 +19,8 @@ AREA_GAINS = (0.8, 0.9, 0.95, 0.98)
 MIN_VOLUMES = (1.25e-1, 1.25e-2, 1.25e-3, 1.25e-4, 1.25e-5, 1.25e-6)
 #: Length of the arrow that stands for a pose, metres.
 _ARROW = 0.045
+#: The hand stands where the arrows are: they shine through it.
+_HAND_OPACITY = 0.6
 
 
 def moved(box: Box, pose: Floats) -> Box:
@@ -77,28 +67,32 @@ def save_plan(
     poses = world_from_object @ best.poses
     if camera is None:
         camera = Camera.across(poses[0, :3, 2]) if len(best) else Camera()
-    surface: Solid = (mesh_triangles(mesh, world_from_object), OBJECT)
+    surface = Solid(mesh, OBJECT, world_from_object)
     boxes = [moved(box, world_from_object) for box in plan.tree]
     corners = np.concatenate([box.corners() for box in boxes])
-    figure = Figure(figsize=(9, 4.8), dpi=110)
+    figure = Figure(figsize=(9, 4.5), dpi=140)
     left, right = figure.subplots(1, 2)
     figure.subplots_adjust(left=0.01, right=0.99, bottom=0.07, top=0.91, wspace=0.03)
-    view = View([surface], camera, shown=corners, aspect=1.1)
+    view = View([surface], camera, shown=corners, size=pixels(left), ground=True)
     view.show(left)
     for index, box in enumerate(boxes):
         view.lines(left, box_edges(box), COLORS[index % len(COLORS)], width=1.6, hidden=0.35)
     left.set_title(f"{mesh.name}: {len(boxes)} boxes, {plan.tree.volume * 1e6:.0f} cm³", fontsize=10)
 
-    solids, lines = [surface], arrows(poses)
-    shown = [corners, lines.reshape(-1, 3)]
+    lines = arrows(poses)
+    shown, first = [corners, lines.reshape(-1, 3)], None
     if len(best):
-        hand_shapes = hand_solids(load_hand(hand), poses[0], float(best.preshape[0]))
-        solids += hand_shapes
-        shown += [t.reshape(-1, 3) for t, _ in hand_shapes]
-    every = np.concatenate(shown)
-    reach = float(np.abs(every[:, :2] - corners.mean(axis=0)[:2]).max())
-    solids.append((table_triangles(corners.mean(axis=0), reach), TABLE))
-    view = View(solids, camera, shown=every, aspect=1.1)
+        first = PosedHand(load_hand(hand), poses[0], float(best.preshape[0]))
+        shown.append(first.corners())
+    view = View(
+        [surface],
+        camera,
+        shown=np.concatenate(shown),
+        size=pixels(right),
+        hand=first,
+        opacity=_HAND_OPACITY,
+        ground=True,
+    )
     view.show(right)
     told = f"the best {len(best)} poses; the open hand at the first"
     if outcomes is None:
@@ -110,7 +104,7 @@ def save_plan(
         _tell_colors(figure)
         told = f"{int(ok.sum()) // 3} of the best {len(best)} poses succeed; the open hand at the first"
     right.set_title(told, fontsize=10)
-    write(figure, path)
+    write(figure, path, palette=False)
 
 
 def _tell_colors(figure: Figure) -> None:
@@ -153,17 +147,16 @@ def save_sweep(
         For each (area gain, least volume): number of boxes, and their volume together in m3.
     """
     shape = (len(area_gains), len(min_volumes))
-    figure = Figure(figsize=(1.75 * shape[1] + 0.4, 2.0 * shape[0] + 0.6), dpi=100)
+    figure = Figure(figsize=(1.75 * shape[1] + 0.4, 2.0 * shape[0] + 0.6), dpi=120)
     panels = figure.subplots(*shape, squeeze=False)
     figure.subplots_adjust(left=0.04, right=0.995, bottom=0.005, top=0.88, wspace=0.04, hspace=0.22)
-    surface = mesh_triangles(mesh)
-    whole = decompose(mesh, fit=fit, max_boxes=1)
-    view = View([(surface, OBJECT)], camera, shown=whole[0].corners(), pixels=220, aspect=1.0)
-    found: dict[tuple[float, float], tuple[int, float]] = {}
-    for (row, gain), (column, least) in product(enumerate(area_gains), enumerate(min_volumes)):
-        axes = panels[row, column]
-        tree = decompose(mesh, fit=fit, area_gain=gain, min_volume=least, max_boxes=max_boxes)
-        found[gain, least] = (len(tree), tree.volume)
+    pairs = list(product(area_gains, min_volumes))
+    trees = [decompose(mesh, fit=fit, area_gain=gain, min_volume=least, max_boxes=max_boxes) for gain, least in pairs]
+    # One view for all panels, in which every box has its place.
+    corners = np.concatenate([box.corners() for tree in trees for box in tree])
+    view = View([Solid(mesh, OBJECT)], camera, shown=corners, size=pixels(panels[0, 0]))
+    for (row, column), tree in zip(np.ndindex(shape), trees, strict=True):
+        axes: Any = panels[row, column]
         view.show(axes)
         width = 1.1 if len(tree) < 20 else 0.6
         for index, box in enumerate(tree):
@@ -173,7 +166,7 @@ def save_sweep(
         axes.set_title(f"{count}, {tree.volume * 1e6:.0f} cm³", fontsize=7.5, pad=2)
         if row == 0:
             axes.annotate(
-                f"min_volume\n{least:g} m³",
+                f"min_volume\n{min_volumes[column]:g} m³",
                 (0.5, 1.16),
                 xycoords="axes fraction",
                 ha="center",
@@ -182,10 +175,10 @@ def save_sweep(
             )
         if column == 0:
             at = (-0.09, 0.5)
-            text = f"area_gain {gain:g}"
+            text = f"area_gain {area_gains[row]:g}"
             axes.annotate(
                 text, at, xycoords="axes fraction", va="center", ha="center", rotation=90, fontsize=8, weight="bold"
             )
     figure.suptitle(f"{mesh.name}, fit={fit!r}: boxes and their volume together", fontsize=10, y=0.99)
     write(figure, path)
-    return found
+    return {pair: (len(tree), tree.volume) for pair, tree in zip(pairs, trees, strict=True)}

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError
-from graspbox.pictures.solids import FAILURE, OBJECT, SUCCESS, TABLE, hand_solids, mesh_triangles, table_triangles
-from graspbox.pictures.view import Camera, Floats, Solid, View, write
+from graspbox.pictures.solids import FAILURE, OBJECT, SUCCESS, place
+from graspbox.pictures.view import Camera, Floats, PosedHand, Solid, View, pixels, write
 from graspbox.planning import Plan
 from graspbox.simulation import Outcomes, Scene, Trace
 
@@ -156,27 +156,28 @@ def save_stages(path: Path, scene: Scene, trials: Sequence[Trial], *, camera: Ca
     camera : Camera, optional
         From where to look; by default across the first hand's approach.
     """
-    figure = Figure(figsize=(10, 3.7 * len(trials)), dpi=100)
+    figure = Figure(figsize=(10, 3.7 * len(trials)), dpi=120)
     panels = figure.subplots(len(trials), 4, squeeze=False)
-    figure.subplots_adjust(left=0.005, right=0.995, bottom=0.01, top=1 - 0.27 / (3.7 * len(trials)), wspace=0.02)
+    figure.subplots_adjust(
+        left=0.005, right=0.995, bottom=0.01, top=1 - 0.27 / (3.7 * len(trials)), wspace=0.02, hspace=0.1
+    )
     for row, trial in zip(panels, trials, strict=True):
         trace = trial.trace
         chosen = stages(trace)
         eye = camera or Camera.across(trace.world_from_hand[0, :3, 2], elevation=14.0)
-        solids = [_solids(scene, trial, sample) for _, sample in chosen]
-        everything = np.concatenate([t.reshape(-1, 3) for stage in solids for t, _ in stage])
-        middle, half = everything.mean(axis=0), float(np.ptp(everything[:, :2], axis=0).max())
-        table: Solid = (table_triangles(middle, half), TABLE)
-        for axes, (name, sample), stage in zip(row, chosen, solids, strict=True):
-            View([*stage, table], eye, shown=everything, pixels=420, aspect=0.72).show(axes)
+        hands = [_hand(scene, trial, sample) for _, sample in chosen]
+        objects = [trace.world_from_object[sample] for _, sample in chosen]
+        vertices = scene.mesh.vertices
+        shown = np.concatenate([*(h.corners() for h in hands), *(place(vertices, pose) for pose in objects)])
+        for axes, (name, sample), hand, pose in zip(row, chosen, hands, objects, strict=True):
+            surface = Solid(scene.mesh, OBJECT, pose)
+            View([surface], eye, shown=shown, size=pixels(axes), hand=hand, ground=True).show(axes)
             lost = name == "held" and not trial.outcome.success[0]
             told = f"{trial.outcome.failure[0]}" if lost else name
             axes.set_title(f"{told}, {trace.time[sample]:.2f} s", fontsize=10)
-    write(figure, path)
+    write(figure, path, palette=False)
 
 
-def _solids(scene: Scene, trial: Trial, sample: int) -> list[Solid]:
+def _hand(scene: Scene, trial: Trial, sample: int) -> PosedHand:
     trace = trial.trace
-    surface: Solid = (mesh_triangles(scene.mesh, trace.world_from_object[sample]), OBJECT)
-    hand = hand_solids(scene.hand, trace.world_from_hand[sample], trial.preshape, trace.fingers[sample])
-    return [surface, *hand]
+    return PosedHand(scene.hand, trace.world_from_hand[sample], trial.preshape, trace.fingers[sample])
