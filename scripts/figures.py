@@ -1,6 +1,7 @@
 """Write the pictures of ``docs/pictures``: ``python scripts/figures.py`` (about two minutes on two cores).
 
-Boxes and poses, the study's sweep, kindness over time, a grasp in stages, and the study's table 3.1 beside ours.
+Boxes and poses, the study's sweep, kindness over time, a grasp in stages, an episode of ``graspbox/Grasp-v0``, and the
+study's table 3.1 beside ours.
 """
 
 import argparse
@@ -14,6 +15,9 @@ from graspbox.evaluation import evaluate_set
 PLANNED = "ycb:035_power_drill"
 TRACED = "ycb:006_mustard_bottle"
 SWEPT = {"kettle": "procedural:kettle:3", "pitcher": "ycb:019_pitcher_base"}
+
+#: Object and seed of the episode.
+PLAYED, START = "ycb:025_mug", 1
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--out", type=Path, default=Path("docs/pictures"), help="folder of the pictures")
@@ -41,6 +45,8 @@ best = plan(scene.mesh, seed=args.seed, world_from_object=scene.world_from_objec
 firm, failed = pictures.firm_and_failed(scene, best)
 pictures.save_kindness(args.out / "kindness.png", scene.name, failed, firm)
 pictures.save_stages(args.out / "stages.png", scene, [firm, failed])
+
+pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
 
 result = evaluate_set(
     object_sets.load(pictures.study_objects()), poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True)
