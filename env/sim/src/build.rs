@@ -1,6 +1,7 @@
 //! Assembles the engine's world: a fixed hand root, one multibody a finger, the object, the moving table.
 
 use crate::config::PhysicsConfig;
+use crate::dispatch::Dispatcher;
 use crate::object::ObjectModel;
 use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
 use crate::{SimError, frames};
@@ -109,6 +110,7 @@ pub(crate) fn build(
 ) -> Result<(PhysicsWorld, Handles), SimError> {
     let mut world = PhysicsWorld {
         integration_parameters: integration_parameters(config),
+        narrow_phase: NarrowPhase::with_query_dispatcher(Dispatcher),
         ..PhysicsWorld::default()
     };
     let scenery = insert_scenery(&mut world, config, base_from_world);

@@ -17,6 +17,7 @@
 mod build;
 pub mod config;
 pub mod contacts;
+mod dispatch;
 mod error;
 mod finger;
 mod frames;

@@ -2,6 +2,7 @@
 
 use crate::build::{self, Handles, Part};
 use crate::config::PhysicsConfig;
+use crate::dispatch::Dispatcher;
 use crate::finger::{self, JointState};
 use crate::motion::BaseMotion;
 use crate::object::ObjectModel;
@@ -130,7 +131,8 @@ impl Template {
     }
 
     /// A world from a saved state, if that state is of an equal template.
-    pub(crate) fn resume(&self, identity: &Identity, physics: PhysicsWorld, state: State) -> Option<World> {
+    pub(crate) fn resume(&self, identity: &Identity, mut physics: PhysicsWorld, state: State) -> Option<World> {
+        physics.narrow_phase.set_query_dispatcher(Dispatcher);
         let hand = &self.shared.hand;
         let same = *identity == self.shared.identity
             && state.motors.len() == hand.motors.len()
