@@ -49,24 +49,12 @@ impl World {
     /// What the object touches now.
     pub fn contacts(&self) -> Contacts {
         let mut found = Contacts::default();
-        let object = self.handles().object_collider;
         let dt = self.dt() as f32;
-        for pair in self.physics().narrow_phase.contact_pairs_with(object) {
-            let other = if pair.collider1 == object {
-                pair.collider2
-            } else {
-                pair.collider1
-            };
-            let (mut least, mut impulse) = (f32::MAX, 0.0);
-            for point in pair.manifolds().iter().flat_map(|m| &m.points) {
-                least = least.min(point.dist);
-            }
-            for (_, point) in pressed(pair) {
-                impulse += point.data.impulse;
-            }
-            let touches = impulse > 0.0 || frames::metres(least) < TOUCH;
+        for (other, pair) in self.pairs_of_object() {
+            let (least, impulse) = nearness(pair);
+            let touches = touches((least, impulse));
             let depth = frames::metres(-least).max(0.0);
-            match self.part(other) {
+            match other {
                 Part::Table | Part::Ground => {
                     found.scenery |= touches;
                     found.scenery_depth = found.scenery_depth.max(depth);
@@ -88,7 +76,18 @@ impl World {
 
     /// True when the object touches table or ground, as [`World::contacts`] says.
     pub fn object_on_scenery(&self) -> bool {
-        self.contacts().scenery
+        let mut pairs = self.pairs_of_object();
+        pairs.any(|(other, pair)| matches!(other, Part::Table | Part::Ground) && touches(nearness(pair)))
+    }
+
+    /// Pairs of the object with what is near it.
+    fn pairs_of_object(&self) -> impl Iterator<Item = (Part, &ContactPair)> {
+        let object = self.handles().object_collider;
+        let pairs = self.physics().narrow_phase.contact_pairs_with(object);
+        pairs.map(move |pair| {
+            let first = pair.collider1 == object;
+            (self.part(if first { pair.collider2 } else { pair.collider1 }), pair)
+        })
     }
 
     /// True where a part of the hand is in contact, or so near to one that the solver looks out for it.
@@ -156,18 +155,32 @@ impl World {
     }
 }
 
+/// Least distance of a pair's contact points (engine units), and the sum of the impulses on them.
+fn nearness(pair: &ContactPair) -> (f32, f32) {
+    let points = pair.manifolds().iter().flat_map(|m| &m.points);
+    let least = points.fold(f32::MAX, |least, point| least.min(point.dist));
+    (
+        least,
+        pressed(pair).fold(0.0, |sum, (_, point)| sum + point.data.impulse),
+    )
+}
+
+/// Whether a pair with these values of [`nearness`] touches.
+fn touches((least, impulse): (f32, f32)) -> bool {
+    impulse > 0.0 || frames::metres(least) < TOUCH
+}
+
 /// Contact points of a pair that pressed in the last step, with their manifolds.
 ///
 /// Against an object of several parts the engine solves merged manifolds: the impulses are on those. Of a manifold's points it
 /// solves four at most; the others keep the impulse of the step in which they were last chosen, so only those that it
 /// chose count.
 pub(crate) fn pressed(pair: &ContactPair) -> impl Iterator<Item = (&ContactManifold, &Contact)> {
-    let points = |m: &'_ ContactManifold| -> Vec<usize> {
-        let chosen = m.data.solver_contacts.iter().flat_map(|c| c.contact_indices());
-        chosen.map(|i| i as usize).collect()
-    };
     let manifolds = pair.solver_manifolds().iter();
-    let each = manifolds.flat_map(move |m| points(m).into_iter().filter_map(move |i| Some((m, m.points.get(i)?))));
+    let each = manifolds.flat_map(|m| {
+        let chosen = m.data.solver_contacts.iter().flat_map(|c| c.contact_indices());
+        chosen.filter_map(move |i| Some((m, m.points.get(i as usize)?)))
+    });
     each.filter(|(_, p)| p.data.impulse > 0.0)
 }
 

@@ -69,6 +69,9 @@ impl World {
         let (physics, dt) = (self.physics(), self.dt() as f32);
         let hand_from_base = self.hand().base_from_hand.inverse();
         for pair in physics.narrow_phase.contact_pairs() {
+            if !pair.has_any_active_contact() {
+                continue;
+            }
             let parts = [self.part(pair.collider1), self.part(pair.collider2)];
             let (first, link, other) = match parts {
                 [Part::Link { .. }, Part::Link { .. }] => continue,
