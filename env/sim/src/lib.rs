@@ -9,10 +9,13 @@
 //! | [`scenery`] | how large table and ground are |
 //! | [`load`] | what presses on the hand: contact points, and their sum |
 //! | `build`, `finger`, `motion`, `frames` | assembly, tendon law, the moving frame, conversions |
+//! | `dispatch` | faster searches for contacts |
 //!
 //! The world is simulated in the hand's base frame: the hand's root stands still, the table moves, and gravity carries the
 //! fictitious accelerations. That halves the cost of a step and removes every error of a driven root. Everything that this crate
 //! hands out is in the world's frame (z up, table top at z = 0) unless its name says otherwise.
+
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 mod build;
 pub mod config;
