@@ -76,27 +76,35 @@ struct Carrier {
     links: Vec<(usize, Isometry3<f64>)>,
 }
 
+/// What the engine takes for the size of things, in its own lengths. It only scales settings, which are scaled back below, and the margin
+/// within which boxes are kept as candidates for contact: 4 % of it on both sides. A power of two, so that scaling is exact.
+const LENGTH_UNIT: f32 = 8.0;
+
 pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
+    let standard = IntegrationParameters::default();
+    let scaled = |length: f32| length * frames::UNIT as f32 / LENGTH_UNIT;
     IntegrationParameters {
         dt: config.dt as f32,
-        length_unit: frames::UNIT as f32,
+        length_unit: LENGTH_UNIT,
+        normalized_max_corrective_velocity: scaled(standard.normalized_max_corrective_velocity),
+        normalized_max_linear_velocity: scaled(standard.normalized_max_linear_velocity),
         num_solver_iterations: config.solver_iterations,
         contact_softness: SpringCoefficients::new(config.contact_frequency as f32, config.contact_damping_ratio as f32),
         static_contact_softness: SpringCoefficients::new(
             config.static_contact_frequency as f32,
             config.contact_damping_ratio as f32,
         ),
-        normalized_prediction_distance: config.prediction as f32,
-        normalized_allowed_linear_error: config.allowed_penetration as f32,
+        normalized_prediction_distance: scaled(config.prediction as f32),
+        normalized_allowed_linear_error: scaled(config.allowed_penetration as f32),
         // The engine's own threshold (5 cm) is a large part of a grasp: contacts would go stale.
         contact_recycling: config.contact_drift > 0.0,
-        normalized_contact_recycle_distance: config.contact_drift as f32,
+        normalized_contact_recycle_distance: scaled(config.contact_drift as f32),
         // Household objects and fingers move slower than their own thickness a step.
         max_ccd_substeps: 0,
         // Solved contact by contact: boxes on the table lose up to 12 % of mu, but the engine's friction of whole patches lets
         // firmly held objects creep.
         friction_model: FrictionModel::Coulomb,
-        ..IntegrationParameters::default()
+        ..standard
     }
 }
 
