@@ -379,10 +379,12 @@ class AgentConfig:
 
     Attributes
     ----------
-    control : {"twist", "delta_pose", "target_pose"}
-        How an action moves the hand.
+    control : {"twist", "delta_pose", "target_pose", "grasp_pose"}
+        How an action moves the hand; ``grasp_pose`` is one decision an episode.
     autoreset : {"next_step", "same_step", "disabled"}
         When a finished environment begins again.
+    frame_skip : int
+        Control periods of 0.05 s that a step lasts: its action holds for all of them.
     max_episode_steps : int or None
         An episode is cut off after so many steps.
     observations : tuple of str
@@ -391,11 +393,15 @@ class AgentConfig:
         What varies.
     eyes : EyesConfig
         What is seen.
+    trial : TrialConfig
+        The trial that follows a decision.
     """
 
-    control: Literal["twist", "delta_pose", "target_pose"] = "twist"
+    control: Literal["twist", "delta_pose", "target_pose", "grasp_pose"] = "twist"
     autoreset: Literal["next_step", "same_step", "disabled"] = "next_step"
+    frame_skip: int = 1
     max_episode_steps: int | None = None
     observations: tuple[str, ...] = ("proprio", "tactile", "state")
     randomization: Randomization = field(default_factory=Randomization)
     eyes: EyesConfig = field(default_factory=EyesConfig)
+    trial: TrialConfig = field(default_factory=TrialConfig)

@@ -436,7 +436,7 @@ fn another_hand_acts_as_well() {
     let (motors, fingers, sensors) = (hand.motors.len(), hand.fingers.len(), hand.sensors.len());
     let sources = vec![objects(&[Family::Box]).source(0).unwrap().clone()];
     let objects = Arc::new(Objects::new(sources, Arc::new(hand), PhysicsConfig::default(), None).unwrap());
-    for control in Control::ALL {
+    for control in Control::CLOSED_LOOP {
         let pool = pool(&objects, control, 2);
         assert_eq!(pool.rules().action, control.hand_size() + motors);
         pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();

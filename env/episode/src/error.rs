@@ -60,6 +60,14 @@ pub enum EpisodeError {
         /// Its name.
         name: String,
     },
+    /// An observation that the control mode does not have.
+    #[error("there is no observation {name:?} with control {control:?}: the hand is not there before the decision")]
+    NotObserved {
+        /// What was asked for.
+        name: &'static str,
+        /// The control mode.
+        control: &'static str,
+    },
     /// An image is unknown.
     #[error(
         "there is no image {name:?}; give rgb, depth, rgbd, segmentation, points or voxels, alone or with one of the cameras \

@@ -181,6 +181,11 @@ impl Judge {
         self.resting_height
     }
 
+    /// Greatest rise of the centre of mass above its resting height so far, metres.
+    pub fn highest(&self) -> f64 {
+        self.highest
+    }
+
     /// True while the object touches table or ground.
     pub fn on_scenery(&self) -> bool {
         self.was_on_scenery

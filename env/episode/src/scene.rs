@@ -125,12 +125,27 @@ impl Scene {
     /// # Errors
     /// A preshape that the hand does not take.
     pub fn reachable(&self, pose: &GraspPose, standoff: f64) -> Result<bool, EpisodeError> {
-        let Some(obstacles) = &self.obstacles else {
-            return Ok(true);
-        };
+        self.reachable_from(pose, standoff, None)
+    }
+
+    /// As [`Scene::reachable`], for the object resting in another way: its body, and where it is in the world.
+    ///
+    /// # Errors
+    /// As [`Scene::reachable`], and an object that cannot be an obstacle.
+    pub fn reachable_from(
+        &self,
+        pose: &GraspPose,
+        standoff: f64,
+        elsewhere: Option<(&Body, &Isometry3<f64>)>,
+    ) -> Result<bool, EpisodeError> {
         let plan_error = |source| EpisodeError::Plan {
             object: self.name.clone(),
             source,
+        };
+        let made = elsewhere.map(|(body, place)| CollisionScene::new(body.mesh(), body.parts(), place));
+        let made = made.transpose().map_err(plan_error)?;
+        let Some(obstacles) = made.as_ref().or(self.obstacles.as_ref()) else {
+            return Ok(true);
         };
         let found = obstacles
             .check_pose(self.template.hand(), pose, 0.0, standoff)

@@ -129,6 +129,8 @@ pub struct Trial {
     contact_lost: u64,
     /// The hand touched the object at some time since lifting began.
     touched: bool,
+    /// It ended before its time, and why if it is known already.
+    over: Option<Option<FailureKind>>,
     legacy: Option<(bool, f64)>,
     trace: Option<Vec<Sample>>,
 }
@@ -147,6 +149,11 @@ impl Trial {
     pub fn new(scene: &Arc<Scene>, pose: &GraspPose, config: TrialConfig, trace: bool) -> Self {
         let start = scene.world_from_object() * pose.object_from_hand;
         let episode = Episode::reset(scene, &start, pose.preshape);
+        Self::of(episode, &start, pose.preshape, config, trace)
+    }
+
+    /// Begins a trial of a fresh episode, whose hand stands open at `start` (world) with `preshape` (rad).
+    pub fn of(episode: Episode, start: &Isometry3<f64>, preshape: f64, config: TrialConfig, trace: bool) -> Self {
         let hand = Arc::clone(episode.world().hand());
         let close = hand.motors.iter().map(|m| match m.kind {
             MotorKind::Finger(_) => MotorCommand::Position {
@@ -154,7 +161,7 @@ impl Trial {
                 speed: None,
             },
             MotorKind::Preshape => MotorCommand::Position {
-                target: pose.preshape,
+                target: preshape,
                 speed: None,
             },
         });
@@ -163,11 +170,12 @@ impl Trial {
         Self {
             episode,
             config,
-            start,
+            start: *start,
             close,
             step: 0,
             contact_lost: 0,
             touched: false,
+            over: None,
             legacy: None,
             trace,
         }
@@ -178,19 +186,52 @@ impl Trial {
     /// # Errors
     /// A motor command that is not finite, which a finite pose never gives.
     pub fn run(mut self, stop: &dyn Fn() -> bool) -> Result<Option<Finished>, EpisodeError> {
-        let dt = self.episode.world().dt();
-        let steps = |time: f64| (time / dt).round() as u64;
-        let close = steps(self.config.close_time);
-        let end = close + steps(self.config.lift_time) + steps(self.config.hold_time);
-        let legacy_at = steps(LEGACY_TIME);
-        let sample_every = steps(KINDNESS_PERIOD).max(1);
+        let finished = self.close(stop)? && self.lift(stop)?;
+        Ok(finished.then(|| (self.outcome(), self.trace)))
+    }
+
+    /// Closes the hand; false if `stop` said so.
+    ///
+    /// # Errors
+    /// As [`Trial::run`].
+    pub fn close(&mut self, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
         self.sample();
-        while self.step < end {
+        self.until(self.steps(self.config.close_time), stop)
+    }
+
+    /// Lifts and holds, after [`Trial::close`]; false if `stop` said so.
+    ///
+    /// # Errors
+    /// As [`Trial::run`].
+    pub fn lift(&mut self, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
+        self.episode.begin_lift();
+        let config = self.config;
+        let phases = [config.close_time, config.lift_time, config.hold_time];
+        self.until(phases.iter().map(|time| self.steps(*time)).sum(), stop)
+    }
+
+    /// The episode as it stands.
+    pub fn episode(&self) -> &Episode {
+        &self.episode
+    }
+
+    /// The episode as the trial leaves it.
+    pub fn into_episode(self) -> Episode {
+        self.episode
+    }
+
+    fn steps(&self, time: f64) -> u64 {
+        (time / self.episode.world().dt()).round() as u64
+    }
+
+    /// Goes on up to step `end`, unless it is over before; false if `stop` said so.
+    fn until(&mut self, end: u64, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
+        let dt = self.episode.world().dt();
+        let (close, legacy_at) = (self.steps(self.config.close_time), self.steps(LEGACY_TIME));
+        let sample_every = self.steps(KINDNESS_PERIOD).max(1);
+        while self.step < end && self.over.is_none() {
             if self.step.is_multiple_of(64) && stop() {
-                return Ok(None);
-            }
-            if self.step == close {
-                self.episode.begin_lift();
+                return Ok(false);
             }
             self.step += 1;
             let target = self.target(self.step as f64 * dt);
@@ -206,13 +247,12 @@ impl Trial {
                 self.look_for_contact();
             }
             if self.step > close && self.ends_early() && self.hopeless(dt) {
-                return Ok(Some(self.finish(None)));
-            }
-            if self.step.is_multiple_of(64) && !self.episode.world().is_finite() {
-                return Ok(Some(self.finish(Some(FailureKind::Unstable))));
+                self.over = Some(None);
+            } else if self.step.is_multiple_of(64) && !self.episode.world().is_finite() {
+                self.over = Some(Some(FailureKind::Unstable));
             }
         }
-        Ok(Some(self.finish(None)))
+        Ok(true)
     }
 
     /// Where the hand is to be `time` seconds after closing began: still, then up along a minimum-jerk curve, then still.
@@ -262,14 +302,15 @@ impl Trial {
         });
     }
 
-    fn finish(self, failure: Option<FailureKind>) -> Finished {
-        let world = self.episode.world();
+    /// What came of it, once it is over.
+    pub fn outcome(&self) -> TrialOutcome {
+        let (world, failure) = (self.episode.world(), self.over.flatten());
         let verdict = self.episode.verdict();
         let success = verdict.success && failure.is_none() && world.is_finite();
         let missed = (!self.touched).then_some(FailureKind::NoContact);
         let judged = || self.episode.judge().failure(world, self.touches());
         let why = failure.or(missed).unwrap_or_else(judged);
-        let outcome = TrialOutcome {
+        TrialOutcome {
             success,
             secure: success && verdict.secure,
             failure: (!success).then_some(why),
@@ -278,8 +319,7 @@ impl Trial {
             legacy_success: self.legacy.map(|l| l.0),
             kindness: self.legacy.map(|l| l.1),
             time: world.time(),
-        };
-        (outcome, self.trace)
+        }
     }
 }
 

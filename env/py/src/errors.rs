@@ -102,6 +102,7 @@ impl From<EpisodeError> for CoreError {
             EpisodeError::BadConfig { .. }
             | EpisodeError::NoObjects
             | EpisodeError::Twice { .. }
+            | EpisodeError::NotObserved { .. }
             | EpisodeError::UnknownImage { .. }
             | EpisodeError::CameraName { .. }
             | EpisodeError::Camera { .. }

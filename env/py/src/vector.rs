@@ -356,21 +356,16 @@ pub(crate) fn filled<'py, T: Element + Copy>(
 #[pyfunction]
 pub fn agent_tables(hand: &Hand) -> PyResult<String> {
     let hand = &hand.0;
-    let controls: serde_json::Map<_, _> = Control::ALL
-        .iter()
-        .map(|c| (c.name().to_owned(), serde_json::json!(c.table(hand))))
-        .collect();
     // The state holds the last action, whose length is the control's.
-    let observations: serde_json::Map<_, _> = Control::ALL
-        .iter()
-        .map(|c| {
-            let rows: serde_json::Map<_, _> = Observation::ALL
-                .iter()
-                .map(|o| (o.name().to_owned(), serde_json::json!(o.table(hand, c.size(hand)))))
-                .collect();
-            (c.name().to_owned(), serde_json::Value::Object(rows))
-        })
-        .collect();
+    let observations = |control: Control| -> serde_json::Map<_, _> {
+        let rows = control.observations().iter();
+        rows.map(|o| (o.name().to_owned(), serde_json::json!(o.table(hand, control))))
+            .collect()
+    };
+    let by_name = |make: &dyn Fn(Control) -> serde_json::Value| -> serde_json::Map<_, _> {
+        let controls = Control::CLOSED_LOOP.iter();
+        controls.map(|c| (c.name().to_owned(), make(*c))).collect()
+    };
     let terms: Vec<_> = reward::TERM_TABLE
         .iter()
         .map(|(name, low, high, meaning)| serde_json::json!({"name": name, "low": low, "high": high, "meaning": meaning}))
@@ -381,8 +376,12 @@ pub fn agent_tables(hand: &Hand) -> PyResult<String> {
         .map(|o| o.name())
         .collect();
     let tables = serde_json::json!({
-        "actions": controls,
-        "observations": observations,
+        "actions": by_name(&|c| serde_json::json!(c.table(hand))),
+        "observations": by_name(&|c| observations(c).into()),
+        "decision": {
+            "actions": Control::GraspPose.table(hand),
+            "observations": observations(Control::GraspPose),
+        },
         "privileged": privileged,
         "terms": terms,
         "failures": agent::play::FAILURES,

@@ -19,7 +19,11 @@ def register() -> None:
     """Register every environment, once."""
     if IDS[0] in gymnasium.registry:
         return
-    gymnasium.register(id=IDS[0], entry_point="graspbox.envs.grasp_pose:GraspPoseEnv")
+    gymnasium.register(
+        id=IDS[0],
+        entry_point="graspbox.envs.grasp_pose:GraspPoseEnv",
+        vector_entry_point="graspbox.envs.grasp_pose:GraspPoseVectorEnv",
+    )
     gymnasium.register(
         id=IDS[1],
         entry_point="graspbox.envs.grasp:GraspEnv",

@@ -1,4 +1,4 @@
-"""What the single and the vector environment of ``graspbox/Grasp-v0`` share: a pool, and what its rows mean."""
+"""What all environments share, single and vector: a pool, and what its rows mean."""
 
 import json
 import secrets
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
-from graspbox.configs import AgentConfig, EyesConfig, PhysicsConfig, PictureConfig, Randomization
+from graspbox.configs import AgentConfig, EyesConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
-from graspbox.envs.reward import term_weights, total
+from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
 from graspbox.simulation import cache_folder, load_hand
@@ -82,7 +82,10 @@ def fresh_seed() -> int:
 
 
 class GraspCore:
-    """A pool of environments with its spaces, weights and names; the keywords are those of `GraspEnv`."""
+    """A pool of environments with its spaces, weights and names; the keywords are those of the environments.
+
+    With ``control="grasp_pose"`` an episode is one decision, and `trial` is what follows it.
+    """
 
     def __init__(
         self,
@@ -96,7 +99,7 @@ class GraspCore:
         image_size: int | tuple[int, int] | None,
         eyes: EyesConfig,
         picture: PictureConfig,
-        control: Control,
+        control: Control | Literal["grasp_pose"],
         randomization: Literal["standard"] | Randomization | None,
         render_mode: RenderMode,
         num_threads: int | None,
@@ -104,6 +107,8 @@ class GraspCore:
         hand: HandArgument,
         autoreset: Literal["next_step", "same_step", "disabled"],
         max_episode_steps: int | None,
+        frame_skip: int = 1,
+        trial: TrialConfig | None = None,
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
@@ -112,24 +117,29 @@ class GraspCore:
         # Kept, so that environments made later find it.
         self.handle, self.hand = load_objects(self.object_set, hand, physics)
         self.tables = spaces.tables(self.hand)
+        if trial is None and control not in self.tables["actions"]:
+            raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(self.tables['actions'])}")
         self.action_space = spaces.action_space(control, self.tables)
-        self.action_size = spaces.size(self.tables["actions"][control])
+        self.action_size = spaces.size(spaces.fields_of(control, self.tables)[0])
         seen = spaces.images(self.hand, eyes)
         self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
         self.obs = obs if isinstance(obs, str) else tuple(obs)
         names = (self.obs,) if isinstance(self.obs, str) else self.obs
-        self.weights = term_weights(reward, reward_weights, self.tables)
+        self.weights = term_weights(reward, reward_weights, self.tables, DECISION_WEIGHTS if trial else WEIGHTS)
         config = AgentConfig(
             control=control,
             autoreset=autoreset,
+            frame_skip=frame_skip,
             max_episode_steps=max_episode_steps,
             observations=tuple(name for name in names if name not in eyes.images),
             randomization=_randomization(randomization),
             eyes=eyes,
+            trial=trial or TrialConfig(),
         )
         self.config = config
         self.pool = _core.Pool(self.handle, to_json(config), num_envs, num_threads)
         self._picture = to_json(picture)
+        self._decides = trial is not None
         self._terms = [term["name"] for term in self.tables["terms"]]
         self._failures = np.array(self.tables["failures"], dtype=object)
         self._names = np.array(self.handle.names, dtype=object)
@@ -168,6 +178,7 @@ class GraspCore:
             "touches": arrays["touches"],
             "protective_stop": arrays["protective_stop"],
             "reward_terms": dict(zip(self._terms, terms, strict=True)),
+            **({"infeasible": self._failures[arrays["failure"]] == "infeasible"} if self._decides else {}),
         }
 
     def action(self, action: Any, rows: int) -> NDArray[np.float32]:

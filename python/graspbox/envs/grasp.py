@@ -196,6 +196,9 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         Rows and columns of the images, 16 to 1024; by default those of `eyes`.
     control : {"twist", "delta_pose", "target_pose"}
         What an action means.
+    frame_skip : int
+        Control periods of 0.05 s that a step lasts: its action holds for all of them, and its reward terms are their
+        sums. Slower control is easier to explore.
     randomization : "standard" or Randomization, optional
         What varies beside object and start; by default nothing.
     render_mode : "rgb_array", optional
@@ -229,6 +232,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         reward_weights: Mapping[str, float] | None = None,
         image_size: int | tuple[int, int] | None = None,
         control: Control = "twist",
+        frame_skip: int = 1,
         randomization: Literal["standard"] | Randomization | None = None,
         render_mode: RenderMode = None,
         num_threads: int | None = None,
@@ -237,7 +241,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
-        self._core = GraspCore(
+        core = GraspCore(
             1,
             objects,
             split=split,
@@ -248,6 +252,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             eyes=eyes,
             picture=picture,
             control=control,
+            frame_skip=frame_skip,
             randomization=randomization,
             render_mode=render_mode,
             num_threads=num_threads,
@@ -256,10 +261,16 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             autoreset="disabled",
             max_episode_steps=None,
         )
-        self.objects = self._core.object_set
+        self._take(core, render_mode)
+        self.metadata = {**self.metadata, "render_fps": FPS / frame_skip}
+
+    def _take(self, core: GraspCore, render_mode: RenderMode) -> None:
+        """Become the environment of a pool of one."""
+        self._core = core
+        self.objects = core.object_set
         self.render_mode = render_mode
-        self.observation_space = self._core.observation_space
-        self.action_space = self._core.action_space
+        self.observation_space = core.observation_space
+        self.action_space = core.action_space
         self._begun = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

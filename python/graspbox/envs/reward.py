@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspbox.envs.spaces import Tables
 from graspbox.errors import ConfigError
 
-__all__ = ["DENSE", "SPARSE", "WEIGHTS", "term_weights", "total"]
+__all__ = ["DECISION", "DECISION_WEIGHTS", "DENSE", "SPARSE", "WEIGHTS", "term_weights", "total"]
 
 #: 1 for a success, else 0.
 SPARSE: Mapping[str, float] = MappingProxyType({"success": 1.0})
@@ -37,11 +37,30 @@ DENSE: Mapping[str, float] = MappingProxyType(
     }
 )
 
+#: Shaped, for one decision an episode. Being near pays before anything is touched, and an attempt that the table or the
+#: object forbids costs less than being near is worth.
+DECISION: Mapping[str, float] = MappingProxyType(
+    {
+        "reach": 1.0,
+        "contact": 1.0,
+        "closure": 0.5,
+        "lift": 2.0,
+        "hold": 1.0,
+        "success": 4.0,
+        "failure": 0.5,
+        "push": 0.5,
+    }
+)
+
 #: Weights by the name of the reward.
 WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE, "dense": DENSE})
+#: The same for one decision an episode.
+DECISION_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE, "dense": DECISION})
 
 
-def term_weights(reward: str, given: Mapping[str, float] | None, found: Tables) -> NDArray[np.float64]:
+def term_weights(
+    reward: str, given: Mapping[str, float] | None, found: Tables, known: Mapping[str, Mapping[str, float]] = WEIGHTS
+) -> NDArray[np.float64]:
     """Weights in the order of the core's terms.
 
     Parameters
@@ -52,6 +71,8 @@ def term_weights(reward: str, given: Mapping[str, float] | None, found: Tables) 
         Weights that replace those of the same name.
     found : Tables
         What `graspbox.envs.spaces.tables` gave.
+    known : mapping
+        Weights by the name of the reward.
 
     Returns
     -------
@@ -62,10 +83,10 @@ def term_weights(reward: str, given: Mapping[str, float] | None, found: Tables) 
     ConfigError
         For a reward or a term that does not exist, or a weight that is not finite.
     """
-    if reward not in WEIGHTS:
-        raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(WEIGHTS)}")
+    if reward not in known:
+        raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(known)}")
     names = [term["name"] for term in found["terms"]]
-    chosen = {**WEIGHTS[reward], **(given or {})}
+    chosen = {**known[reward], **(given or {})}
     for name, weight in chosen.items():
         if name not in names:
             raise ConfigError(f"there is no reward term {name!r}; choose from {', '.join(names)}")

@@ -76,11 +76,19 @@ class Term(TypedDict):
     meaning: str
 
 
+class Decision(TypedDict):
+    """What one decision an episode takes and gives."""
+
+    actions: list[Field]
+    observations: dict[str, list[Field]]
+
+
 class Tables(TypedDict):
     """What the core says about a hand's environments; observations are by control mode, then by name."""
 
     actions: dict[str, list[Field]]
     observations: dict[str, dict[str, list[Field]]]
+    decision: Decision
     privileged: list[str]
     terms: list[Term]
     failures: list[str]
@@ -151,6 +159,21 @@ def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[s
     return names
 
 
+def fields_of(control: str, found: Tables) -> tuple[list[Field], dict[str, list[Field]]]:
+    """Find the rows of the actions and of the observations of a control mode, or of ``"grasp_pose"``.
+
+    Raises
+    ------
+    ConfigError
+        For a mode that does not exist.
+    """
+    if control == "grasp_pose":
+        return found["decision"]["actions"], found["decision"]["observations"]
+    if control not in found["actions"]:
+        raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(found['actions'])}")
+    return found["actions"][control], found["observations"][control]
+
+
 def observation_space(
     obs: str | Iterable[str], control: str, found: Tables, seen: Iterable[Image] = ()
 ) -> gymnasium.Space[Any]:
@@ -172,7 +195,7 @@ def observation_space(
     ConfigError
         As `observation_names`.
     """
-    vectors = found["observations"][control]
+    _, vectors = fields_of(control, found)
     pictures = {row["name"]: row for row in seen}
     names = observation_names(obs, dict.fromkeys([*vectors, *IMAGES, *pictures]))
     boxes: dict[str, gymnasium.Space[Any]] = {
@@ -197,9 +220,8 @@ def action_space(control: str, found: Tables) -> gymnasium.Space[Any]:
     ConfigError
         For a mode that does not exist.
     """
-    if control not in found["actions"]:
-        raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(found['actions'])}")
-    return gymnasium.spaces.Box(-1.0, 1.0, (size(found["actions"][control]),), dtype=np.float32)
+    actions, _ = fields_of(control, found)
+    return gymnasium.spaces.Box(-1.0, 1.0, (size(actions),), dtype=np.float32)
 
 
 def _place(first: int, size: int) -> str:
@@ -215,7 +237,7 @@ def action_table(control: str, found: Tables) -> str:
     """Write the table of a control mode's actions, as Markdown."""
     lines = ["| index | name | -1 | 1 | unit | meaning |", "|---|---|---|---|---|---|"]
     first = 0
-    for row in found["actions"][control]:
+    for row in fields_of(control, found)[0]:
         cells = (_place(first, row["size"]), row["name"], _number(row["low"]), _number(row["high"]), row["unit"])
         lines.append(f"| {' | '.join(cells)} | {row['meaning']} |")
         first += row["size"]
@@ -224,7 +246,7 @@ def action_table(control: str, found: Tables) -> str:
 
 def observation_table(control: str, found: Tables) -> str:
     """Write the table of all observations, as Markdown: where each field stands in which observation."""
-    columns = found["observations"][control]
+    _, columns = fields_of(control, found)
     lines = [f"| field | {' | '.join(columns)} | min | max | unit | meaning |", "|---" * (len(columns) + 5) + "|"]
     places: dict[str, dict[str, str]] = {}
     fields: dict[str, Field] = {}

@@ -35,7 +35,7 @@ from graspbox.errors import ConfigError
 
 __all__ = ["GraspVectorEnv"]
 
-_AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
+AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
     AutoresetMode.NEXT_STEP: "next_step",
     AutoresetMode.SAME_STEP: "same_step",
     AutoresetMode.DISABLED: "disabled",
@@ -75,6 +75,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         reward_weights: Mapping[str, float] | None = None,
         image_size: int | tuple[int, int] | None = None,
         control: Control = "twist",
+        frame_skip: int = 1,
         randomization: Literal["standard"] | Randomization | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
@@ -86,9 +87,8 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
-        super().__init__()
-        self.autoreset_mode = _mode(autoreset_mode)
-        self._core = GraspCore(
+        mode = autoreset(autoreset_mode)
+        core = GraspCore(
             num_envs,
             objects,
             split=split,
@@ -99,20 +99,36 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             eyes=eyes,
             picture=picture,
             control=control,
+            frame_skip=frame_skip,
             randomization=randomization,
             render_mode=render_mode,
             num_threads=num_threads,
             physics=physics,
             hand=hand,
-            autoreset=_AUTORESET[self.autoreset_mode],
+            autoreset=AUTORESET[mode],
             max_episode_steps=max_episode_steps,
         )
+        self._take(core, num_envs, mode, render_mode, copy, FPS / frame_skip)
+
+    def _take(
+        self,
+        core: GraspCore,
+        num_envs: int,
+        mode: AutoresetMode,
+        render_mode: RenderMode,
+        copy: bool,
+        fps: float,
+    ) -> None:
+        """Become the environment of a pool."""
+        super().__init__()
+        self._core = core
+        self.autoreset_mode = mode
         self.num_envs = num_envs
-        self.objects = self._core.object_set
+        self.objects = core.object_set
         self.render_mode = render_mode
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": FPS, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = self._core.observation_space
-        self.single_action_space = self._core.action_space
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps, "autoreset_mode": mode}
+        self.single_observation_space = core.observation_space
+        self.single_action_space = core.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.copy = copy
@@ -304,7 +320,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         }
 
 
-def _mode(given: AutoresetMode | str) -> AutoresetMode:
+def autoreset(given: AutoresetMode | str) -> AutoresetMode:
     try:
         return AutoresetMode(given)
     except ValueError:

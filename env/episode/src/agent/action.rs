@@ -2,7 +2,7 @@
 
 use crate::agent::config::CONTROL_PERIOD;
 use crate::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
-use crate::agent::layout::Field;
+use crate::agent::layout::{Field, Observation};
 use crate::agent::servo::{ANGULAR_SPEED, Goal, LINEAR_SPEED};
 use graspbox_hand::{Hand, MotorCommand, MotorKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -19,14 +19,36 @@ pub enum Control {
     DeltaPose,
     /// A pose in the world.
     TargetPose,
+    /// One decision an episode: a pose in the world and a preshape, which a trial then tries.
+    GraspPose,
 }
+
+/// Corners of the box of hand positions that a decision chooses from, world frame, metres: a hand's reach around objects near the
+/// middle of the table.
+pub const DECISION_LOW: [f64; 3] = [-0.25, -0.25, 0.0];
+/// See [`DECISION_LOW`].
+pub const DECISION_HIGH: [f64; 3] = [0.25, 0.25, 0.40];
 
 /// A direction shorter than this, or two with a smaller sine between them, name no rotation.
 const DEGENERATE: f64 = 1e-3;
 
 impl Control {
-    /// Every control mode.
-    pub const ALL: [Self; 3] = [Self::Twist, Self::DeltaPose, Self::TargetPose];
+    /// Every mode of closed-loop control.
+    pub const CLOSED_LOOP: [Self; 3] = [Self::Twist, Self::DeltaPose, Self::TargetPose];
+
+    /// True where an episode is one decision.
+    pub fn decides(self) -> bool {
+        self == Self::GraspPose
+    }
+
+    /// What can be observed with it.
+    pub fn observations(self) -> &'static [Observation] {
+        if self.decides() {
+            &[Observation::State]
+        } else {
+            &Observation::ALL
+        }
+    }
 
     /// Its name in configs.
     pub fn name(self) -> &'static str {
@@ -34,6 +56,7 @@ impl Control {
             Self::Twist => "twist",
             Self::DeltaPose => "delta_pose",
             Self::TargetPose => "target_pose",
+            Self::GraspPose => "grasp_pose",
         }
     }
 
@@ -41,13 +64,14 @@ impl Control {
     pub fn hand_size(self) -> usize {
         match self {
             Self::Twist | Self::DeltaPose => 6,
-            Self::TargetPose => 9,
+            Self::TargetPose | Self::GraspPose => 9,
         }
     }
 
     /// Numbers of an action.
     pub fn size(self, hand: &Hand) -> usize {
-        self.hand_size() + hand.motors.len()
+        let motors = if self.decides() { 1 } else { hand.motors.len() };
+        self.hand_size() + motors
     }
 
     /// What -1 and 1 stand for, row by row.
@@ -85,19 +109,21 @@ impl Control {
                 field("step", 3, -step, step, "m", "change of position in the hand's axes"),
                 field("turn", 3, -turn, turn, "rad", "rotation vector in the hand's axes"),
             ],
-            Self::TargetPose => vec![
-                field("x", 1, WORKSPACE_LOW[0], WORKSPACE_HIGH[0], "m", "hand position, world"),
-                field("y", 1, WORKSPACE_LOW[1], WORKSPACE_HIGH[1], "m", "hand position, world"),
-                field("z", 1, WORKSPACE_LOW[2], WORKSPACE_HIGH[2], "m", "hand position, world"),
-                field(
-                    "rotation",
-                    6,
-                    -1.0,
-                    1.0,
-                    "1",
-                    "first two columns of world_from_hand, any length; degenerate ones hold the last one",
-                ),
-            ],
+            Self::TargetPose => pose_table(
+                WORKSPACE_LOW,
+                WORKSPACE_HIGH,
+                "first two columns of world_from_hand, any length; degenerate ones hold the last one",
+            ),
+            Self::GraspPose => {
+                let mut rows = pose_table(
+                    DECISION_LOW,
+                    DECISION_HIGH,
+                    "first two columns of world_from_hand, any length; degenerate ones name no pose",
+                );
+                let [low, high] = hand.preshape_limits;
+                rows.push(field("preshape", 1, low, high, "rad", "preshape"));
+                return rows;
+            }
         };
         for motor in &hand.motors {
             rows.push(match motor.kind {
@@ -135,14 +161,53 @@ impl Control {
                 Translation3::from(three(0) * (LINEAR_SPEED * CONTROL_PERIOD)),
                 UnitQuaternion::from_scaled_axis(three(3) * (ANGULAR_SPEED * CONTROL_PERIOD)),
             )),
-            Self::TargetPose => {
-                let (low, high) = (Vector3::from(WORKSPACE_LOW), Vector3::from(WORKSPACE_HIGH));
-                let place = low + (three(0).add_scalar(1.0) / 2.0).component_mul(&(high - low));
+            Self::TargetPose | Self::GraspPose => {
+                let [low, high] = if self.decides() {
+                    [DECISION_LOW, DECISION_HIGH]
+                } else {
+                    [WORKSPACE_LOW, WORKSPACE_HIGH]
+                };
+                let place = between(&three(0), low, high);
                 let rotation = rotation(&three(3), &three(6)).unwrap_or(last.rotation);
                 Goal::Pose(Isometry3::from_parts(Translation3::from(place), rotation))
             }
         }
     }
+}
+
+fn pose_table(low: [f64; 3], high: [f64; 3], rotation: &'static str) -> Vec<Field> {
+    let row = |name, size, low, high, unit, meaning| Field {
+        name,
+        size,
+        low,
+        high,
+        unit,
+        meaning,
+    };
+    vec![
+        row("x", 1, low[0], high[0], "m", "hand position, world"),
+        row("y", 1, low[1], high[1], "m", "hand position, world"),
+        row("z", 1, low[2], high[2], "m", "hand position, world"),
+        row("rotation", 6, -1.0, 1.0, "1", rotation),
+    ]
+}
+
+/// The point at shares of a box, each in [-1, 1].
+fn between(shares: &Vector3<f64>, low: [f64; 3], high: [f64; 3]) -> Vector3<f64> {
+    let (low, high) = (Vector3::from(low), Vector3::from(high));
+    low + (shares.add_scalar(1.0) / 2.0).component_mul(&(high - low))
+}
+
+/// The hand's pose and the preshape (rad) that a decision names; none where its columns name no rotation.
+///
+/// * `values`: [`Control::GraspPose`]'s numbers, finite.
+pub fn pose_and_preshape(values: &[f32], hand: &Hand) -> Option<(Isometry3<f64>, f64)> {
+    let at = |i: usize| f64::from(values[i]).clamp(-1.0, 1.0);
+    let three = |i: usize| Vector3::new(at(i), at(i + 1), at(i + 2));
+    let place = between(&three(0), DECISION_LOW, DECISION_HIGH);
+    let pose = Isometry3::from_parts(Translation3::from(place), rotation(&three(3), &three(6))?);
+    let [low, high] = hand.preshape_limits;
+    Some((pose, low + (at(9) + 1.0) / 2.0 * (high - low)))
 }
 
 /// The rotation whose first two columns point along `first` and (as far as it can) `second`; none where they name none.

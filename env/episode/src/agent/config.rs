@@ -1,9 +1,9 @@
 //! How the environments are steered, ended and varied.
 
-use crate::EpisodeError;
 use crate::agent::action::Control;
 use crate::agent::layout::Observation;
 use crate::eyes::EyesConfig;
+use crate::{EpisodeError, TrialConfig};
 use serde::{Deserialize, Serialize};
 
 /// Seconds between two actions: 20 Hz.
@@ -84,6 +84,8 @@ pub struct AgentConfig {
     pub control: Control,
     /// When a finished environment begins again.
     pub autoreset: Autoreset,
+    /// Control periods that a step lasts: its action holds for all of them.
+    pub frame_skip: u32,
     /// An episode is cut off after so many steps; none: never.
     pub max_episode_steps: Option<u32>,
     /// What is observed, in this order.
@@ -92,6 +94,8 @@ pub struct AgentConfig {
     pub randomization: Randomization,
     /// What is seen.
     pub eyes: EyesConfig,
+    /// The trial that follows a decision; closed-loop control has none.
+    pub trial: TrialConfig,
 }
 
 impl Default for AgentConfig {
@@ -99,10 +103,12 @@ impl Default for AgentConfig {
         Self {
             control: Control::default(),
             autoreset: Autoreset::default(),
+            frame_skip: 1,
             max_episode_steps: None,
             observations: Observation::ALL.to_vec(),
             randomization: Randomization::default(),
             eyes: EyesConfig::default(),
+            trial: TrialConfig::default(),
         }
     }
 }
@@ -174,6 +180,13 @@ impl AgentConfig {
             ),
             ("randomization.light", r.light, 0.0, 1.0, "between 0 and 1"),
             (
+                "frame_skip",
+                f64::from(self.frame_skip),
+                1.0,
+                if self.control.decides() { 1.0 } else { 100.0 },
+                "between 1 and 100; 1 where an episode is one decision",
+            ),
+            (
                 "max_episode_steps",
                 f64::from(self.max_episode_steps.unwrap_or(1)),
                 1.0,
@@ -186,10 +199,17 @@ impl AgentConfig {
                 return Err(EpisodeError::BadConfig { field, value, expected });
             }
         }
+        self.trial.validate()?;
         for (i, observation) in self.observations.iter().enumerate() {
             if self.observations[..i].contains(observation) {
                 return Err(EpisodeError::Twice {
                     name: observation.name().to_owned(),
+                });
+            }
+            if !self.control.observations().contains(observation) {
+                return Err(EpisodeError::NotObserved {
+                    name: observation.name(),
+                    control: self.control.name(),
                 });
             }
         }

@@ -1,5 +1,6 @@
 //! The tables of observations: one place for names, sizes, bounds and units. Spaces and documentation are made from it.
 
+use crate::agent::action::Control;
 use graspbox_hand::Hand;
 use serde::{Deserialize, Serialize};
 
@@ -66,9 +67,10 @@ impl Observation {
 
     /// Its rows, in order.
     ///
-    /// * `action`: numbers of an action, the last of which the state holds.
-    pub fn table(self, hand: &Hand, action: usize) -> Vec<Field> {
+    /// * `control`: the state holds the last action; before a decision it tells of the object alone.
+    pub fn table(self, hand: &Hand, control: Control) -> Vec<Field> {
         match self {
+            Self::State if control.decides() => resting(),
             Self::Proprio => proprio(hand),
             Self::Tactile => vec![field(
                 "tactile",
@@ -82,7 +84,7 @@ impl Observation {
                 rows.extend(privileged(hand));
                 rows.push(field(
                     "last_action",
-                    action,
+                    control.size(hand),
                     [-1.0, 1.0],
                     "1",
                     "the last action; zeros after a reset",
@@ -91,6 +93,36 @@ impl Observation {
             }
         }
     }
+}
+
+/// The object as it lies before a decision.
+fn resting() -> Vec<Field> {
+    vec![
+        field(
+            "object_position",
+            3,
+            [-1.0, 1.0],
+            "m",
+            "origin of the object's frame, world",
+        ),
+        field(
+            "object_rotation",
+            6,
+            [-1.0, 1.0],
+            "1",
+            "first two columns of world_from_object",
+        ),
+        field("center_of_mass", 3, [-1.0, 1.0], "m", "of the object, world"),
+        field(
+            "bounds_center",
+            3,
+            [-1.0, 1.0],
+            "m",
+            "middle of the bounds along the object's axes, world",
+        ),
+        field("half_extents", 3, [0.0, 1.0], "m", "half sides of these bounds"),
+        field("mass", 1, [0.0, 10.0], "kg", "of the object"),
+    ]
 }
 
 fn proprio(hand: &Hand) -> Vec<Field> {

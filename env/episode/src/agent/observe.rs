@@ -13,6 +13,7 @@ pub fn observe(play: &Play, rules: &Rules, out: &mut Vec<f32>) {
         match observation {
             Observation::Proprio => proprio(play, &mut sheet),
             Observation::Tactile => sheet.put(play.episode().world().tactile().force),
+            Observation::State if rules.config.control.decides() => resting(play, &mut sheet),
             Observation::State => {
                 proprio(play, &mut sheet);
                 privileged(play, rules, &mut sheet);
@@ -45,6 +46,18 @@ fn proprio(play: &Play, sheet: &mut Sheet<'_>) {
     sheet.put(world.hand().fingers.iter().map(|f| world.motors()[f.motor].velocity));
     sheet.put(fingers.iter().map(|f| f.tension));
     sheet.one(world.preshape());
+}
+
+fn resting(play: &Play, sheet: &mut Sheet<'_>) {
+    let world = play.episode().world();
+    let table = world.world_from_object();
+    let point = |p: &Point3<f64>| <[f64; 3]>::from((table * p).coords);
+    sheet.put(place(&table));
+    sheet.put(six(&table.rotation));
+    sheet.put(point(&play.episode().scene().center_of_mass()));
+    sheet.put(point(&play.bounds_center()));
+    sheet.put(play.half_extents().iter().copied());
+    sheet.one(world.object_mass() * play.mass_factor());
 }
 
 fn privileged(play: &Play, rules: &Rules, sheet: &mut Sheet<'_>) {

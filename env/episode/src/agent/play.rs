@@ -13,6 +13,8 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+mod decide;
+
 /// The object is lost when its centre of mass is further than this from the vertical through the table's middle, metres: out of the
 /// workspace.
 pub const LOST_DISTANCE: f64 = 0.5;
@@ -56,7 +58,8 @@ pub struct Play {
 pub(crate) struct Record {
     pub object: usize,
     pub resting: usize,
-    /// Factor on the object's mass.
+    /// Factors on the object's friction and mass.
+    pub friction: f64,
     pub mass: f64,
     /// Centre of mass at the start, world.
     pub first_center: Point3<f64>,
@@ -67,6 +70,8 @@ pub(crate) struct Record {
     /// Lifting began: the object left the table in the hand.
     pub lifting: bool,
     pub success: bool,
+    /// What the failure is called, where it is known already.
+    pub failure: Option<FailureKind>,
     pub stopped: bool,
     pub potentials: Potentials,
     pub look: Look,
@@ -74,7 +79,10 @@ pub(crate) struct Record {
 
 impl Play {
     /// Begins an episode.
-    pub fn new(start: &Start, rules: &Rules) -> Self {
+    ///
+    /// # Errors
+    /// None that a start which [`start`](crate::agent::start::start) gave would cause.
+    pub fn new(start: &Start, rules: &Rules) -> Result<Self, EpisodeError> {
         let factors = [start.friction, start.mass];
         let episode = Episode::reset_at(
             &start.scene,
@@ -86,6 +94,7 @@ impl Play {
         let record = Record {
             object: start.object,
             resting: start.resting,
+            friction: start.friction,
             mass: start.mass,
             first_center: episode.world().object_center(),
             last_action: vec![0.0; rules.action],
@@ -93,6 +102,7 @@ impl Play {
             touched: false,
             lifting: false,
             success: false,
+            failure: None,
             stopped: false,
             potentials: Potentials::default(),
             look: start.look.clone(),
@@ -103,8 +113,12 @@ impl Play {
             episode,
             record,
         };
+        if start.let_go && rules.config.control.decides() {
+            play.rest()?;
+            play.record.first_center = play.episode.world().object_center();
+        }
         play.record.potentials = Potentials::of(&play, rules);
-        play
+        Ok(play)
     }
 
     pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, servo: Servo, record: Record) -> Self {
@@ -120,7 +134,7 @@ impl Play {
         &self.record
     }
 
-    /// One control period; returns the reward terms, and whether the episode ended by success or loss.
+    /// One control period, or the one decision; returns the reward terms, and whether the episode ended by success or loss.
     ///
     /// * `action`: finite numbers, one for each row of the control's table.
     ///
@@ -128,6 +142,9 @@ impl Play {
     /// A motor command that is not finite, which a finite action never gives.
     pub fn step(&mut self, action: &[f32], rules: &Rules) -> Result<([f32; TERMS], bool), EpisodeError> {
         let control = rules.config.control;
+        if control.decides() {
+            return Ok((self.decide(action, rules)?, true));
+        }
         let goal = control.goal(action, self.servo.believed());
         let motion = self.servo.begin(&goal);
         let mut commands = Vec::with_capacity(rules.hand().motors.len());
@@ -199,8 +216,8 @@ impl Play {
         let world = self.episode.world();
         let verdict = self.episode.verdict();
         let touches = self.touches();
-        let failure = if self.record.success {
-            None
+        let failure = if self.record.success || self.record.failure.is_some() {
+            self.record.failure
         } else if !self.finite() {
             Some(FailureKind::Unstable)
         } else if !self.record.touched {
@@ -245,7 +262,7 @@ impl Play {
         &self.record.last_action
     }
 
-    /// Steps since the episode began.
+    /// Control periods since the episode began.
     pub fn steps(&self) -> u32 {
         self.record.steps
     }

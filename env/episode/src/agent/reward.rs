@@ -4,7 +4,9 @@
 //! is nothing to gain by going back and forth, and the best policy stays the best (Ng, Harada, Russell, "Policy invariance
 //! under reward transformations", 1999; with a discount of 1).
 
+use crate::Episode;
 use crate::agent::closure::epsilon;
+use crate::agent::objects::Prepared;
 use crate::agent::play::Play;
 use crate::agent::rules::Rules;
 use crate::agent::servo::{ANGULAR_SPEED, LINEAR_SPEED};
@@ -89,20 +91,24 @@ pub struct Potentials {
 }
 
 impl Potentials {
-    /// The potentials of an episode as it stands.
+    /// The potentials of an episode under an agent.
     pub fn of(play: &Play, rules: &Rules) -> Self {
-        let (world, judge) = (play.episode().world(), play.episode().judge());
-        let hand = rules.hand();
+        Self::at(play.episode(), play.prepared(), play.first_center(), rules.hand())
+    }
+
+    /// The potentials of an episode as it stands, whose object's centre of mass began at `first_center` (world).
+    pub fn at(episode: &Episode, prepared: &Prepared, first_center: &Point3<f64>, hand: &Hand) -> Self {
+        let (world, judge) = (episode.world(), episode.judge());
         let hand_from_object = world.hand_from_object();
         let contacts = world.hand_contacts();
-        let center = hand_from_object * play.episode().scene().center_of_mass();
-        let core = play.half_extents() * CORE;
-        let at = hand_from_object.inverse() * Point3::from(GRASP_CENTER) - play.bounds_center();
+        let center = hand_from_object * episode.scene().center_of_mass();
+        let core = prepared.half_extents() * CORE;
+        let at = hand_from_object.inverse() * Point3::from(GRASP_CENTER) - prepared.bounds_center();
         let outside = at.abs().zip_map(&core, |a, c| (a - c).max(0.0)).norm();
         let touching = contacts.iter().any(|c| c.with_object);
         let held = touching && !judge.on_scenery();
         let lift = world.object_center().z - judge.resting_height();
-        let pushed = (world.object_center() - play.first_center()).xy().norm();
+        let pushed = (world.object_center() - first_center).xy().norm();
         let share = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
         Self {
             reach: share(1.0 - outside / REACH),

@@ -25,7 +25,7 @@ pub struct Rules {
     pub tables: Vec<(Observation, Vec<Field>)>,
     /// What it sees with.
     pub eyes: Eyes,
-    /// Physics steps between two actions.
+    /// Physics steps between two actions; 0 where there is one decision an episode.
     pub substeps: u32,
     /// Numbers of an action.
     pub action: usize,
@@ -47,12 +47,16 @@ impl Rules {
         let tables = config
             .observations
             .iter()
-            .map(|o| (*o, o.table(&hand, action)))
+            .map(|o| (*o, o.table(&hand, config.control)))
             .collect();
         Ok(Self {
             open: open_hand(&hand, hand.preshape_limits[0])?,
             guard: Guard::new(&hand)?,
-            substeps: steps_per_control(objects.physics().dt)?,
+            substeps: if config.control.decides() {
+                0
+            } else {
+                steps_per_control(objects.physics().dt)?
+            },
             flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
             eyes: Eyes::new(Arc::clone(&hand), config.eyes.clone(), objects.stage())?,
             tables,

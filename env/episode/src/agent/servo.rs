@@ -73,6 +73,13 @@ impl Servo {
         }
     }
 
+    /// The arm takes the hand to where it believes `pose` is; where the hand truly is then, in the world.
+    pub fn send(&mut self, pose: &Isometry3<f64>) -> Isometry3<f64> {
+        self.pose = *pose;
+        self.reference = *pose;
+        pose * self.error
+    }
+
     /// Where the arm believes the hand is, in the world.
     pub fn believed(&self) -> &Isometry3<f64> {
         &self.pose

@@ -13,7 +13,7 @@ use crate::{Episode, EpisodeError, Judge};
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagent3";
+const MAGIC: &[u8; 8] = b"gbagent4";
 /// Length of the checksum that follows.
 const CHECKSUM: usize = 32;
 
@@ -92,7 +92,7 @@ impl Slot {
             (None, None) => return Err(EpisodeError::NotSeeded { env }),
         };
         let begin = start(rules, &mut draw, options)?;
-        let play = Play::new(&begin, rules);
+        let play = Play::new(&begin, rules)?;
         let mut outcome = Outcome {
             reset: true,
             info: play.info(),
@@ -149,8 +149,20 @@ impl Slot {
             return Err(EpisodeError::NotReset { env });
         };
         self.last = None;
-        let (terms, terminated) = play.step(action, rules)?;
-        let truncated = rules.config.max_episode_steps.is_some_and(|most| play.steps() >= most);
+        let skip = rules.config.frame_skip;
+        let (mut terms, mut terminated) = ([0.0; TERMS], false);
+        for _ in 0..skip {
+            let (more, over) = play.step(action, rules)?;
+            terms.iter_mut().zip(more).for_each(|(sum, term)| *sum += term);
+            terminated = over;
+            if over {
+                break;
+            }
+        }
+        let truncated = rules
+            .config
+            .max_episode_steps
+            .is_some_and(|most| play.steps().div_ceil(skip) >= most);
         self.outcome = Outcome {
             observations: std::mem::take(&mut self.outcome.observations),
             images: std::mem::take(&mut self.outcome.images),

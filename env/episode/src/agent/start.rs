@@ -27,6 +27,8 @@ pub const HAND_SPREAD: f64 = 0.10;
 pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
 /// Greatest angle between the palm's normal and straight down at the start, radians.
 pub const HAND_TILT: f64 = 0.2;
+/// Where the hand waits to be sent, above the table, metres.
+const OUT_OF_THE_WAY: f64 = 2.0;
 /// The hand is raised by this much at a time while it stands in the object, metres.
 const RAISE: f64 = 0.05;
 /// More raises than this would leave the workspace.
@@ -78,6 +80,8 @@ pub struct Start {
     pub resting: usize,
     /// The object.
     pub prepared: Arc<Prepared>,
+    /// The object was let go where it was asked to be, and may fall.
+    pub let_go: bool,
     /// The object as it rests.
     pub scene: Arc<Scene>,
     /// Where it lies.
@@ -185,7 +189,11 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
             &format!("the hand takes {} to {} rad", limits[0], limits[1]),
         ));
     }
-    let world_from_hand = place_hand(rules, &scene, &world_from_object, &drawn, options, preshape)?;
+    let world_from_hand = if rules.config.control.decides() {
+        waiting_hand(options)?
+    } else {
+        place_hand(rules, &scene, &world_from_object, &drawn, options, preshape)?
+    };
     let between = |[low, high]: [f64; 2], share: f64| low + (high - low) * share;
     let hand_error = Isometry3::from_parts(
         Translation3::from(drawn.shift * vary.hand_position),
@@ -200,6 +208,7 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
         object,
         resting,
         prepared,
+        let_go: options.world_from_object.is_some(),
         scene,
         world_from_object,
         world_from_hand,
@@ -271,6 +280,18 @@ fn given_object(prepared: &Prepared, rows: &[[f64; 4]; 4]) -> Result<Isometry3<f
         ));
     }
     Ok(pose)
+}
+
+/// The hand where nobody sees it: it is sent to its place by the action.
+fn waiting_hand(options: &StartOptions) -> Result<Isometry3<f64>, EpisodeError> {
+    let given = [
+        ("world_from_hand", options.world_from_hand.is_some()),
+        ("preshape", options.preshape.is_some()),
+    ];
+    match given.into_iter().find(|(_, given)| *given) {
+        Some((option, _)) => Err(bad_option(option, "the action says it; leave it out")),
+        None => Ok(Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY)),
+    }
 }
 
 /// The hand where it was asked to be, or where it was drawn, raised out of the object.

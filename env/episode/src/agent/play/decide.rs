@@ -1,0 +1,136 @@
+//! One decision an episode: the hand is sent to a pose, and a trial follows there.
+
+use super::Play;
+use crate::agent::action::pose_and_preshape;
+use crate::agent::reward::{Potentials, TERMS};
+use crate::agent::rules::Rules;
+use crate::judge::LIFT_HEIGHT;
+use crate::trial::Trial;
+use crate::{Episode, EpisodeError, FailureKind};
+use graspbox_hand::GraspPose;
+use nalgebra::{Isometry3, Unit, Vector3};
+
+/// The object counts as resting where it was let go below this speed, m/s, and spin, rad/s, for [`REST_STEPS`] steps.
+const REST: [f64; 2] = [1e-3, 2e-2];
+const REST_STEPS: usize = 50;
+/// Longest time to come to rest, seconds.
+const REST_TIME: f64 = 3.0;
+/// Poses of the object whose verticals differ by less than this, radians, and heights by less than this, metres, rest in the same way.
+const SAME_WAY: f64 = 1e-6;
+
+impl Play {
+    /// Lets the object come to rest from where it was let go, the hand away.
+    pub(super) fn rest(&mut self) -> Result<(), EpisodeError> {
+        let away = self.episode.world().world_from_hand();
+        let mut quiet = 0;
+        for _ in 0..(REST_TIME / self.episode.world().dt()) as usize {
+            self.episode.advance(&away, &[])?;
+            let (speed, spin) = self.episode.world().object_velocity_in_hand();
+            let still = speed.norm() < REST[0] && spin.norm() < REST[1];
+            quiet = if still { quiet + 1 } else { 0 };
+            if quiet >= REST_STEPS {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the hand where `action` says and tries the grasp; returns the reward terms. The episode is over then.
+    ///
+    /// # Errors
+    /// A preshape or a motor command that the hand does not take, which a finite action never gives.
+    pub(super) fn decide(&mut self, action: &[f32], rules: &Rules) -> Result<[f32; TERMS], EpisodeError> {
+        self.record.steps = self.record.steps.saturating_add(1);
+        self.record.last_action = action.iter().map(|a| a.clamp(-1.0, 1.0)).collect();
+        self.record.failure = Some(FailureKind::Infeasible);
+        let Some((believed, preshape)) = pose_and_preshape(action, rules.hand()) else {
+            return Ok(self.terms_of_attempt(&Potentials::default(), true));
+        };
+        let hand = self.servo.send(&believed);
+        let object = self.episode.world().world_from_object();
+        let feasible = self.feasible(&object, &hand, preshape, rules)?;
+        let factors = [self.record.friction, self.record.mass];
+        self.episode = Episode::reset_at(self.episode.scene(), &hand, &object, preshape, factors);
+        let mut after = self.potentials_now(rules);
+        if feasible {
+            self.attempt(&hand, preshape, rules, &mut after)?;
+        }
+        self.record.potentials = after;
+        Ok(self.terms_of_attempt(&after, !feasible))
+    }
+
+    /// The trial; `after` keeps how near the hand was before it closed, and what it held before it lifted.
+    fn attempt(
+        &mut self,
+        hand: &Isometry3<f64>,
+        preshape: f64,
+        rules: &Rules,
+        after: &mut Potentials,
+    ) -> Result<(), EpisodeError> {
+        let mut trial = Trial::of(self.episode.clone(), hand, preshape, rules.config.trial, false);
+        trial.close(&|| false)?;
+        let closed = Potentials::at(trial.episode(), &self.prepared, &self.record.first_center, rules.hand());
+        trial.lift(&|| false)?;
+        let outcome = trial.outcome();
+        self.episode = trial.into_episode();
+        let lifted = self.potentials_now(rules);
+        let highest = self.episode.judge().highest() / LIFT_HEIGHT;
+        *after = Potentials {
+            reach: after.reach,
+            lift: if highest.is_finite() {
+                highest.clamp(0.0, 1.0)
+            } else {
+                0.0
+            },
+            hold: lifted.hold,
+            ..closed
+        };
+        self.record.success = outcome.success;
+        self.record.failure = outcome.failure;
+        self.record.touched = outcome.failure != Some(FailureKind::NoContact);
+        Ok(())
+    }
+
+    fn potentials_now(&self, rules: &Rules) -> Potentials {
+        Potentials::at(&self.episode, &self.prepared, &self.record.first_center, rules.hand())
+    }
+
+    /// True where the open hand reaches its place without touching object or table.
+    fn feasible(
+        &self,
+        world_from_object: &Isometry3<f64>,
+        world_from_hand: &Isometry3<f64>,
+        preshape: f64,
+        rules: &Rules,
+    ) -> Result<bool, EpisodeError> {
+        let (scene, body) = (self.episode.scene(), self.prepared.body());
+        let pose = GraspPose {
+            object_from_hand: world_from_object.inverse() * world_from_hand,
+            preshape,
+        };
+        let moved = world_from_object * scene.world_from_object().inverse();
+        let up: Unit<Vector3<f64>> = Vector3::z_axis();
+        let same = (moved * up).angle(&up) < SAME_WAY && moved.translation.vector.z.abs() < SAME_WAY;
+        let elsewhere = (!same).then_some((body, world_from_object));
+        scene.reachable_from(&pose, rules.config.trial.standoff, elsewhere)
+    }
+
+    /// Terms of an attempt, in order: the hand came from afar, where every potential is 0, and took its way by itself.
+    fn terms_of_attempt(&self, after: &Potentials, infeasible: bool) -> [f32; TERMS] {
+        let flag = |f: bool| if f { 1.0 } else { 0.0 };
+        [
+            after.reach,
+            after.contact,
+            after.closure,
+            after.lift,
+            after.hold,
+            flag(self.record.success),
+            -flag(infeasible),
+            0.0,
+            -after.push,
+            0.0,
+            0.0,
+        ]
+        .map(|x| x as f32)
+    }
+}
