@@ -28,11 +28,13 @@ import typer
 import yaml
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.journal import Journal
 from graspbox.sb3 import Extractor
+from graspbox.sb3.demonstrations import DemonstratedBuffer, clone, demonstrate
 from graspbox.sb3.references import references
 from graspbox.sb3.running import Linear, Run, load, make_env, normalized
 
@@ -40,6 +42,7 @@ ALGORITHMS = {"ppo": PPO, "sac": SAC, "td3": TD3}
 PARAMETERS = Path(__file__).with_name("sb3.yaml")
 #: Evaluations take other episodes than training, whatever its seed.
 EVALUATION_SEED = 10_000
+DEMONSTRATION_SEED = 20_000
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,10 @@ class Parameters:
     env: dict[str, Any]
     #: Keywords of the algorithm.
     model: dict[str, Any]
+    #: Successful episodes of the scripted expert: sac and td3 learn from them beside their own, ppo begins as a copy.
+    demonstrations: int = 0
+    #: How often each step of them is looked at to begin as their copy.
+    clone_epochs: int = 60
 
 
 def read_parameters(settings: Settings) -> Parameters:
@@ -112,7 +119,7 @@ def number(value: Any) -> Any:
     return Linear(float(value.removeprefix("linear_"))) if value.startswith("linear_") else float(value)
 
 
-def model_settings(given: dict[str, Any], env: Any) -> dict[str, Any]:
+def model_settings(algorithm: Any, given: dict[str, Any], env: Any, demonstrations: int) -> dict[str, Any]:
     """Turn names into what the algorithm takes, and choose policy and extractor by the observation."""
     policy = dict(given.get("policy_kwargs", {}))
     if "activation_fn" in policy:
@@ -122,12 +129,33 @@ def model_settings(given: dict[str, Any], env: Any) -> dict[str, Any]:
     if any(len(space.shape) > 1 for space in (seen.values() if named else [seen])):
         policy.setdefault("features_extractor_class", Extractor)
     found = {**given, "policy": "MultiInputPolicy" if named else "MlpPolicy", "policy_kwargs": policy}
+    if demonstrations and issubclass(algorithm, OffPolicyAlgorithm):
+        found["replay_buffer_class"] = DemonstratedBuffer
     if "learning_rate" in found:
         found["learning_rate"] = number(found["learning_rate"])
     if "action_noise" in found:
         size = env.action_space.shape
         found["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, found["action_noise"]))
     return found
+
+
+def show(model: Any, settings: Settings, parameters: Parameters) -> None:
+    """Let the expert fill the part of the replay buffer that is its own, or clone it where there is none."""
+    keywords = {**parameters.env, "split": "train"}
+    stage = make_env(settings.env, parameters.num_envs, **keywords)
+    with console.status("demonstrations"):
+        buffer, rate = demonstrate(stage, settings.env, parameters.demonstrations, DEMONSTRATION_SEED, **keywords)
+    stage.close()
+    console.print(f"{buffer.size()} steps of demonstrations; the expert succeeded in {rate:.0%} of its episodes")
+    statistics = model.get_vec_normalize_env()
+    if statistics is not None and statistics.norm_obs:
+        statistics.obs_rms.update(buffer.observations[: buffer.size(), 0])
+    if isinstance(model, OffPolicyAlgorithm):
+        model.replay_buffer.demonstrations = buffer
+        return
+    with console.status("cloning"):
+        errors = clone(model, buffer, parameters.clone_epochs, seed=settings.seed)
+    console.print(f"cloned: mean squared error of an action {errors[0]:.4f}, held out {errors[1]:.4f}")
 
 
 def train(settings: Settings) -> int:
@@ -156,7 +184,10 @@ def train(settings: Settings) -> int:
         # Other episodes and actions than those that the run began with.
         model.set_random_seed(settings.seed + model.num_timesteps)
     else:
-        model = algorithm(env=env, seed=settings.seed, **model_settings(parameters.model, env), **logs)
+        keywords = model_settings(algorithm, parameters.model, env, parameters.demonstrations)
+        model = algorithm(env=env, seed=settings.seed, **keywords, **logs)
+        if parameters.demonstrations:
+            show(model, settings, parameters)
     if settings.references:
         with console.status("references"):
             found = references(settings.env, eval_envs, settings.episodes, EVALUATION_SEED, **held_out)

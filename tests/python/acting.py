@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox import object_sets, planning
 from graspbox.configs import EyesConfig
 from graspbox.envs.expert import Expert, planned
+from graspbox.envs.grasp_pose import action_for, lying
 
 #: Objects whose convex parts are known exactly: they are ready within milliseconds.
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
@@ -38,3 +40,9 @@ def expert_actions(env: Any, seed: int) -> list[NDArray[np.float32]]:
         actions.append(expert.act(state))
         state, _, done, _, _ = env.step(actions[-1])
     return actions
+
+
+def best_grasp(objects: object_sets.ObjectSet, name: str, state: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Name the planner's first pose as an action of GraspPose-v0, for an object as its state says that it lies."""
+    plan = planning.plan(objects[objects.names.index(name)].load(), world_from_object=lying(state))
+    return action_for(lying(state) @ plan.poses[0], plan.preshape[0])

@@ -8,7 +8,8 @@ import pytest
 
 import graspbox
 from graspbox import errors
-from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, rotation_from_columns
+from graspbox.envs import spaces
+from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, action_for, lying, rotation_from_columns
 
 
 def test_make_with_the_module_prefix() -> None:
@@ -16,11 +17,10 @@ def test_make_with_the_module_prefix() -> None:
     assert env.reset(seed=0)[1]["object"] == "ball-000000"
 
 
-def action_for(world_from_hand: np.ndarray, preshape: float) -> np.ndarray:
-    """Name a pose as an action of GraspPose-v0."""
-    position = (world_from_hand[:3, 3] - POSITION_LOW) / (POSITION_HIGH - POSITION_LOW) * 2 - 1
-    columns = world_from_hand[:3, :2].T.ravel()
-    return np.concatenate([position, columns, [preshape / (np.pi / 2) * 2 - 1]]).astype(np.float32)
+def where(env: Any) -> np.ndarray:
+    """Tell where the object is in the world, (4, 4)."""
+    pose: np.ndarray = env._core.pool.poses()[0][0]
+    return pose
 
 
 def test_a_planned_grasp_gives_the_reward_that_simulate_promises() -> None:
@@ -29,21 +29,106 @@ def test_a_planned_grasp_gives_the_reward_that_simulate_promises() -> None:
     verdicts = []
     for seed in range(6):
         _, info = env.reset(seed=seed)
-        scene = env._scene
-        plan = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object, seed=seed)
+        lies = where(env)
+        scene = graspbox.Scene(env.objects[env.objects.names.index(info["object"])].load(), world_from_object=lies)
+        plan = graspbox.plan(scene.mesh, world_from_object=lies, seed=seed)
         if not plan.feasible.any():
             continue
         pose, preshape = plan.poses[0], plan.preshape[0]
         promised = scene.simulate(pose[None], [preshape])
-        world_from_hand = env._world_from_table @ scene.world_from_object @ pose
-        _, reward, terminated, truncated, info = env.step(action_for(world_from_hand, preshape))
+        _, reward, terminated, truncated, info = env.step(action_for(lies @ pose, preshape))
         assert terminated
         assert not truncated
         assert reward == float(info["is_success"])
+        assert abs(info["lift"] - promised.lift[0]) < 0.02 or info["is_success"] != promised.success[0]
         verdicts.append((info["is_success"], bool(promised.success[0])))
+    assert len(verdicts) >= 4
     assert any(env_says for env_says, _ in verdicts)
     # The action is float32, so that the pose differs in its last digits.
     assert sum(a == b for a, b in verdicts) >= len(verdicts) - 1
+
+
+def good_grasp(env: Any) -> np.ndarray:
+    """Take the planner's first pose for the object as it lies."""
+    mesh = env.objects[0].load()
+    plan = graspbox.plan(mesh, world_from_object=where(env))
+    return action_for(where(env) @ plan.poses[0], plan.preshape[0])
+
+
+def test_the_dense_reward_rises_from_nowhere_to_a_held_object() -> None:
+    env: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0", reward="dense").unwrapped
+    env.reset(seed=0)
+    grasp = good_grasp(env)
+    beside, above, inside, nowhere = grasp.copy(), grasp.copy(), grasp.copy(), np.zeros(10, dtype=np.float32)
+    # The upper corner of the box of positions, 20 cm higher, and 4 cm lower, in the object or the table.
+    beside[:3] = [1.0, 1.0, 0.9]
+    above[2] += 1.0
+    inside[2] -= 0.2
+    rewards, terms, failures = [], [], []
+    for action in (nowhere, beside, above, grasp):
+        env.reset(seed=0)
+        _, reward, _, _, info = env.step(action)
+        rewards.append(reward)
+        terms.append(info["reward_terms"])
+        failures.append(info["failure"])
+    assert failures == ["infeasible", "no_contact", "no_contact", ""]
+    assert rewards == sorted(rewards)
+    assert terms[0]["failure"] == -1.0
+    assert terms[1]["contact"] == terms[2]["contact"] == 0.0
+    # The engine lets a resting object breathe by micrometres.
+    assert terms[2]["lift"] < 1e-4
+    assert 0.0 <= terms[1]["reach"] < terms[2]["reach"] < terms[3]["reach"] <= 1.0
+    assert min(terms[3][name] for name in ("contact", "closure", "lift", "hold", "success")) > 0.0
+    env.reset(seed=0)
+    blocked = env.step(inside)[4]
+    assert blocked["infeasible"]
+    assert blocked["reward_terms"]["reach"] > terms[2]["reach"]
+    weighed: Any = gymnasium.make(
+        "graspbox/GraspPose-v0", objects="procedural:can:0", reward_weights={"lift": 2.0}
+    ).unwrapped
+    weighed.reset(seed=0)
+    assert weighed.step(grasp)[1] == pytest.approx(1.0 + 2.0 * terms[3]["lift"])
+
+
+def test_an_object_comes_to_rest_from_where_it_is_let_go() -> None:
+    """Tipped and 5 cm up: it is observed as it lies then, and grasped as well as any other."""
+    env: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:box:1").unwrapped
+    env.reset(seed=0)
+    tipped = np.eye(4)
+    angle = np.pi / 2 - 0.1
+    tipped[1:3, 1:3] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    tipped[:3, 3] = 0.05, -0.02, 0.3
+    state, _ = env.reset(seed=0, options={"world_from_object": tipped})
+    lies = where(env)
+    assert lies[2, 3] < 0.25
+    np.testing.assert_allclose(lying(state), lies, atol=1e-6)
+    settled = graspbox.Scene(env.objects[0].load(), world_from_object=lies).world_from_object
+    np.testing.assert_allclose(settled[:3, :3], lies[:3, :3], atol=5e-3)
+    assert not env.step(good_grasp(env))[4]["infeasible"]
+
+
+def test_an_error_of_calibration_moves_the_hand() -> None:
+    settings: dict[str, Any] = {"objects": "procedural:can:0"}
+    exact: Any = gymnasium.make("graspbox/GraspPose-v0", **settings).unwrapped
+    vague: Any = gymnasium.make("graspbox/GraspPose-v0", randomization="standard", **settings).unwrapped
+    shifts = []
+    for seed in range(4):
+        hands = []
+        for env in (exact, vague):
+            env.reset(seed=seed)
+            # High above everything.
+            env.step(np.array([0, 0, 1, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32))
+            hands.append(env._core.pool.poses()[1][0][:3, 3])
+        shifts.append(hands[1] - hands[0])
+    assert 1e-4 < np.abs(shifts).max() < 0.005 + 1e-6
+    with pytest.raises(errors.ConfigError, match="world_from_hand"):
+        exact.reset(options={"world_from_hand": np.eye(4)})
+
+
+def test_the_box_of_positions_is_the_cores() -> None:
+    rows = {row["name"]: row for row in spaces.tables(graspbox.load_hand())["decision"]["actions"]}
+    for axis, low, high in zip("xyz", POSITION_LOW, POSITION_HIGH, strict=True):
+        assert (rows[axis]["low"], rows[axis]["high"]) == (low, high)
 
 
 def test_degenerate_and_colliding_actions_are_infeasible() -> None:
@@ -73,9 +158,19 @@ def test_rotation_from_columns_is_a_rotation() -> None:
         assert np.linalg.det(rotation) > 0
 
 
-@pytest.mark.parametrize("wrong", [{"obs": "deep"}, {"reward": "dense"}, {"objects": "cupboard"}, {"split": "x"}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"obs": "deep"},
+        {"obs": "proprio"},
+        {"reward": "fair"},
+        {"control": "twist"},
+        {"objects": "cupboard"},
+        {"split": "x"},
+    ],
+)
 def test_wrong_arguments_are_explained(wrong: dict[str, Any]) -> None:
-    with pytest.raises(errors.GraspboxError):
+    with pytest.raises((errors.GraspboxError, TypeError)):
         gymnasium.make("graspbox/GraspPose-v0", **wrong)
 
 

@@ -97,8 +97,8 @@ def test_an_off_policy_run_keeps_its_replay_buffer(tmp_path: Path) -> None:
     assert not (folder / "best/replay_buffer.pkl").exists()
 
 
-def test_an_environment_without_a_native_one_trains_too(tmp_path: Path) -> None:
-    """Td3, in processes; what the run does not reach it says."""
+def test_decisions_are_trained_too(tmp_path: Path) -> None:
+    """Td3, one decision an episode; what the run does not reach it says."""
     changes = (
         "num_envs=2",
         'env.objects=["procedural:can:0-9"]',

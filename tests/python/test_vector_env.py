@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import graspbox
-from acting import EYES, OBJECTS, pressing
+from acting import EYES, OBJECTS, best_grasp, pressing
 from graspbox import errors
 from graspbox.envs import spaces
 
@@ -54,6 +54,60 @@ def test_equals_sync_of_single_environments(mode: AutoresetMode, which: str) -> 
             assert data_equivalence(ours, theirs, exact=True)
     assert (ends >= 2).all()
     assert (touches > 0).all()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_decisions_equal_sync_of_single_environments(mode: AutoresetMode) -> None:
+    """Random and planned poses; every step ends every episode."""
+    settings: dict[str, Any] = {"objects": OBJECTS, "reward": "dense", "obs": ("state", "depth"), "image_size": 24}
+    single: Any = gymnasium.make_vec(
+        "graspbox/GraspPose-v0",
+        num_envs=3,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": mode},
+        randomization="standard",
+        **settings,
+    )
+    native: Any = gymnasium.make_vec(
+        "graspbox/GraspPose-v0", num_envs=3, autoreset_mode=mode, randomization="standard", **settings
+    )
+    assert native.observation_space == single.observation_space
+    assert native.metadata == single.metadata
+    shown, theirs = native.reset(seed=3), single.reset(seed=3)
+    assert data_equivalence(shown, theirs, exact=True)
+    successes = 0
+    for step in range(5):
+        rows = zip(shown[1]["object"], shown[0]["state"], strict=True)
+        action = np.stack([best_grasp(native.objects, name, state) for name, state in rows])
+        # The second pose of each three is far above; the third hits the table.
+        action[:, 2] += [0.0, 0.8, -0.9][step % 3]
+        ours, theirs = native.step(action), single.step(action)
+        assert data_equivalence(ours, theirs, exact=True)
+        successes += int((ours[1] > 1.0).sum())
+        shown = (ours[0], ours[4])
+        if mode == AutoresetMode.DISABLED:
+            done = ours[2] | ours[3]
+            shown = native.reset(options={"reset_mask": done})
+            assert data_equivalence(shown, single.reset(options={"reset_mask": done.copy()}), exact=True)
+    assert successes >= 1
+
+
+def test_a_held_action_is_that_action_again() -> None:
+    """With frame_skip=3 a step is three, their terms added up, but for the last episode's rest."""
+    slow, fast = make(2, frame_skip=3, max_episode_steps=8), make(2, max_episode_steps=24)
+    assert slow.metadata["render_fps"] == pytest.approx(20 / 3)
+    for env in (slow, fast):
+        env.reset(seed=2)
+    touches = False
+    for action in pressing(8, 2):
+        ours = slow.step(action)
+        theirs = [fast.step(action) for _ in range(3)]
+        np.testing.assert_array_equal(ours[0], theirs[-1][0])
+        np.testing.assert_allclose(ours[1], sum(step[1] for step in theirs), atol=1e-5)
+        np.testing.assert_array_equal(ours[3], theirs[-1][3])
+        touches |= bool(ours[4]["touches"].any())
+    assert ours[3].all()
+    assert touches
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)

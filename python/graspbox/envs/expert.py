@@ -30,7 +30,7 @@ from graspbox.envs.grasp_pose import rotation_from_columns
 from graspbox.errors import ConfigError
 from graspbox.simulation import load_hand
 
-__all__ = ["Expert", "object_pose", "planned"]
+__all__ = ["Expert", "hand_pose", "object_pose", "planned"]
 
 Pose = NDArray[np.float64]
 
@@ -129,6 +129,11 @@ def object_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | 
     return _State(load_hand(hand), control).pose(state, "object")
 
 
+def hand_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | tuple[str, str] = "reflex") -> Pose:
+    """Read where the arm believes the hand is, ``world_from_hand`` (4, 4), off a state."""
+    return _State(load_hand(hand), control).pose(state, "hand")
+
+
 def planned(
     mesh: Mesh,
     state: ArrayLike,
@@ -171,6 +176,8 @@ class Expert:
         The control mode of the environment.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
+    frame_skip : int
+        That of the environment.
 
     Raises
     ------
@@ -186,10 +193,11 @@ class Expert:
         *,
         control: Literal["twist", "delta_pose", "target_pose"] = "twist",
         hand: str | Hand | tuple[str, str] = "reflex",
+        frame_skip: int = 1,
     ) -> None:
         loaded = load_hand(hand)
         found = spaces.tables(loaded)
-        self._control, self._period = control, found["control_period"]
+        self._control, self._period = control, found["control_period"] * frame_skip
         self._fields = found["actions"][control]
         self._low, self._high = (np.array(corner) for corner in found["workspace"])
         # Limits of a step are those of a twist for one control period.

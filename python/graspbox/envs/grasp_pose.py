@@ -42,12 +42,12 @@ pose of the object. Several names give a ``Dict``. The observation that ends the
 Reward
 ------
 The sum of weights times terms, as in `graspbox.envs.grasp`; ``reward_weights`` replaces weights by name.
-``reward="sparse"`` is 1 for a success as `graspbox.simulation` defines it, else 0; ``reward="dense"`` has the weights of
-`graspbox.envs.reward.DECISION`. The terms of an attempt:
+``reward="sparse"`` is 1 for a success as `graspbox.simulation` defines it, else 0; ``reward="dense"`` has the weights
+of `graspbox.envs.reward.DECISION`. The terms of an attempt:
 
 | term | min | max | meaning |
 |---|---|---|---|
-| reach | 0 | 1 | 1 - d / 0.4 m, with d the distance from the grasp centre to the object's core, before the hand closes |
+| reach | 0 | 1 | 1 - d / 0.4 m, with d the distance of the grasp centre from the object's core before the hand closes |
 | contact | 0 | 1 | mean of the share of fingers that touch and how far two of them oppose, when the hand has closed |
 | closure | 0 | 1 | epsilon quality of the contacts, when the hand has closed |
 | lift | 0 | 1 | greatest rise of the centre of mass, as a share of the lift height |
@@ -74,7 +74,7 @@ v0: first version.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -87,7 +87,15 @@ from graspbox.envs.grasp import GraspEnv
 from graspbox.envs.vector import AUTORESET, GraspVectorEnv, autoreset
 from graspbox.errors import ConfigError
 
-__all__ = ["POSITION_HIGH", "POSITION_LOW", "GraspPoseEnv", "GraspPoseVectorEnv", "rotation_from_columns"]
+__all__ = [
+    "POSITION_HIGH",
+    "POSITION_LOW",
+    "GraspPoseEnv",
+    "GraspPoseVectorEnv",
+    "action_for",
+    "lying",
+    "rotation_from_columns",
+]
 
 #: Corners of the box of hand positions, world frame, metres: a hand's reach around objects near the table's middle.
 POSITION_LOW = np.array([-0.25, -0.25, 0.0])
@@ -111,6 +119,41 @@ def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64
         return None
     y = rest / np.linalg.norm(rest)
     return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def lying(state: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Read the object's pose in the world, (4, 4), from a state."""
+    pose = np.eye(4)
+    first, second = state[3:6].astype(np.float64), state[6:9].astype(np.float64)
+    pose[:3, :3] = np.stack([first, second, np.cross(first, second)], axis=1)
+    pose[:3, 3] = state[:3]
+    # Rounded to float32 the columns are no rotation to the planner's taste.
+    u, _, v = np.linalg.svd(pose[:3, :3])
+    pose[:3, :3] = u @ v
+    return pose
+
+
+def action_for(
+    world_from_hand: NDArray[np.float64], preshape: float, limits: tuple[float, float] = (0.0, np.pi / 2)
+) -> NDArray[np.float32]:
+    """Write a pose as an action.
+
+    Parameters
+    ----------
+    world_from_hand : (4, 4) array
+        Where the hand is to close; beyond the box of positions the action is clipped when it is taken.
+    preshape : float
+        Radians.
+    limits : pair of float
+        The hand's limits of it; by default the ReFlex's.
+
+    Returns
+    -------
+    (10,) float32
+    """
+    place = (world_from_hand[:3, 3] - POSITION_LOW) / (POSITION_HIGH - POSITION_LOW) * 2 - 1
+    share = (preshape - limits[0]) / (limits[1] - limits[0]) * 2 - 1
+    return np.concatenate([place, world_from_hand[:3, :2].T.ravel(), [share]]).astype(np.float32)
 
 
 def _world_cameras(eyes: EyesConfig) -> EyesConfig:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import planning
-from graspbox.envs.expert import Expert, planned
-from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW
+from graspbox.envs.expert import Expert, hand_pose, object_pose, planned
+from graspbox.envs.grasp_pose import action_for, lying
 from graspbox.sb3.running import evaluate, make_env
 from graspbox.simulation import load_hand
 
@@ -45,10 +45,20 @@ class Planner(Zero):
     """Takes the planner's first pose of each object as it lies; needs ``obs="state"``.
 
     It knows the object's mesh, which no policy does. Where the planner proposes nothing, it does not act.
+
+    Parameters
+    ----------
+    env, env_id
+        What `graspbox.sb3.running.make_env` made, and its id.
+    control, frame_skip
+        Those of a closed-loop environment.
+    choices : int
+        In closed loop, of so many of the planner's best poses the one is taken that the hand reaches with least turn.
     """
 
-    def __init__(self, env: Any, env_id: str, control: str = "twist") -> None:
+    def __init__(self, env: Any, env_id: str, *, control: str = "twist", frame_skip: int = 1, choices: int = 1) -> None:
         super().__init__(env)
+        self._frame_skip, self._choices = frame_skip, choices
         self._objects = env.get_attr("objects", 0)[0]
         self._closed_loop, self._control = env_id.startswith("graspbox/Grasp-"), control
         self._experts: list[Expert | None] = [None] * env.num_envs
@@ -74,24 +84,21 @@ class Planner(Zero):
 
     def _expert(self, index: int, state: Actions) -> Expert | None:
         plan = planned(self._mesh(index), state, control=self._control)
-        return Expert(state, plan.poses[0], plan.preshape[0], control=self._control) if len(plan) else None  # type: ignore[arg-type]
+        if not len(plan):
+            return None
+        settings: dict[str, Any] = {"control": self._control, "frame_skip": self._frame_skip}
+        rotations = object_pose(state, control=self._control)[:3, :3] @ plan.poses[: self._choices, :3, :3]
+        # The trace of a rotation falls with its angle.
+        traces = np.einsum("nij,ij->n", rotations, hand_pose(state, control=self._control)[:3, :3])
+        chosen = int(np.argmax(traces))
+        return Expert(state, plan.poses[chosen], plan.preshape[chosen], **settings)
 
     def _decide(self, index: int, state: Actions, nothing: Actions) -> Actions:
-        pose = np.eye(4)
-        first, second = state[3:6].astype(np.float64), state[6:9].astype(np.float64)
-        pose[:3, :3] = np.stack([first, second, np.cross(first, second)], axis=1)
-        pose[:3, 3] = state[:3]
-        # Rounded to float32 the columns are no rotation to the planner's taste.
-        u, _, v = np.linalg.svd(pose[:3, :3])
-        pose[:3, :3] = u @ v
+        pose = lying(state)
         plan = planning.plan(self._mesh(index), world_from_object=pose).best(1)
         if not len(plan):
             return nothing
-        world_from_hand = pose @ plan.poses[0]
-        place = (world_from_hand[:3, 3] - POSITION_LOW) / (POSITION_HIGH - POSITION_LOW) * 2 - 1
-        low, high = load_hand("reflex").preshape_limits
-        share = (plan.preshape[0] - low) / (high - low) * 2 - 1
-        return np.concatenate([place, world_from_hand[:3, :2].T.ravel(), [share]]).astype(np.float32)
+        return action_for(pose @ plan.poses[0], plan.preshape[0], load_hand("reflex").preshape_limits)
 
 
 def references(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, dict[str, Any]]:
@@ -110,7 +117,7 @@ def references(env_id: str, num_envs: int, episodes: int, seed: int, **settings:
         What `graspbox.sb3.running.evaluate` gives, by name: ``random``, ``zero``, ``planner``.
     """
     env = make_env(env_id, num_envs, **{**settings, "obs": "state"})
-    planner = Planner(env, env_id, settings.get("control", "twist"))
+    planner = Planner(env, env_id, control=settings.get("control", "twist"), frame_skip=settings.get("frame_skip", 1))
     policies = {"random": Random(env, seed), "zero": Zero(env), "planner": planner}
     found = {name: evaluate(policy, env, episodes, seed) for name, policy in policies.items()}
     env.close()

@@ -13,7 +13,6 @@
 
 import json
 import shutil
-import signal
 import time
 from collections.abc import Callable
 from copy import deepcopy
@@ -26,7 +25,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from graspbox.errors import ConfigError
 from graspbox.journal import Journal
@@ -36,20 +35,8 @@ __all__ = ["Linear", "Run", "evaluate", "load", "make_env", "normalized", "save"
 
 
 def make_env(env_id: str, num_envs: int, **settings: Any) -> VecMonitor:
-    """Make environments side by side that say how long their episodes were and what they paid.
-
-    The native vector environment where there is one; else a process for each environment.
-    """
-    spec = gymnasium.spec(env_id)
-    if spec.vector_entry_point is not None:
-        return VecMonitor(VecEnv.make(env_id, num_envs, **settings))
-
-    def single() -> gymnasium.Env[Any, Any]:
-        # Ctrl-C reaches the whole group; the run that began this process ends it when it has been saved.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        return gymnasium.make(env_id, num_threads=1, **settings)
-
-    return VecMonitor(SubprocVecEnv([single] * num_envs, start_method="fork"))
+    """Make environments side by side that say how long their episodes were and what they paid."""
+    return VecMonitor(VecEnv.make(env_id, num_envs, **settings))
 
 
 def normalized(env: Any, gamma: float, *, observations: bool, reward: bool, training: bool) -> Any:
@@ -241,6 +228,11 @@ class Run(BaseCallback):  # type: ignore[misc, unused-ignore]
         for name in ("success", "secure", "return", "length"):
             self.logger.record(f"eval/{name}", found[name])
         self.logger.dump(self.model.num_timesteps)
+
+    def _on_training_start(self) -> None:
+        # The curve begins with what the policy is worth before it learns.
+        if self.last is None:
+            self.evaluate()
 
     def _on_step(self) -> bool:
         if self.interrupted:

@@ -6,8 +6,9 @@ use crate::agent::guard::Guard;
 use crate::agent::layout::{Field, Observation};
 use crate::agent::objects::Objects;
 use crate::eyes::Eyes;
-use graspbox_hand::Hand;
+use graspbox_hand::{Hand, Shape};
 use graspbox_plan::OpenHand;
+use nalgebra::Vector3;
 use std::sync::Arc;
 
 /// Room around the open hand where an episode begins, metres.
@@ -31,6 +32,8 @@ pub struct Rules {
     pub action: usize,
     /// The open hand at its least preshape, where episodes begin unless they are told otherwise.
     pub open: OpenHand,
+    /// No part of the hand is ever further from the grasp frame than this, metres.
+    pub reach: f64,
     /// For each link, the place of its contact flag: proximal and distal of each finger, then the palm.
     pub flags: Vec<usize>,
 }
@@ -50,6 +53,7 @@ impl Rules {
             .map(|o| (*o, o.table(&hand, config.control)))
             .collect();
         Ok(Self {
+            reach: reach(&hand)?,
             open: open_hand(&hand, hand.preshape_limits[0])?,
             guard: Guard::new(&hand)?,
             substeps: if config.control.decides() {
@@ -75,6 +79,39 @@ impl Rules {
     pub fn observed(&self) -> usize {
         self.tables.iter().flat_map(|(_, fields)| fields).map(|f| f.size).sum()
     }
+}
+
+/// Distance from the grasp frame that no part of a hand exceeds, metres, however its fingers stand: the sum of the ways from joint to
+/// joint, and the furthest shape.
+///
+/// # Errors
+/// A hand whose kinematics fail.
+fn reach(hand: &Hand) -> Result<f64, EpisodeError> {
+    let bad = |source| EpisodeError::BadHand { source };
+    let open = hand.open_configuration(hand.preshape_limits[0]);
+    let links = hand.hand_from_links(&open).map_err(bad)?;
+    let shapes = hand.shapes_at(&open).map_err(bad)?;
+    let mut most = 0.0_f64;
+    for shape in &shapes {
+        let size = match shape.collider.shape {
+            Shape::Cuboid(half) => half.norm(),
+            Shape::Cylinder { radius, half_length } => radius.hypot(half_length),
+            Shape::Sphere { radius } => radius,
+        };
+        let at = shape.hand_from_shape.translation.vector;
+        let chain = hand.finger_of_link(shape.link).map_or_else(Vec::new, |finger| {
+            let own = (0..hand.links.len()).filter(|link| hand.finger_of_link(*link) == Some(finger));
+            own.filter(|link| *link <= shape.link).collect()
+        });
+        let (mut from, mut way) = (Vector3::zeros(), 0.0);
+        for link in chain {
+            let joint = links[link].translation.vector;
+            way += (joint - from).norm();
+            from = joint;
+        }
+        most = most.max(way + (at - from).norm() + size);
+    }
+    Ok(most)
 }
 
 /// The open hand at `preshape`, with the room that it needs to begin.

@@ -8,7 +8,7 @@ use crate::judge::LIFT_HEIGHT;
 use crate::trial::Trial;
 use crate::{Episode, EpisodeError, FailureKind};
 use graspbox_hand::GraspPose;
-use nalgebra::{Isometry3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 /// The object counts as resting where it was let go below this speed, m/s, and spin, rad/s, for [`REST_STEPS`] steps.
 const REST: [f64; 2] = [1e-3, 2e-2];
@@ -52,7 +52,9 @@ impl Play {
         let factors = [self.record.friction, self.record.mass];
         self.episode = Episode::reset_at(self.episode.scene(), &hand, &object, preshape, factors);
         let mut after = self.potentials_now(rules);
-        if feasible {
+        if feasible && self.out_of_reach(rules) {
+            self.record.failure = Some(FailureKind::NoContact);
+        } else if feasible {
             self.attempt(&hand, preshape, rules, &mut after)?;
         }
         self.record.potentials = after;
@@ -89,6 +91,16 @@ impl Play {
         self.record.failure = outcome.failure;
         self.record.touched = outcome.failure != Some(FailureKind::NoContact);
         Ok(())
+    }
+
+    /// True where no finger can touch the object, neither while the hand closes nor while it rises: there is nothing to simulate.
+    fn out_of_reach(&self, rules: &Rules) -> bool {
+        let world = self.episode.world();
+        let center = world.world_from_object() * self.prepared.bounds_center();
+        let hand = Point3::from(world.world_from_hand().translation.vector);
+        let rise = (center.z - hand.z).clamp(0.0, rules.config.trial.lift_height);
+        let nearest = hand + Vector3::z() * rise;
+        (center - nearest).norm() > rules.reach + self.prepared.half_extents().norm()
     }
 
     fn potentials_now(&self, rules: &Rules) -> Potentials {
