@@ -85,6 +85,8 @@ class Parameters:
     demonstrations: int = 0
     #: How often each step of them is looked at to begin as their copy.
     clone_epochs: int = 60
+    #: Standard deviation of what pushes the expert's hand about while it shows what to copy, in shares of an action.
+    clone_noise: float = 0.2
 
 
 def read_parameters(settings: Settings) -> Parameters:
@@ -144,7 +146,9 @@ def show(model: Any, settings: Settings, parameters: Parameters) -> None:
     keywords = {**parameters.env, "split": "train"}
     stage = make_env(settings.env, parameters.num_envs, **keywords)
     with console.status("demonstrations"):
-        buffer, rate = demonstrate(stage, settings.env, parameters.demonstrations, DEMONSTRATION_SEED, **keywords)
+        noise = 0.0 if isinstance(model, OffPolicyAlgorithm) else parameters.clone_noise
+        shown = parameters.demonstrations
+        buffer, rate = demonstrate(stage, settings.env, shown, DEMONSTRATION_SEED, noise=noise, **keywords)
     stage.close()
     console.print(f"{buffer.size()} steps of demonstrations; the expert succeeded in {rate:.0%} of its episodes")
     statistics = model.get_vec_normalize_env()

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "Gaze",
     "Hand",
     "Mesh",
     "Objects",
@@ -255,22 +254,6 @@ class ViewArrays(TypedDict):
     intrinsics: NDArray[np.float64]
     world_from_camera: NDArray[np.float64]
     camera_from_object: NDArray[np.float64]
-
-@final
-class Gaze:
-    def __new__(cls, hand: Hand, eyes: str) -> Gaze: ...
-    def see(
-        self, mesh: Mesh, world_from_object: NDArray[np.float64], num_threads: int | None
-    ) -> dict[str, NDArray[np.float32] | NDArray[np.uint8]]: ...
-    def picture(
-        self,
-        mesh: Mesh,
-        world_from_object: NDArray[np.float64],
-        world_from_hand: NDArray[np.float64] | None,
-        preshape: float,
-        picture: str,
-        num_threads: int | None,
-    ) -> NDArray[np.uint8]: ...
 
 def draw(
     meshes: Sequence[Mesh],

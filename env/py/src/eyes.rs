@@ -9,9 +9,8 @@ use crate::vector::{Pool, filled};
 use graspbox_camera::{Camera, Channels, DepthView, Frame, Intrinsics, Light, ViewPlan};
 use graspbox_episode::EpisodeError;
 use graspbox_episode::agent::Rules;
-use graspbox_episode::eyes::look::Variation;
 use graspbox_episode::eyes::stage::object_color;
-use graspbox_episode::eyes::{Eyes, EyesConfig, Look, Moment, PictureConfig, Pixels, Stage, look_around};
+use graspbox_episode::eyes::{Eyes, EyesConfig, Moment, PictureConfig, Pixels, Stage, look_around};
 use graspbox_mesh::VoxelFrame;
 use nalgebra::{Isometry3, Point3};
 use numpy::{Element, PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -19,8 +18,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 use serde::Deserialize;
-use std::collections::BTreeMap;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config, as JSON.
@@ -274,92 +272,6 @@ pub fn time_images<'py>(
         Ok::<_, EpisodeError>(seconds)
     })?;
     array(py, seconds, &[repeats])
-}
-
-/// Eyes for a scene without physics: an object that rests, and a hand that is open or away.
-#[pyclass(frozen, module = "graspbox._core")]
-pub struct Gaze {
-    /// Sees no hand, and so needs no models of one.
-    eyes: Arc<Eyes>,
-    viewer: Arc<Eyes>,
-    hand: Arc<graspbox_hand::Hand>,
-}
-
-#[pymethods]
-impl Gaze {
-    /// Takes a hand and an `EyesConfig` as JSON.
-    #[new]
-    fn new(hand: &Hand, eyes: &str) -> PyResult<Self> {
-        let config: EyesConfig = config(eyes, "EyesConfig")?;
-        let bare = OnceLock::from(Stage::bare(true).map_err(CoreError::from)?);
-        let make = |config, stage| Eyes::new(Arc::clone(&hand.0), config, stage).map_err(CoreError::from);
-        Ok(Self {
-            viewer: Arc::new(make(EyesConfig::default(), Arc::default())?),
-            eyes: Arc::new(make(config, Arc::new(bare))?),
-            hand: Arc::clone(&hand.0),
-        })
-    }
-
-    /// The images of the config by name, without a leading axis; the hand is away.
-    #[pyo3(signature = (mesh, world_from_object, num_threads))]
-    fn see<'py>(
-        &self,
-        py: Python<'py>,
-        mesh: &Mesh,
-        world_from_object: Floats<'py>,
-        num_threads: Option<usize>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let pose = isometry(&world_from_object, "world_from_object")?;
-        let (eyes, data) = (Arc::clone(&self.eyes), Arc::clone(&mesh.0));
-        let images = detached(py, num_threads, move || {
-            let look = Look::draw(&eyes, &Variation::default(), &BTreeMap::new(), 0)?;
-            let mut images = eyes.blank(1);
-            eyes.see(
-                &still(&data, pose, Isometry3::identity(), Vec::new())?,
-                &look,
-                &mut images,
-            )?;
-            Ok::<_, CoreError>(images)
-        })?;
-        let dict = PyDict::new(py);
-        for (table, pixels) in self.eyes.tables().iter().zip(images) {
-            match pixels {
-                Pixels::Bytes(values) => dict.set_item(&table.name, array(py, values, &table.shape)?)?,
-                Pixels::Floats(values) => dict.set_item(&table.name, array(py, values, &table.shape)?)?,
-            }
-        }
-        Ok(dict)
-    }
-
-    /// A picture (H, W, 3), with the hand open at `world_from_hand` where it is given; `picture` is JSON.
-    #[pyo3(signature = (mesh, world_from_object, world_from_hand, preshape, picture, num_threads))]
-    #[expect(clippy::too_many_arguments, reason = "every pose crosses by itself")]
-    fn picture<'py>(
-        &self,
-        py: Python<'py>,
-        mesh: &Mesh,
-        world_from_object: Floats<'py>,
-        world_from_hand: Option<Floats<'py>>,
-        preshape: f64,
-        picture: &str,
-        num_threads: Option<usize>,
-    ) -> PyResult<Array<'py, u8>> {
-        let picture: PictureConfig = config(picture, "PictureConfig")?;
-        let pose = isometry(&world_from_object, "world_from_object")?;
-        let hand = world_from_hand.map(|m| isometry(&m, "world_from_hand")).transpose()?;
-        let [height, width] = picture.image_size.map(|n| n as usize);
-        let (eyes, data, shape) = (Arc::clone(&self.viewer), Arc::clone(&mesh.0), Arc::clone(&self.hand));
-        let pixels = detached(py, num_threads, move || {
-            let mut links = Vec::new();
-            if let Some(hand) = hand {
-                let open = shape.hand_from_links(&shape.open_configuration(preshape))?;
-                links.extend(open.into_iter().map(|link| hand * link));
-            }
-            let moment = still(&data, pose, hand.unwrap_or_default(), links)?;
-            Ok::<_, CoreError>(eyes.picture(&moment, &eyes.light(), &picture)?)
-        })?;
-        array(py, pixels, &[height, width, 3])
-    }
 }
 
 /// An object where it rests.

@@ -49,7 +49,7 @@ mod _core {
     #[pymodule_export]
     use crate::episode::Scene;
     #[pymodule_export]
-    use crate::eyes::{Gaze, image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
+    use crate::eyes::{image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]
     use crate::gil::{num_threads, spin};
     #[pymodule_export]

@@ -52,8 +52,13 @@ class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc, unused-ignore]
         return ReplayBufferSamples(*(torch.cat(pair) if pair else None for pair in rows))  # type: ignore[arg-type]
 
 
-def demonstrate(env: Any, env_id: str, episodes: int, seed: int, **settings: Any) -> tuple[ReplayBuffer, float]:
+def demonstrate(
+    env: Any, env_id: str, episodes: int, seed: int, *, noise: float = 0.0, **settings: Any
+) -> tuple[ReplayBuffer, float]:
     """Let the expert act until it has succeeded in so many episodes; episodes that fail are left out.
+
+    With noise its hand is pushed about, and what is kept is what the expert wanted: how it comes back on its way
+    (Laskey, Lee, Fox, Dragan, Goldberg, "DART", 2017). Such steps are to be copied; as transitions they are not true.
 
     Parameters
     ----------
@@ -65,6 +70,8 @@ def demonstrate(env: Any, env_id: str, episodes: int, seed: int, **settings: Any
         How many.
     seed : int
         Seed of the first environment.
+    noise : float
+        Standard deviation of what is added to the actions that move the hand.
     **settings
         The environment's keywords, ``control`` and ``frame_skip`` among them.
 
@@ -84,12 +91,14 @@ def demonstrate(env: Any, env_id: str, episodes: int, seed: int, **settings: Any
     expert = Planner(env, env_id, choices=_CHOICES, **named)
     rows: list[tuple[Any, ...]] = []
     open_rows: list[list[tuple[Any, ...]]] = [[] for _ in range(env.num_envs)]
-    ended = succeeded = 0
+    ended, succeeded, random = 0, 0, np.random.default_rng(seed)
     env.seed(seed)
     seen, starts = env.reset(), np.ones(env.num_envs, dtype=bool)
     while succeeded < episodes:
         actions, _ = expert.predict(seen, episode_start=starts)
-        following, rewards, starts, infos = env.step(actions)
+        pushes = noise * random.standard_normal((env.num_envs, 6))
+        pushed = np.concatenate([actions[:, :6] + pushes, actions[:, 6:]], axis=1)
+        following, rewards, starts, infos = env.step(np.clip(pushed, -1, 1).astype(np.float32))
         for i, info in enumerate(infos):
             last = info["terminal_observation"] if starts[i] else following[i]
             open_rows[i].append((seen[i], last, actions[i], rewards[i], starts[i], info))
