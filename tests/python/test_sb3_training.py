@@ -49,7 +49,7 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
 def test_a_run_and_its_resumption(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert run("ppo", folder, PPO) == 0
-    assert [row["timesteps"] for row in rows_of(folder)] == [128, 256]
+    assert [row["timesteps"] for row in rows_of(folder)] == [0, 128, 256]
     for row in rows_of(folder):
         assert row["episodes"] == 4
         assert sum(row["failures"].values()) == round(4 * (1 - row["success"]))
@@ -63,7 +63,7 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
         run("ppo", folder, (*PPO, "model.gamma=0.5"), resume=True)
     longer = (*PPO, "timesteps=512")
     assert run("ppo", folder, longer, resume=True) == 0
-    assert [row["timesteps"] for row in rows_of(folder)] == [128, 256, 384, 512]
+    assert [row["timesteps"] for row in rows_of(folder)] == [0, 128, 256, 384, 512]
     second = sb3.PPO.load(folder / "checkpoint/model.zip")
     assert (first.num_timesteps, second.num_timesteps) == (256, 512)
     # The statistics went on too: each of the 512 steps, and one reset for each environment and run, is in them.
@@ -73,7 +73,7 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
     assert statistics.obs_rms.count == pytest.approx(512 + 2 * 4, abs=0.01)
     # Its end is reached: nothing is left to do.
     assert run("ppo", folder, longer, resume=True) == 0
-    assert len(rows_of(folder)) == 4
+    assert len(rows_of(folder)) == 5
 
 
 def test_the_same_seed_trains_the_same_policy(tmp_path: Path) -> None:
@@ -115,6 +115,41 @@ def test_decisions_are_trained_too(tmp_path: Path) -> None:
     plot = script("plot_sb3")
     plot.main([folder], out=tmp_path / "picture.png")
     assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+SHOWN = ("env.frame_skip=4", "env.max_episode_steps=50", "normalize.reward=false", "demonstrations=12", "num_envs=4")
+
+
+def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
+    """The first row of a run tells what the copy is worth, more than a policy that knows nothing."""
+    changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', "timesteps=1", "model.n_steps=8", "model.batch_size=32")
+    changes += ("clone_epochs=80",)
+    folder = tmp_path / "run"
+    assert run("ppo", folder, changes, episodes=12) == 0
+    clone, *_ = rows_of(folder)
+    assert clone["timesteps"] == 0
+    # It reaches the object and touches it, whether it holds it or not.
+    assert clone["failures"].get("no_contact", 0) <= 6
+    with pytest.raises(ConfigError, match="obs='state'"):
+        run("ppo", tmp_path / "blind", (*changes, "env.obs=proprio"))
+
+
+def test_demonstrations_are_half_of_what_sac_sees(tmp_path: Path) -> None:
+    from graspbox.sb3.demonstrations import DemonstratedBuffer
+
+    folder = tmp_path / "run"
+    changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', "demonstrations=2", "timesteps=64", "every=64")
+    assert run("sac", folder, (*changes, "model.learning_starts=16", "model.buffer_size=512")) == 0
+    model = sb3.SAC.load(folder / "checkpoint/model.zip", custom_objects={"replay_buffer_class": DemonstratedBuffer})
+    model.load_replay_buffer(folder / "checkpoint/replay_buffer.pkl")
+    buffer = model.replay_buffer
+    assert isinstance(buffer, DemonstratedBuffer)
+    assert buffer.demonstrations is not None
+    # Two successes, each at the end of its episode.
+    assert buffer.demonstrations.dones.sum() == 2
+    shown = {row.tobytes() for row in buffer.demonstrations.observations[:, 0]}
+    drawn = [row.tobytes() for row in buffer.sample(32).observations.numpy()]
+    assert sum(row in shown for row in drawn) == 16
 
 
 def test_the_planner_drives_the_closed_loop() -> None:
