@@ -91,12 +91,15 @@ bench: $(STAMPS)/demo $(STAMPS)/core
 MODULES := $(subst /,.,$(patsubst python/%,%,$(patsubst %/__init__,%,$(basename \
 	$(wildcard python/graspbox/[a-z]*.py python/graspbox/[a-z]*/__init__.py)))))
 PAGES := graspbox $(filter-out graspbox.errors graspbox.object_sets,$(MODULES))
+# The package imports these only when they are asked for; they have pages where Stable-Baselines3 is there.
+SB3_PAGES := $(subst /,.,$(patsubst python/%.py,%,$(wildcard python/graspbox/sb3/[a-z]*.py)))
 
 docs: $(STAMPS)/dev $(STAMPS)/core
 	rm -rf out/docs && mkdir -p out/docs
 	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 	cp -r $${CARGO_TARGET_DIR:-target}/doc out/docs/rust
-	PDOC_ALLOW_EXEC=1 pdoc --docformat numpy --output-directory out/docs/python $(PAGES)
+	PDOC_ALLOW_EXEC=1 pdoc --docformat numpy --output-directory out/docs/python $(PAGES) \
+		$$(python -c 'import stable_baselines3' 2>/dev/null && echo $(SB3_PAGES))
 	echo '<a href="python/graspbox.html">Python</a> <a href="rust/graspbox_episode/index.html">Rust</a>' > out/docs/index.html
 
 clean:

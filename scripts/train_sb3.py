@@ -86,7 +86,7 @@ class Parameters:
     #: How often each step of them is looked at to begin as their copy.
     clone_epochs: int = 60
     #: Standard deviation of what pushes the expert's hand about while it shows what to copy, in shares of an action.
-    clone_noise: float = 0.2
+    clone_noise: float = 0.05
 
 
 def read_parameters(settings: Settings) -> Parameters:
@@ -145,10 +145,11 @@ def show(model: Any, settings: Settings, parameters: Parameters) -> None:
     """Let the expert fill the part of the replay buffer that is its own, or clone it where there is none."""
     keywords = {**parameters.env, "split": "train"}
     stage = make_env(settings.env, parameters.num_envs, **keywords)
-    with console.status("demonstrations"):
+    with progress() as bar:
+        task = bar.add_task("demonstrations", total=parameters.demonstrations)
         noise = 0.0 if isinstance(model, OffPolicyAlgorithm) else parameters.clone_noise
-        shown = parameters.demonstrations
-        buffer, rate = demonstrate(stage, settings.env, shown, DEMONSTRATION_SEED, noise=noise, **keywords)
+        settled = {"noise": noise, "step": lambda done: bar.update(task, completed=done), **keywords}
+        buffer, rate = demonstrate(stage, settings.env, parameters.demonstrations, DEMONSTRATION_SEED, **settled)
     stage.close()
     console.print(f"{buffer.size()} steps of demonstrations; the expert succeeded in {rate:.0%} of its episodes")
     statistics = model.get_vec_normalize_env()

@@ -1,5 +1,6 @@
 """``graspbox/GraspPose-v0``: what is particular to it; what all environments must do: ``test_conformance``."""
 
+import inspect
 from typing import Any
 
 import gymnasium
@@ -8,7 +9,7 @@ import pytest
 
 import graspbox
 from graspbox import errors
-from graspbox.envs import spaces
+from graspbox.envs import grasp_pose, spaces
 from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, action_for, lying, rotation_from_columns
 
 
@@ -125,8 +126,12 @@ def test_an_error_of_calibration_moves_the_hand() -> None:
         exact.reset(options={"world_from_hand": np.eye(4)})
 
 
-def test_the_box_of_positions_is_the_cores() -> None:
-    rows = {row["name"]: row for row in spaces.tables(graspbox.load_hand())["decision"]["actions"]}
+def test_the_tables_of_the_module_are_the_cores() -> None:
+    found = spaces.tables(graspbox.load_hand())
+    text = inspect.getdoc(grasp_pose) or ""
+    assert spaces.action_table("grasp_pose", found) in text
+    assert spaces.observation_table("grasp_pose", found) in text
+    rows = {row["name"]: row for row in found["decision"]["actions"]}
     for axis, low, high in zip("xyz", POSITION_LOW, POSITION_HIGH, strict=True):
         assert (rows[axis]["low"], rows[axis]["high"]) == (low, high)
 

@@ -122,8 +122,8 @@ SHOWN = ("env.frame_skip=4", "env.max_episode_steps=50", "normalize.reward=false
 
 def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
     """The first row of a run tells what the copy is worth, more than a policy that knows nothing."""
-    changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', "timesteps=1", "model.n_steps=8", "model.batch_size=32")
-    changes += ("clone_epochs=80",)
+    small = ("timesteps=1", "model.n_steps=8", "model.batch_size=32", "clone_epochs=80")
+    changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', *small)
     folder = tmp_path / "run"
     assert run("ppo", folder, changes, episodes=12) == 0
     clone, *_ = rows_of(folder)

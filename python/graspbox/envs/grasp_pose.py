@@ -8,14 +8,13 @@ Action
 ``Box(-1, 1, (10,), float32)``, in the world's frame (z up, table top at z = 0). The box of positions is fixed in the
 world; the object is not at its centre.
 
-| index | meaning                              | -1    | 1    | unit |
-|---|---|---|---|---|
-| 0     | hand position x                      | -0.25 | 0.25 | m |
-| 1     | hand position y                      | -0.25 | 0.25 | m |
-| 2     | hand position z                      | 0     | 0.40 | m |
-| 3-5   | first column of ``world_from_hand``  | -1    | 1    | direction, any length |
-| 6-8   | second column of ``world_from_hand`` | -1    | 1    | direction, any length |
-| 9     | preshape                             | 0     | pi/2 | rad (the hand's limits) |
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0 | x | -0.25 | 0.25 | m | hand position, world |
+| 1 | y | -0.25 | 0.25 | m | hand position, world |
+| 2 | z | 0 | 0.4 | m | hand position, world |
+| 3-8 | rotation | -1 | 1 | 1 | first two columns of world_from_hand, any length; degenerate ones name no pose |
+| 9 | preshape | 0 | pi/2 | rad | preshape |
 
 The two columns are made orthonormal in this order. Where that is impossible (a column shorter than 0.001, or the two
 within a thousandth of a radian of parallel), or where the hand collides with the object or the table at the pose or

@@ -47,7 +47,7 @@ DECISION: Mapping[str, float] = MappingProxyType(
         "lift": 2.0,
         "hold": 1.0,
         "success": 4.0,
-        "failure": 0.5,
+        "failure": 0.25,
         "push": 0.5,
     }
 )

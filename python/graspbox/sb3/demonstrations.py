@@ -5,6 +5,7 @@ Kostrikov, Levine, "Efficient Online Reinforcement Learning with Offline Data", 
 of the expert (`clone`). The expert knows the objects' meshes; the policy that learns from it does not.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,14 @@ class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc, unused-ignore]
 
 
 def demonstrate(
-    env: Any, env_id: str, episodes: int, seed: int, *, noise: float = 0.0, **settings: Any
+    env: Any,
+    env_id: str,
+    episodes: int,
+    seed: int,
+    *,
+    noise: float = 0.0,
+    step: Callable[[int], None] = lambda _: None,
+    **settings: Any,
 ) -> tuple[ReplayBuffer, float]:
     """Let the expert act until it has succeeded in so many episodes; episodes that fail are left out.
 
@@ -72,6 +80,8 @@ def demonstrate(
         Seed of the first environment.
     noise : float
         Standard deviation of what is added to the actions that move the hand.
+    step : callable
+        Called with the number of successes so far.
     **settings
         The environment's keywords, ``control`` and ``frame_skip`` among them.
 
@@ -109,6 +119,7 @@ def demonstrate(
                     rows += open_rows[i]
                 open_rows[i] = []
         seen = following
+        step(succeeded)
         if ended >= 20 + 10 * episodes:
             raise ConfigError(f"the expert succeeded in {succeeded} of {ended} episodes; let it show other objects")
     buffer = ReplayBuffer(len(rows), env.observation_space, env.action_space, device="cpu", n_envs=1)
