@@ -17,6 +17,7 @@ Needs the extras ``cli`` and ``train``.
 import inspect
 import json
 import signal
+import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -163,6 +164,22 @@ def show(model: Any, settings: Settings, parameters: Parameters) -> None:
     console.print(f"cloned: mean squared error of an action {errors[0]:.4f}, held out {errors[1]:.4f}")
 
 
+def begin(settings: Settings, parameters: Parameters, env: Any, begun: bool) -> tuple[Any, float]:
+    """Load the model of a run, or make one; with the seconds that it has taken so far, demonstrations included."""
+    algorithm, began = ALGORITHMS[settings.algorithm], time.monotonic()
+    logs = {"tensorboard_log": str(settings.folder / "tensorboard"), "device": settings.device}
+    if begun:
+        model, seconds = load(algorithm, settings.folder / "checkpoint", env, **logs)
+        # Other episodes and actions than those that the run began with.
+        model.set_random_seed(settings.seed + model.num_timesteps)
+        return model, seconds
+    keywords = model_settings(algorithm, parameters.model, env, parameters.demonstrations)
+    model = algorithm(env=env, seed=settings.seed, **keywords, **logs)
+    if parameters.demonstrations:
+        show(model, settings, parameters)
+    return model, time.monotonic() - began
+
+
 def train(settings: Settings) -> int:
     """Train; the exit status."""
     parameters = read_parameters(settings)
@@ -182,17 +199,7 @@ def train(settings: Settings) -> int:
         make_env(settings.env, parameters.num_envs, **{**parameters.env, "split": "train"}), **scale, training=True
     )
     test = normalized(make_env(settings.env, eval_envs, **held_out), **scale, training=False)
-    algorithm, seconds = ALGORITHMS[settings.algorithm], 0.0
-    logs = {"tensorboard_log": str(settings.folder / "tensorboard"), "device": settings.device}
-    if begun:
-        model, seconds = load(algorithm, settings.folder / "checkpoint", env, **logs)
-        # Other episodes and actions than those that the run began with.
-        model.set_random_seed(settings.seed + model.num_timesteps)
-    else:
-        keywords = model_settings(algorithm, parameters.model, env, parameters.demonstrations)
-        model = algorithm(env=env, seed=settings.seed, **keywords, **logs)
-        if parameters.demonstrations:
-            show(model, settings, parameters)
+    model, seconds = begin(settings, parameters, env, begun)
     if settings.references:
         with console.status("references"):
             found = references(settings.env, eval_envs, settings.episodes, EVALUATION_SEED, **held_out)

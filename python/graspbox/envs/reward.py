@@ -29,11 +29,11 @@ DENSE: Mapping[str, float] = MappingProxyType(
         "lift": 3.0,
         "hold": 3.0,
         "success": 10.0,
-        "failure": 5.0,
+        "failure": 1.0,
         "effort": 0.01,
-        "push": 0.5,
+        "push": 0.2,
         "table": 0.02,
-        "stop": 0.1,
+        "stop": 0.02,
     }
 )
 

@@ -65,8 +65,9 @@ def demonstrate(
 ) -> tuple[ReplayBuffer, float]:
     """Let the expert act until it has succeeded in so many episodes; episodes that fail are left out.
 
-    With noise its hand is pushed about, and what is kept is what the expert wanted: how it comes back on its way
-    (Laskey, Lee, Fox, Dragan, Goldberg, "DART", 2017). Such steps are to be copied; as transitions they are not true.
+    With noise its hand is pushed about until it closes, and what is kept is what the expert wanted: how it comes back
+    on its way (Laskey, Lee, Fox, Dragan, Goldberg, "DART", 2017). Such steps are to be copied; as transitions they are
+    not true.
 
     Parameters
     ----------
@@ -106,7 +107,8 @@ def demonstrate(
     seen, starts = env.reset(), np.ones(env.num_envs, dtype=bool)
     while succeeded < episodes:
         actions, _ = expert.predict(seen, episode_start=starts)
-        pushes = noise * random.standard_normal((env.num_envs, 6))
+        open_hands = (actions[:, 6:-1] == 0).all(axis=1, keepdims=True)
+        pushes = noise * random.standard_normal((env.num_envs, 6)) * open_hands
         pushed = np.concatenate([actions[:, :6] + pushes, actions[:, 6:]], axis=1)
         following, rewards, starts, infos = env.step(np.clip(pushed, -1, 1).astype(np.float32))
         for i, info in enumerate(infos):
