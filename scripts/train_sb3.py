@@ -86,8 +86,10 @@ class Parameters:
     demonstrations: int = 0
     #: How often each step of them is looked at to begin as their copy.
     clone_epochs: int = 60
+    #: For so many steps after that only the values learn, not the policy.
+    values_first: int = 0
     #: Standard deviation of what pushes the expert's hand about while it shows what to copy, in shares of an action.
-    clone_noise: float = 0.05
+    clone_noise: float = 0.0
 
 
 def read_parameters(settings: Settings) -> Parameters:
@@ -222,6 +224,7 @@ def train(settings: Settings) -> int:
             minutes=settings.minutes,
             seconds=seconds,
             step=step,
+            values_first=parameters.values_first if parameters.demonstrations else 0,
         )
         handlers = {number: signal.signal(number, stopper(run)) for number in (signal.SIGINT, signal.SIGTERM)}
         before = model.num_timesteps

@@ -21,7 +21,7 @@ sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 typer = pytest.importorskip("typer")
 
-SMALL = ("num_envs=4", "env.max_episode_steps=12", 'env.objects=["procedural:can:0-9"]')
+SMALL = ("num_envs=4", "demonstrations=0", "env.max_episode_steps=12", 'env.objects=["procedural:can:0-9"]')
 PPO = (*SMALL, "timesteps=256", "every=128", "model.n_steps=16", "model.batch_size=32", "model.n_epochs=1")
 SAC = (*SMALL, "timesteps=128", "every=64", "model.learning_starts=32", "model.buffer_size=512", "model.batch_size=16")
 
@@ -216,7 +216,9 @@ def test_every_entry_names_what_exists() -> None:
         for env_id, values in entries.items():
             parameters = program.Parameters(**values)
             env = make_env(env_id, 1, **{**parameters.env, "objects": "procedural:ball:0"})
-            settings = program.model_settings(parameters.model, env)
+            settings = program.model_settings(
+                program.ALGORITHMS[algorithm], parameters.model, env, parameters.demonstrations
+            )
             if "buffer_size" in settings:
                 settings["buffer_size"] = 16
             else:

@@ -169,6 +169,9 @@ class Run(BaseCallback):  # type: ignore[misc, unused-ignore]
         Time that the run has taken before.
     step : callable
         Called with the number of steps and the last evaluation, if any, after each step.
+    values_first : int
+        For so many steps an on-policy model learns its values alone: a policy that was cloned knows more than they do,
+        and would be led astray by them.
     """
 
     def __init__(
@@ -183,8 +186,10 @@ class Run(BaseCallback):  # type: ignore[misc, unused-ignore]
         minutes: float | None = None,
         seconds: float = 0.0,
         step: Callable[[int, dict[str, Any] | None], None] = lambda *_: None,
+        values_first: int = 0,
     ) -> None:
         super().__init__()
+        self.values_first = values_first
         self.folder, self.env, self.journal = folder, env, journal
         self.every, self.episodes, self.seed, self.minutes = every, episodes, seed, minutes
         self.interrupted = False
@@ -233,6 +238,17 @@ class Run(BaseCallback):  # type: ignore[misc, unused-ignore]
         # The curve begins with what the policy is worth before it learns.
         if self.last is None:
             self.evaluate()
+
+    def _on_rollout_start(self) -> None:
+        if self.values_first:
+            policy = self.model.policy
+            learns = self.num_timesteps >= self.values_first
+            for part in (
+                *policy.mlp_extractor.policy_net.parameters(),
+                *policy.action_net.parameters(),
+                policy.log_std,
+            ):
+                part.requires_grad_(learns)
 
     def _on_step(self) -> bool:
         if self.interrupted:
