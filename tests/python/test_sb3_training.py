@@ -173,7 +173,7 @@ def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
     command = [sys.executable, str(SCRIPTS / "train_sb3.py"), "ppo", str(folder), "--episodes", "4", "--json", *changes]
     log = folder / "evaluations.jsonl"
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
-        while child.poll() is None and not (log.is_file() and len(log.read_text().splitlines()) > 2):
+        while child.poll() is None and not (log.is_file() and len(log.read_text().splitlines()) > 3):
             time.sleep(0.05)
         child.send_signal(signal.SIGINT)
         output, _ = child.communicate()
