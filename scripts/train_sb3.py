@@ -27,7 +27,7 @@ import numpy as np
 import torch
 import typer
 import yaml
-from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
@@ -36,6 +36,7 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.journal import Journal
 from graspbox.sb3 import Extractor
 from graspbox.sb3.demonstrations import DemonstratedBuffer, clone, demonstrate
+from graspbox.sb3.ppo import PPO
 from graspbox.sb3.references import references
 from graspbox.sb3.running import Linear, Run, load, make_env, normalized
 

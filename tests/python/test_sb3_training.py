@@ -20,6 +20,7 @@ pytestmark = pytest.mark.train
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 typer = pytest.importorskip("typer")
+ppo = pytest.importorskip("graspbox.sb3.ppo")
 
 SMALL = ("num_envs=4", "demonstrations=0", "env.max_episode_steps=12", 'env.objects=["procedural:can:0-9"]')
 PPO = (*SMALL, "timesteps=256", "every=128", "model.n_steps=16", "model.batch_size=32", "model.n_epochs=1")
@@ -56,7 +57,7 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
         assert 0 < row["length"] <= 12
     assert list(folder.glob("tensorboard/*/events*"))
     assert (folder / "best/model.zip").is_file()
-    first = sb3.PPO.load(folder / "checkpoint/model.zip")
+    first = ppo.PPO.load(folder / "checkpoint/model.zip")
     with pytest.raises(ConfigError, match="--resume"):
         run("ppo", folder, PPO)
     with pytest.raises(ConfigError, match="other settings"):
@@ -64,7 +65,7 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
     longer = (*PPO, "timesteps=512")
     assert run("ppo", folder, longer, resume=True) == 0
     assert [row["timesteps"] for row in rows_of(folder)] == [0, 128, 256, 384, 512]
-    second = sb3.PPO.load(folder / "checkpoint/model.zip")
+    second = ppo.PPO.load(folder / "checkpoint/model.zip")
     assert (first.num_timesteps, second.num_timesteps) == (256, 512)
     # The statistics went on too: each of the 512 steps, and one reset for each environment and run, is in them.
     import pickle
@@ -80,7 +81,7 @@ def test_the_same_seed_trains_the_same_policy(tmp_path: Path) -> None:
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         assert run("ppo", tmp_path / name, PPO, seed=seed) == 0
     a, b, c = (
-        torch.cat([p.flatten() for p in sb3.PPO.load(tmp_path / name / "checkpoint/model.zip").policy.parameters()])
+        torch.cat([p.flatten() for p in ppo.PPO.load(tmp_path / name / "checkpoint/model.zip").policy.parameters()])
         for name in "abc"
     )
     assert (a == b).all()
@@ -122,7 +123,7 @@ SHOWN = ("env.frame_skip=4", "env.max_episode_steps=50", "normalize.reward=false
 
 def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
     """The first row of a run tells what the copy is worth, more than a policy that knows nothing."""
-    small = ("timesteps=1", "model.n_steps=8", "model.batch_size=32", "clone_epochs=80")
+    small = ("timesteps=32", "model.n_steps=8", "model.batch_size=32", "clone_epochs=80", "values_first=1000")
     changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', *small)
     folder = tmp_path / "run"
     assert run("ppo", folder, changes, episodes=12) == 0
@@ -130,6 +131,14 @@ def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
     assert clone["timesteps"] == 0
     # It reaches the object and touches it, whether it holds it or not.
     assert clone["failures"].get("no_contact", 0) <= 6
+    # Only its values learn at first.
+    first = ppo.PPO.load(folder / "checkpoint/model.zip").policy
+    assert run("ppo", folder, (*changes, "timesteps=96"), episodes=12, resume=True) == 0
+    last = ppo.PPO.load(folder / "checkpoint/model.zip").policy
+    for part in ("action_net", "mlp_extractor.policy_net"):
+        pairs = zip(first.get_submodule(part).parameters(), last.get_submodule(part).parameters(), strict=True)
+        assert all((a == b).all() for a, b in pairs)
+    assert any((a != b).any() for a, b in zip(first.parameters(), last.parameters(), strict=True))
     with pytest.raises(ConfigError, match="obs='state'"):
         run("ppo", tmp_path / "blind", (*changes, "env.obs=proprio"))
 
@@ -163,7 +172,7 @@ def test_the_planner_drives_the_closed_loop() -> None:
 def test_images_are_trained_on(tmp_path: Path) -> None:
     changes = (*PPO, "env.obs=[proprio, depth]", "env.image_size=16", "timesteps=128")
     assert run("ppo", tmp_path / "run", changes) == 0
-    model = sb3.PPO.load(tmp_path / "run/checkpoint/model.zip")
+    model = ppo.PPO.load(tmp_path / "run/checkpoint/model.zip")
     assert type(model.policy.features_extractor).__name__ == "Extractor"
 
 
@@ -226,3 +235,26 @@ def test_every_entry_names_what_exists() -> None:
             model = program.ALGORITHMS[algorithm](env=env, device="cpu", **settings)
             assert model.gamma == parameters.model["gamma"]
             env.close()
+
+
+def test_values_may_learn_faster_than_the_policy(tmp_path: Path) -> None:
+    """Each has its rate, which outlives a checkpoint."""
+    env: Any = program_env()
+    model = ppo.PPO(
+        "MlpPolicy", env, n_steps=8, batch_size=16, learning_rate=1e-3, value_rate=5.0, device="cpu", seed=0
+    )
+    model.learn(32)
+    assert [group["lr"] for group in model.policy.optimizer.param_groups] == pytest.approx([1e-3, 5e-3])
+    model.save(tmp_path / "model.zip")
+    again = ppo.PPO.load(tmp_path / "model.zip", env=env)
+    again.learn(32)
+    assert [group["lr"] for group in again.policy.optimizer.param_groups] == pytest.approx([1e-3, 5e-3])
+    count = sum(len(group["params"]) for group in again.policy.optimizer.param_groups)
+    assert count == len(list(again.policy.parameters()))
+
+
+def program_env() -> Any:
+    """Make a few small environments."""
+    from graspbox.sb3.running import make_env
+
+    return make_env("graspbox/Grasp-v0", 4, objects="procedural:ball:0", max_episode_steps=8)

@@ -241,7 +241,7 @@ class Run(BaseCallback):  # type: ignore[misc, unused-ignore]
 
     def _on_rollout_start(self) -> None:
         if self.values_first:
-            policy = self.model.policy
+            policy: Any = self.model.policy
             learns = self.num_timesteps >= self.values_first
             for part in (
                 *policy.mlp_extractor.policy_net.parameters(),
