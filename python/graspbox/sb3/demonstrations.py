@@ -22,7 +22,7 @@ __all__ = ["DemonstratedBuffer", "clone", "demonstrate"]
 
 #: The expert takes, of so many of the planner's best poses, the nearest one: a policy can only copy what its
 #: observations tell, and which of several equal poses the planner names first they do not.
-_CHOICES = 8
+_CHOICES = 40
 #: Cloning: rows of a batch, and weight of the error of values beside that of actions.
 _BATCH, _VALUE_SHARE = 256, 0.1
 

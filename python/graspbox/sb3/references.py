@@ -15,6 +15,9 @@ __all__ = ["Planner", "Random", "Zero", "references"]
 
 Actions = NDArray[np.float32]
 
+#: A pose this far from over the object counts like one radian of turn, metres.
+_ASIDE = 0.05
+
 
 class Zero:
     """Zero actions."""
@@ -53,7 +56,8 @@ class Planner(Zero):
     control, frame_skip
         Those of a closed-loop environment.
     choices : int
-        In closed loop, of so many of the planner's best poses the one is taken that the hand reaches with least turn.
+        In closed loop, of so many of the planner's best poses the one is taken that asks for the least turn of the hand
+        and stands most nearly over the object.
     """
 
     def __init__(self, env: Any, env_id: str, *, control: str = "twist", frame_skip: int = 1, choices: int = 1) -> None:
@@ -83,15 +87,22 @@ class Planner(Zero):
         return self._objects[self._objects.names.index(self.env.unwrapped.reset_infos[index]["object"])].load()
 
     def _expert(self, index: int, state: Actions) -> Expert | None:
-        plan = planned(self._mesh(index), state, control=self._control)
+        mesh = self._mesh(index)
+        plan = planned(mesh, state, control=self._control)
         if not len(plan):
             return None
         settings: dict[str, Any] = {"control": self._control, "frame_skip": self._frame_skip}
-        rotations = object_pose(state, control=self._control)[:3, :3] @ plan.poses[: self._choices, :3, :3]
-        # The trace of a rotation falls with its angle.
-        traces = np.einsum("nij,ij->n", rotations, hand_pose(state, control=self._control)[:3, :3])
-        chosen = int(np.argmax(traces))
+        chosen = self._nearest(state, plan, mesh.bounds.mean(axis=0)) if self._choices > 1 else 0
         return Expert(state, plan.poses[chosen], plan.preshape[chosen], **settings)
+
+    def _nearest(self, state: Actions, plan: planning.Plan, center: NDArray[np.float64]) -> int:
+        """Find, among the best poses, the one that asks for least turn and stands most nearly over the object."""
+        lies = object_pose(state, control=self._control)
+        poses, middle = lies @ plan.poses[: self._choices], lies[:2, :3] @ center + lies[:2, 3]
+        traces = np.einsum("nij,ij->n", poses[:, :3, :3], hand_pose(state, control=self._control)[:3, :3])
+        turns = np.arccos(np.clip((traces - 1) / 2, -1, 1))
+        asides = np.linalg.norm(poses[:, :2, 3] - middle, axis=1)
+        return int(np.argmin(turns + asides / _ASIDE))
 
     def _decide(self, index: int, state: Actions, nothing: Actions) -> Actions:
         pose = lying(state)
