@@ -4,7 +4,10 @@
 |---|---|
 | `graspbox.sb3.VecEnv` | the native vector environments as Stable-Baselines3 takes them |
 | `graspbox.sb3.Extractor` | features of images, depth, labels, points and voxels, chosen by the space |
-| `graspbox.sb3.running` | what a training run needs: evaluation on held-out objects, checkpoints, references |
+| `graspbox.sb3.running` | what a training run needs: evaluation on held-out objects, checkpoints |
+| `graspbox.sb3.references` | random actions, zero actions and the planner, to compare with |
+| `graspbox.sb3.demonstrations` | the scripted expert shows how: copies to begin with, episodes to learn from |
+| `graspbox.sb3.ppo` | PPO whose values learn faster than its policy |
 
 Nothing of Stable-Baselines3 is imported before one of these is asked for.
 """
