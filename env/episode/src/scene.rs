@@ -12,7 +12,7 @@ const REST_SPEED: f64 = 1e-3;
 const REST_SPIN: f64 = 2e-2;
 const REST_STEPS: usize = 50;
 /// Longest time to settle, seconds. A ball that still rolls then is stopped where it is.
-const SETTLE_TIME: f64 = 3.0;
+pub(crate) const SETTLE_TIME: f64 = 3.0;
 /// The hand waits this high above the table while the object settles, metres.
 const OUT_OF_THE_WAY: f64 = 2.0;
 
@@ -84,20 +84,14 @@ impl Scene {
             why,
         };
         let center = object.center_of_mass();
-        let mut quiet = 0;
+        let mut stillness = Stillness::default();
         for _ in 0..(SETTLE_TIME / physics.dt) as usize {
             let idle: &[MotorCommand] = &[];
             world.step(&away, idle).map_err(|source| EpisodeError::Sim {
                 object: name.to_owned(),
                 source,
             })?;
-            let (speed, spin) = world.object_velocity_in_hand();
-            quiet = if speed.norm() < REST_SPEED && spin.norm() < REST_SPIN {
-                quiet + 1
-            } else {
-                0
-            };
-            if quiet >= REST_STEPS {
+            if stillness.lasts(&world) {
                 break;
             }
         }
@@ -199,6 +193,22 @@ impl Scene {
     /// Origin of the study's object frame, object frame, metres.
     pub fn base_point(&self) -> Point3<f64> {
         self.base_point
+    }
+}
+
+/// Watches an object come to rest on the table while the hand stands still.
+#[derive(Default)]
+pub(crate) struct Stillness {
+    quiet: usize,
+}
+
+impl Stillness {
+    /// Looks at the world after a step; true once the object has been still for long enough.
+    pub fn lasts(&mut self, world: &World) -> bool {
+        let (speed, spin) = world.object_velocity_in_hand();
+        let still = speed.norm() < REST_SPEED && spin.norm() < REST_SPIN;
+        self.quiet = if still { self.quiet + 1 } else { 0 };
+        self.quiet >= REST_STEPS
     }
 }
 

@@ -5,16 +5,12 @@ use crate::agent::action::pose_and_preshape;
 use crate::agent::reward::{Potentials, TERMS};
 use crate::agent::rules::Rules;
 use crate::judge::LIFT_HEIGHT;
+use crate::scene::{SETTLE_TIME, Stillness};
 use crate::trial::Trial;
 use crate::{Episode, EpisodeError, FailureKind};
 use graspbox_hand::GraspPose;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-/// The object counts as resting where it was let go below this speed, m/s, and spin, rad/s, for [`REST_STEPS`] steps.
-const REST: [f64; 2] = [1e-3, 2e-2];
-const REST_STEPS: usize = 50;
-/// Longest time to come to rest, seconds.
-const REST_TIME: f64 = 3.0;
 /// Poses of the object whose verticals differ by less than this, radians, and heights by less than this, metres, rest in the same way.
 const SAME_WAY: f64 = 1e-6;
 
@@ -22,13 +18,10 @@ impl Play {
     /// Lets the object come to rest from where it was let go, the hand away.
     pub(super) fn rest(&mut self) -> Result<(), EpisodeError> {
         let away = self.episode.world().world_from_hand();
-        let mut quiet = 0;
-        for _ in 0..(REST_TIME / self.episode.world().dt()) as usize {
+        let mut stillness = Stillness::default();
+        for _ in 0..(SETTLE_TIME / self.episode.world().dt()) as usize {
             self.episode.advance(&away, &[])?;
-            let (speed, spin) = self.episode.world().object_velocity_in_hand();
-            let still = speed.norm() < REST[0] && spin.norm() < REST[1];
-            quiet = if still { quiet + 1 } else { 0 };
-            if quiet >= REST_STEPS {
+            if stillness.lasts(self.episode.world()) {
                 break;
             }
         }
