@@ -27,7 +27,7 @@ _CHOICES = 40
 _BATCH, _VALUE_SHARE = 256, 0.1
 
 
-class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc, unused-ignore]
+class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc]
     """A replay buffer, a share of whose samples are demonstrations, once there are any.
 
     Parameters
@@ -50,7 +50,7 @@ class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc, unused-ignore]
             return super().sample(batch_size, env=env)
         parts = super().sample(batch_size - shown, env=env), self.demonstrations.sample(shown, env=env)
         rows: list[list[Any]] = [[part for part in pair if part is not None] for pair in zip(*parts, strict=True)]
-        return ReplayBufferSamples(*(torch.cat(pair) if pair else None for pair in rows))  # type: ignore[arg-type]
+        return ReplayBufferSamples(*(torch.cat(pair) if pair else None for pair in rows))
 
 
 def demonstrate(
@@ -181,7 +181,7 @@ def clone(model: Any, buffer: ReplayBuffer, epochs: int, *, seed: int = 0) -> tu
 def _returns(buffer: ReplayBuffer, gamma: float) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Sum up what each step and those after it in its episode paid, discounted."""
     rewards, dones = buffer.rewards[: buffer.size(), 0], buffer.dones[: buffer.size(), 0]
-    returns = np.zeros_like(rewards)
+    returns: np.ndarray[Any, np.dtype[np.float32]] = np.zeros_like(rewards)
     following = 0.0
     for i in range(len(rewards) - 1, -1, -1):
         following = returns[i] = rewards[i] + gamma * following * (1.0 - dones[i])

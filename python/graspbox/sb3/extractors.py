@@ -54,7 +54,7 @@ def _labels(space: Box) -> int | None:
     return int(space.high.max()) + 1
 
 
-class _Unit(nn.Module):  # type: ignore[misc, unused-ignore]
+class _Unit(nn.Module):  # type: ignore[misc]
     """Channels of a network from an observation (rows, *shape): labels one by one, floats in [0, 1]."""
 
     low: Tensor
@@ -86,7 +86,7 @@ class _Unit(nn.Module):  # type: ignore[misc, unused-ignore]
         return ones.flatten(1, 2).to(observation.dtype)
 
 
-class ImageNet(nn.Module):  # type: ignore[misc, unused-ignore]
+class ImageNet(nn.Module):  # type: ignore[misc]
     """Features of an image: four strided convolutions, and a layer over what they leave of its places.
 
     Parameters
@@ -115,7 +115,7 @@ class ImageNet(nn.Module):  # type: ignore[misc, unused-ignore]
         return found
 
 
-class VoxelNet(nn.Module):  # type: ignore[misc, unused-ignore]
+class VoxelNet(nn.Module):  # type: ignore[misc]
     """Features of a cube of voxels (N, N, N): three strided convolutions, and a layer over what they leave.
 
     Parameters
@@ -143,7 +143,7 @@ class VoxelNet(nn.Module):  # type: ignore[misc, unused-ignore]
         return found
 
 
-class PointNet(nn.Module):  # type: ignore[misc, unused-ignore]
+class PointNet(nn.Module):  # type: ignore[misc]
     """Features of a cloud, whatever the order of its points; those at the origin are missing, and left out.
 
     Parameters
@@ -188,7 +188,7 @@ class PointNet(nn.Module):  # type: ignore[misc, unused-ignore]
         return pooled
 
 
-class _Vector(nn.Module):  # type: ignore[misc, unused-ignore]
+class _Vector(nn.Module):  # type: ignore[misc]
     def __init__(self, space: Box) -> None:
         super().__init__()
         self.size = space.shape[0]
@@ -218,7 +218,7 @@ def network(space: gymnasium.Space[Any], features: int) -> tuple[nn.Module, int]
     raise ConfigError(f"there is no network for {space}; give a vector, an image, points or voxels")
 
 
-class Extractor(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
+class Extractor(BaseFeaturesExtractor):  # type: ignore[misc]
     """Features of an observation, or of all of a ``Dict``, one after the other.
 
     Parameters

@@ -12,7 +12,7 @@ from stable_baselines3 import PPO as _PPO
 __all__ = ["PPO"]
 
 
-class PPO(_PPO):  # type: ignore[misc, unused-ignore]
+class PPO(_PPO):  # type: ignore[misc]
     """Stable-Baselines3's PPO, with one more keyword.
 
     Parameters

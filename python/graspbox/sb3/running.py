@@ -148,7 +148,7 @@ def load(algorithm: type[BaseAlgorithm], folder: Path, env: Any, **settings: Any
     return model, float(json.loads((found / "progress.json").read_text())["seconds"])
 
 
-class Run(BaseCallback):  # type: ignore[misc, unused-ignore]
+class Run(BaseCallback):  # type: ignore[misc]
     """Evaluates, saves, and ends a run.
 
     Parameters

@@ -34,7 +34,7 @@ __all__ = ["VecEnv"]
 _PER_ENV = ("get_state", "set_state")
 
 
-class VecEnv(_VecEnv):  # type: ignore[misc, unused-ignore]
+class VecEnv(_VecEnv):  # type: ignore[misc]
     """A native vector environment for Stable-Baselines3.
 
     Infos hold what the single environment says, ``TimeLimit.truncated``, and in the last step of an episode
