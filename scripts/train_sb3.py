@@ -89,8 +89,6 @@ class Parameters:
     clone_epochs: int = 60
     #: For so many steps after that only the values learn, not the policy.
     values_first: int = 0
-    #: Standard deviation of what pushes the expert's hand about while it shows what to copy, in shares of an action.
-    clone_noise: float = 0.0
 
 
 def read_parameters(settings: Settings) -> Parameters:
@@ -147,21 +145,26 @@ def model_settings(algorithm: Any, given: dict[str, Any], env: Any, demonstratio
 
 def show(model: Any, settings: Settings, parameters: Parameters) -> None:
     """Let the expert fill the part of the replay buffer that is its own, or clone it where there is none."""
+    clones = not isinstance(model, OffPolicyAlgorithm)
+    if clones and parameters.normalize["reward"]:
+        raise ConfigError("a clone's observations keep the demonstrations' scales; set normalize.reward=false with it")
     keywords = {**parameters.env, "split": "train"}
     stage = make_env(settings.env, parameters.num_envs, **keywords)
     with progress() as bar:
         task = bar.add_task("demonstrations", total=parameters.demonstrations)
-        noise = 0.0 if isinstance(model, OffPolicyAlgorithm) else parameters.clone_noise
-        settled = {"noise": noise, "step": lambda done: bar.update(task, completed=done), **keywords}
+        settled = {"step": lambda done: bar.update(task, completed=done), **keywords}
         buffer, rate = demonstrate(stage, settings.env, parameters.demonstrations, DEMONSTRATION_SEED, **settled)
     stage.close()
     console.print(f"{buffer.size()} steps of demonstrations; the expert succeeded in {rate:.0%} of its episodes")
     statistics = model.get_vec_normalize_env()
     if statistics is not None and statistics.norm_obs:
         statistics.obs_rms.update(buffer.observations[: buffer.size(), 0])
-    if isinstance(model, OffPolicyAlgorithm):
+    if not clones:
         model.replay_buffer.demonstrations = buffer
         return
+    if statistics is not None:
+        # Scales that went on to change would change what the policy does.
+        statistics.training = False
     with console.status("cloning"):
         errors = clone(model, buffer, parameters.clone_epochs, seed=settings.seed)
     console.print(f"cloned: mean squared error of an action {errors[0]:.4f}, held out {errors[1]:.4f}")

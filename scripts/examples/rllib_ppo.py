@@ -15,12 +15,10 @@ import gymnasium
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.tune.registry import register_env
 
-import graspbox  # noqa: F401 (registers the environments)
-
 
 def make(settings: dict[str, Any]) -> gymnasium.Env[Any, Any]:
-    """Make an environment; this runs in RLlib's processes, which import graspbox with it."""
-    return gymnasium.make("graspbox/Grasp-v0", **settings)
+    """Make an environment; in RLlib's processes, where the id's first part imports graspbox."""
+    return gymnasium.make("graspbox:graspbox/Grasp-v0", **settings)
 
 
 def main(iterations: int = 3, runners: int = 2) -> None:

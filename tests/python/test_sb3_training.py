@@ -138,6 +138,10 @@ def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
     for part in ("action_net", "mlp_extractor.policy_net"):
         pairs = zip(first.get_submodule(part).parameters(), last.get_submodule(part).parameters(), strict=True)
         assert all((a == b).all() for a, b in pairs)
+    # Nor does it act otherwise: the scales of what it observes stay.
+    assert len({(row["success"], row["return"]) for row in rows_of(folder)}) == 1
+    with pytest.raises(ConfigError, match=r"normalize\.reward"):
+        run("ppo", tmp_path / "scaled", (*changes, "normalize.reward=true"))
     assert any((a != b).any() for a, b in zip(first.parameters(), last.parameters(), strict=True))
     with pytest.raises(ConfigError, match="obs='state'"):
         run("ppo", tmp_path / "blind", (*changes, "env.obs=proprio"))

@@ -413,3 +413,29 @@ fn a_hand_that_stops_turning_leaves_the_object_alone() {
         assert!(moved < 1e-3, "{moved} m at {rate} rad/s");
     }
 }
+
+/// A hand is shaped before it closes: what swivels a loaded finger, by however little, lets go of what it holds.
+#[test]
+fn closed_fingers_keep_the_preshape() {
+    let pool = pool(&objects(&[Family::Can]), Control::Twist, 1);
+    pool.reset(&[Some(0)], None, &StartOptions::default()).unwrap();
+    let act = |spool: f32, preshape: f32, steps: usize| {
+        let mut action = vec![0.0; pool.rules().action];
+        action[6..9].fill(spool);
+        action[9] = preshape;
+        for _ in 0..steps {
+            pool.step(&action).unwrap();
+        }
+        let slot = pool.slot(0).unwrap();
+        slot.play().unwrap().episode().world().preshape()
+    };
+    let shaped = std::f64::consts::FRAC_PI_4;
+    assert!((act(0.0, 0.0, 10) - shaped).abs() < 1e-6);
+    // 0.525 rad of spool.
+    act(1.0, 0.0, 3);
+    for preshape in [-1.0, 0.3, 1.0] {
+        assert!((act(0.0, preshape, 5) - shaped).abs() < 1e-6, "moved for {preshape}");
+    }
+    act(-1.0, 0.0, 3);
+    assert!(act(0.0, 1.0, 20) > shaped + 0.1, "open fingers do not follow");
+}

@@ -8,7 +8,9 @@ table, or further than 0.5 m from its middle.
 Action
 ------
 ``Box(-1, 1, float32)``; numbers beyond are clipped. Speeds and accelerations are limited, the palm cannot be driven
-into the table nor out of the workspace, and a protective stop ends motion against more than 60 N.
+into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. The hand is shaped
+before it closes: fingers that are closed keep their preshape, since one that is swivelled under load, by a hundredth of
+a radian, lets go of what it holds.
 
 ``control="twist"``, a velocity in the hand's axes:
 
@@ -19,7 +21,7 @@ into the table nor out of the workspace, and a protective stop ends motion again
 | 6 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 7 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 9 | preshape | 0 | pi/2 | rad | target of the preshape |
+| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
 
 ``control="delta_pose"``, a step in the hand's axes:
 
@@ -30,7 +32,7 @@ into the table nor out of the workspace, and a protective stop ends motion again
 | 6 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 7 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 9 | preshape | 0 | pi/2 | rad | target of the preshape |
+| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
 
 ``control="target_pose"``, a pose in the world:
 
@@ -43,7 +45,7 @@ into the table nor out of the workspace, and a protective stop ends motion again
 | 9 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 10 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 11 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 12 | preshape | 0 | pi/2 | rad | target of the preshape |
+| 12 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
 
 Observation
 -----------

@@ -59,15 +59,10 @@ def demonstrate(
     episodes: int,
     seed: int,
     *,
-    noise: float = 0.0,
     step: Callable[[int], None] = lambda _: None,
     **settings: Any,
 ) -> tuple[ReplayBuffer, float]:
     """Let the expert act until it has succeeded in so many episodes; episodes that fail are left out.
-
-    With noise its hand is pushed about until it closes, and what is kept is what the expert wanted: how it comes back
-    on its way (Laskey, Lee, Fox, Dragan, Goldberg, "DART", 2017). Such steps are to be copied; as transitions they are
-    not true.
 
     Parameters
     ----------
@@ -79,8 +74,6 @@ def demonstrate(
         How many.
     seed : int
         Seed of the first environment.
-    noise : float
-        Standard deviation of what is added to the actions that move the hand.
     step : callable
         Called with the number of successes so far.
     **settings
@@ -102,15 +95,12 @@ def demonstrate(
     expert = Planner(env, env_id, choices=_CHOICES, **named)
     rows: list[tuple[Any, ...]] = []
     open_rows: list[list[tuple[Any, ...]]] = [[] for _ in range(env.num_envs)]
-    ended, succeeded, random = 0, 0, np.random.default_rng(seed)
+    ended, succeeded = 0, 0
     env.seed(seed)
     seen, starts = env.reset(), np.ones(env.num_envs, dtype=bool)
     while succeeded < episodes:
         actions, _ = expert.predict(seen, episode_start=starts)
-        open_hands = (actions[:, 6:-1] == 0).all(axis=1, keepdims=True)
-        pushes = noise * random.standard_normal((env.num_envs, 6)) * open_hands
-        pushed = np.concatenate([actions[:, :6] + pushes, actions[:, 6:]], axis=1)
-        following, rewards, starts, infos = env.step(np.clip(pushed, -1, 1).astype(np.float32))
+        following, rewards, starts, infos = env.step(actions)
         for i, info in enumerate(infos):
             last = info["terminal_observation"] if starts[i] else following[i]
             open_rows[i].append((seen[i], last, actions[i], rewards[i], starts[i], info))

@@ -4,7 +4,7 @@ use crate::agent::config::CONTROL_PERIOD;
 use crate::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::agent::layout::{Field, Observation};
 use crate::agent::servo::{ANGULAR_SPEED, Goal, LINEAR_SPEED};
-use graspbox_hand::{Hand, MotorCommand, MotorKind};
+use graspbox_hand::{Hand, Motor, MotorCommand, MotorKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +28,10 @@ pub enum Control {
 pub const DECISION_LOW: [f64; 3] = [-0.25, -0.25, 0.0];
 /// See [`DECISION_LOW`].
 pub const DECISION_HIGH: [f64; 3] = [0.25, 0.25, 0.40];
+
+/// The preshape follows its target while no spool has turned further than this, radians: a hand is shaped before it closes. Fingers
+/// swivelled about what they hold, by however little, let go of it.
+pub const PRESHAPE_SPOOL: f64 = 0.5;
 
 /// A direction shorter than this, or two with a smaller sine between them, name no rotation.
 const DEGENERATE: f64 = 1e-3;
@@ -141,7 +145,7 @@ impl Control {
                     hand.preshape_limits[0],
                     hand.preshape_limits[1],
                     "rad",
-                    "target of the preshape",
+                    "target of the preshape, followed while no spool is beyond 0.5 rad",
                 ),
             });
         }
@@ -219,17 +223,24 @@ fn rotation(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<UnitQuaternio
 }
 
 /// Commands to the motors from the numbers that follow those of the hand.
-pub fn motor_commands(hand: &Hand, values: &[f32], commands: &mut Vec<MotorCommand>) {
-    commands.clear();
+///
+/// * `preshape`: the target that holds, radians; replaced by the action's while `open`.
+pub fn motor_commands(hand: &Hand, values: &[f32], open: bool, preshape: &mut f64) -> Vec<MotorCommand> {
     let [low, high] = hand.preshape_limits;
-    commands.extend(hand.motors.iter().zip(values).map(|(motor, value)| {
+    let command = |(motor, value): (&Motor, &f32)| {
         let value = f64::from(*value).clamp(-1.0, 1.0);
         match motor.kind {
             MotorKind::Finger(_) => MotorCommand::Velocity(value * motor.max_speed),
-            MotorKind::Preshape => MotorCommand::Position {
-                target: low + (value + 1.0) / 2.0 * (high - low),
-                speed: None,
-            },
+            MotorKind::Preshape => {
+                if open {
+                    *preshape = low + (value + 1.0) / 2.0 * (high - low);
+                }
+                MotorCommand::Position {
+                    target: *preshape,
+                    speed: None,
+                }
+            }
         }
-    }));
+    };
+    hand.motors.iter().zip(values).map(command).collect()
 }

@@ -1,6 +1,6 @@
 //! One episode under an agent: actions in, reward terms and endings out.
 
-use crate::agent::action::motor_commands;
+use crate::agent::action::{PRESHAPE_SPOOL, motor_commands};
 use crate::agent::objects::Prepared;
 use crate::agent::reward::{Events, Potentials, TERMS, terms};
 use crate::agent::rules::Rules;
@@ -64,6 +64,8 @@ pub(crate) struct Record {
     /// Centre of mass at the start, world.
     pub first_center: Point3<f64>,
     pub last_action: Vec<f32>,
+    /// Target of the preshape, radians.
+    pub preshape: f64,
     pub steps: u32,
     /// The hand touched the object at some time.
     pub touched: bool,
@@ -98,6 +100,7 @@ impl Play {
             mass: start.mass,
             first_center: episode.world().object_center(),
             last_action: vec![0.0; rules.action],
+            preshape: start.preshape,
             steps: 0,
             touched: false,
             lifting: false,
@@ -147,8 +150,8 @@ impl Play {
         }
         let goal = control.goal(action, self.servo.believed());
         let motion = self.servo.begin(&goal);
-        let mut commands = Vec::with_capacity(rules.hand().motors.len());
-        motor_commands(rules.hand(), &action[control.hand_size()..], &mut commands);
+        let (values, open) = (&action[control.hand_size()..], self.fingers_are_open());
+        let commands = motor_commands(rules.hand(), values, open, &mut self.record.preshape);
         let mut events = Events::default();
         let dt = self.episode.world().dt();
         for i in 0..rules.substeps {
@@ -184,6 +187,13 @@ impl Play {
         self.record.potentials = Potentials::of(self, rules);
         let terms = terms(&before, &self.record.potentials, &events, self);
         Ok((terms, events.success || events.failure))
+    }
+
+    /// No finger is closed so far that the preshape has to stay.
+    fn fingers_are_open(&self) -> bool {
+        let world = self.episode.world();
+        let mut fingers = world.hand().fingers.iter();
+        fingers.all(|finger| world.motors()[finger.motor].position <= PRESHAPE_SPOOL)
     }
 
     /// Lifting begins, for the judge, when the object first leaves the table while the hand touches it.
