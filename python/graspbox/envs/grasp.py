@@ -9,8 +9,8 @@ Action
 ------
 ``Box(-1, 1, float32)``; numbers beyond are clipped. Speeds and accelerations are limited, the palm cannot be driven
 into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. The hand is shaped
-before it closes: fingers that are closed keep their preshape, since one that is swivelled under load, by a hundredth of
-a radian, lets go of what it holds.
+before it closes: fingers that are closed keep their preshape, since one that is swivelled under load, by however little,
+lets go of what it holds.
 
 ``control="twist"``, a velocity in the hand's axes:
 
