@@ -22,6 +22,7 @@ from graspbox.configs import (
     PictureConfig,
     PlanConfig,
     PoseConfig,
+    Randomization,
     TrialConfig,
 )
 from graspbox.envs import register
@@ -50,6 +51,7 @@ __all__ = [
     "Plan",
     "PlanConfig",
     "PoseConfig",
+    "Randomization",
     "Scene",
     "Trace",
     "TrialConfig",

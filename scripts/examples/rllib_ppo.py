@@ -6,7 +6,7 @@ RLlib pins an older Gymnasium than the one that graspbox is tested with; graspbo
     python scripts/examples/rllib_ppo.py
 
 To keep the newer Gymnasium instead, override the pin: ``uv pip install 'graspbox[rllib]' --override overrides.txt``,
-with the line ``gymnasium>=1.1`` in that file; or, with pip, ``pip install --no-deps 'gymnasium>=1.1'`` afterwards.
+with the line ``gymnasium>=1.1`` in that file; or, with pip, ``pip install -U --no-deps gymnasium`` afterwards.
 """
 
 from typing import Any

@@ -42,6 +42,23 @@ def expert_actions(env: Any, seed: int) -> list[NDArray[np.float32]]:
     return actions
 
 
+class Experts:
+    """Scripted experts for a vector environment that observes its states: `act` begins anew where an episode does."""
+
+    def __init__(self, env: Any, control: Any, frame_skip: int) -> None:
+        self._objects = env.objects
+        self._settings = {"control": control, "frame_skip": frame_skip}
+        self._experts: list[Expert | None] = [None] * env.num_envs
+
+    def act(self, states: NDArray[np.float32], names: NDArray[Any], starts: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Choose actions (num_envs, k) from states, names of the objects, and where episodes begin."""
+        for i in np.flatnonzero(starts):
+            mesh = self._objects[self._objects.names.index(names[i])].load()
+            plan = planned(mesh, states[i], control=self._settings["control"])
+            self._experts[i] = Expert(states[i], plan.poses[0], plan.preshape[0], **self._settings)
+        return np.stack([expert.act(state) for expert, state in zip(self._experts, states, strict=True) if expert])
+
+
 def best_grasp(objects: object_sets.ObjectSet, name: str, state: NDArray[np.float32]) -> NDArray[np.float32]:
     """Name the planner's first pose as an action of GraspPose-v0, for an object as its state says that it lies."""
     plan = planning.plan(objects[objects.names.index(name)].load(), world_from_object=lying(state))

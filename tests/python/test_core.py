@@ -93,7 +93,7 @@ def test_files_that_are_no_meshes(tmp_path: Path) -> None:
     (tmp_path / "cut.stl").write_bytes(b"\0" * 80 + b"\xff\xff\0\0" + b"\0" * 10)
     (tmp_path / "word.doc").write_text("hello")
     for name in ("empty.stl", "cut.stl", "word.doc"):
-        with pytest.raises(errors.MeshError):
+        with pytest.raises(errors.MeshError, match=name):
             graspbox.load_mesh(tmp_path / name)
 
 

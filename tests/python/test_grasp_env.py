@@ -1,6 +1,8 @@
 """``graspbox/Grasp-v0``: what is particular to it; what every environment must do stands in ``test_conformance``."""
 
+import re
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -12,7 +14,8 @@ import graspbox
 from acting import OBJECTS, expert_actions, pressing
 from graspbox import errors
 from graspbox.configs import EyesConfig, Randomization
-from graspbox.envs import grasp, reward, spaces
+from graspbox.envs import grasp, reward, spaces, vector
+from graspbox.envs.expert import object_pose
 
 ID = "graspbox/Grasp-v0"
 
@@ -29,6 +32,8 @@ def test_documentation_is_that_of_the_core() -> None:
         assert f'control="{control}"' in text
         assert spaces.action_table(control, found) in text
     assert spaces.observation_table("twist", found) in text
+    assert spaces.vector_table("twist", found) in text
+    assert spaces.keyword_table(grasp.GraspEnv, vector.GraspVectorEnv) in text
     images = spaces.images(graspbox.load_hand(), EyesConfig(images=spaces.IMAGES))
     assert spaces.image_table(images) in text
     for term in found["terms"]:
@@ -174,6 +179,44 @@ def test_wrong_actions_and_seeds_are_explained() -> None:
         env.step(np.array([0, 0, 0, 0, np.inf, 0, 0, 0, 0, 0], dtype=np.float32))
     with pytest.raises(errors.ConfigError, match="state"):
         env.set_state(b"nothing")
+
+
+def test_an_object_let_go_rises_from_where_it_comes_to_rest() -> None:
+    """The lift counts from there, not from where it was let go; while it hangs in the air it touches no table."""
+    env: Any = make(objects="procedural:can:0").unwrapped
+    state, _ = env.reset(seed=0, options={"resting": 0})
+    high, away = object_pose(state), np.diag([1.0, -1.0, -1.0, 1.0])
+    high[2, 3] += 0.05
+    away[:3, 3] = [0.3, 0.3, 0.5]
+    options = {"world_from_object": high, "world_from_hand": away}
+    state, info = env.reset(seed=0, options=options)
+    on_table = 72
+    assert info["lift"] == pytest.approx(0.05, abs=2e-3)
+    assert state[on_table] == 0.0
+    for _ in range(20):
+        state, _, _, _, info = env.step(np.zeros(10, np.float32))
+    assert info["lift"] == pytest.approx(0.0, abs=2e-3)
+    assert state[on_table] == 1.0
+    decision: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0")
+    _, info = decision.reset(seed=0, options={"world_from_object": high})
+    assert info["lift"] == pytest.approx(0.0, abs=2e-3)
+
+
+def test_an_object_that_cannot_be_used_does_not_block_the_environment(tmp_path: Path) -> None:
+    """A reset that draws it raises; the next one draws again."""
+    corners = [f"{x} {y} {z}" for x in (-0.03, 0.03) for y in (-0.03, 0.03) for z in (-0.03, 0.03)]
+    faces = ["0 1 3", "0 3 2", "4 6 7", "4 7 5", "0 4 5", "0 5 1", "2 3 7", "2 7 6", "0 2 6", "0 6 4", "1 5 7", "1 7 3"]
+    (tmp_path / "cube.off").write_text("\n".join(["OFF", "8 12 0", *corners, *(f"3 {face}" for face in faces)]))
+    (tmp_path / "broken.off").write_text("OFF\n8 12 0\n0 0 0\n")
+    env: Any = make(objects=f"dir:{tmp_path}").unwrapped
+    env.reset(seed=0, options={"object": "cube"})
+    names = set()
+    for _ in range(20):
+        try:
+            names.add(env.reset()[1]["object"])
+        except errors.GraspboxError as error:
+            names.add(re.findall("`(.*?)`", str(error))[0])
+    assert names == {"cube", "broken"}
 
 
 def test_an_unseeded_episode_can_be_had_again() -> None:

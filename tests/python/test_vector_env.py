@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import graspbox
-from acting import EYES, OBJECTS, best_grasp, pressing
+from acting import EYES, OBJECTS, Experts, best_grasp, pressing
 from graspbox import errors
 from graspbox.envs import spaces
 
@@ -54,6 +54,38 @@ def test_equals_sync_of_single_environments(mode: AutoresetMode, which: str) -> 
             assert data_equivalence(ours, theirs, exact=True)
     assert (ends >= 2).all()
     assert (touches > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("control", "mode"), list(zip(("twist", "delta_pose", "target_pose"), AutoresetMode, strict=True)), ids=str
+)
+def test_episodes_that_succeed_equal_sync_too(control: str, mode: AutoresetMode) -> None:
+    """Two environments grasp, lift and hold; two episodes of each end by success, for good."""
+    settings: dict[str, Any] = {"objects": "procedural:can:0-1", "control": control, "frame_skip": 2}
+    native = make(2, autoreset_mode=mode, **settings)
+    single = make_sync(mode, 2, **settings)
+    experts = Experts(native.unwrapped, control, 2)
+    (states, info), theirs = native.reset(seed=5), single.reset(seed=5)
+    assert data_equivalence((states, info), theirs, exact=True)
+    starts, dones, successes = np.ones(2, bool), np.zeros(2, bool), np.zeros(2)
+    for _ in range(400):
+        action = experts.act(states, info["object"], starts)
+        ours, theirs = native.step(action), single.step(action)
+        assert data_equivalence(ours, theirs, exact=True)
+        ended = ours[2]
+        ends = ours[4].get("final_info", ours[4])
+        successes += ended & np.asarray(ends["is_success"], dtype=bool)
+        states, info = ours[0], ours[4]
+        starts = {AutoresetMode.NEXT_STEP: dones, AutoresetMode.SAME_STEP: ended}.get(mode, np.zeros(2, bool))
+        dones = ended
+        if mode == AutoresetMode.DISABLED and ended.any():
+            states, info = native.reset(options={"reset_mask": ended})
+            theirs = single.reset(options={"reset_mask": ended.copy()})
+            assert data_equivalence((states, info), theirs, exact=True)
+            starts = ended
+        if (successes >= 2).all():
+            return
+    pytest.fail(f"successes: {successes}")
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
@@ -285,3 +317,5 @@ def test_wrong_arguments_are_explained() -> None:
             env.reset(options={"reset_mask": mask})
     with pytest.raises(errors.ConfigError, match="10 numbers"):
         env.step(np.zeros((2, 10), dtype=np.float32))
+    with pytest.raises(errors.ConfigError, match="10 numbers"):
+        env.step(np.zeros((10, 3), dtype=np.float32))

@@ -212,7 +212,9 @@ fn a_saved_state_goes_on_bit_for_bit() {
     for step in 0..25 {
         pool.step(&actions(&pool, step)).unwrap();
     }
-    let states: Vec<Vec<u8>> = (0..2).map(|env| pool.slot(env).unwrap().save(env).unwrap()).collect();
+    let states: Vec<Vec<u8>> = (0..2)
+        .map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap())
+        .collect();
     let seen = pool.now();
     let go_on =
         |pool: &Pool| -> Vec<Stepped> { (25..60).map(|step| pool.step(&actions(pool, step)).unwrap()).collect() };
@@ -225,7 +227,7 @@ fn a_saved_state_goes_on_bit_for_bit() {
     let other = configured(&objects, config.clone(), 2);
     for (env, state) in states.iter().enumerate() {
         other.slot(env).unwrap().restore(other.rules(), state).unwrap();
-        assert_eq!(other.slot(env).unwrap().save(env).unwrap(), *state);
+        assert_eq!(other.slot(env).unwrap().save(other.rules(), env).unwrap(), *state);
     }
     assert_eq!(other.now().observations, seen.observations);
     assert_eq!(expected, go_on(&other));
@@ -243,10 +245,15 @@ fn a_saved_state_goes_on_bit_for_bit() {
         refuse(&other, &flipped);
     }
     let delta = AgentConfig {
-        control: Control::TargetPose,
+        control: Control::DeltaPose,
         ..config.clone()
     };
     refuse(&configured(&objects, delta, 1), &states[0]);
+    let held = AgentConfig {
+        frame_skip: 2,
+        ..config.clone()
+    };
+    refuse(&configured(&objects, held, 1), &states[0]);
     let others = graspbox_tests::agent::objects(&[Family::Bottle]);
     refuse(&configured(&others, config, 1), &states[0]);
 }
@@ -298,7 +305,9 @@ fn bad_actions_are_refused_before_anything_moves() {
         Err(EpisodeError::NotReset { env: 0 })
     ));
     pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
-    let before: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(env).unwrap()).collect();
+    let before: Vec<_> = (0..3)
+        .map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap())
+        .collect();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut wrong = actions(&pool, 0);
         wrong[2 * pool.rules().action + 4] = bad;
@@ -308,7 +317,9 @@ fn bad_actions_are_refused_before_anything_moves() {
     }
     let short = pool.step(&actions(&pool, 0)[1..]);
     assert!(matches!(short, Err(EpisodeError::BadLength { .. })));
-    let after: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(env).unwrap()).collect();
+    let after: Vec<_> = (0..3)
+        .map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap())
+        .collect();
     assert_eq!(before, after);
     // Beyond [-1, 1] counts as the bound.
     let far: Vec<f32> = actions(&pool, 0).iter().map(|a| a.signum() * 7.0).collect();

@@ -126,7 +126,7 @@ fn a_saved_state_goes_on_with_the_same_bits() {
     pool.reset(&[Some(5)], None, &StartOptions::default()).unwrap();
     other.reset(&[Some(6)], None, &StartOptions::default()).unwrap();
     for step in 0..2 {
-        let state = pool.slot(0).unwrap().save(0).unwrap();
+        let state = pool.slot(0).unwrap().save(pool.rules(), 0).unwrap();
         other.slot(0).unwrap().restore(other.rules(), &state).unwrap();
         assert_eq!(pool.now().observations, other.now().observations);
         let [ours, theirs] = [&pool, &other].map(|p| p.step(&action(step + 40)).unwrap());

@@ -2,7 +2,7 @@
 
 use crate::EpisodeError;
 use crate::judge::{Judge, Verdict};
-use crate::scene::Scene;
+use crate::scene::{SETTLE_TIME, Scene, Stillness};
 use graspbox_hand::MotorCommand;
 use graspbox_sim::World;
 use nalgebra::Isometry3;
@@ -68,6 +68,27 @@ impl Episode {
         self.world.step(world_from_hand, commands).map_err(sim)?;
         self.judge.observe(&self.world);
         Ok(())
+    }
+
+    /// Lets the object come to rest, the hand staying where it is.
+    ///
+    /// # Errors
+    /// None that a hand which holds still would cause.
+    pub fn rest(&mut self) -> Result<(), EpisodeError> {
+        let hand = self.world.world_from_hand();
+        let mut stillness = Stillness::default();
+        for _ in 0..(SETTLE_TIME / self.world.dt()) as usize {
+            self.advance(&hand, &[])?;
+            if stillness.lasts(&self.world) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells the judge at which height of its centre of mass (m) the object, which was let go, rests.
+    pub fn let_go(&mut self, resting_height: f64) {
+        self.judge.let_go(&self.world, resting_height);
     }
 
     /// Tells the judge that lifting begins now.

@@ -188,10 +188,33 @@ pub enum EpisodeError {
         /// Index of the environment.
         env: usize,
     },
+    /// A step of one environment panicked.
+    #[error("environment {env} broke down ({why}); this is an error of graspbox: report it, and reset the environment")]
+    Broken {
+        /// Index of the environment.
+        env: usize,
+        /// What the panic said.
+        why: String,
+    },
     /// A saved state does not fit.
     #[error("the state cannot be restored: {why}")]
     BadState {
         /// The reason.
         why: String,
     },
+}
+
+impl EpisodeError {
+    /// True where an object cannot be used, and another one might.
+    pub fn is_of_an_object(&self) -> bool {
+        matches!(
+            self,
+            Self::Sim { .. }
+                | Self::Mesh { .. }
+                | Self::Plan { .. }
+                | Self::NoRest { .. }
+                | Self::NoStart { .. }
+                | Self::Camera { .. }
+        )
+    }
 }

@@ -109,6 +109,13 @@ impl Judge {
         }
     }
 
+    /// The object was let go where it is, or was before it came to rest; its centre of mass rests at `resting_height`, metres.
+    pub fn let_go(&mut self, world: &World, resting_height: f64) {
+        self.resting_height = resting_height;
+        self.highest = 0.0;
+        self.was_on_scenery = world.object_on_scenery();
+    }
+
     /// To be called once, when the hand begins to lift.
     pub fn begin_lift(&mut self, world: &World) {
         self.lift_start = Some((world.time(), world.world_from_hand().translation.z));

@@ -12,7 +12,7 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Whatever a call into the core can end in, other than its result.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +46,27 @@ pub enum CoreError {
     /// A defect of graspbox itself.
     #[error("internal error, please report it together with the input: {0}")]
     Internal(String),
+}
+
+impl CoreError {
+    /// What is wrong with a file, which the message names.
+    pub fn in_file(error: MeshError, path: &Path) -> Self {
+        match error {
+            MeshError::UnknownFormat { .. } => error.into(),
+            _ => Self::from(error).about(&format!("`{}`", path.display())),
+        }
+    }
+
+    /// The same, with what it is about named first; errors of files name them already.
+    pub fn about(self, what: &str) -> Self {
+        let named = |text: String| format!("{what}: {text}");
+        match self {
+            Self::Config(text) => Self::Config(named(text)),
+            Self::Mesh(text) => Self::Mesh(named(text)),
+            Self::Plan(text) => Self::Plan(named(text)),
+            other => other,
+        }
+    }
 }
 
 impl From<MeshError> for CoreError {
@@ -117,11 +138,12 @@ impl From<EpisodeError> for CoreError {
             | EpisodeError::Over { .. }
             | EpisodeError::Busy { .. }
             | EpisodeError::BadState { .. } => Self::Config(error.to_string()),
+            EpisodeError::Broken { .. } => Self::Internal(error.to_string()),
             EpisodeError::BadHand { source } => source.into(),
             EpisodeError::Unusable { source } => source.into(),
             EpisodeError::Cancelled { .. } => Self::Interrupted,
-            EpisodeError::Mesh { source, .. } => source.into(),
-            EpisodeError::Plan { source, .. } => source.into(),
+            EpisodeError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
+            EpisodeError::Plan { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Sim {
                 source: source @ SimError::BadConfig { .. },
                 ..

@@ -102,9 +102,10 @@ impl Mesh {
         let options: LoadOptions = config(options, "load options")?;
         let cleaning: Option<CleanOptions> = cleaning.map(|text| config(text, "cleaning options")).transpose()?;
         let data = detached(py, None, move || {
-            let mut mesh = load(&path, &options)?;
+            let named = |error| CoreError::in_file(error, &path);
+            let mut mesh = load(&path, &options).map_err(named)?;
             if let Some(cleaning) = &cleaning {
-                mesh = clean(&mesh, cleaning)?.0;
+                mesh = clean(&mesh, cleaning).map_err(named)?.0;
             }
             MeshData::new(ObjectSpec {
                 name,

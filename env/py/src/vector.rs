@@ -218,11 +218,29 @@ impl Pool {
             return Err(CoreError::Config(format!("count is {count}; {away} environments are on their way")).into());
         }
         let rules = self.core.rules();
+        let mut arrived = Vec::with_capacity(count);
+        while arrived.len() < count {
+            let error = match awaited(py, &self.arrivals) {
+                Ok((env, Ok(stepped))) => {
+                    arrived.push((env, stepped));
+                    continue;
+                }
+                Ok((env, Err(error))) => {
+                    self.core.arrived(env);
+                    error.into()
+                }
+                Err(error) => error,
+            };
+            // Those that arrived before are there for the next call.
+            let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
+            for (env, stepped) in arrived {
+                drop(sender.send((env, Ok(stepped))));
+            }
+            return Err(error);
+        }
         let (mut now, mut last) = (Batch::new(rules, count), Batch::new(rules, 0));
-        for _ in 0..count {
-            let (env, stepped) = awaited(py, &self.arrivals)?;
+        for (env, stepped) in arrived {
             self.core.arrived(env);
-            let stepped = stepped?;
             now.append(stepped.now);
             last.append(stepped.last);
         }
@@ -237,7 +255,7 @@ impl Pool {
     /// Everything that the future of an environment depends on.
     fn get_state<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyBytes>> {
         let core = Arc::clone(&self.core);
-        let bytes = detached(py, self.num_threads, move || core.slot(env)?.save(env))?;
+        let bytes = detached(py, self.num_threads, move || core.slot(env)?.save(core.rules(), env))?;
         Ok(PyBytes::new(py, &bytes))
     }
 

@@ -50,7 +50,9 @@ pub fn voxelize<'py>(
 /// Reads a `.binvox` file.
 #[pyfunction]
 pub fn load_binvox(py: Python<'_>, path: PathBuf) -> PyResult<Arrays<'_>> {
-    let grid = detached(py, None, move || graspbox_mesh::load_binvox(&path))?;
+    let grid = detached(py, None, move || {
+        graspbox_mesh::load_binvox(&path).map_err(|error| CoreError::in_file(error, &path))
+    })?;
     arrays(py, grid)
 }
 

@@ -26,7 +26,7 @@ def voxelize(
     scale: Scale = 1.0,
     as_json: Json = False,
 ) -> None:
-    """Cut an object into voxels; the options mean what binvox's do."""
+    """Cut an object into voxels; the options mean what binvox's do, but for -e, which is --mode surface there."""
     found = find([mesh], None, scale)
     if len(found) != 1:
         raise ObjectSetError(f"{mesh!r} names {len(found)} objects; name one")

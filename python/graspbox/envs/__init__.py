@@ -11,7 +11,7 @@ import gymnasium
 #: Every id that the package registers; the conformance tests run over all of them.
 IDS = ("graspbox/GraspPose-v0", "graspbox/Grasp-v0")
 
-#: An episode of ``graspbox/Grasp-v0`` is cut off after so many steps (10 s) where ``max_episode_steps`` names no other.
+#: An episode of ``graspbox/Grasp-v0`` is cut off after so many steps where ``max_episode_steps`` names no other.
 MAX_EPISODE_STEPS = 200
 
 

@@ -185,7 +185,7 @@ class GraspCore:
         """Actions as the core takes them; it checks that they are finite where they count."""
         size = self.action_size
         given = np.asarray(action, dtype=np.float32)
-        if given.size != rows * size:
+        if given.shape != (rows, size) and (rows, *given.shape) != (1, size):
             raise ConfigError(f"the action has shape {given.shape}; give {size} numbers for each of {rows} envs")
         return np.ascontiguousarray(given.reshape(rows, size))
 

@@ -5,10 +5,42 @@ no plan: the agent moves it, closes it, lifts. An episode ends with success, whi
 object is held for 0.5 s, 0.15 m above where it lay, free and still), or when the object is lost for good: off the
 table, or further than 0.5 m from its middle.
 
+The object lies within 5 cm of the table's middle, turned by any angle. The grasp frame begins within 10 cm of the
+middle, 0.15 to 0.30 m above the table, the palm facing down but for a tilt of up to 0.2 rad, turned about the vertical
+by any angle; where the hand would stand in the object it begins higher, in steps of 5 cm.
+
+Keywords
+--------
+Of the single environment, of the native vector environment (`gymnasium.make_vec`), or of both; what they mean stands
+with the classes. ``gymnasium.make`` and ``make_vec`` take ``max_episode_steps`` too, 200 by default.
+
+| keyword | default | environment |
+|---|---|---|
+| num_envs | 1 | vector |
+| objects | 'procedural' | both |
+| split | None | both |
+| obs | 'state' | both |
+| reward | 'sparse' | both |
+| reward_weights | None | both |
+| image_size | None | both |
+| control | 'twist' | both |
+| frame_skip | 1 | both |
+| randomization | None | both |
+| autoreset_mode | AutoresetMode.NEXT_STEP | vector |
+| max_episode_steps | None | vector |
+| render_mode | None | both |
+| copy | True | vector |
+| num_threads | None | both |
+| physics | PhysicsConfig() | both |
+| hand | 'reflex' | both |
+| eyes | EyesConfig() | both |
+| picture | PictureConfig() | both |
+
 Action
 ------
-``Box(-1, 1, float32)``; numbers beyond are clipped. Speeds and accelerations are limited, the palm cannot be driven
-into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. The hand is shaped
+``Box(-1, 1, float32)``; numbers beyond are clipped. Accelerations are limited to 5 m/s2 and 20 rad/s2, speeds to what
+``twist`` allows; what ``delta_pose`` adds up never runs further ahead of the hand than 5 cm and 0.2 rad. The palm cannot
+be driven into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. The hand is shaped
 before it closes: fingers that are closed keep their preshape, since one that is swivelled under load, by however little,
 lets go of what it holds.
 
@@ -53,6 +85,12 @@ Observation
 named like an observation say where a field stands in it, for the control mode ``twist``; ``last_action`` is as long as
 an action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot gives it.
 ``proprio``, ``tactile`` and the images hold nothing of the object's pose.
+
+| vector | shape | dtype | privileged |
+|---|---|---|---|
+| proprio | 28 | float32 | no |
+| state | 88 | float32 | yes |
+| tactile | 27 | float32 | no |
 
 | field | proprio | state | tactile | min | max | unit | meaning |
 |---|---|---|---|---|---|---|---|
@@ -302,7 +340,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._observation(arrays), row(self._core.columns(arrays), 0)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Act for one control period of 0.05 s.
+        """Act for one step: ``frame_skip`` control periods of 0.05 s, or one decision.
 
         Parameters
         ----------
@@ -348,7 +386,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         Raises
         ------
         ConfigError
-            If the state is damaged, of another version, or of other objects, another hand or another control mode.
+            If the state is damaged, of another version, or of other objects, another hand, control mode or frame_skip.
         """
         self._core.pool.set_state(0, state)
         self._begun = True

@@ -5,8 +5,11 @@ image is one row: kind, camera, shape, dtype, bounds. An observation is asked fo
 names, which gives a ``Dict``.
 """
 
+import inspect
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import is_dataclass
+from enum import Enum
 from functools import cache
 from typing import Any, TypedDict
 
@@ -30,9 +33,11 @@ __all__ = [
     "image_names",
     "image_table",
     "images",
+    "keyword_table",
     "observation_space",
     "observation_table",
     "tables",
+    "vector_table",
 ]
 
 #: Kinds of images; ``kind_camera`` names one of a certain camera.
@@ -260,6 +265,29 @@ def observation_table(control: str, found: Tables) -> str:
         where = " | ".join(places[name].get(column, "") for column in columns)
         bounds = f"{_number(row['low'])} | {_number(row['high'])}"
         lines.append(f"| {name} | {where} | {bounds} | {row['unit']} | {row['meaning']} |")
+    return "\n".join(lines)
+
+
+def vector_table(control: str, found: Tables) -> str:
+    """Write the table of the vectors as wholes, as Markdown; `observation_table` tells of their fields."""
+    lines = ["| vector | shape | dtype | privileged |", "|---|---|---|---|"]
+    for name, fields in fields_of(control, found)[1].items():
+        privileged = "yes" if name in found["privileged"] else "no"
+        lines.append(f"| {name} | {size(fields)} | float32 | {privileged} |")
+    return "\n".join(lines)
+
+
+def keyword_table(single: type, vector: type) -> str:
+    """Write the table of the keywords of two environments, as Markdown: their defaults, and whose they are."""
+    lines = ["| keyword | default | environment |", "|---|---|---|"]
+    keywords = [inspect.signature(kind).parameters for kind in (single, vector)]
+    for name, keyword in {**keywords[1], **keywords[0]}.items():
+        value = keyword.default
+        shown = str(value) if isinstance(value, Enum) else repr(value)
+        if is_dataclass(value):
+            shown = f"{type(value).__name__}()"
+        where = "both" if all(name in found for found in keywords) else "vector"
+        lines.append(f"| {name} | {shown} | {where} |")
     return "\n".join(lines)
 
 

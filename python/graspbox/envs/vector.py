@@ -160,7 +160,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         Raises
         ------
         ConfigError, MeshError, FileError, SimulationError
-            As the single environment.
+            As the single environment; other environments that were to begin may have begun.
         """
         given = dict(options or {})
         mask = _reset_mask(given.pop("reset_mask", None), self.num_envs)
@@ -175,7 +175,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return observations, _scattered(_rows(columns, begun), begun, self.num_envs)
 
     def step(self, actions: NDArray[np.float32]) -> Step:
-        """Act in every environment for one control period.
+        """Act in every environment for one step, as the single environment does.
 
         Parameters
         ----------

@@ -192,7 +192,7 @@ class Run(BaseCallback):  # type: ignore[misc]
         self.values_first = values_first
         self.folder, self.env, self.journal = folder, env, journal
         self.every, self.episodes, self.seed, self.minutes = every, episodes, seed, minutes
-        self.interrupted = False
+        self.interrupted, self._evaluation = False, 0.0
         self._before, self._began, self._step = seconds, time.monotonic(), step
 
     @property
@@ -220,6 +220,7 @@ class Run(BaseCallback):  # type: ignore[misc]
 
     def evaluate(self) -> None:
         """Evaluate now, and write the checkpoint."""
+        began = time.monotonic()
         statistics = self.model.get_vec_normalize_env()
         if statistics is not None and statistics.norm_obs:
             self.env.obs_rms = deepcopy(statistics.obs_rms)
@@ -233,6 +234,7 @@ class Run(BaseCallback):  # type: ignore[misc]
         for name in ("success", "secure", "return", "length"):
             self.logger.record(f"eval/{name}", found[name])
         self.logger.dump(self.model.num_timesteps)
+        self._evaluation = time.monotonic() - began
 
     def _on_training_start(self) -> None:
         # The curve begins with what the policy is worth before it learns.
@@ -257,7 +259,8 @@ class Run(BaseCallback):  # type: ignore[misc]
         if self.num_timesteps >= due + self.every:
             self.evaluate()
         self._step(self.num_timesteps, self.last)
-        return self.minutes is None or self.seconds < 60 * self.minutes
+        # The last evaluation takes as long as the one before, and counts.
+        return self.minutes is None or self.seconds + self._evaluation < 60 * self.minutes
 
 
 class Linear:

@@ -8,8 +8,9 @@ use crate::agent::servo::Servo;
 use crate::agent::start::Start;
 use crate::eyes::stage::object_color;
 use crate::eyes::{Look, Moment};
+use crate::scene::OUT_OF_THE_WAY;
 use crate::{Episode, EpisodeError, FailureKind, Judge};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -116,12 +117,28 @@ impl Play {
             episode,
             record,
         };
-        if start.let_go && rules.config.control.decides() {
-            play.rest()?;
-            play.record.first_center = play.episode.world().object_center();
+        if start.let_go {
+            play.let_go(start, rules, factors)?;
         }
         play.record.potentials = Potentials::of(&play, rules);
         Ok(play)
+    }
+
+    /// The object was let go: before a decision it comes to rest, else it falls while the agent acts.
+    fn let_go(&mut self, start: &Start, rules: &Rules, factors: [f64; 2]) -> Result<(), EpisodeError> {
+        let height = if rules.config.control.decides() {
+            self.episode.rest()?;
+            self.record.first_center = self.episode.world().object_center();
+            self.record.first_center.z
+        } else {
+            // Where it would rest, were there no hand.
+            let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
+            let mut alone = Episode::reset_at(&start.scene, &away, &start.world_from_object, start.preshape, factors);
+            alone.rest()?;
+            alone.world().object_center().z
+        };
+        self.episode.let_go(height);
+        Ok(())
     }
 
     pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, servo: Servo, record: Record) -> Self {
@@ -135,6 +152,11 @@ impl Play {
 
     pub(crate) fn record(&self) -> &Record {
         &self.record
+    }
+
+    /// To be called before the control periods of an action: what is said of all of them begins anew.
+    pub(crate) fn begin_action(&mut self) {
+        self.record.stopped = false;
     }
 
     /// One control period, or the one decision; returns the reward terms, and whether the episode ended by success or loss.
@@ -176,7 +198,7 @@ impl Play {
         events.success &= finite;
         events.failure = !events.success && (!finite || self.lost());
         self.record.success = events.success;
-        self.record.stopped = events.stop;
+        self.record.stopped |= events.stop;
         self.record.steps = self.record.steps.saturating_add(1);
         self.record.touched |= self.touches();
         self.record.last_action.clear();

@@ -8,6 +8,7 @@ use crate::agent::rules::Rules;
 use crate::agent::slot::Slot;
 use crate::agent::start::StartOptions;
 use rayon::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -146,7 +147,7 @@ impl Pool {
     /// nobody can use one until it is reported by [`Pool::arrived`].
     ///
     /// # Errors
-    /// As [`Pool::step`], or an environment that is still away.
+    /// As [`Pool::step`], or an environment that is still away; what happens on the way, a panic too, reaches `done`.
     pub fn send<F>(self: &Arc<Self>, envs: &[usize], actions: &[f32], done: F) -> Result<(), EpisodeError>
     where
         F: Fn(usize, Result<Stepped, EpisodeError>) + Clone + Send + 'static,
@@ -162,9 +163,17 @@ impl Pool {
             let (pool, done) = (Arc::clone(self), done.clone());
             let action = actions[row * size..(row + 1) * size].to_vec();
             rayon::spawn(move || {
-                let mut slot = pool.lock(env);
-                let result = slot.step(&pool.rules, env, &action).map(|()| pool.rows(env, &slot));
-                drop(slot);
+                let step = || {
+                    let mut slot = pool.lock(env);
+                    slot.step(&pool.rules, env, &action).map(|()| pool.rows(env, &slot))
+                };
+                // Nobody waits for this task: a panic would end the process, and silence would leave the receiver waiting.
+                let result = catch_unwind(AssertUnwindSafe(step)).unwrap_or_else(|payload| {
+                    let text = payload.downcast_ref::<String>().map(String::as_str);
+                    let text = text.or_else(|| payload.downcast_ref::<&str>().copied());
+                    let why = text.unwrap_or("a panic without a text").to_owned();
+                    Err(EpisodeError::Broken { env, why })
+                });
                 done(env, result);
             });
         }

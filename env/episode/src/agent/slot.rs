@@ -1,5 +1,6 @@
 //! One environment: its stream, its episode, its state as bytes.
 
+use crate::agent::action::Control;
 use crate::agent::config::Autoreset;
 use crate::agent::draw::{Draw, DrawState};
 use crate::agent::observe::observe;
@@ -13,7 +14,7 @@ use crate::{Episode, EpisodeError, Judge};
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagent4";
+const MAGIC: &[u8; 8] = b"gbagent5";
 /// Length of the checksum that follows.
 const CHECKSUM: usize = 32;
 
@@ -60,6 +61,8 @@ pub struct Slot {
 
 #[derive(Serialize, Deserialize)]
 struct Saved {
+    control: Control,
+    frame_skip: u32,
     object: String,
     draw: DrawState,
     world: Vec<u8>,
@@ -91,15 +94,17 @@ impl Slot {
             (None, Some(draw)) => draw.clone(),
             (None, None) => return Err(EpisodeError::NotSeeded { env }),
         };
-        let begin = start(rules, &mut draw, options)?;
-        let play = Play::new(&begin, rules)?;
-        let mut outcome = Outcome {
-            reset: true,
-            info: play.info(),
-            ..Outcome::default()
+        let (play, outcome) = match begin(rules, &mut draw, options) {
+            Ok(begun) => begun,
+            Err(error) => {
+                // Everything stays as it was, but for one thing: the next start draws another object, lest one that cannot be used
+                // stop the environment for good.
+                if seed.is_none() && options.object.is_none() && error.is_of_an_object() {
+                    self.draw = Some(draw);
+                }
+                return Err(error);
+            }
         };
-        outcome.show(&play, rules)?;
-        // Only now, so that a reset that fails leaves everything as it was.
         self.draw = Some(draw);
         self.outcome = outcome;
         self.play = Some(play);
@@ -151,6 +156,7 @@ impl Slot {
         self.last = None;
         let skip = rules.config.frame_skip;
         let (mut terms, mut terminated) = ([0.0; TERMS], false);
+        play.begin_action();
         for _ in 0..skip {
             let (more, over) = play.step(action, rules)?;
             terms.iter_mut().zip(more).for_each(|(sum, term)| *sum += term);
@@ -204,7 +210,7 @@ impl Slot {
     ///
     /// # Errors
     /// No episode yet, or a world that cannot be written.
-    pub fn save(&self, env: usize) -> Result<Vec<u8>, EpisodeError> {
+    pub fn save(&self, rules: &Rules, env: usize) -> Result<Vec<u8>, EpisodeError> {
         let (Some(play), Some(draw)) = (&self.play, &self.draw) else {
             return Err(EpisodeError::NotReset { env });
         };
@@ -214,6 +220,8 @@ impl Slot {
             source,
         })?;
         let saved = Saved {
+            control: rules.config.control,
+            frame_skip: rules.config.frame_skip,
             object: name.to_owned(),
             draw: draw.state(),
             world,
@@ -250,8 +258,15 @@ impl Slot {
         if rules.objects.names().nth(index) != Some(&saved.object) {
             return Err(bad(&format!("object {index} of this set is not `{}`", saved.object)));
         }
+        if saved.control != rules.config.control || saved.frame_skip != rules.config.frame_skip {
+            return Err(bad(&format!(
+                "it is of control mode `{}` with a frame_skip of {}",
+                saved.control.name(),
+                saved.frame_skip
+            )));
+        }
         if record.last_action.len() != rules.action {
-            return Err(bad("it is of another control mode or hand"));
+            return Err(bad("it is of another hand"));
         }
         if record.look.parent_from_camera.len() != rules.eyes.lenses().len() {
             return Err(bad("it is of other cameras"));
@@ -278,4 +293,16 @@ impl Slot {
         self.last = None;
         Ok(())
     }
+}
+
+/// Begins an episode, and shows it.
+fn begin(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<(Play, Outcome), EpisodeError> {
+    let play = Play::new(&start(rules, draw, options)?, rules)?;
+    let mut outcome = Outcome {
+        reset: true,
+        info: play.info(),
+        ..Outcome::default()
+    };
+    outcome.show(&play, rules)?;
+    Ok((play, outcome))
 }

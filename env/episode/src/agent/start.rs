@@ -11,6 +11,7 @@ use crate::agent::objects::Prepared;
 use crate::agent::rules::{Rules, open_hand};
 use crate::eyes::Look;
 use crate::eyes::look::Variation;
+use crate::scene::OUT_OF_THE_WAY;
 use crate::{EpisodeError, Scene};
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
@@ -27,8 +28,6 @@ pub const HAND_SPREAD: f64 = 0.10;
 pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
 /// Greatest angle between the palm's normal and straight down at the start, radians.
 pub const HAND_TILT: f64 = 0.2;
-/// Where the hand waits to be sent, above the table, metres.
-const OUT_OF_THE_WAY: f64 = 2.0;
 /// The hand is raised by this much at a time while it stands in the object, metres.
 const RAISE: f64 = 0.05;
 /// More raises than this would leave the workspace.
@@ -171,6 +170,15 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
         None => weighted(drawn.resting, prepared.probabilities()),
     };
     let (resting, scene) = objects.scene(&prepared, way)?;
+    if options.resting.is_some() && resting != way {
+        return Err(bad_option(
+            "resting",
+            &format!(
+                "object `{}` does not come to rest in pose {way}",
+                prepared.body().name()
+            ),
+        ));
+    }
     let vary = &rules.config.randomization;
     let moved = |i: usize| drawn.place[i] + drawn.moved[i] * vary.object_position;
     let world_from_object = match (&options.world_from_object, &options.place) {

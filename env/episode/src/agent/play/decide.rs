@@ -5,7 +5,6 @@ use crate::agent::action::pose_and_preshape;
 use crate::agent::reward::{Potentials, TERMS};
 use crate::agent::rules::Rules;
 use crate::judge::LIFT_HEIGHT;
-use crate::scene::{SETTLE_TIME, Stillness};
 use crate::trial::Trial;
 use crate::{Episode, EpisodeError, FailureKind};
 use graspbox_hand::GraspPose;
@@ -15,19 +14,6 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 const SAME_WAY: f64 = 1e-6;
 
 impl Play {
-    /// Lets the object come to rest from where it was let go, the hand away.
-    pub(super) fn rest(&mut self) -> Result<(), EpisodeError> {
-        let away = self.episode.world().world_from_hand();
-        let mut stillness = Stillness::default();
-        for _ in 0..(SETTLE_TIME / self.episode.world().dt()) as usize {
-            self.episode.advance(&away, &[])?;
-            if stillness.lasts(self.episode.world()) {
-                break;
-            }
-        }
-        Ok(())
-    }
-
     /// Sends the hand where `action` says and tries the grasp; returns the reward terms. The episode is over then.
     ///
     /// # Errors
