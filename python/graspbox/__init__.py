@@ -30,7 +30,7 @@ from graspbox.errors import GraspboxError
 from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
 from graspbox.planning import Box, BoxTree, Plan, decompose, plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace, load_hand, simulate
-from graspbox.viewpoints import ViewPlan, Views, occupancy, views
+from graspbox.viewpoints import ViewPlan, Views, depth_millimetres, occupancy, views
 from graspbox.voxels import Voxels, load_binvox, save_binvox, voxelize
 
 __all__ = [
@@ -60,6 +60,7 @@ __all__ = [
     "Voxels",
     "__version__",
     "decompose",
+    "depth_millimetres",
     "errors",
     "load_binvox",
     "load_hand",

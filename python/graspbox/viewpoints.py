@@ -21,7 +21,7 @@ from graspbox import _core
 from graspbox.errors import ConfigError
 from graspbox.meshes import Mesh
 
-__all__ = ["ViewPlan", "Views", "occupancy", "views"]
+__all__ = ["ViewPlan", "Views", "depth_millimetres", "occupancy", "views"]
 
 
 @dataclass(frozen=True)
@@ -222,3 +222,28 @@ def occupancy(
         far,
         nothing_is_free,
     )
+
+
+def depth_millimetres(depth: ArrayLike) -> NDArray[np.uint16]:
+    """Give depth as 16-bit cameras and their files do.
+
+    Parameters
+    ----------
+    depth : (...) array_like
+        Metres, 0 where nothing was seen: `Views.depth`, or the observation ``depth``.
+
+    Returns
+    -------
+    (...) uint16
+        Millimetres, rounded; 0 where nothing was seen, and beyond 65.535 m.
+
+    Raises
+    ------
+    ConfigError
+        For depths that are negative or not finite.
+    """
+    metres = np.asarray(depth, dtype=np.float32)
+    if not np.isfinite(metres).all() or (metres < 0).any():
+        raise ConfigError("depth holds numbers that are negative or not finite; give metres, 0 where nothing was seen")
+    rounded = np.floor(metres * np.float32(1000) + np.float32(0.5))
+    return np.where(rounded < 65_536, rounded, 0).astype(np.uint16)

@@ -93,3 +93,11 @@ def test_what_cannot_be_viewed_is_refused(ball: graspbox.Mesh) -> None:
         graspbox.occupancy(-seen.depth, seen.intrinsics, seen.world_from_camera, 8, [0, 0, 0], 1.0)
     with pytest.raises(errors.ConfigError, match="depth"):
         graspbox.occupancy(seen.depth[0], seen.intrinsics, seen.world_from_camera, 8, [0, 0, 0], 1.0)
+
+
+def test_millimetres_are_rounded_and_bounded() -> None:
+    depth = np.array([[0.0, 0.0004, 0.0006], [1.2345, 65.535, 70.0]], np.float32)
+    np.testing.assert_array_equal(graspbox.depth_millimetres(depth), np.array([[0, 0, 1], [1235, 65535, 0]], np.uint16))
+    for bad in (-0.1, np.nan):
+        with pytest.raises(errors.ConfigError, match="depth"):
+            graspbox.depth_millimetres([bad])
