@@ -43,12 +43,12 @@ def expert_actions(env: Any, seed: int) -> list[NDArray[np.float32]]:
 
 
 class Experts:
-    """Scripted experts for a vector environment that observes its states: `act` begins anew where an episode does."""
+    """Scripted experts for environments that observe their states: `act` begins anew where an episode does."""
 
-    def __init__(self, env: Any, control: Any, frame_skip: int) -> None:
-        self._objects = env.objects
+    def __init__(self, objects: object_sets.ObjectSet, count: int, control: Any, frame_skip: int) -> None:
+        self._objects = objects
         self._settings = {"control": control, "frame_skip": frame_skip}
-        self._experts: list[Expert | None] = [None] * env.num_envs
+        self._experts: list[Expert | None] = [None] * count
 
     def act(self, states: NDArray[np.float32], names: NDArray[Any], starts: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Choose actions (num_envs, k) from states, names of the objects, and where episodes begin."""

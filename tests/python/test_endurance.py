@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AsyncVectorEnv
 
-from acting import OBJECTS, pressing
+from acting import EYES, OBJECTS, pressing
 
 ID = "graspbox/Grasp-v0"
 
@@ -22,15 +22,21 @@ def resident() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-@pytest.mark.parametrize("steps", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
-def test_random_steps_stay_within_bounds_and_memory(steps: int) -> None:
+VECTORS, SEEN = ("state", "tactile"), ("depth", "rgb_palm", "points", "voxels")
+
+
+@pytest.mark.parametrize(
+    ("steps", "obs"), [(10_000, VECTORS), (4_000, SEEN), pytest.param(1_000_000, VECTORS, marks=pytest.mark.slow)]
+)
+def test_random_steps_stay_within_bounds_and_memory(steps: int, obs: tuple[str, ...]) -> None:
     """Uniformly random actions hit object, table and walls; a third of them goes against the object."""
     count = 20
     env: Any = gymnasium.make_vec(
         ID,
         num_envs=count,
         objects=[*OBJECTS, "procedural:mug:0"],
-        obs=("state", "tactile"),
+        obs=obs,
+        eyes=EYES,
         reward="dense",
         randomization="standard",
         max_episode_steps=50,
@@ -51,9 +57,36 @@ def test_random_steps_stay_within_bounds_and_memory(steps: int) -> None:
         touches += int(info["touches"].sum())
         if step == min(2000, steps // count // 2):
             after_warm_up = resident()
-    assert episodes >= 0.9 * steps / 51
+    assert episodes >= 0.9 * count * (steps // count // 51)
     assert touches > 0.02 * steps
     assert after_warm_up is not None
+    assert resident() < after_warm_up + 50
+
+
+def test_random_decisions_stay_within_bounds_and_memory() -> None:
+    """The same for one decision an episode; every step ends one."""
+    count = 20
+    env: Any = gymnasium.make_vec(
+        "graspbox/GraspPose-v0",
+        num_envs=count,
+        objects=OBJECTS,
+        obs=("state", "depth"),
+        image_size=(36, 40),
+        reward="dense",
+        randomization="standard",
+        autoreset_mode="SameStep",
+    )
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    after_warm_up = 0.0
+    for step in range(100):
+        observation, rewards, terminated, _, info = env.step(rng.uniform(-1, 1, (count, 10)).astype(np.float32))
+        assert env.observation_space.contains(observation)
+        assert np.isfinite(rewards).all()
+        assert terminated.all()
+        assert np.isfinite(info["final_info"]["lift"]).all()
+        if step == 50:
+            after_warm_up = resident()
     assert resident() < after_warm_up + 50
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-from acting import OBJECTS, pressing
+from acting import OBJECTS, Experts, pressing
 from graspbox import errors
 
 pytestmark = pytest.mark.train
@@ -50,6 +50,32 @@ def test_equals_dummy_vec_env(obs: Any) -> None:
         assert data_equivalence(native.reset_infos, dummy.reset_infos, exact=True)
         ends += int(ours[2].sum())
     assert ends >= 6
+
+
+def test_a_success_ends_an_episode_as_in_dummy_vec_env() -> None:
+    """An end that is none of time: the terminal observation is there, and nothing says that it was cut off."""
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    settings: dict[str, Any] = {"objects": "procedural:can:0-1", "frame_skip": 2}
+    native = make(2, max_episode_steps=200, reward="sparse", **settings)
+    dummy: Any = DummyVecEnv([lambda: gymnasium.make(ID, **settings)] * 2)
+    experts = Experts(native.get_attr("objects", 0)[0], 2, "twist", 2)
+    for env in (native, dummy):
+        env.seed(5)
+    states, ends = native.reset(), np.ones(2, dtype=bool)
+    assert data_equivalence(states, dummy.reset(), exact=True)
+    for _ in range(150):
+        actions = experts.act(states, np.array([info["object"] for info in native.reset_infos]), ends)
+        ours, theirs = native.step(actions), dummy.step(actions)
+        assert data_equivalence(tuple(ours), tuple(theirs), exact=True)
+        states, _, ends, infos = ours
+        for info in (infos[i] for i in np.flatnonzero(ends)):
+            assert info["is_success"]
+            assert not info["TimeLimit.truncated"]
+            assert info["terminal_observation"].shape == states[0].shape
+        if ends.any():
+            return
+    pytest.fail("no success")
 
 
 def dict_of(observation: Any) -> Any:

@@ -64,7 +64,7 @@ def test_episodes_that_succeed_equal_sync_too(control: str, mode: AutoresetMode)
     settings: dict[str, Any] = {"objects": "procedural:can:0-1", "control": control, "frame_skip": 2}
     native = make(2, autoreset_mode=mode, **settings)
     single = make_sync(mode, 2, **settings)
-    experts = Experts(native.unwrapped, control, 2)
+    experts = Experts(native.unwrapped.objects, 2, control, 2)
     (states, info), theirs = native.reset(seed=5), single.reset(seed=5)
     assert data_equivalence((states, info), theirs, exact=True)
     starts, dones, successes = np.ones(2, bool), np.zeros(2, bool), np.zeros(2)
@@ -182,7 +182,7 @@ def test_results_depend_neither_on_neighbours_nor_on_threads() -> None:
         np.testing.assert_array_equal(observation[0], step[0][3])
 
 
-@pytest.mark.parametrize("obs", ["state", ("tactile", "proprio")])
+@pytest.mark.parametrize("obs", ["state", ("tactile", "proprio"), ("depth", "rgb_palm", "voxels")])
 def test_views_hold_what_copies_hold(obs: Any) -> None:
     copies, views = make(obs=obs), make(obs=obs, copy=False)
 
