@@ -21,8 +21,8 @@ STEPS = 20
 
 #: Every id with every observation that it has, and with several at once; Grasp-v0 with its other control modes too.
 CASES: list[tuple[str, dict[str, Any]]] = [
-    ("graspbox/GraspPose-v0", {"obs": "state"}),
-    ("graspbox/GraspPose-v0", {"obs": ("depth", "rgb", "state", "voxels"), "image_size": 36}),
+    *[("graspbox/GraspPose-v0", {"obs": name}) for name in TABLES["decision"]["observations"]],
+    ("graspbox/GraspPose-v0", {"obs": ("depth_palm", "rgb", "state", "proprio", "voxels"), "image_size": 36}),
     *[("graspbox/GraspPose-v0", {"obs": name, "image_size": (40, 48)}) for name in spaces.IMAGES],
     *[(GRASP, {"obs": name}) for name in TABLES["observations"]["twist"]],
     *[(GRASP, {"obs": name, "image_size": 36}) for name in spaces.IMAGES],
@@ -52,8 +52,13 @@ def actions(env: Any, count: int) -> Any:
     if env.spec.id == GRASP and env.unwrapped.action_space.shape == (10,):
         return pressing(count, 1)[:, 0]
     env.action_space.seed(7)
-    # A step of GraspPose-v0 is an episode.
-    return [env.action_space.sample() for _ in range(count if env.spec.id == GRASP else count // 10)]
+    if env.spec.id == GRASP:
+        return [env.action_space.sample() for _ in range(count)]
+    # A step of GraspPose-v0 is an episode: in every other one the palm is over the middle, facing down.
+    drawn = [env.action_space.sample() for _ in range(count // 10)]
+    for action in drawn[::2]:
+        action[:9] = [*(0.1 * action[:2]), 0.1 * action[2] - 0.3, 1, 0, 0, 0, -1, 0]
+    return drawn
 
 
 def rollout(env: Any, seed: int, steps: int = 3 * STEPS) -> list[Any]:

@@ -9,6 +9,7 @@ import pytest
 
 import graspbox
 from graspbox import errors
+from graspbox.configs import FRONT, CameraConfig, EyesConfig
 from graspbox.envs import grasp_pose, spaces
 from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, action_for, lying, rotation_from_columns
 
@@ -122,8 +123,78 @@ def test_an_error_of_calibration_moves_the_hand() -> None:
             hands.append(env._core.pool.poses()[1][0][:3, 3])
         shifts.append(hands[1] - hands[0])
     assert 1e-4 < np.abs(shifts).max() < 0.005 + 1e-6
+
+
+def test_the_hand_waits_where_it_is_asked_to() -> None:
+    """Above everything by default, unseen by the world's camera and seeing the object; elsewhere on request."""
+    obs = ("proprio", "tactile", "segmentation", "segmentation_wrist")
+    wrist = CameraConfig("wrist", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.6), up=(-1.0, 0.0, 0.0), fov=1.2)
+    settings: dict[str, Any] = {"objects": "procedural:box:0-4", "eyes": EyesConfig(cameras=(FRONT, wrist))}
+    env: Any = gymnasium.make("graspbox/GraspPose-v0", obs=obs, **settings).unwrapped
+    above: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:box:0-4", obs="proprio").unwrapped
+    labels = {"table": 1, "object": 2, "hand": 3}
+    for seed in range(12):
+        seen, info = env.reset(seed=seed)
+        lower, same = above.reset(seed=seed)
+        assert info["object"] == same["object"]
+        raised = seen["proprio"] - lower
+        assert raised[2] == pytest.approx(0.35, abs=1e-6)
+        assert not np.delete(raised, 2).any()
+        assert not seen["tactile"].any()
+        assert seen["segmentation"].max() == labels["object"]
+        # The fingers may stand before a camera beside the palm, but not before all of the object.
+        assert (seen["segmentation_wrist"] == labels["object"]).sum() > 20
+        env.step(np.array([0, 0, 1, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32))
+    near = np.diag([1.0, -1.0, -1.0, 1.0])
+    near[:3, 3] = 0.1, 0.05, 0.4
+    seen, _ = env.reset(seed=0, options={"world_from_hand": near, "preshape": 0.5})
+    np.testing.assert_allclose(seen["proprio"][:3], near[:3, 3], atol=1e-6)
+    assert seen["proprio"][-1] == pytest.approx(0.5)
+    # 5 cm below the middle of the table's top.
+    near[:3, 3] = 0.0, 0.0, -0.05
     with pytest.raises(errors.ConfigError, match="world_from_hand"):
-        exact.reset(options={"world_from_hand": np.eye(4)})
+        env.reset(options={"world_from_hand": near})
+
+
+def test_how_the_hand_waits_changes_nothing_else() -> None:
+    env: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0").unwrapped
+    ends = []
+    elsewhere = np.diag([1.0, -1.0, -1.0, 1.0])
+    elsewhere[:3, 3] = 0.1, 0.05, 0.4
+    for options in ({}, {"world_from_hand": elsewhere, "preshape": 0.5}):
+        first, _ = env.reset(seed=3, options=options)
+        ends.append((first, *env.step(good_grasp(env))))
+    # The engine computes in the hand's frame: where that waits, poses in the world are rounded.
+    np.testing.assert_allclose(ends[0][0], ends[1][0], atol=1e-6)
+    assert ends[0][2] == ends[1][2] == 1.0
+    assert ends[0][5]["lift"] == pytest.approx(ends[1][5]["lift"], abs=2e-3)
+
+
+def test_proprioception_after_an_attempt_tells_of_the_hand() -> None:
+    """It has closed and risen; what the arm knows of it is off by the error of calibration alone."""
+    obs = ("proprio", "tactile")
+    env: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0", obs=obs).unwrapped
+    env.reset(seed=3)
+    grasp = good_grasp(env)
+    seen, *_, info = env.step(grasp)
+    assert info["is_success"]
+    place = POSITION_LOW + (grasp[:3] + 1) / 2 * (POSITION_HIGH - POSITION_LOW)
+    place[2] += env._core.config.trial.lift_height
+    np.testing.assert_allclose(seen["proprio"][:3], place, atol=1e-3)
+    # The three spools have turned, and something presses on the sensors.
+    assert (seen["proprio"][18:21] > 1.0).all()
+    assert seen["tactile"].max() > 0.5
+
+
+def test_a_limit_of_one_step_is_that_of_the_single_environment() -> None:
+    settings: dict[str, Any] = {"objects": "procedural:can:0", "max_episode_steps": 1}
+    single = gymnasium.make("graspbox/GraspPose-v0", **settings)
+    several = gymnasium.make_vec("graspbox/GraspPose-v0", num_envs=2, **settings)
+    single.reset(seed=0)
+    several.reset(seed=0)
+    action = np.array([0, 0, 1, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32)
+    one, all_of_them = single.step(action), several.step(np.stack([action, action]))
+    assert [bool(flag) for flag in one[2:4]] == [bool(flags[0]) for flags in all_of_them[2:4]] == [True, True]
 
 
 def test_the_tables_of_the_module_are_the_cores() -> None:
@@ -131,6 +202,8 @@ def test_the_tables_of_the_module_are_the_cores() -> None:
     text = inspect.getdoc(grasp_pose) or ""
     assert spaces.action_table("grasp_pose", found) in text
     assert spaces.observation_table("grasp_pose", found) in text
+    assert spaces.vector_table("grasp_pose", found) in text
+    assert spaces.keyword_table(grasp_pose.GraspPoseEnv, grasp_pose.GraspPoseVectorEnv) in text
     rows = {row["name"]: row for row in found["decision"]["actions"]}
     for axis, low, high in zip("xyz", POSITION_LOW, POSITION_HIGH, strict=True):
         assert (rows[axis]["low"], rows[axis]["high"]) == (low, high)
@@ -167,7 +240,6 @@ def test_rotation_from_columns_is_a_rotation() -> None:
     "wrong",
     [
         {"obs": "deep"},
-        {"obs": "proprio"},
         {"reward": "fair"},
         {"control": "twist"},
         {"objects": "cupboard"},

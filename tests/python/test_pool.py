@@ -130,6 +130,81 @@ def test_environments_come_back_as_they_arrive(objects: _core.Objects) -> None:
         apart.recv(1)
 
 
+def half_broken() -> _core.Objects:
+    """Give a box, and an object whose file is not there."""
+    sources = ['{"name": "box", "family": "box", "seed": 0}', '{"name": "gone", "path": "/no/such/file.stl"}']
+    return _core.Objects(sources, _core.Hand.reflex(), "{}", None)
+
+
+def seeds_of(objects: _core.Objects, count: int, *, breaks: bool) -> list[int]:
+    """Find seeds whose first episode has the box, and whose second has it too, or the object that cannot be read."""
+    found = []
+    for seed in range(1000):
+        pool = make(objects, 1)
+        try:
+            pool.reset([seed])
+        except errors.FileError:
+            continue
+        try:
+            pool.reset()
+        except errors.FileError:
+            found += [seed] if breaks else []
+        else:
+            found += [] if breaks else [seed]
+        if len(found) == count:
+            break
+    return found
+
+
+@pytest.mark.parametrize("mode", ["same_step", "next_step"])
+def test_an_episode_that_cannot_begin_is_tried_again(mode: str) -> None:
+    """The call that draws it raises; the next one begins an episode, and does not go on with the old one."""
+    objects = half_broken()
+    pool = make(objects, 1, autoreset=mode, max_episode_steps=2)
+    pool.reset(seeds_of(objects, 1, breaks=True))
+    still = np.zeros((1, 10), np.float32)
+    pool.step(still)
+    if mode == "next_step":
+        assert pool.step(still)[0]["truncated"].all()
+    with pytest.raises(errors.FileError, match=r"file\.stl"):
+        pool.step(still)
+    for _ in range(20):
+        try:
+            now, _ = pool.step(still)
+        except errors.FileError:
+            continue
+        break
+    assert now["reset"].all()
+    assert not now["terms"].any()
+    assert not pool.step(still)[0]["reset"].any()
+
+
+def test_an_error_on_the_way_leaves_the_others_to_the_next_call() -> None:
+    objects = half_broken()
+    pool = make(objects, 3, autoreset="same_step", max_episode_steps=1)
+    good, bad = seeds_of(objects, 2, breaks=False), seeds_of(objects, 1, breaks=True)
+    pool.reset([good[0], bad[0], good[1]])
+    pool.send(np.zeros((3, 10), np.float32), [0, 1, 2])
+    arrived: list[int] = []
+    failed = 0
+    while len(arrived) < 2:
+        try:
+            now, _ = pool.recv(2 if not failed else 2 - len(arrived))
+        except errors.FileError:
+            failed += 1
+        else:
+            arrived += now["env"].tolist()
+            if not failed:
+                # It arrives last, and alone.
+                with pytest.raises(errors.FileError):
+                    pool.recv(1)
+                failed += 1
+    assert failed == 1
+    assert sorted(arrived) == [0, 2]
+    with pytest.raises(errors.ConfigError, match="0 environments"):
+        pool.recv(1)
+
+
 def test_a_state_crosses_as_bytes(objects: _core.Objects) -> None:
     pool, other = make(objects), make(objects)
     pool.reset([4, 5, 6])

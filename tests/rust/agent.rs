@@ -16,6 +16,7 @@ use graspbox_sim::PhysicsConfig;
 use graspbox_tests::agent::{batch_bits, objects, pool, seeds};
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::channel;
 
 const FAMILIES: [Family; 3] = [Family::Box, Family::Can, Family::Ball];
@@ -297,6 +298,33 @@ fn sent_environments_arrive_as_if_stepped_together() {
 }
 
 /// A step with one bad action moves nothing, and the error says whose it was.
+/// What a call has not come to when it is stopped stays as it is, and the next call finds nothing left to do.
+#[test]
+fn a_stopped_call_leaves_environments_as_they_are() {
+    let pool = pool(&objects(&[Family::Can, Family::Box]), Control::Twist, 4);
+    let stop = AtomicBool::new(true);
+    let (begin, all) = (StartOptions::default(), seeds(&pool));
+    assert!(matches!(
+        pool.reset_until(&stop, &all, None, &begin),
+        Err(EpisodeError::Cancelled { done: 0, total: 4 })
+    ));
+    assert!(pool.step(&actions(&pool, 0)).is_err());
+    let first = pool.reset(&all, None, &begin).unwrap();
+    let stopped = pool.step_until(&stop, &actions(&pool, 0));
+    assert!(matches!(stopped, Err(EpisodeError::Cancelled { done: 0, total: 4 })));
+    assert_eq!(batch_bits(&pool.now()), batch_bits(&first));
+    let other = pool_of_same(&pool);
+    let [ours, theirs] = [&pool, &other].map(|p| p.step(&actions(p, 0)).unwrap());
+    assert_eq!(batch_bits(&ours.now), batch_bits(&theirs.now));
+}
+
+/// Another pool of the same objects that begins the same episodes.
+fn pool_of_same(pool: &Pool) -> Arc<Pool> {
+    let other = configured(&pool.rules().objects, pool.rules().config.clone(), pool.len());
+    other.reset(&seeds(pool), None, &StartOptions::default()).unwrap();
+    other
+}
+
 #[test]
 fn bad_actions_are_refused_before_anything_moves() {
     let pool = pool(&objects(&[Family::Box]), Control::DeltaPose, 3);

@@ -47,11 +47,11 @@ pub enum EpisodeError {
         why: &'static str,
     },
     /// The batch was told to stop.
-    #[error("stopped after {done} of {total} trials")]
+    #[error("stopped after {done} of {total}")]
     Cancelled {
-        /// Trials that were finished.
+        /// Trials, or steps, that were finished.
         done: usize,
-        /// Trials that were asked for.
+        /// Those that were asked for.
         total: usize,
     },
     /// An observation is asked for twice.
@@ -59,14 +59,6 @@ pub enum EpisodeError {
     Twice {
         /// Its name.
         name: String,
-    },
-    /// An observation that the control mode does not have.
-    #[error("there is no observation {name:?} with control {control:?}: the hand is not there before the decision")]
-    NotObserved {
-        /// What was asked for.
-        name: &'static str,
-        /// The control mode.
-        control: &'static str,
     },
     /// An image is unknown.
     #[error(
@@ -84,6 +76,14 @@ pub enum EpisodeError {
     CameraName {
         /// What was given.
         name: String,
+    },
+    /// An object cannot be drawn.
+    #[error("object `{object}`: {source}")]
+    Undrawable {
+        /// Name of the object.
+        object: String,
+        /// What the renderer said.
+        source: graspbox_camera::CameraError,
     },
     /// Something cannot be seen, or nothing can be seen with it.
     #[error("{name}: {source}")]
@@ -214,7 +214,7 @@ impl EpisodeError {
                 | Self::Plan { .. }
                 | Self::NoRest { .. }
                 | Self::NoStart { .. }
-                | Self::Camera { .. }
+                | Self::Undrawable { .. }
         )
     }
 }

@@ -123,7 +123,6 @@ impl From<EpisodeError> for CoreError {
             EpisodeError::BadConfig { .. }
             | EpisodeError::NoObjects
             | EpisodeError::Twice { .. }
-            | EpisodeError::NotObserved { .. }
             | EpisodeError::UnknownImage { .. }
             | EpisodeError::CameraName { .. }
             | EpisodeError::Camera { .. }
@@ -143,6 +142,7 @@ impl From<EpisodeError> for CoreError {
             EpisodeError::Unusable { source } => source.into(),
             EpisodeError::Cancelled { .. } => Self::Interrupted,
             EpisodeError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
+            EpisodeError::Undrawable { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Plan { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Sim {
                 source: source @ SimError::BadConfig { .. },

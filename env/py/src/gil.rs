@@ -4,9 +4,9 @@
 //! Ctrl-C it asks the work to stop, gives it `GRACE` to return, and leaves it behind if it does not.
 
 use crate::errors::CoreError;
+use graspbox_episode::agent::panic_text;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::any::Any;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -78,14 +78,6 @@ fn pool(count: usize) -> Result<Arc<ThreadPool>, CoreError> {
     let pool = build()?;
     pools.insert((pid, count), Arc::clone(&pool));
     Ok(pool)
-}
-
-/// What a panic said.
-fn panic_text(payload: &(dyn Any + Send)) -> String {
-    let text = payload.downcast_ref::<&str>().copied();
-    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
-        .unwrap_or("no message")
-        .to_owned()
 }
 
 /// Waits for the result with the GIL released, taking it every [`PATIENCE`] to look for signals.

@@ -2,7 +2,7 @@
 
 use crate::convert::{Array, array, config, entries};
 use crate::errors::CoreError;
-use crate::gil::{awaited, detached};
+use crate::gil::{awaited, detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::Mesh;
 use graspbox_episode::EpisodeError;
@@ -14,6 +14,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use serde::Deserialize;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -177,8 +178,9 @@ impl Pool {
         let options: StartOptions =
             options.map_or(Ok(StartOptions::default()), |text| config(text, "reset options"))?;
         let core = Arc::clone(&self.core);
-        let batch = detached(py, self.num_threads, move || {
-            core.reset(&seeds, mask.as_deref(), &options)
+        let (stopped, stop) = stopper();
+        let batch = interruptible(py, self.num_threads, stop, move || {
+            core.reset_until(&stopped, &seeds, mask.as_deref(), &options)
         })?;
         arrays(py, self.core.rules(), batch, out)
     }
@@ -193,7 +195,8 @@ impl Pool {
     ) -> PyResult<Rows<'py>> {
         let actions = self.actions(&actions, self.core.len())?;
         let core = Arc::clone(&self.core);
-        let stepped = detached(py, self.num_threads, move || core.step(&actions))?;
+        let (stopped, stop) = stopper();
+        let stepped = interruptible(py, self.num_threads, stop, move || core.step_until(&stopped, &actions))?;
         self.rows(py, stepped, out)
     }
 
@@ -290,6 +293,13 @@ impl Pool {
     }
 }
 
+/// A flag for one call, and what sets it after a signal: environments that the call has not come to by then stay as they are.
+fn stopper() -> (Arc<AtomicBool>, impl FnOnce()) {
+    let flag = Arc::new(AtomicBool::new(false));
+    let set = Arc::clone(&flag);
+    (flag, move || set.store(true, Ordering::Release))
+}
+
 impl Pool {
     fn actions(&self, actions: &Singles<'_>, rows: usize) -> Result<Vec<f32>, CoreError> {
         let shape = [Some(rows), Some(self.core.rules().action)];
@@ -376,7 +386,7 @@ pub fn agent_tables(hand: &Hand) -> PyResult<String> {
     let hand = &hand.0;
     // The state holds the last action, whose length is the control's.
     let observations = |control: Control| -> serde_json::Map<_, _> {
-        let rows = control.observations().iter();
+        let rows = Observation::ALL.iter();
         rows.map(|o| (o.name().to_owned(), serde_json::json!(o.table(hand, control))))
             .collect()
     };

@@ -123,7 +123,8 @@ class GraspCore:
         self.action_size = spaces.size(spaces.fields_of(control, self.tables)[0])
         seen = spaces.images(self.hand, eyes)
         self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
-        self.obs = obs if isinstance(obs, str) else tuple(obs)
+        # A space sorts its names.
+        self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
         names = (self.obs,) if isinstance(self.obs, str) else self.obs
         self.weights = term_weights(reward, reward_weights, self.tables, DECISION_WEIGHTS if trial else WEIGHTS)
         config = AgentConfig(

@@ -3,6 +3,32 @@
 An object rests somewhere near the middle of a table. The agent names one hand pose and a preshape; the hand closes
 there, lifts and holds; the episode ends.
 
+Keywords
+--------
+As those of `graspbox.envs.grasp`; instead of ``control`` and ``frame_skip`` there is ``trial``, which fixes how the
+hand closes, lifts and holds. ``max_episode_steps`` is there for tools that give it: an episode is over after one step.
+
+| keyword | default | environment |
+|---|---|---|
+| num_envs | 1 | vector |
+| objects | 'procedural' | both |
+| split | None | both |
+| obs | 'state' | both |
+| reward | 'sparse' | both |
+| reward_weights | None | both |
+| hand | 'reflex' | both |
+| trial | TrialConfig() | both |
+| physics | PhysicsConfig() | both |
+| randomization | None | both |
+| autoreset_mode | AutoresetMode.NEXT_STEP | vector |
+| max_episode_steps | None | vector |
+| copy | True | vector |
+| num_threads | None | both |
+| render_mode | None | both |
+| image_size | None | both |
+| eyes | EyesConfig() | both |
+| picture | PictureConfig() | both |
+
 Action
 ------
 ``Box(-1, 1, (10,), float32)``, in the world's frame (z up, table top at z = 0). The box of positions is fixed in the
@@ -22,21 +48,42 @@ on the straight approach of 0.10 m along its -z, the attempt is ``infeasible``: 
 
 Observation
 -----------
-``obs="state"``: ``Box(float32)`` of 19 numbers. It is **privileged**: no camera sees it. Values beyond their range are
-clipped.
+``obs="state"``, or another name, gives a ``Box(float32)``; several names give a ``Dict``. Columns and clipping are as
+in `graspbox.envs.grasp`. ``state`` is **privileged**; it tells of the object alone.
 
-| field | state | min | max | unit | meaning |
-|---|---|---|---|---|---|
-| object_position | 0-2 | -1 | 1 | m | origin of the object's frame, world |
-| object_rotation | 3-8 | -1 | 1 | 1 | first two columns of world_from_object |
-| center_of_mass | 9-11 | -1 | 1 | m | of the object, world |
-| bounds_center | 12-14 | -1 | 1 | m | middle of the bounds along the object's axes, world |
-| half_extents | 15-17 | 0 | 1 | m | half sides of these bounds |
-| mass | 18 | 0 | 10 | kg | of the object |
+| vector | shape | dtype | privileged |
+|---|---|---|---|
+| proprio | 28 | float32 | no |
+| state | 19 | float32 | yes |
+| tactile | 27 | float32 | no |
 
-Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``; the table in `graspbox.envs.grasp` fixes
-shapes, units and bounds) show the object on the table from the camera ``front``; the hand waits elsewhere. They hold no
-pose of the object. Several names give a ``Dict``. The observation that ends the episode shows what the attempt left.
+| field | proprio | state | tactile | min | max | unit | meaning |
+|---|---|---|---|---|---|---|---|
+| hand_position | 0-2 |  |  | -1 | 1 | m | grasp frame as the arm knows it, world |
+| hand_rotation | 3-8 |  |  | -1 | 1 | 1 | first two columns of world_from_hand |
+| hand_velocity | 9-11 |  |  | -1 | 1 | m/s | of the grasp frame, hand axes |
+| hand_spin | 12-14 |  |  | -4 | 4 | rad/s | angular velocity, hand axes |
+| proximal | 15-17 |  |  | -0.5 | 3.2 | rad | proximal encoder of each finger |
+| spool | 18-20 |  |  | 0 | 3.6 | rad | spool encoder of each finger |
+| spool_speed | 21-23 |  |  | -3.5 | 3.5 | rad/s | speed of each finger's spool |
+| load | 24-26 |  |  | 0 | 50 | N | load of each finger's motor: the tension of its tendon |
+| preshape | 27 |  |  | 0 | pi/2 | rad | preshape angle |
+| object_position |  | 0-2 |  | -1 | 1 | m | origin of the object's frame, world |
+| object_rotation |  | 3-8 |  | -1 | 1 | 1 | first two columns of world_from_object |
+| center_of_mass |  | 9-11 |  | -1 | 1 | m | of the object, world |
+| bounds_center |  | 12-14 |  | -1 | 1 | m | middle of the bounds along the object's axes, world |
+| half_extents |  | 15-17 |  | 0 | 1 | m | half sides of these bounds |
+| mass |  | 18 |  | 0 | 10 | kg | of the object |
+| tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
+
+Before the decision the hand waits, open, where ``Grasp-v0`` would begin but 0.35 m higher: 0.50 to 0.65 m above the
+table, where the camera ``front`` does not see it. ``proprio`` and ``tactile`` are its own. The camera ``palm`` looks
+between the fingers, often past an object so far away; an eye in hand that sees it from there is, in ``eyes``,
+``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)``.
+
+Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``, and those of single cameras, as
+``depth_palm``; the table in `graspbox.envs.grasp` fixes shapes, units and bounds) hold no pose of the object. The
+observation that ends the episode shows what the attempt left.
 
 Reward
 ------
@@ -63,9 +110,9 @@ After a reset and after a step, as in `graspbox.envs.grasp`; and ``infeasible`` 
 
 Options of a reset
 ------------------
-``object``, ``resting``, ``place``, ``world_from_object`` (the object comes to rest from there before it is observed),
-``friction``, ``mass`` and ``cameras``, as in `graspbox.envs.grasp`. The randomisation is the same too: an error of
-calibration moves the hand away from where the action sends it.
+As in `graspbox.envs.grasp`; but an object that is let go at ``world_from_object`` comes to rest before it is observed,
+and ``world_from_hand`` and ``preshape`` say how the hand waits, not how it grasps. The randomisation is the same too:
+an error of calibration moves the hand away from where the action sends it.
 
 Version history
 ---------------
@@ -80,11 +127,10 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox.configs import FRONT, EyesConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
+from graspbox.configs import EyesConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
 from graspbox.envs.core import GraspCore, HandArgument, ObjectsArgument, RenderMode, Reward
 from graspbox.envs.grasp import GraspEnv
 from graspbox.envs.vector import AUTORESET, GraspVectorEnv, autoreset
-from graspbox.errors import ConfigError
 
 __all__ = [
     "POSITION_HIGH",
@@ -101,8 +147,6 @@ POSITION_LOW = np.array([-0.25, -0.25, 0.0])
 POSITION_HIGH = np.array([0.25, 0.25, 0.40])
 #: A direction shorter than this, or two directions with a smaller sine between them, name no rotation.
 _DEGENERATE = 1e-3
-#: The hand is away before the decision: the cameras are the world's.
-_EYES = EyesConfig(cameras=(FRONT,))
 #: Frames of a video: one an episode.
 _FPS = 1
 
@@ -155,12 +199,6 @@ def action_for(
     return np.concatenate([place, world_from_hand[:3, :2].T.ravel(), [share]]).astype(np.float32)
 
 
-def _world_cameras(eyes: EyesConfig) -> EyesConfig:
-    if any(camera.mount != "world" for camera in eyes.cameras):
-        raise ConfigError("the hand waits elsewhere before it is sent; give cameras of the world alone")
-    return eyes
-
-
 class GraspPoseEnv(GraspEnv):
     """One decision an episode: see the module for the tables of action and observation.
 
@@ -173,7 +211,7 @@ class GraspPoseEnv(GraspEnv):
     split : {"train", "validation", "test"}, optional
         Draw from this split only.
     obs : str or sequence of str
-        What is observed: ``state``, or images by name; several names give a ``Dict``.
+        What is observed: a name, or names, which give a ``Dict``.
     reward : {"sparse", "dense"}
         What is rewarded.
     reward_weights : mapping of str to float, optional
@@ -193,7 +231,7 @@ class GraspPoseEnv(GraspEnv):
     image_size : int or pair of int, optional
         Rows and columns of the images, 16 to 1024; by default those of `eyes`.
     eyes : EyesConfig
-        Cameras of the world, shadows, voxels; `obs` names the images.
+        Cameras, shadows, voxels; `obs` names the images.
     picture : PictureConfig
         Size, smoothness and camera of the pictures that `render` gives.
 
@@ -220,7 +258,7 @@ class GraspPoseEnv(GraspEnv):
         num_threads: int | None = None,
         render_mode: RenderMode = None,
         image_size: int | tuple[int, int] | None = None,
-        eyes: EyesConfig = _EYES,
+        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         core = GraspCore(
@@ -231,7 +269,7 @@ class GraspPoseEnv(GraspEnv):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
-            eyes=_world_cameras(eyes),
+            eyes=eyes,
             picture=picture,
             control="grasp_pose",
             randomization=randomization,
@@ -257,6 +295,8 @@ class GraspPoseVectorEnv(GraspVectorEnv):
         How many.
     autoreset_mode : AutoresetMode or its value
         When a finished environment begins again.
+    max_episode_steps : int, optional
+        With 1, episodes are truncated by the step that ends them, as ``gymnasium.make`` has it.
     copy : bool
         Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
     objects, split, obs, reward, reward_weights, hand, trial, physics, randomization, num_threads, render_mode
@@ -284,11 +324,12 @@ class GraspPoseVectorEnv(GraspVectorEnv):
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         randomization: Literal["standard"] | Randomization | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
         copy: bool = True,
         num_threads: int | None = None,
         render_mode: RenderMode = None,
         image_size: int | tuple[int, int] | None = None,
-        eyes: EyesConfig = _EYES,
+        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         mode = autoreset(autoreset_mode)
@@ -300,7 +341,7 @@ class GraspPoseVectorEnv(GraspVectorEnv):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
-            eyes=_world_cameras(eyes),
+            eyes=eyes,
             picture=picture,
             control="grasp_pose",
             randomization=randomization,
@@ -309,7 +350,7 @@ class GraspPoseVectorEnv(GraspVectorEnv):
             physics=physics,
             hand=hand,
             autoreset=AUTORESET[mode],
-            max_episode_steps=None,
+            max_episode_steps=max_episode_steps,
             trial=trial,
         )
         self._take(core, num_envs, mode, render_mode, copy, _FPS)

@@ -16,7 +16,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
 from graspbox.errors import ConfigError
-from graspbox.sb3.references import Planner
+from graspbox.sb3.references import PLANNED, Planner
 
 __all__ = ["DemonstratedBuffer", "clone", "demonstrate"]
 
@@ -91,7 +91,7 @@ def demonstrate(
     """
     if not isinstance(env.observation_space, spaces.Box) or settings.get("obs", "state") != "state":
         raise ConfigError("demonstrations need obs='state'; the expert looks at nothing else")
-    named = {name: settings[name] for name in ("control", "frame_skip") if name in settings}
+    named = {name: settings[name] for name in PLANNED if name in settings}
     expert = Planner(env, env_id, choices=_CHOICES, **named)
     rows: list[tuple[Any, ...]] = []
     open_rows: list[list[tuple[Any, ...]]] = [[] for _ in range(env.num_envs)]

@@ -6,17 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import planning
+from graspbox.envs.core import HandArgument
 from graspbox.envs.expert import Expert, hand_pose, object_pose, planned
 from graspbox.envs.grasp_pose import action_for, lying
 from graspbox.sb3.running import evaluate, make_env
 from graspbox.simulation import load_hand
 
-__all__ = ["Planner", "Random", "Zero", "references"]
+__all__ = ["PLANNED", "Planner", "Random", "Zero", "references"]
 
 Actions = NDArray[np.float32]
 
 #: A pose this far from over the object counts like one radian of turn, metres.
 _ASIDE = 0.05
+#: Keywords of an environment that the planner needs to know too.
+PLANNED = ("control", "frame_skip", "hand")
 
 
 class Zero:
@@ -55,14 +58,25 @@ class Planner(Zero):
         What `graspbox.sb3.running.make_env` made, and its id.
     control, frame_skip
         Those of a closed-loop environment.
+    hand : str, Hand or pair of paths
+        The environment's.
     choices : int
         In closed loop, of so many of the planner's best poses the one is taken that asks for the least turn of the hand
         and stands most nearly over the object.
     """
 
-    def __init__(self, env: Any, env_id: str, *, control: str = "twist", frame_skip: int = 1, choices: int = 1) -> None:
+    def __init__(
+        self,
+        env: Any,
+        env_id: str,
+        *,
+        control: str = "twist",
+        frame_skip: int = 1,
+        hand: HandArgument = "reflex",
+        choices: int = 1,
+    ) -> None:
         super().__init__(env)
-        self._frame_skip, self._choices = frame_skip, choices
+        self._frame_skip, self._choices, self._hand = frame_skip, choices, load_hand(hand)
         self._objects = env.get_attr("objects", 0)[0]
         self._closed_loop, self._control = env_id.startswith("graspbox/Grasp-"), control
         self._experts: list[Expert | None] = [None] * env.num_envs
@@ -88,28 +102,29 @@ class Planner(Zero):
 
     def _expert(self, index: int, state: Actions) -> Expert | None:
         mesh = self._mesh(index)
-        plan = planned(mesh, state, control=self._control)
+        plan = planned(mesh, state, control=self._control, hand=self._hand)
         if not len(plan):
             return None
-        settings: dict[str, Any] = {"control": self._control, "frame_skip": self._frame_skip}
+        settings: dict[str, Any] = {"control": self._control, "frame_skip": self._frame_skip, "hand": self._hand}
         chosen = self._nearest(state, plan, mesh.bounds.mean(axis=0)) if self._choices > 1 else 0
         return Expert(state, plan.poses[chosen], plan.preshape[chosen], **settings)
 
     def _nearest(self, state: Actions, plan: planning.Plan, center: NDArray[np.float64]) -> int:
         """Find, among the best poses, the one that asks for least turn and stands most nearly over the object."""
-        lies = object_pose(state, control=self._control)
+        lies = object_pose(state, control=self._control, hand=self._hand)
+        stands = hand_pose(state, control=self._control, hand=self._hand)
         poses, middle = lies @ plan.poses[: self._choices], lies[:2, :3] @ center + lies[:2, 3]
-        traces = np.einsum("nij,ij->n", poses[:, :3, :3], hand_pose(state, control=self._control)[:3, :3])
+        traces = np.einsum("nij,ij->n", poses[:, :3, :3], stands[:3, :3])
         turns = np.arccos(np.clip((traces - 1) / 2, -1, 1))
         asides = np.linalg.norm(poses[:, :2, 3] - middle, axis=1)
         return int(np.argmin(turns + asides / _ASIDE))
 
     def _decide(self, index: int, state: Actions, nothing: Actions) -> Actions:
         pose = lying(state)
-        plan = planning.plan(self._mesh(index), world_from_object=pose).best(1)
+        plan = planning.plan(self._mesh(index), hand=self._hand, world_from_object=pose).best(1)
         if not len(plan):
             return nothing
-        return action_for(pose @ plan.poses[0], plan.preshape[0], load_hand("reflex").preshape_limits)
+        return action_for(pose @ plan.poses[0], plan.preshape[0], self._hand.preshape_limits)
 
 
 def references(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, dict[str, Any]]:
@@ -128,7 +143,7 @@ def references(env_id: str, num_envs: int, episodes: int, seed: int, **settings:
         What `graspbox.sb3.running.evaluate` gives, by name: ``random``, ``zero``, ``planner``.
     """
     env = make_env(env_id, num_envs, **{**settings, "obs": "state"})
-    planner = Planner(env, env_id, control=settings.get("control", "twist"), frame_skip=settings.get("frame_skip", 1))
+    planner = Planner(env, env_id, **{name: settings[name] for name in PLANNED if name in settings})
     policies = {"random": Random(env, seed), "zero": Zero(env), "planner": planner}
     found = {name: evaluate(policy, env, episodes, seed) for name, policy in policies.items()}
     env.close()

@@ -2,7 +2,7 @@
 
 use crate::agent::config::CONTROL_PERIOD;
 use crate::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
-use crate::agent::layout::{Field, Observation};
+use crate::agent::layout::Field;
 use crate::agent::servo::{ANGULAR_SPEED, Goal, LINEAR_SPEED};
 use graspbox_hand::{Hand, Motor, MotorCommand, MotorKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -43,15 +43,6 @@ impl Control {
     /// True where an episode is one decision.
     pub fn decides(self) -> bool {
         self == Self::GraspPose
-    }
-
-    /// What can be observed with it.
-    pub fn observations(self) -> &'static [Observation] {
-        if self.decides() {
-            &[Observation::State]
-        } else {
-            &Observation::ALL
-        }
     }
 
     /// Its name in configs.

@@ -206,12 +206,6 @@ impl AgentConfig {
                     name: observation.name().to_owned(),
                 });
             }
-            if !self.control.observations().contains(observation) {
-                return Err(EpisodeError::NotObserved {
-                    name: observation.name(),
-                    control: self.control.name(),
-                });
-            }
         }
         Ok(())
     }

@@ -45,7 +45,7 @@ pub use config::{AgentConfig, Autoreset, Randomization};
 pub use layout::{Field, Observation};
 pub use objects::{Objects, Source};
 pub use play::Info;
-pub use pool::Pool;
+pub use pool::{Pool, panic_text};
 pub use rules::Rules;
 pub use slot::{Outcome, Slot};
 pub use start::StartOptions;

@@ -168,8 +168,8 @@ impl Prepared {
         if let Some(look) = self.look.get() {
             return Ok(look);
         }
-        let made = Model::new(self.body.mesh()).map_err(|source| EpisodeError::Camera {
-            name: format!("object `{}`", self.body.name()),
+        let made = Model::new(self.body.mesh()).map_err(|source| EpisodeError::Undrawable {
+            object: self.body.name().to_owned(),
             source,
         })?;
         Ok(self.look.get_or_init(|| made))

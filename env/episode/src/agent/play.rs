@@ -126,18 +126,16 @@ impl Play {
 
     /// The object was let go: before a decision it comes to rest, else it falls while the agent acts.
     fn let_go(&mut self, start: &Start, rules: &Rules, factors: [f64; 2]) -> Result<(), EpisodeError> {
-        let height = if rules.config.control.decides() {
-            self.episode.rest()?;
-            self.record.first_center = self.episode.world().object_center();
-            self.record.first_center.z
-        } else {
-            // Where it would rest, were there no hand.
-            let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
-            let mut alone = Episode::reset_at(&start.scene, &away, &start.world_from_object, start.preshape, factors);
-            alone.rest()?;
-            alone.world().object_center().z
-        };
-        self.episode.let_go(height);
+        // Where it would rest, were there no hand.
+        let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
+        let mut alone = Episode::reset_at(&start.scene, &away, &start.world_from_object, start.preshape, factors);
+        alone.rest()?;
+        let (rests, center) = (alone.world().world_from_object(), alone.world().object_center());
+        if rules.config.control.decides() {
+            self.episode = Episode::reset_at(&start.scene, &start.world_from_hand, &rests, start.preshape, factors);
+            self.record.first_center = center;
+        }
+        self.episode.let_go(center.z);
         Ok(())
     }
 

@@ -8,6 +8,7 @@ use crate::agent::rules::Rules;
 use crate::agent::slot::Slot;
 use crate::agent::start::StartOptions;
 use rayon::prelude::*;
+use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,6 +19,14 @@ pub struct Pool {
     slots: Vec<Mutex<Slot>>,
     /// Environments that were sent off and not received yet.
     away: Vec<AtomicBool>,
+}
+
+/// What a panic said.
+pub fn panic_text(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().copied();
+    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("no message")
+        .to_owned()
 }
 
 /// What a step of all environments showed.
@@ -89,6 +98,28 @@ impl Pool {
         }
     }
 
+    /// Does `work` with every environment that it comes to before `stop` is set; the others stay as they are.
+    fn each<F>(&self, stop: &AtomicBool, work: F) -> Result<(), EpisodeError>
+    where
+        F: Fn(usize, &mut Slot) -> Result<(), EpisodeError> + Sync,
+    {
+        // One by one: a step in contact takes several times as long as one in the air.
+        let results: Vec<Option<Result<(), EpisodeError>>> = (0..self.len())
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|env| {
+                let mut slot = self.lock(env);
+                (!stop.load(Ordering::Acquire)).then(|| work(env, &mut slot))
+            })
+            .collect();
+        let (done, total) = (results.iter().flatten().count(), results.len());
+        results.into_iter().flatten().collect::<Result<(), _>>()?;
+        if done < total {
+            return Err(EpisodeError::Cancelled { done, total });
+        }
+        Ok(())
+    }
+
     /// Begins new episodes where `mask` says so (everywhere without one); all rows come back.
     ///
     /// * `seeds`: one an environment; none continues its stream.
@@ -102,20 +133,30 @@ impl Pool {
         mask: Option<&[bool]>,
         options: &StartOptions,
     ) -> Result<Batch, EpisodeError> {
+        self.reset_until(&AtomicBool::new(false), seeds, mask, options)
+    }
+
+    /// As [`Pool::reset`], until `stop` is set.
+    ///
+    /// # Errors
+    /// As [`Pool::reset`], and [`EpisodeError::Cancelled`] where environments were left as they were.
+    pub fn reset_until(
+        &self,
+        stop: &AtomicBool,
+        seeds: &[Option<u64>],
+        mask: Option<&[bool]>,
+        options: &StartOptions,
+    ) -> Result<Batch, EpisodeError> {
         self.all_here()?;
         self.has_length("seeds", seeds.len())?;
         if let Some(mask) = mask {
             self.has_length("the reset mask", mask.len())?;
         }
         let wanted = |env: usize| mask.is_none_or(|m| m[env]);
-        let results: Vec<Result<(), EpisodeError>> = (0..self.len())
-            .into_par_iter()
-            .map(|env| match wanted(env) {
-                true => self.lock(env).reset(&self.rules, env, seeds[env], options),
-                false => self.lock(env).ready_to_show(env),
-            })
-            .collect();
-        results.into_iter().collect::<Result<(), _>>()?;
+        self.each(stop, |env, slot| match wanted(env) {
+            true => slot.reset(&self.rules, env, seeds[env], options),
+            false => slot.ready_to_show(env),
+        })?;
         Ok(self.now())
     }
 
@@ -126,20 +167,21 @@ impl Pool {
     /// # Errors
     /// A list of another length, a number that is not finite, or an environment that cannot step: then nothing was moved.
     pub fn step(&self, actions: &[f32]) -> Result<Stepped, EpisodeError> {
+        self.step_until(&AtomicBool::new(false), actions)
+    }
+
+    /// As [`Pool::step`], until `stop` is set.
+    ///
+    /// # Errors
+    /// As [`Pool::step`], and [`EpisodeError::Cancelled`] where environments were left as they were.
+    pub fn step_until(&self, stop: &AtomicBool, actions: &[f32]) -> Result<Stepped, EpisodeError> {
         self.all_here()?;
         let envs: Vec<usize> = (0..self.len()).collect();
         self.check(&envs, actions)?;
         let size = self.rules.action;
-        // One by one: a step in contact takes several times as long as one in the air.
-        let results: Vec<Result<(), EpisodeError>> = (0..self.len())
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|env| {
-                self.lock(env)
-                    .step(&self.rules, env, &actions[env * size..(env + 1) * size])
-            })
-            .collect();
-        results.into_iter().collect::<Result<(), _>>()?;
+        self.each(stop, |env, slot| {
+            slot.step(&self.rules, env, &actions[env * size..(env + 1) * size])
+        })?;
         Ok(self.stepped())
     }
 
@@ -169,9 +211,7 @@ impl Pool {
                 };
                 // Nobody waits for this task: a panic would end the process, and silence would leave the receiver waiting.
                 let result = catch_unwind(AssertUnwindSafe(step)).unwrap_or_else(|payload| {
-                    let text = payload.downcast_ref::<String>().map(String::as_str);
-                    let text = text.or_else(|| payload.downcast_ref::<&str>().copied());
-                    let why = text.unwrap_or("a panic without a text").to_owned();
+                    let why = panic_text(payload.as_ref());
                     Err(EpisodeError::Broken { env, why })
                 });
                 done(env, result);

@@ -80,6 +80,11 @@ impl Servo {
         pose * self.error
     }
 
+    /// Somebody else moved the hand, which stands at `world_from_hand` now.
+    pub fn arrive(&mut self, world_from_hand: &Isometry3<f64>) {
+        *self = Self::new(world_from_hand, &self.error);
+    }
+
     /// Where the arm believes the hand is, in the world.
     pub fn believed(&self) -> &Isometry3<f64> {
         &self.pose

@@ -113,9 +113,9 @@ impl Slot {
         Ok(())
     }
 
-    /// True where the next step will not look at its action.
+    /// True where the next step will not look at its action: after the end of an episode, unless the next one has begun already.
     pub fn resets_next(&self, rules: &Rules) -> bool {
-        self.done && rules.config.autoreset == Autoreset::NextStep
+        self.done && rules.config.autoreset != Autoreset::Disabled
     }
 
     /// Whether there is anything to show.
@@ -181,7 +181,7 @@ impl Slot {
         self.outcome.show(play, rules)?;
         self.done = terminated || truncated;
         if self.done && rules.config.autoreset == Autoreset::SameStep {
-            let last = std::mem::take(&mut self.outcome);
+            let last = self.outcome.clone();
             self.reset(rules, env, None, &anew)?;
             self.outcome.terms = last.terms;
             self.outcome.terminated = last.terminated;

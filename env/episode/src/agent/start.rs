@@ -3,15 +3,15 @@
 //! Drawn, uniformly unless said otherwise: the object; its resting pose, by the chance that a dropped object ends in it; its turn about
 //! the vertical and its place within 5 cm of the table's middle. The hand is open, its grasp frame within 10 cm of the middle and
 //! 0.15 to 0.30 m above the table, its palm facing down but for a tilt of up to 0.2 rad, turned about the vertical by any angle; where it
-//! would stand in the object it is raised in steps of 5 cm. Every start takes the same number of draws, so that an option
-//! or a randomisation changes nothing but what it names.
+//! would stand in the object it is raised in steps of 5 cm. Before a decision it waits [`WAITING_HEIGHT`] higher, where it hides nothing
+//! from the cameras of the world. Every start takes the same number of draws, so that an option or a randomisation changes nothing but
+//! what it names.
 
 use crate::agent::draw::Draw;
 use crate::agent::objects::Prepared;
 use crate::agent::rules::{Rules, open_hand};
 use crate::eyes::Look;
 use crate::eyes::look::Variation;
-use crate::scene::OUT_OF_THE_WAY;
 use crate::{EpisodeError, Scene};
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
@@ -26,6 +26,8 @@ pub const OBJECT_SPREAD: f64 = 0.05;
 pub const HAND_SPREAD: f64 = 0.10;
 /// Least and greatest height of the grasp frame at the start, metres.
 pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
+/// Before a decision the hand waits so much higher, metres: above what the camera in front of the workspace sees.
+pub const WAITING_HEIGHT: f64 = 0.35;
 /// Greatest angle between the palm's normal and straight down at the start, radians.
 pub const HAND_TILT: f64 = 0.2;
 /// The hand is raised by this much at a time while it stands in the object, metres.
@@ -197,11 +199,7 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
             &format!("the hand takes {} to {} rad", limits[0], limits[1]),
         ));
     }
-    let world_from_hand = if rules.config.control.decides() {
-        waiting_hand(options)?
-    } else {
-        place_hand(rules, &scene, &world_from_object, &drawn, options, preshape)?
-    };
+    let world_from_hand = place_hand(rules, &scene, &world_from_object, &drawn, options, preshape)?;
     let between = |[low, high]: [f64; 2], share: f64| low + (high - low) * share;
     let hand_error = Isometry3::from_parts(
         Translation3::from(drawn.shift * vary.hand_position),
@@ -290,18 +288,6 @@ fn given_object(prepared: &Prepared, rows: &[[f64; 4]; 4]) -> Result<Isometry3<f
     Ok(pose)
 }
 
-/// The hand where nobody sees it: it is sent to its place by the action.
-fn waiting_hand(options: &StartOptions) -> Result<Isometry3<f64>, EpisodeError> {
-    let given = [
-        ("world_from_hand", options.world_from_hand.is_some()),
-        ("preshape", options.preshape.is_some()),
-    ];
-    match given.into_iter().find(|(_, given)| *given) {
-        Some((option, _)) => Err(bad_option(option, "the action says it; leave it out")),
-        None => Ok(Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY)),
-    }
-}
-
 /// The hand where it was asked to be, or where it was drawn, raised out of the object.
 fn place_hand(
     rules: &Rules,
@@ -337,6 +323,9 @@ fn place_hand(
         * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), drawn.yaw)
         * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
     let mut hand = Isometry3::from_parts(Translation3::from(Vector3::from(drawn.hand)), rotation);
+    if rules.config.control.decides() {
+        hand.translation.vector.z += WAITING_HEIGHT;
+    }
     for _ in 0..MOST_RAISES {
         if !collides(&hand) {
             return Ok(hand);

@@ -36,6 +36,7 @@ impl Play {
         } else if feasible {
             self.attempt(&hand, preshape, rules, &mut after)?;
         }
+        self.servo.arrive(&self.episode.world().world_from_hand());
         self.record.potentials = after;
         Ok(self.terms_of_attempt(&after, !feasible))
     }
