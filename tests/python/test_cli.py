@@ -138,5 +138,10 @@ def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"_SEEN": can, "_OBJECTS": (can,), "_ENVS": 2, "_STEPS": 12}.items():
         monkeypatch.setattr(bench_images, name, value)
     rows = bench.measure(1)
-    assert all(set(row) == {"work", "value", "unit"} and row["value"] > 0 for row in rows)
+    assert all(set(row) == {"work", "value", "unit"} for row in rows)
+    assert all(row["value"] > 0 for row in rows if row["unit"] != "%")
+    # So early the hand is still on its way; a can is on few of the pixels.
+    early = bench_images.idle(rows)
+    assert any(sentence.startswith("steps in contact, 2 envs, expert: 0.0 %") for sentence in early)
+    assert not bench_images.idle([{**row, "value": 50.0} for row in rows])
     assert _core.num_threads() >= 1

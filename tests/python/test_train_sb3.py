@@ -1,10 +1,13 @@
 """Stable-Baselines3 takes the environments as they are. Needs the extra ``train``; `make test-train` runs these."""
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
+import yaml
 
 from graspbox.envs import IDS
 from test_conformance import CASES, factory, label
@@ -14,6 +17,7 @@ pytestmark = pytest.mark.train
 sb3 = pytest.importorskip("stable_baselines3")
 
 
+ZOO = Path(__file__).parents[2] / "scripts/rl_zoo3"
 #: What Stable-Baselines3 says of images that are no pictures: depth in metres, points, voxels, labels. Its own networks
 #: do not take them as they are; nothing is wrong with them.
 NO_PICTURE = (
@@ -42,3 +46,32 @@ def test_ppo_learns_for_a_few_steps(env_id: str) -> None:
     model.learn(32)
     assert model.num_timesteps == 32
     assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+def test_the_files_for_rl_zoo_make_models(algorithm: str, env_id: str) -> None:
+    """Every entry is read as RL Zoo reads it, and takes a few steps; RL Zoo itself is in no extra."""
+    import torch
+    from stable_baselines3.common.noise import NormalActionNoise
+
+    found = yaml.safe_load((ZOO / f"{algorithm}.yml").read_text())[env_id]
+    policy, normalize = found.pop("policy"), found.pop("normalize")
+    assert normalize is True or set(eval(normalize)) == {"norm_obs", "norm_reward"}
+    assert found.pop("n_envs") >= 1
+    assert found.pop("n_timesteps") >= 1e5
+    found["policy_kwargs"] = eval(found["policy_kwargs"], {"nn": torch.nn})
+    if isinstance(found["learning_rate"], str):
+        kind, rate = found["learning_rate"].split("_")
+        assert kind == "lin"
+        found["learning_rate"] = float(rate)
+    env = gymnasium.make(env_id, objects="procedural:ball:0")
+    if "noise_type" in found:
+        assert found.pop("noise_type") == "normal"
+        size = env.action_space.shape or ()
+        found["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, found.pop("noise_std")))
+    # Small enough for a test.
+    small = {"n_steps": 8, "batch_size": 8} if algorithm == "ppo" else {"buffer_size": 100, "learning_starts": 4}
+    model = getattr(sb3, algorithm.upper())(policy, env, device="cpu", seed=0, **{**found, **small})
+    model.learn(8)
+    assert model.num_timesteps == 8

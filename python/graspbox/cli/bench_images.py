@@ -19,6 +19,8 @@ _SIZES = (64, 128, 224)
 _FRAMES = 300
 _ENVS, _STEPS = 16, 120
 _OBJECT = 2
+#: Shares of steps with the hand on the object, and of pixels with the object, below which a speed says nothing.
+LEAST = {"steps in contact": 30.0, "pixels of the object": 10.0}
 
 Row = tuple[str, float, str]
 
@@ -67,8 +69,9 @@ def steps(threads: int | None) -> list[Row]:
         ended = terminated | truncated
         touches.append(info["touches"].mean())
         share.append((seen["segmentation"] == _OBJECT).mean())
-    what = f"{_ENVS} envs, expert ({100 * np.mean(touches):.0f} % in contact"
-    rows: list[Row] = []
+    what = f"{_ENVS} envs, expert"
+    shares = dict(zip(LEAST, (100 * float(np.mean(touches)), 100 * float(np.mean(share))), strict=True))
+    rows: list[Row] = [(f"{name}, {what}", value, "%") for name, value in shares.items()]
     envs, seconds = {obs: make(obs) for obs in ("state", "depth")}, {"state": 0.0, "depth": 0.0}
     for one in envs.values():
         one.reset(seed=0)
@@ -78,7 +81,16 @@ def steps(threads: int | None) -> list[Row]:
             started = time.perf_counter()
             one.step(action)
             seconds[obs] += time.perf_counter() - started
-    for obs, says in (("state", ""), ("depth", f", object on {100 * np.mean(share):.0f} % of the pixels")):
-        image = " 64 x 64" if obs == "depth" else ""
-        rows.append((f"env-steps, {obs}{image}, {what}{says})", _ENVS * _STEPS / seconds[obs], "1/s"))
+    for obs, image in (("state", ""), ("depth", " 64 x 64")):
+        rows.append((f"env-steps, {obs}{image}, {what}", _ENVS * _STEPS / seconds[obs], "1/s"))
     return rows
+
+
+def idle(rows: list[dict[str, Any]]) -> list[str]:
+    """Find the shares that are too small for the speeds to count: a sentence for each."""
+    return [
+        f"{row['work']}: {row['value']:.1f} %; below {least:g} % the speeds say nothing"
+        for row in rows
+        for name, least in LEAST.items()
+        if row["work"].startswith(name) and row["value"] < least
+    ]
