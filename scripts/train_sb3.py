@@ -62,7 +62,7 @@ class Settings:
     episodes: Annotated[int, typer.Option(min=1, help="Episodes of an evaluation.")] = 100
     references: Annotated[bool, typer.Option(help="Evaluate random actions, zero actions and the planner too.")] = False
     target: Annotated[float | None, typer.Option(min=0, max=1, help="Successes that the end must show.")] = None
-    resume: Annotated[bool, typer.Option(help="Go on with the run in the folder.")] = False
+    resume: Annotated[bool, typer.Option(help="Go on with the run in the folder, if there is one.")] = False
     torch_threads: Annotated[int, typer.Option(min=1, help="Threads of the networks; small ones are fast on one.")] = 1
     device: Annotated[str, typer.Option(help="Where the networks are: cpu, cuda.")] = "cpu"
     json: Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")] = False
@@ -186,16 +186,30 @@ def begin(settings: Settings, parameters: Parameters, env: Any, begun: bool) -> 
     return model, time.monotonic() - began
 
 
+def checkpointed(folder: Path) -> bool:
+    """Tell whether a folder holds a run that can go on."""
+    if any((folder / name).exists() for name in ("checkpoint", "checkpoint.old")):
+        return True
+    journal = folder / "evaluations.jsonl"
+    if journal.exists() and len(journal.read_text().splitlines()) > 1:
+        raise ConfigError(f"{str(folder)!r} holds evaluations but no checkpoint to go on from; name another folder")
+    return False
+
+
 def train(settings: Settings) -> int:
     """Train; the exit status."""
     parameters = read_parameters(settings)
-    begun = (settings.folder / "evaluations.jsonl").exists()
+    begun = checkpointed(settings.folder)
     if begun and not settings.resume:
         raise ConfigError(f"{str(settings.folder)!r} holds a run; --resume goes on with it, or name another folder")
     what = {"algorithm": settings.algorithm, "id": settings.env, "evaluate": settings.evaluate}
     # A run may go on for longer than it was begun for.
     what |= {"seed": settings.seed, "episodes": settings.episodes, **asdict(replace(parameters, timesteps=0))}
-    journal = Journal(settings.folder / "evaluations.jsonl", what)
+    path = settings.folder / "evaluations.jsonl"
+    if not begun:
+        # What a run leaves that was interrupted before its first checkpoint.
+        path.unlink(missing_ok=True)
+    journal = Journal(path, what)
     torch.set_num_threads(settings.torch_threads)
 
     scale = {"gamma": float(parameters.model.get("gamma", 0.99)), **parameters.normalize}

@@ -126,10 +126,11 @@ def test_an_error_of_calibration_moves_the_hand() -> None:
 
 
 def test_the_hand_waits_where_it_is_asked_to() -> None:
-    """Above everything by default, unseen by the world's camera and seeing the object; elsewhere on request."""
-    obs = ("proprio", "tactile", "segmentation", "segmentation_wrist")
+    """Aside by default, unseen from in front and from overhead, and seeing the object; elsewhere on request."""
+    obs = ("proprio", "tactile", "segmentation", "segmentation_overhead", "segmentation_wrist")
+    overhead = CameraConfig("overhead", eye=(0.0, 0.0, 0.8), target=(0.0, 0.0, 0.0), up=(1.0, 0.0, 0.0), fov=0.6)
     wrist = CameraConfig("wrist", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.6), up=(-1.0, 0.0, 0.0), fov=1.2)
-    settings: dict[str, Any] = {"objects": "procedural:box:0-4", "eyes": EyesConfig(cameras=(FRONT, wrist))}
+    settings: dict[str, Any] = {"objects": "procedural:box:0-4", "eyes": EyesConfig(cameras=(FRONT, overhead, wrist))}
     env: Any = gymnasium.make("graspbox/GraspPose-v0", obs=obs, **settings).unwrapped
     above: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:box:0-4", obs="proprio").unwrapped
     labels = {"table": 1, "object": 2, "hand": 3}
@@ -137,11 +138,14 @@ def test_the_hand_waits_where_it_is_asked_to() -> None:
         seen, info = env.reset(seed=seed)
         lower, same = above.reset(seed=seed)
         assert info["object"] == same["object"]
-        raised = seen["proprio"] - lower
-        assert raised[2] == pytest.approx(0.35, abs=1e-6)
-        assert not np.delete(raised, 2).any()
+        # As there, but further off, and tipped to the side about the table's middle.
+        down, aside = np.array([0, 0, 0.35]), np.eye(3)
+        aside[1:, 1:] = np.array([[np.cos(0.873), np.sin(0.873)], [-np.sin(0.873), np.cos(0.873)]])
+        np.testing.assert_allclose(seen["proprio"][:3], aside @ (lower[:3] + down), atol=1e-6)
+        np.testing.assert_allclose(seen["proprio"][3:6], aside @ lower[3:6], atol=1e-6)
+        np.testing.assert_array_equal(seen["proprio"][9:], lower[9:])
         assert not seen["tactile"].any()
-        assert seen["segmentation"].max() == labels["object"]
+        assert seen["segmentation"].max() == seen["segmentation_overhead"].max() == labels["object"]
         # The fingers may stand before a camera beside the palm, but not before all of the object.
         assert (seen["segmentation_wrist"] == labels["object"]).sum() > 20
         env.step(np.array([0, 0, 1, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32))

@@ -131,6 +131,8 @@ def test_options_change_what_they_name_alone() -> None:
         {"place": [0.0, np.nan, 0.0]},
         {"world_from_hand": np.ones((4, 4))},
         {"friction": -1.0},
+        {"place": [0.7, 0.0, 0.0]},
+        {"world_from_hand": [[1.0, 0, 0, 0.0], [0, -1.0, 0, 3.0], [0, 0, -1.0, 0.3], [0, 0, 0, 1.0]]},
         {"place": object()},
     ],
 )
@@ -200,6 +202,59 @@ def test_an_object_let_go_rises_from_where_it_comes_to_rest() -> None:
     decision: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0")
     _, info = decision.reset(seed=0, options={"world_from_object": high})
     assert info["lift"] == pytest.approx(0.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("env_id", ["graspbox/Grasp-v0", "graspbox/GraspPose-v0"])
+def test_the_hand_is_kept_off_the_object_and_the_table_as_they_are(env_id: str) -> None:
+    """Not as they would be with the object in the resting pose that was drawn."""
+    env: Any = gymnasium.make(env_id, objects="procedural:can:0", obs=("state", "proprio")).unwrapped
+    lies = []
+    for resting in range(2):
+        env.reset(seed=0, options={"resting": resting, "place": [0.0, 0.0, 0.0]})
+        lies.append(env._core.pool.poses()[0][0])
+    assert abs(lies[0][2, 2] - lies[1][2, 2]) > 0.5
+    free = np.diag([1.0, -1.0, -1.0, 1.0])
+    free[:3, 3] = 0.3, 0.3, 0.3
+    tall = lies[0].copy()
+    tall[2, 3] += 0.3
+    for seed in range(20):
+        # As it rests; let go from on high; the hand is where it would be anyway.
+        for pose in lies:
+            given, _ = env.reset(seed=seed, options={"world_from_object": pose})
+            drawn, _ = env.reset(seed=seed, options={"place": [0.0, 0.0, 0.0]})
+            np.testing.assert_allclose(given["proprio"][:3], drawn["proprio"][:3], atol=0.051)
+        env.reset(seed=seed, options={"world_from_object": tall, "world_from_hand": free})
+        for height in (-0.1, -0.02, 0.02):
+            sunk = free.copy()
+            sunk[2, 3] = height
+            with pytest.raises(errors.ConfigError, match="world_from_hand"):
+                env.reset(seed=seed, options={"world_from_object": lies[1], "world_from_hand": sunk})
+
+
+def test_a_hand_does_not_wait_in_an_object_that_fell_there() -> None:
+    env: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0").unwrapped
+    env.reset(seed=0, options={"resting": 0, "place": [0.0, 0.0, 0.0]})
+    high = env._core.pool.poses()[0][0].copy()
+    high[2, 3] += 0.6
+    near = np.diag([1.0, -1.0, -1.0, 1.0])
+    near[2, 3] = 0.06
+    with pytest.raises(errors.ConfigError, match="of object"):
+        env.reset(seed=0, options={"world_from_object": high, "world_from_hand": near})
+
+
+def test_a_seed_of_numpy_is_a_seed() -> None:
+    env = make().unwrapped
+    seed: Any = np.int64(3)
+    assert data_equivalence(env.reset(seed=seed), env.reset(seed=3), exact=True)
+    assert env.np_random_seed == 3
+
+
+def test_the_seed_of_a_state_is_not_known() -> None:
+    one, other = make().unwrapped, make().unwrapped
+    one.reset(seed=1)
+    other.set_state(one.get_state())
+    assert other.np_random_seed == -1
+    assert data_equivalence(other.reset(), one.reset(), exact=True)
 
 
 def test_an_object_that_cannot_be_used_does_not_block_the_environment(tmp_path: Path) -> None:

@@ -106,6 +106,25 @@ def test_attributes_methods_and_their_errors() -> None:
 
     with pytest.raises(errors.ConfigError, match="SameStep"):
         VecEnv(gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS))
+    # A rollout buffer would take each observation as that of the step before.
+    with pytest.raises(errors.ConfigError, match="copy=True"):
+        make(copy=False)
+
+
+def test_what_belongs_to_one_environment_is_had_alone() -> None:
+    env = make()
+    place = np.array([0.01, 0.02, 0.3])
+    env.seed(5)
+    env.set_options([{"place": place.copy()} for _ in range(3)])
+    observations = env.reset()
+    np.testing.assert_allclose(observations[:, 31:33], observations[[0], 31:33].repeat(3, axis=0), atol=0.1)
+    for name in ("observation_space", "action_space"):
+        assert env.get_attr(name) == [getattr(env, name)] * 3
+    assert env.get_attr("np_random_seed", indices=[0, 2]) == [5, 7]
+    cameras = env.env_method("cameras", indices=[1])
+    assert len(cameras) == 1
+    assert cameras[0]["front"][1].shape == (4, 4)
+    np.testing.assert_array_equal(cameras[0]["palm"][1], env.env.cameras()["palm"][1][1])
 
 
 def test_ppo_learns_and_is_evaluated() -> None:

@@ -1,6 +1,7 @@
 """`scripts/train_sb3.py`: what it writes, that it stops and goes on, and that it tells the truth. Needs ``train``."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -262,3 +263,18 @@ def program_env() -> Any:
     from graspbox.sb3.running import make_env
 
     return make_env("graspbox/Grasp-v0", 4, objects="procedural:ball:0", max_episode_steps=8)
+
+
+def test_a_run_interrupted_before_its_first_checkpoint_begins_anew(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    journal = folder / "evaluations.jsonl"
+    journal.write_text('{"settings": {"algorithm": "none"}}\n')
+    assert run("ppo", folder, PPO, resume=True) == 0
+    kept = journal.read_text()
+    # Evaluations are not thrown away.
+    shutil.rmtree(folder / "checkpoint")
+    for resume in (False, True):
+        with pytest.raises(ConfigError, match="no checkpoint"):
+            run("ppo", folder, PPO, resume=resume)
+    assert journal.read_text() == kept

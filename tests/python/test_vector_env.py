@@ -1,13 +1,14 @@
 """The native vector environment is the single one, many times: the same bits, infos included."""
 
 import itertools
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import graspbox
@@ -91,7 +92,8 @@ def test_episodes_that_succeed_equal_sync_too(control: str, mode: AutoresetMode)
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_decisions_equal_sync_of_single_environments(mode: AutoresetMode) -> None:
     """Random and planned poses; every step ends every episode."""
-    settings: dict[str, Any] = {"objects": OBJECTS, "reward": "dense", "obs": ("state", "depth"), "image_size": 24}
+    obs = (*VECTORS, "depth", "depth_palm", "voxels")
+    settings: dict[str, Any] = {"objects": OBJECTS, "reward": "dense", "obs": obs, "image_size": 24}
     single: Any = gymnasium.make_vec(
         "graspbox/GraspPose-v0",
         num_envs=3,
@@ -122,6 +124,39 @@ def test_decisions_equal_sync_of_single_environments(mode: AutoresetMode) -> Non
             shown = native.reset(options={"reset_mask": done})
             assert data_equivalence(shown, single.reset(options={"reset_mask": done.copy()}), exact=True)
     assert successes >= 1
+
+
+def test_decisions_by_other_ways_are_the_same() -> None:
+    """Views into buffers, sent and received, in processes, and counted: what a plain call gives."""
+    settings: dict[str, Any] = {"objects": OBJECTS, "reward": "dense", "obs": ("depth_palm", "proprio", "state")}
+    env_id, same = "graspbox/GraspPose-v0", AutoresetMode.SAME_STEP
+    made: list[Any] = [
+        gymnasium.make_vec(env_id, num_envs=3, autoreset_mode=same, copy=copy, **settings)
+        for copy in (True, False, True, True)
+    ]
+    plain, views, sent, counted = made
+    single: Any = [partial(gymnasium.make, env_id, **settings)] * 3
+    processes = AsyncVectorEnv(single, autoreset_mode=same)
+    statistics = RecordEpisodeStatistics(counted)
+    others: list[Any] = [views, sent, processes, statistics]
+    try:
+        first, _ = plain.reset(seed=3)
+        for env in others:
+            assert data_equivalence(env.reset(seed=3)[0], first, exact=True)
+        plain.action_space.seed(0)
+        for action in [plain.action_space.sample() for _ in range(3)]:
+            expected = plain.step(action)
+            sent.send(action)
+            arrived = sent.recv(3)
+            order = np.argsort(arrived[4]["env_id"])
+            np.testing.assert_array_equal(arrived[0]["proprio"][order], expected[0]["proprio"])
+            assert data_equivalence(views.step(action), expected, exact=True)
+            assert data_equivalence(processes.step(action)[:4], expected[:4], exact=True)
+            told = statistics.step(action)[4]
+            np.testing.assert_allclose(told["episode"]["r"], expected[1], rtol=1e-6)
+            np.testing.assert_array_equal(told["episode"]["l"], [1, 1, 1])
+    finally:
+        processes.close()
 
 
 def test_a_held_action_is_that_action_again() -> None:
@@ -293,7 +328,8 @@ def test_states_pass_between_single_and_vector() -> None:
     env.reset(seed=6)
     for action in actions[:15]:
         env.step(action)
-    single.set_state(env.get_state(1))
+    shown = env.set_state(1, env.get_state(1))
+    assert data_equivalence(single.set_state(env.get_state(1)), shown, exact=True)
     for action in actions[15:]:
         ours = env.step(action)
         theirs = single.step(action[1])

@@ -2,7 +2,7 @@
 
 use crate::{Body, EpisodeError};
 use graspbox_hand::{GraspPose, Hand, MotorCommand};
-use graspbox_plan::{CollisionScene, Feasibility, OpenHand, Plan, PlanObject, PlanParams};
+use graspbox_plan::{CollisionScene, Feasibility, Plan, PlanError, PlanObject, PlanParams};
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ const REST_SPIN: f64 = 2e-2;
 const REST_STEPS: usize = 50;
 /// Longest time to settle, seconds. A ball that still rolls then is stopped where it is.
 pub(crate) const SETTLE_TIME: f64 = 3.0;
-/// The hand waits this high above the table while the object settles, and until it is sent, metres.
+/// The hand waits this high above the table while the object settles, metres.
 pub(crate) const OUT_OF_THE_WAY: f64 = 2.0;
 
 /// An object at rest on the table, with everything that its episodes share.
@@ -132,25 +132,38 @@ impl Scene {
         standoff: f64,
         elsewhere: Option<(&Body, &Isometry3<f64>)>,
     ) -> Result<bool, EpisodeError> {
-        let plan_error = |source| EpisodeError::Plan {
-            object: self.name.clone(),
-            source,
-        };
-        let made = elsewhere.map(|(body, place)| CollisionScene::new(body.mesh(), body.parts(), place));
-        let made = made.transpose().map_err(plan_error)?;
-        let Some(obstacles) = made.as_ref().or(self.obstacles.as_ref()) else {
+        let made = elsewhere
+            .map(|(body, place)| self.obstacles_at(body, place))
+            .transpose()?;
+        let Some(obstacles) = made.as_ref().or(self.obstacles()) else {
             return Ok(true);
         };
-        let found = obstacles
-            .check_pose(self.template.hand(), pose, 0.0, standoff)
-            .map_err(plan_error)?;
-        Ok(found == Feasibility::Feasible)
+        let found = obstacles.check_pose(self.template.hand(), pose, 0.0, standoff);
+        Ok(found.map_err(|source| self.plan_error(source))? == Feasibility::Feasible)
     }
 
-    /// True when the open hand at `object_from_hand` stands in object or table; an object without a mesh is not checked.
-    pub fn collides(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
-        let obstacles = self.obstacles.as_ref();
-        obstacles.is_some_and(|o| o.collides(hand, object_from_hand))
+    /// Object and table as obstacles; none for an object without a mesh.
+    pub fn obstacles(&self) -> Option<&CollisionScene> {
+        self.obstacles.as_ref()
+    }
+
+    /// The same, for the object at another place in the world.
+    ///
+    /// # Errors
+    /// An object that cannot be an obstacle.
+    pub fn obstacles_at(
+        &self,
+        body: &Body,
+        world_from_object: &Isometry3<f64>,
+    ) -> Result<CollisionScene, EpisodeError> {
+        CollisionScene::new(body.mesh(), body.parts(), world_from_object).map_err(|source| self.plan_error(source))
+    }
+
+    fn plan_error(&self, source: PlanError) -> EpisodeError {
+        EpisodeError::Plan {
+            object: self.name.clone(),
+            source,
+        }
     }
 
     /// Plans grasps of `body` as it rests in this scene.

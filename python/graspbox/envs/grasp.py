@@ -333,8 +333,8 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """
         if seed is None and not self._begun:
             seed = fresh_seed()
-        seeds = None if seed is None else [checked_seed(seed)]
-        arrays = self._core.pool.reset(seeds, None, options_json(options))
+        seed = None if seed is None else checked_seed(seed)
+        arrays = self._core.pool.reset(None if seed is None else [seed], None, options_json(options))
         super().reset(seed=seed)
         self._begun = True
         return self._observation(arrays), row(self._core.columns(arrays), 0)
@@ -386,9 +386,15 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         Raises
         ------
         ConfigError
-            If the state is damaged, of another version, or of other objects, another hand, control mode or frame_skip.
+            If the state is damaged, of another version, or of other objects, cameras, another hand, control mode or
+            frame_skip.
+        SimulationError
+            If the object of that name has another shape here, or the physics differ.
         """
         self._core.pool.set_state(0, state)
+        if not self._begun:
+            # The stream is that of the state, whose seed is not known.
+            self._np_random_seed = -1
         self._begun = True
         arrays = self._core.pool.now()
         return self._observation(arrays), self._info(arrays)

@@ -76,9 +76,10 @@ in `graspbox.envs.grasp`. ``state`` is **privileged**; it tells of the object al
 | mass |  | 18 |  | 0 | 10 | kg | of the object |
 | tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
 
-Before the decision the hand waits, open, where ``Grasp-v0`` would begin but 0.35 m higher: 0.50 to 0.65 m above the
-table, where the camera ``front`` does not see it. ``proprio`` and ``tactile`` are its own. The camera ``palm`` looks
-between the fingers, often past an object so far away; an eye in hand that sees it from there is, in ``eyes``,
+Before the decision the hand waits, open, where ``Grasp-v0`` would begin but 0.35 m higher, and all of that tipped by 50
+degrees about the table's middle towards +y: its palm faces the object from 0.5 to 0.65 m, and neither the camera
+``front`` nor one overhead sees it. ``proprio`` and ``tactile`` are its own. The camera ``palm`` looks between the
+fingers, often past an object so far away; an eye in hand that sees it from there is, in ``eyes``,
 ``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)``.
 
 Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``, and those of single cameras, as

@@ -30,6 +30,7 @@ from graspbox.envs.core import (
     checked_seed,
     fresh_seed,
     options_json,
+    row,
 )
 from graspbox.errors import ConfigError
 
@@ -225,6 +226,8 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             As `step`, or if one of them has not been received since it was sent.
         """
         indices = range(self.num_envs) if envs is None else [int(env) for env in envs]
+        if any(not 0 <= env < self.num_envs for env in indices):
+            raise ConfigError(f"envs is {list(indices)}; indices are between 0 and {self.num_envs - 1}")
         self._core.pool.send(self._core.action(actions, len(indices)), list(indices))
 
     def recv(self, count: int | None = None) -> Step:
@@ -255,18 +258,27 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """Everything that the future of an environment depends on, its random stream included."""
         return self._core.pool.get_state(env)
 
-    def set_state(self, env: int, state: bytes) -> None:
+    def set_state(self, env: int, state: bytes) -> tuple[Any, dict[str, Any]]:
         """Take up a state that `get_state` gave, of this or of a single environment.
+
+        Returns
+        -------
+        observation, info
+            Of this environment, as they were then.
 
         Raises
         ------
-        ConfigError
+        ConfigError, SimulationError
             As `graspbox.envs.grasp.GraspEnv.set_state`.
         """
         self._core.pool.set_state(env, state)
         if self._seeds[env] is None:
             # The stream is that of the state, whose seed is not known.
             self._seeds[env] = -1
+        arrays = self._core.pool.now()
+        seen = self._core.observations(arrays)
+        observation = {name: rows[env] for name, rows in seen.items()} if isinstance(seen, dict) else seen[env]
+        return observation, row(self._core.columns(arrays), env)
 
     def _seeds_for(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None) -> list[int | None]:
         """Find the seeds of a reset; a stream that has not begun gets a fresh one."""

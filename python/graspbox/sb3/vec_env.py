@@ -17,7 +17,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from graspbox.envs.core import row
+from graspbox.envs.core import options_json, row
 from graspbox.errors import ConfigError, MissingExtraError
 
 try:
@@ -30,8 +30,8 @@ except ModuleNotFoundError as error:
 
 __all__ = ["VecEnv"]
 
-#: Methods of the native environment that take the index of one environment first.
-_PER_ENV = ("get_state", "set_state")
+#: Methods that an environment has by itself.
+_PER_ENV = ("get_state", "set_state", "cameras")
 
 
 class VecEnv(_VecEnv):  # type: ignore[misc]
@@ -48,13 +48,17 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
     Raises
     ------
     ConfigError
-        If the environment resets in another way.
+        If the environment resets in another way, or overwrites the observations that it gave.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
             raise ConfigError(
                 "Stable-Baselines3 resets in the step that ends an episode; use autoreset_mode='SameStep'"
+            )
+        if not getattr(env.unwrapped, "copy", True):
+            raise ConfigError(
+                "learners keep observations beside the next ones, which copy=False overwrites; use copy=True"
             )
         self.env = env
         self._actions: NDArray[np.float32] | None = None
@@ -69,7 +73,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
 
     def reset(self) -> Any:
         """Begin episodes, with the seeds and options that were set before; returns the observations."""
-        if any(options != self._options[0] for options in self._options):
+        if len({options_json(options) for options in self._options}) > 1:
             raise ConfigError("the options of a reset must be the same for all environments")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         observations, infos = self.env.reset(seed=seeds, options=self._options[0] or None)  # type: ignore[arg-type]
@@ -109,9 +113,12 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Read an attribute: all environments share it."""
+        """Read an attribute: all environments share it, but for the seeds of their streams."""
+        if attr_name in ("observation_space", "action_space"):
+            # What Stable-Baselines3 knows is one environment's.
+            attr_name = f"single_{attr_name}"
         value = getattr(self.env, attr_name)
-        return [value for _ in self._get_indices(indices)]
+        return [value[i] if attr_name == "np_random_seed" else value for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute: all environments share it.
@@ -126,7 +133,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call ``get_state`` or ``set_state`` of some environments.
+        """Call ``get_state``, ``set_state`` or ``cameras`` of some environments.
 
         Raises
         ------
@@ -135,8 +142,11 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         """
         if method_name not in _PER_ENV:
             raise ConfigError(f"an environment has no method {method_name!r} here; choose from {', '.join(_PER_ENV)}")
-        method = getattr(self.env, method_name)
-        return [method(index, *method_args, **method_kwargs) for index in self._get_indices(indices)]
+        method, which = getattr(self.env, method_name), self._get_indices(indices)
+        if method_name == "cameras":
+            found = method(*method_args, **method_kwargs).items()
+            return [{name: (intrinsics, poses[i]) for name, (intrinsics, poses) in found} for i in which]
+        return [method(index, *method_args, **method_kwargs) for index in which]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Tell that no wrapper stands between: wrap this in ``VecMonitor`` and the like."""

@@ -8,9 +8,8 @@ use crate::agent::servo::Servo;
 use crate::agent::start::Start;
 use crate::eyes::stage::object_color;
 use crate::eyes::{Look, Moment};
-use crate::scene::OUT_OF_THE_WAY;
 use crate::{Episode, EpisodeError, FailureKind, Judge};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -117,26 +116,11 @@ impl Play {
             episode,
             record,
         };
-        if start.let_go {
-            play.let_go(start, rules, factors)?;
+        if let Some(height) = start.let_go {
+            play.episode.let_go(height);
         }
         play.record.potentials = Potentials::of(&play, rules);
         Ok(play)
-    }
-
-    /// The object was let go: before a decision it comes to rest, else it falls while the agent acts.
-    fn let_go(&mut self, start: &Start, rules: &Rules, factors: [f64; 2]) -> Result<(), EpisodeError> {
-        // Where it would rest, were there no hand.
-        let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
-        let mut alone = Episode::reset_at(&start.scene, &away, &start.world_from_object, start.preshape, factors);
-        alone.rest()?;
-        let (rests, center) = (alone.world().world_from_object(), alone.world().object_center());
-        if rules.config.control.decides() {
-            self.episode = Episode::reset_at(&start.scene, &start.world_from_hand, &rests, start.preshape, factors);
-            self.record.first_center = center;
-        }
-        self.episode.let_go(center.z);
-        Ok(())
     }
 
     pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, servo: Servo, record: Record) -> Self {

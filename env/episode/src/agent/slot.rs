@@ -9,12 +9,12 @@ use crate::agent::reward::TERMS;
 use crate::agent::rules::Rules;
 use crate::agent::servo::Servo;
 use crate::agent::start::{StartOptions, start};
-use crate::eyes::Pixels;
+use crate::eyes::{Mount, Pixels};
 use crate::{Episode, EpisodeError, Judge};
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagent5";
+const MAGIC: &[u8; 8] = b"gbagent6";
 /// Length of the checksum that follows.
 const CHECKSUM: usize = 32;
 
@@ -63,6 +63,8 @@ pub struct Slot {
 struct Saved {
     control: Control,
     frame_skip: u32,
+    /// Names of the cameras, and what carries them.
+    cameras: Vec<(String, Mount)>,
     object: String,
     draw: DrawState,
     world: Vec<u8>,
@@ -222,6 +224,7 @@ impl Slot {
         let saved = Saved {
             control: rules.config.control,
             frame_skip: rules.config.frame_skip,
+            cameras: cameras(rules),
             object: name.to_owned(),
             draw: draw.state(),
             world,
@@ -243,7 +246,7 @@ impl Slot {
     /// Takes up a state that [`Slot::save`] gave; from there the same actions lead to the same bits.
     ///
     /// # Errors
-    /// Bytes of another version, damaged ones, or ones of other objects, another hand, other physics or another control mode.
+    /// Bytes of another version, damaged ones, or ones of other objects, another hand, other physics, cameras or another control mode.
     pub fn restore(&mut self, rules: &Rules, bytes: &[u8]) -> Result<(), EpisodeError> {
         let bad = |why: &str| EpisodeError::BadState { why: why.to_owned() };
         let rest = bytes
@@ -268,8 +271,15 @@ impl Slot {
         if record.last_action.len() != rules.action {
             return Err(bad("it is of another hand"));
         }
-        if record.look.parent_from_camera.len() != rules.eyes.lenses().len() {
-            return Err(bad("it is of other cameras"));
+        if saved.cameras != cameras(rules) {
+            let names: Vec<_> = saved.cameras.iter().map(|(name, _)| name.as_str()).collect();
+            return Err(bad(&format!(
+                "its cameras are other ones, or carried by something else: {}",
+                names.join(", ")
+            )));
+        }
+        if record.look.parent_from_camera.len() != saved.cameras.len() {
+            return Err(bad("a camera of it has no pose"));
         }
         let prepared = rules.objects.prepared(index)?;
         let (resting, scene) = rules.objects.scene(&prepared, record.resting)?;
@@ -293,6 +303,11 @@ impl Slot {
         self.last = None;
         Ok(())
     }
+}
+
+fn cameras(rules: &Rules) -> Vec<(String, Mount)> {
+    let all = rules.eyes.config().cameras.iter();
+    all.map(|camera| (camera.name.clone(), camera.mount)).collect()
 }
 
 /// Begins an episode, and shows it.

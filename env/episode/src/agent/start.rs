@@ -3,17 +3,22 @@
 //! Drawn, uniformly unless said otherwise: the object; its resting pose, by the chance that a dropped object ends in it; its turn about
 //! the vertical and its place within 5 cm of the table's middle. The hand is open, its grasp frame within 10 cm of the middle and
 //! 0.15 to 0.30 m above the table, its palm facing down but for a tilt of up to 0.2 rad, turned about the vertical by any angle; where it
-//! would stand in the object it is raised in steps of 5 cm. Before a decision it waits [`WAITING_HEIGHT`] higher, where it hides nothing
-//! from the cameras of the world. Every start takes the same number of draws, so that an option or a randomisation changes nothing but
-//! what it names.
+//! would stand in the object it is raised in steps of 5 cm. Before a decision it waits [`WAITING_DISTANCE`] higher and all of that tipped
+//! to the side by [`WAITING_ANGLE`] about the table's middle: its palm faces the object, which it hides neither from the camera in front
+//! nor from one overhead. Every start takes the same number of draws, so that an option or a randomisation changes nothing but what it
+//! names.
 
 use crate::agent::draw::Draw;
+use crate::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::agent::objects::Prepared;
+use crate::agent::play::LOST_DISTANCE;
 use crate::agent::rules::{Rules, open_hand};
 use crate::eyes::Look;
 use crate::eyes::look::Variation;
-use crate::{EpisodeError, Scene};
+use crate::scene::OUT_OF_THE_WAY;
+use crate::{Episode, EpisodeError, Scene};
 use graspbox_mesh::TriMesh;
+use graspbox_plan::{CollisionScene, OpenHand};
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -26,8 +31,12 @@ pub const OBJECT_SPREAD: f64 = 0.05;
 pub const HAND_SPREAD: f64 = 0.10;
 /// Least and greatest height of the grasp frame at the start, metres.
 pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
-/// Before a decision the hand waits so much higher, metres: above what the camera in front of the workspace sees.
-pub const WAITING_HEIGHT: f64 = 0.35;
+/// Before a decision the hand waits so much further from the table's middle, metres.
+pub const WAITING_DISTANCE: f64 = 0.35;
+/// It is tipped by this about the world's x axis then, from above the middle towards +y, radians (50 degrees).
+pub const WAITING_ANGLE: f64 = 0.873;
+/// Whatever is given a place has it no further from the middle or higher than this, metres.
+const HIGHEST: f64 = 1.0;
 /// Greatest angle between the palm's normal and straight down at the start, radians.
 pub const HAND_TILT: f64 = 0.2;
 /// The hand is raised by this much at a time while it stands in the object, metres.
@@ -81,8 +90,8 @@ pub struct Start {
     pub resting: usize,
     /// The object.
     pub prepared: Arc<Prepared>,
-    /// The object was let go where it was asked to be, and may fall.
-    pub let_go: bool,
+    /// The object was let go where it was asked to be: the height of its centre of mass once it rests, metres.
+    pub let_go: Option<f64>,
     /// The object as it rests.
     pub scene: Arc<Scene>,
     /// Where it lies.
@@ -146,61 +155,33 @@ impl Drawn {
 /// # Errors
 /// An option that cannot be, or an object that cannot be prepared.
 pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<Start, EpisodeError> {
-    let objects = &rules.objects;
-    let drawn = Drawn::new(draw, objects.len());
-    let object = match &options.object {
-        None => drawn.object,
-        Some(ObjectChoice::Index(index)) => *index,
-        Some(ObjectChoice::Name(name)) => objects
-            .names()
-            .position(|n| n == name)
-            .ok_or_else(|| EpisodeError::UnknownObject { name: name.clone() })?,
-    };
-    let prepared = objects.prepared(object)?;
-    let ways = prepared.probabilities().len();
-    let way = match options.resting {
-        Some(way) if way >= ways => {
-            return Err(bad_option(
-                "resting",
-                &format!(
-                    "object `{}` has {ways} resting poses, counted from 0",
-                    prepared.body().name()
-                ),
-            ));
-        }
-        Some(way) => way,
-        None => weighted(drawn.resting, prepared.probabilities()),
-    };
-    let (resting, scene) = objects.scene(&prepared, way)?;
-    if options.resting.is_some() && resting != way {
-        return Err(bad_option(
-            "resting",
-            &format!(
-                "object `{}` does not come to rest in pose {way}",
-                prepared.body().name()
-            ),
-        ));
-    }
     let vary = &rules.config.randomization;
-    let moved = |i: usize| drawn.place[i] + drawn.moved[i] * vary.object_position;
-    let world_from_object = match (&options.world_from_object, &options.place) {
-        (Some(_), Some(_)) => return Err(bad_option("place", "give it or world_from_object, not both")),
-        (Some(rows), None) => given_object(&prepared, rows)?,
-        (None, Some([x, y, turn])) => {
-            planar(finite(*x, "place")?, finite(*y, "place")?, finite(*turn, "place")?) * scene.world_from_object()
-        }
-        (None, None) => planar(moved(0), moved(1), drawn.place[2]) * scene.world_from_object(),
-    };
-    let limits = rules.hand().preshape_limits;
-    let preshape = options.preshape.unwrap_or(limits[0]);
-    if !(limits[0]..=limits[1]).contains(&preshape) {
-        return Err(bad_option(
-            "preshape",
-            &format!("the hand takes {} to {} rad", limits[0], limits[1]),
-        ));
-    }
-    let world_from_hand = place_hand(rules, &scene, &world_from_object, &drawn, options, preshape)?;
+    let drawn = Drawn::new(draw, rules.objects.len());
+    let (object, prepared) = choose_object(rules, &drawn, options)?;
+    let (resting, scene) = choose_resting(rules, &prepared, &drawn, options)?;
+    let preshape = checked_preshape(rules, options)?;
     let between = |[low, high]: [f64; 2], share: f64| low + (high - low) * share;
+    let friction = factor(options.friction, between(vary.friction, drawn.friction), "friction")?;
+    let mass = factor(options.mass, between(vary.mass, drawn.mass), "mass")?;
+    let mut world_from_object = place_object(rules, &prepared, &scene, &drawn, options)?;
+    let mut let_go = None;
+    if options.world_from_object.is_some() {
+        let (rests, height) = settled(&scene, &world_from_object, [friction, mass])?;
+        let_go = Some(height);
+        if rules.config.control.decides() {
+            world_from_object = rests;
+        }
+    }
+    // The table of a scene stands as the object rests in it.
+    let elsewhere = let_go.map(|_| scene.obstacles_at(prepared.body(), &world_from_object));
+    let elsewhere = elsewhere.transpose()?;
+    let room = Room {
+        rules,
+        name: scene.name(),
+        obstacles: elsewhere.as_ref().or(scene.obstacles()),
+        world_from_object: &world_from_object,
+    };
+    let world_from_hand = room.place_hand(&drawn, options, preshape)?;
     let hand_error = Isometry3::from_parts(
         Translation3::from(drawn.shift * vary.hand_position),
         UnitQuaternion::from_scaled_axis(drawn.turn * vary.hand_rotation),
@@ -214,16 +195,106 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
         object,
         resting,
         prepared,
-        let_go: options.world_from_object.is_some(),
+        let_go,
         scene,
         world_from_object,
         world_from_hand,
         preshape,
-        friction: factor(options.friction, between(vary.friction, drawn.friction), "friction")?,
-        mass: factor(options.mass, between(vary.mass, drawn.mass), "mass")?,
+        friction,
+        mass,
         hand_error,
         look: Look::draw(&rules.eyes, &seen, &options.cameras, drawn.look)?,
     })
+}
+
+fn choose_object(rules: &Rules, drawn: &Drawn, options: &StartOptions) -> Result<(usize, Arc<Prepared>), EpisodeError> {
+    let objects = &rules.objects;
+    let object = match &options.object {
+        None => drawn.object,
+        Some(ObjectChoice::Index(index)) => *index,
+        Some(ObjectChoice::Name(name)) => objects
+            .names()
+            .position(|n| n == name)
+            .ok_or_else(|| EpisodeError::UnknownObject { name: name.clone() })?,
+    };
+    Ok((object, objects.prepared(object)?))
+}
+
+fn choose_resting(
+    rules: &Rules,
+    prepared: &Prepared,
+    drawn: &Drawn,
+    options: &StartOptions,
+) -> Result<(usize, Arc<Scene>), EpisodeError> {
+    let (name, ways) = (prepared.body().name(), prepared.probabilities().len());
+    let way = match options.resting {
+        Some(way) if way >= ways => {
+            let why = format!("object `{name}` has {ways} resting poses, counted from 0");
+            return Err(bad_option("resting", &why));
+        }
+        Some(way) => way,
+        None => weighted(drawn.resting, prepared.probabilities()),
+    };
+    let (resting, scene) = rules.objects.scene(prepared, way)?;
+    if options.resting.is_some() && resting != way {
+        let why = format!("object `{name}` does not come to rest in pose {way}");
+        return Err(bad_option("resting", &why));
+    }
+    Ok((resting, scene))
+}
+
+fn checked_preshape(rules: &Rules, options: &StartOptions) -> Result<f64, EpisodeError> {
+    let [low, high] = rules.hand().preshape_limits;
+    let preshape = options.preshape.unwrap_or(low);
+    if (low..=high).contains(&preshape) {
+        Ok(preshape)
+    } else {
+        Err(bad_option("preshape", &format!("the hand takes {low} to {high} rad")))
+    }
+}
+
+/// Where the object lies, or is let go.
+fn place_object(
+    rules: &Rules,
+    prepared: &Prepared,
+    scene: &Scene,
+    drawn: &Drawn,
+    options: &StartOptions,
+) -> Result<Isometry3<f64>, EpisodeError> {
+    let vary = &rules.config.randomization;
+    let moved = |i: usize| drawn.place[i] + drawn.moved[i] * vary.object_position;
+    let (option, pose) = match (&options.world_from_object, &options.place) {
+        (Some(_), Some(_)) => return Err(bad_option("place", "give it or world_from_object, not both")),
+        (Some(rows), None) => ("world_from_object", given_object(prepared, rows)?),
+        (None, Some([x, y, turn])) => {
+            let [x, y, turn] = [finite(*x, "place")?, finite(*y, "place")?, finite(*turn, "place")?];
+            ("place", planar(x, y, turn) * scene.world_from_object())
+        }
+        (None, None) => return Ok(planar(moved(0), moved(1), drawn.place[2]) * scene.world_from_object()),
+    };
+    let center = pose * scene.center_of_mass();
+    if center.coords.xy().norm() >= LOST_DISTANCE || center.z > HIGHEST {
+        let why = format!(
+            "the object's centre of mass would be at {:.3}, {:.3}, {:.3} m; keep it within {LOST_DISTANCE} m of the table's middle and \
+             {HIGHEST} m above it",
+            center.x, center.y, center.z
+        );
+        return Err(bad_option(option, &why));
+    }
+    Ok(pose)
+}
+
+/// Where an object that is let go at `world_from_object` comes to rest, were there no hand, and how high its centre of mass is then, metres.
+fn settled(
+    scene: &Arc<Scene>,
+    world_from_object: &Isometry3<f64>,
+    factors: [f64; 2],
+) -> Result<(Isometry3<f64>, f64), EpisodeError> {
+    let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
+    let mut alone = Episode::reset_at(scene, &away, world_from_object, 0.0, factors);
+    alone.rest()?;
+    let world = alone.world();
+    Ok((world.world_from_object(), world.object_center().z))
 }
 
 fn bad_option(option: &'static str, why: &str) -> EpisodeError {
@@ -288,53 +359,82 @@ fn given_object(prepared: &Prepared, rows: &[[f64; 4]; 4]) -> Result<Isometry3<f
     Ok(pose)
 }
 
-/// The hand where it was asked to be, or where it was drawn, raised out of the object.
-fn place_hand(
-    rules: &Rules,
-    scene: &Scene,
-    world_from_object: &Isometry3<f64>,
-    drawn: &Drawn,
-    options: &StartOptions,
-    preshape: f64,
-) -> Result<Isometry3<f64>, EpisodeError> {
-    let other;
-    let open = if preshape == rules.hand().preshape_limits[0] {
-        &rules.open
-    } else {
-        other = open_hand(rules.hand(), preshape)?;
-        &other
-    };
-    let collides = |hand: &Isometry3<f64>| scene.collides(open, &(world_from_object.inverse() * hand));
-    if let Some(rows) = &options.world_from_hand {
+/// Where the hand may stand.
+struct Room<'a> {
+    rules: &'a Rules,
+    /// Of the object.
+    name: &'a str,
+    /// Object and table; none where nothing is in the way.
+    obstacles: Option<&'a CollisionScene>,
+    world_from_object: &'a Isometry3<f64>,
+}
+
+impl Room<'_> {
+    /// The hand where it was asked to be, or where it was drawn, raised out of the object.
+    fn place_hand(&self, drawn: &Drawn, options: &StartOptions, preshape: f64) -> Result<Isometry3<f64>, EpisodeError> {
+        let hand = self.rules.hand();
+        let other;
+        let open = if preshape == hand.preshape_limits[0] {
+            &self.rules.open
+        } else {
+            other = open_hand(hand, preshape)?;
+            &other
+        };
+        if let Some(rows) = &options.world_from_hand {
+            return self.given_hand(rows, open);
+        }
+        let mut hand = self.drawn_hand(drawn);
+        for _ in 0..MOST_RAISES {
+            if !self.collides(open, &hand) {
+                return Ok(hand);
+            }
+            hand.translation.vector.z += RAISE;
+        }
+        Err(EpisodeError::NoStart {
+            object: self.name.to_owned(),
+        })
+    }
+
+    fn collides(&self, open: &OpenHand, world_from_hand: &Isometry3<f64>) -> bool {
+        let object_from_hand = self.world_from_object.inverse() * world_from_hand;
+        self.obstacles.is_some_and(|o| o.collides(open, &object_from_hand))
+    }
+
+    fn given_hand(&self, rows: &[[f64; 4]; 4], open: &OpenHand) -> Result<Isometry3<f64>, EpisodeError> {
         let hand = rigid(rows, "world_from_hand")?;
-        if collides(&hand) {
-            return Err(bad_option(
-                "world_from_hand",
-                &format!(
-                    "the open hand would stand within 1 cm of the table or of object `{}`",
-                    scene.name()
-                ),
-            ));
+        let [low, high] = if self.rules.config.control.decides() {
+            [[-HIGHEST, -HIGHEST, 0.0], [HIGHEST; 3]]
+        } else {
+            [WORKSPACE_LOW, WORKSPACE_HIGH]
+        };
+        let place = &hand.translation.vector;
+        if (0..3).any(|i| !(low[i]..=high[i]).contains(&place[i])) {
+            let why = format!("the hand has to be between {low:?} and {high:?} m");
+            return Err(bad_option("world_from_hand", &why));
         }
-        return Ok(hand);
-    }
-    let axis = Unit::new_unchecked(Vector3::new(drawn.tilt[0].cos(), drawn.tilt[0].sin(), 0.0));
-    let rotation = UnitQuaternion::from_axis_angle(&axis, drawn.tilt[1])
-        * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), drawn.yaw)
-        * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
-    let mut hand = Isometry3::from_parts(Translation3::from(Vector3::from(drawn.hand)), rotation);
-    if rules.config.control.decides() {
-        hand.translation.vector.z += WAITING_HEIGHT;
-    }
-    for _ in 0..MOST_RAISES {
-        if !collides(&hand) {
-            return Ok(hand);
+        if self.collides(open, &hand) {
+            let why = format!(
+                "the open hand would stand within 1 cm of the table or of object `{}`",
+                self.name
+            );
+            return Err(bad_option("world_from_hand", &why));
         }
-        hand.translation.vector.z += RAISE;
+        Ok(hand)
     }
-    Err(EpisodeError::NoStart {
-        object: scene.name().to_owned(),
-    })
+
+    fn drawn_hand(&self, drawn: &Drawn) -> Isometry3<f64> {
+        let axis = Unit::new_unchecked(Vector3::new(drawn.tilt[0].cos(), drawn.tilt[0].sin(), 0.0));
+        let rotation = UnitQuaternion::from_axis_angle(&axis, drawn.tilt[1])
+            * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), drawn.yaw)
+            * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+        let above = Isometry3::from_parts(Translation3::from(Vector3::from(drawn.hand)), rotation);
+        if self.rules.config.control.decides() {
+            let aside = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -WAITING_ANGLE);
+            aside * Translation3::new(0.0, 0.0, WAITING_DISTANCE) * above
+        } else {
+            above
+        }
+    }
 }
 
 /// The rigid motion of a homogeneous matrix.
