@@ -281,7 +281,7 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
 #[test]
 fn a_lost_object_ends_the_episode() {
     let pool = pool(&objects(&[Family::Ball]), Control::Twist, 1);
-    for place in [[0.52, 0.0, 0.0], [0.0, 0.75, 0.0]] {
+    for place in [[0.52, 0.0, 0.0], [0.0, 0.58, 0.0]] {
         let options = StartOptions {
             place: Some(place),
             ..StartOptions::default()

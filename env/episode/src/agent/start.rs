@@ -11,7 +11,6 @@
 use crate::agent::draw::Draw;
 use crate::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::agent::objects::Prepared;
-use crate::agent::play::LOST_DISTANCE;
 use crate::agent::rules::{Rules, open_hand};
 use crate::eyes::Look;
 use crate::eyes::look::Variation;
@@ -19,6 +18,7 @@ use crate::scene::OUT_OF_THE_WAY;
 use crate::{Episode, EpisodeError, Scene};
 use graspbox_mesh::TriMesh;
 use graspbox_plan::{CollisionScene, OpenHand};
+use graspbox_sim::scenery::TABLE_SIDE;
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -273,11 +273,12 @@ fn place_object(
         (None, None) => return Ok(planar(moved(0), moved(1), drawn.place[2]) * scene.world_from_object()),
     };
     let center = pose * scene.center_of_mass();
-    if center.coords.xy().norm() >= LOST_DISTANCE || center.z > HIGHEST {
+    let edge = TABLE_SIDE / 2.0;
+    if center.x.abs() > edge || center.y.abs() > edge || center.z > HIGHEST {
+        let [x, y, z] = [center.x, center.y, center.z];
         let why = format!(
-            "the object's centre of mass would be at {:.3}, {:.3}, {:.3} m; keep it within {LOST_DISTANCE} m of the table's middle and \
-             {HIGHEST} m above it",
-            center.x, center.y, center.z
+            "the object's centre of mass would be at {x:.3}, {y:.3}, {z:.3} m; keep it over the table, which ends {edge} m from its middle, \
+             and within {HIGHEST} m above it"
         );
         return Err(bad_option(option, &why));
     }
