@@ -16,17 +16,18 @@ export VIRTUAL_ENV := $(VENV)
 export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
 
-.PHONY: help demo test test-rust test-python test-train test-all lint fmt bench docs clean
+.PHONY: help demo test test-rust test-python test-train test-examples test-all lint fmt bench docs clean
 
 help:
-	@echo "make demo        a table of simulated grasps and its pictures, in out/demo/"
-	@echo "make test        Rust and Python tests, without torch"
-	@echo "make test-train  tests that need torch and Stable-Baselines3 (several GB the first time)"
-	@echo "make test-all    all of them, the slow ones too"
-	@echo "make lint        clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
-	@echo "make fmt         format Rust and Python"
-	@echo "make bench       the figures of the benchmarks"
-	@echo "make docs        API pages of both languages, in out/docs/"
+	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
+	@echo "make test           Rust and Python tests, without torch"
+	@echo "make test-train     tests that need torch and Stable-Baselines3 (several GB the first time)"
+	@echo "make test-examples  the examples for TorchRL and RLlib, in an environment of their own (as much again)"
+	@echo "make test-all       all of them, the slow ones too"
+	@echo "make lint           clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
+	@echo "make fmt            format Rust and Python"
+	@echo "make bench          the figures of the benchmarks"
+	@echo "make docs           API pages of both languages, in out/docs/"
 
 # --- set-up ----------------------------------------------------------------------------------------------------------
 
@@ -65,7 +66,17 @@ test-python: $(STAMPS)/dev $(STAMPS)/core
 test-train: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_REQUIRE_TRAIN=1 pytest -m train
 
-test-all: $(STAMPS)/train $(STAMPS)/core
+# RLlib wants another Gymnasium, so these examples have an environment of their own; here too a skipped test is a failure.
+EXAMPLES := $(CURDIR)/.venv-examples
+$(EXAMPLES)/.stamp: $(RUST) pyproject.toml $(shell find python -name '*.py')
+	test -d $(EXAMPLES) || $(PYTHON) -m venv $(EXAMPLES)
+	$(EXAMPLES)/bin/python -m pip install --quiet pytest torchrl '.[rllib]'
+	touch $@
+
+test-examples: $(EXAMPLES)/.stamp
+	GRASPBOX_REQUIRE_EXAMPLES=1 $(EXAMPLES)/bin/python -m pytest tests/python/test_examples.py -k 'torchrl or rllib'
+
+test-all: $(STAMPS)/train $(STAMPS)/core test-examples
 	cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
 	python -m graspbox.mujoco_judge --trials 200 --seed 0
@@ -103,4 +114,4 @@ docs: $(STAMPS)/dev $(STAMPS)/core
 	echo '<a href="python/graspbox.html">Python</a> <a href="rust/graspbox_episode/index.html">Rust</a>' > out/docs/index.html
 
 clean:
-	rm -rf out $(VENV) target
+	rm -rf out $(VENV) $(EXAMPLES) target

@@ -4,6 +4,7 @@
     python scripts/train_sb3.py sac out/train/sac --minutes 45 --evaluate test --references
     python scripts/train_sb3.py ppo out/train/ppo --resume
     python scripts/plot_sb3.py out/train/ppo
+    python scripts/evaluate_sb3.py out/train/ppo
 
 The parameters stand in ``scripts/sb3.yaml``; ``--set model.gamma=0.98`` replaces one. Ctrl-C ends a run after the step
 that it is in and saves it (twice: at once, leaving the last checkpoint); ``--resume`` goes on from the checkpoint, with
@@ -27,7 +28,6 @@ import numpy as np
 import torch
 import typer
 import yaml
-from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
@@ -36,11 +36,9 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.journal import Journal
 from graspbox.sb3 import Extractor
 from graspbox.sb3.demonstrations import DemonstratedBuffer, clone, demonstrate
-from graspbox.sb3.ppo import PPO
 from graspbox.sb3.references import references
-from graspbox.sb3.running import Linear, Run, load, make_env, normalized
+from graspbox.sb3.running import ALGORITHMS, Linear, Run, load, make_env, normalized
 
-ALGORITHMS = {"ppo": PPO, "sac": SAC, "td3": TD3}
 PARAMETERS = Path(__file__).with_name("sb3.yaml")
 #: Evaluations take other episodes than training, whatever its seed.
 EVALUATION_SEED = 10_000

@@ -278,3 +278,22 @@ def test_a_run_interrupted_before_its_first_checkpoint_begins_anew(tmp_path: Pat
         with pytest.raises(ConfigError, match="no checkpoint"):
             run("ppo", folder, PPO, resume=resume)
     assert journal.read_text() == kept
+
+
+def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same episodes give the last row of the run; another folder is refused."""
+    folder = tmp_path / "run"
+    assert run("ppo", folder, PPO) == 0
+    last, program = rows_of(folder)[-1], script("evaluate_sb3")
+    keywords: dict[str, Any] = {"split": "validation"}
+    found = program.measure(folder, False, keywords, last["episodes"], script("train_sb3").EVALUATION_SEED)
+    assert found == {name: last[name] for name in found}
+    again = {"best": False, "split": "test", "objects": None, "episodes": 4, "seed": 9}
+    capsys.readouterr()
+    program.main(folder, beside=True, as_json=True, **again)
+    shown = json.loads(capsys.readouterr().out)
+    assert set(shown) == {"policy", "random", "zero", "planner"}
+    assert all(row["episodes"] == 4 for row in shown.values())
+    with pytest.raises(typer.Exit) as ended:
+        program.main(tmp_path, beside=False, as_json=True, **again)
+    assert ended.value.exit_code == 2

@@ -21,6 +21,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -29,9 +30,13 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from graspbox.errors import ConfigError
 from graspbox.journal import Journal
+from graspbox.sb3.ppo import PPO
 from graspbox.sb3.vec_env import VecEnv
 
-__all__ = ["Linear", "Run", "evaluate", "load", "make_env", "normalized", "save"]
+__all__ = ["ALGORITHMS", "Linear", "Run", "evaluate", "load", "make_env", "normalized", "save"]
+
+#: What can be trained, by name.
+ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC, "td3": TD3}
 
 
 def make_env(env_id: str, num_envs: int, **settings: Any) -> VecMonitor:
