@@ -138,7 +138,13 @@ def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"_SEEN": can, "_OBJECTS": (can,), "_ENVS": 2, "_STEPS": 12}.items():
         monkeypatch.setattr(bench_images, name, value)
     rows = bench.measure(1)
-    assert all(set(row) == {"work", "value", "unit"} for row in rows)
+    assert all(set(row) == {"work", "value", "unit", "goal", "ratio"} for row in rows)
+    # Every goal has its row, and a ratio above 1 is a goal met.
+    assert sum(row["goal"] is not None for row in rows) == len(bench._GOALS)
+    for row in rows:
+        if row["goal"]:
+            at_least = row["unit"] in ("1/s", "%")
+            assert (row["ratio"] >= 1) == (row["value"] >= row["goal"] if at_least else row["value"] <= row["goal"])
     assert all(row["value"] > 0 for row in rows if row["unit"] != "%")
     # So early the hand is still on its way; a can is on few of the pixels.
     early = bench_images.idle(rows)

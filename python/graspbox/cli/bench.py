@@ -21,6 +21,26 @@ _MIX = ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "proce
 _POSES = 10
 #: Environments of the call whose overhead is measured.
 _WIDE, _CALLS = 64, 201
+#: What the parts are to reach on two cores, by how their rows begin: times at most, rates and shares at least.
+_GOALS = {
+    "best split": 0.6,
+    "decomposition into at most 8 PCA": 4.0,
+    "decomposition into at most 8 minimum-volume": 150.0,
+    "reset": 50.0,
+    "solid voxels, 32": 2.0,
+    "solid voxels, 128": 30.0,
+    "grasp trials": 15.0,
+    "vector call": 3.0,
+    "depth frames, 64": 4000.0,
+    "depth frames, 128": 2000.0,
+    "depth frames, 224": 800.0,
+    "rgb frames, 64": 3000.0,
+    "rgb frames, 128": 1500.0,
+    "rgb frames, 224": 600.0,
+    "env-steps, state": 1500.0,
+    "env-steps, depth": 1200.0,
+    **bench_images.LEAST,
+}
 
 
 def median_seconds(work: Callable[[], Any], repeats: int = 7) -> float:
@@ -49,7 +69,7 @@ def call_overhead(threads: int | None) -> float:
 
 
 def measure(threads: int | None) -> list[dict[str, Any]]:
-    """Measure everything; a list of ``{"work", "value", "unit"}``."""
+    """Measure everything; a list of ``{"work", "value", "unit", "goal", "ratio"}``."""
     mesh = object_sets.load("procedural:mug:0")[0].load()
     boxes = {fit: to_json(DecomposeConfig(fit=fit, max_boxes=8)) for fit in ("pca", "minimum")}
     scene = graspbox.Scene(mesh)
@@ -79,7 +99,15 @@ def measure(threads: int | None) -> list[dict[str, Any]]:
     rows.append((f"grasp trials, {threads or _core.num_threads()} threads, procedural mix", tried / seconds, "1/s"))
     rows.append((f"vector call without physics, {_WIDE} envs, for each", call_overhead(threads), "us"))
     rows += [*bench_images.frames(threads), *bench_images.steps(threads)]
-    return [{"work": work, "value": value, "unit": unit} for work, value, unit in rows]
+    return [{"work": work, "value": value, "unit": unit, **against(work, value, unit)} for work, value, unit in rows]
+
+
+def against(work: str, value: float, unit: str) -> dict[str, float | None]:
+    """Find the goal of a row, and how many times as good as the goal it is."""
+    goal = next((goal for name, goal in _GOALS.items() if work.startswith(name)), None)
+    if goal is None:
+        return {"goal": None, "ratio": None}
+    return {"goal": goal, "ratio": value / goal if unit in ("1/s", "%") else goal / value}
 
 
 def bench(threads: Threads = None, as_json: Json = False) -> None:
@@ -92,9 +120,15 @@ def bench(threads: Threads = None, as_json: Json = False) -> None:
     if as_json:
         print_json(rows)
     else:
-        print_table(
-            "benchmarks", ("work", "value", "unit"), [(r["work"], f"{r['value']:.3g}", r["unit"]) for r in rows]
-        )
+
+        def shown(value: float | None) -> str:
+            return "" if value is None else f"{value:.3g}"
+
+        # Above 1 a goal is met, whether it is one of time or of rate.
+        table: list[tuple[str, ...]] = [
+            (r["work"], shown(r["value"]), r["unit"], shown(r["goal"]), shown(r["ratio"])) for r in rows
+        ]
+        print_table("benchmarks", ("work", "value", "unit", "goal", "times as good"), table)
     found = bench_images.idle(rows)
     for sentence in found:
         console.print(sentence)
