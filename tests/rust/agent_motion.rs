@@ -3,6 +3,7 @@
 //! A bug here: a hand that jerks what it holds, that is driven into the table or crushes an object; an ending that is missed.
 #![allow(clippy::unwrap_used)]
 
+use graspbox_episode::agent::action::PRESHAPE_SPOOL;
 use graspbox_episode::agent::config::CONTROL_PERIOD;
 use graspbox_episode::agent::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_episode::agent::play::FAILURES;
@@ -418,6 +419,8 @@ fn a_hand_that_stops_turning_leaves_the_object_alone() {
 #[test]
 fn closed_fingers_keep_the_preshape() {
     let pool = pool(&objects(&[Family::Can]), Control::Twist, 1);
+    let rows = Control::Twist.table(pool.rules().hand());
+    assert!(rows[5].meaning.ends_with(&format!("beyond {PRESHAPE_SPOOL} rad")));
     pool.reset(&[Some(0)], None, &StartOptions::default()).unwrap();
     let act = |spool: f32, preshape: f32, steps: usize| {
         let mut action = vec![0.0; pool.rules().action];
