@@ -68,18 +68,19 @@ test-train: $(STAMPS)/train $(STAMPS)/core
 
 # RLlib wants another Gymnasium, so these examples have an environment of their own; here too a skipped test is a failure.
 EXAMPLES := $(CURDIR)/.venv-examples
-$(EXAMPLES)/.stamp: $(RUST) pyproject.toml $(shell find python -name '*.py')
-	test -d $(EXAMPLES) || $(PYTHON) -m venv $(EXAMPLES)
-	$(EXAMPLES)/bin/python -m pip install --quiet pytest torchrl '.[rllib]'
+$(EXAMPLES)/.stamp: pyproject.toml
+	$(PYTHON) -m venv --clear $(EXAMPLES)
+	$(EXAMPLES)/bin/python -m pip install --quiet pytest torchrl -e '.[rllib]'
 	touch $@
 
-test-examples: $(EXAMPLES)/.stamp
+test-examples: $(EXAMPLES)/.stamp $(STAMPS)/core
 	GRASPBOX_REQUIRE_EXAMPLES=1 $(EXAMPLES)/bin/python -m pytest tests/python/test_examples.py -k 'torchrl or rllib'
 
-test-all: $(STAMPS)/train $(STAMPS)/core test-examples
+test-all: $(STAMPS)/train $(STAMPS)/core
 	cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
 	python -m graspbox.mujoco_judge --trials 200 --seed 0
+	$(MAKE) test-examples
 
 lint: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all --check

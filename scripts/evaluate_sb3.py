@@ -13,6 +13,8 @@ import json
 from pathlib import Path
 from typing import Annotated, Any
 
+import gymnasium
+import torch
 import typer
 
 from graspbox.cli.common import Json, console, print_json, print_table
@@ -20,25 +22,33 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.sb3.references import references
 from graspbox.sb3.running import ALGORITHMS, evaluate, load, make_env, normalized
 
+NEEDED = {"algorithm", "id", "env", "model", "normalize", "num_envs"}
+
 
 def settings_of(folder: Path) -> dict[str, Any]:
     """Read what a run was begun with."""
     try:
         first = (folder / "evaluations.jsonl").read_text().splitlines()[0]
         found: dict[str, Any] = json.loads(first)["settings"]
-    except (OSError, ValueError, LookupError):
+        missing = NEEDED - set(found)
+    except (OSError, ValueError, LookupError, TypeError):
         raise ConfigError(f"there is no run of train_sb3.py in {str(folder)!r}") from None
+    if missing or found["algorithm"] not in ALGORITHMS:
+        raise ConfigError(f"the run in {str(folder)!r} is of another version of train_sb3.py")
     return found
 
 
 def measure(folder: Path, best: bool, keywords: dict[str, Any], episodes: int, seed: int) -> dict[str, Any]:
     """Let the policy of a run act."""
     run = settings_of(folder)
+    # Small networks are fast on one thread; the others are for the environments.
+    torch.set_num_threads(1)
     scale = {"gamma": float(run["model"].get("gamma", 0.99)), **run["normalize"]}
     env = normalized(
         make_env(run["id"], min(run["num_envs"], episodes), **{**run["env"], **keywords}), **scale, training=False
     )
-    model, _ = load(ALGORITHMS[run["algorithm"]], folder / ("best" if best else "checkpoint"), env, device="cpu")
+    where = folder / ("best" if best else "checkpoint")
+    model, _ = load(ALGORITHMS[run["algorithm"]], where, env, buffer=False, device="cpu")
     scales = model.get_vec_normalize_env()
     if scales is not None:
         # They stay as the policy learned with them.
@@ -70,7 +80,7 @@ def main(
                 run = settings_of(folder)
                 envs = min(run["num_envs"], episodes)
                 found |= references(run["id"], envs, episodes, seed, **{**run["env"], **keywords})
-    except (GraspboxError, OSError) as error:
+    except (GraspboxError, OSError, TypeError, gymnasium.error.Error) as error:
         console.print(f"error: {error}", markup=False)
         raise typer.Exit(2) from None
     if as_json:

@@ -89,7 +89,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         total, calls = counted(Path(folder))
     if not total:
-        raise SystemExit("nothing was counted: the extension has no names; build it with `make test`, not from a wheel")
+        raise SystemExit("nothing was counted: the extension was stripped (profile dist); build it by `make test`")
 
     def whole(*ends: str) -> int:
         return sum(cost for name, cost in total.items() if name.endswith(ends))

@@ -23,13 +23,19 @@ def resident() -> float:
 
 
 VECTORS, SEEN = ("state", "tactile"), ("depth", "rgb_palm", "points", "state", "voxels")
-#: Where an observation of the state has the object's position; a number that is none would be shown as the bound.
-OBJECT, NOWHERE = {ID: slice(31, 34), "graspbox/GraspPose-v0": slice(0, 3)}, -1.0
+#: Where an observation of the state has the object's position.
+OBJECT = {ID: slice(31, 34), "graspbox/GraspPose-v0": slice(0, 3)}
 
 
-def broken(states: np.ndarray, env_id: str) -> int:
-    """Count the worlds that have diverged."""
-    return int((states[:, OBJECT[env_id]] == NOWHERE).all(axis=1).sum())
+def diverged(states: np.ndarray, failed: np.ndarray, env_id: str) -> int:
+    """Count worlds that have diverged: the object is nowhere, or the episode was given up with the object in its place.
+
+    What is no number is shown as the least value; an object that is lost is off the table, or 0.5 m from its middle.
+    """
+    place = states[:, OBJECT[env_id]]
+    nowhere = (place == -1.0).all(axis=1)
+    at_hand = (np.hypot(place[:, 0], place[:, 1]) < 0.3) & (place[:, 2] > 0.0)
+    return int((nowhere | (failed & at_hand)).sum())
 
 
 @pytest.mark.parametrize(
@@ -59,7 +65,7 @@ def test_random_steps_stay_within_bounds_and_memory(steps: int, obs: tuple[str, 
         assert env.observation_space.contains(observation)
         assert np.isfinite(rewards).all()
         assert np.isfinite(info["lift"]).all()
-        assert not broken(observation["state"], ID)
+        assert not diverged(observation["state"], info["reward_terms"]["failure"] < 0, ID)
         episodes += int((terminated | truncated).sum())
         touches += int(info["touches"].sum())
         if step == min(2000, steps // count // 2):
@@ -92,7 +98,9 @@ def test_random_decisions_stay_within_bounds_and_memory() -> None:
         assert np.isfinite(rewards).all()
         assert terminated.all()
         assert np.isfinite(info["final_info"]["lift"]).all()
-        assert not broken(np.stack([last["state"] for last in info["final_obs"]]), "graspbox/GraspPose-v0")
+        # Decisions that cannot be are no failures of the world.
+        states = np.stack([last["state"] for last in info["final_obs"]])
+        assert not diverged(states, np.zeros(count, dtype=bool), "graspbox/GraspPose-v0")
         if step == 50:
             after_warm_up = resident()
     assert resident() < after_warm_up + 50

@@ -161,8 +161,8 @@ def test_no_image_tells_where_a_hidden_object_is(objects: _core.Objects) -> None
     envs = pool(objects, EyesConfig(images=IMAGES, shadows=False))
     hand = {"world_from_hand": pose(0.1, 0.0, 0.3, DOWN)}
     shown: list[Any] = [
-        envs.reset([0], None, json.dumps({**hand, "object": 0, "world_from_object": pose(-0.54, y, 0.2)}))
-        for y in (-0.4, 0.45)
+        envs.reset([0], None, json.dumps({**hand, "object": 0, "world_from_object": pose(-0.46, y, 0.07)}))
+        for y in (-0.15, 0.17)
     ]
     for name in ("proprio", *IMAGES):
         np.testing.assert_array_equal(shown[0][name], shown[1][name])

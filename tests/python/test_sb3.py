@@ -117,7 +117,9 @@ def test_what_belongs_to_one_environment_is_had_alone() -> None:
     env.seed(5)
     env.set_options([{"place": place.copy()} for _ in range(3)])
     observations = env.reset()
-    np.testing.assert_allclose(observations[:, 31:33], observations[[0], 31:33].repeat(3, axis=0), atol=0.1)
+    seeds, options = [5, 6, 7], {"place": [0.01, 0.02, 0.3]}
+    np.testing.assert_array_equal(observations, env.env.reset(seed=seeds, options=options)[0])
+    assert (observations != env.env.reset(seed=seeds)[0]).any()
     for name in ("observation_space", "action_space"):
         assert env.get_attr(name) == [getattr(env, name)] * 3
     assert env.get_attr("np_random_seed", indices=[0, 2]) == [5, 7]

@@ -294,6 +294,17 @@ def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path, capsys: py
     shown = json.loads(capsys.readouterr().out)
     assert set(shown) == {"policy", "random", "zero", "planner"}
     assert all(row["episodes"] == 4 for row in shown.values())
-    with pytest.raises(typer.Exit) as ended:
-        program.main(tmp_path, beside=False, as_json=True, **again)
-    assert ended.value.exit_code == 2
+    (tmp_path / "evaluations.jsonl").write_text('{"settings": {"algorithm": "ppo"}}\n')
+    for wrong in (tmp_path, tmp_path / "nothing"):
+        with pytest.raises(typer.Exit) as ended:
+            program.main(wrong, beside=False, as_json=True, **again)
+        assert ended.value.exit_code == 2
+
+
+def test_an_off_policy_run_is_evaluated_without_its_buffer(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert run("sac", folder, SAC) == 0
+    (folder / "checkpoint/replay_buffer.pkl").unlink()
+    for best in (False, True):
+        found = script("evaluate_sb3").measure(folder, best, {"split": "test"}, 4, 9)
+        assert found["episodes"] == 4

@@ -329,6 +329,10 @@ def test_states_pass_between_single_and_vector() -> None:
     for action in actions[:15]:
         env.step(action)
     shown = env.set_state(1, env.get_state(1))
+    # Where the others have no episode yet.
+    for count in (2, 3):
+        fresh: Any = make(count, objects=objects)
+        assert data_equivalence(fresh.set_state(1, env.get_state(1)), shown, exact=True)
     assert data_equivalence(single.set_state(env.get_state(1)), shown, exact=True)
     for action in actions[15:]:
         ours = env.step(action)

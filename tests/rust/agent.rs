@@ -297,8 +297,7 @@ fn sent_environments_arrive_as_if_stepped_together() {
     assert_eq!(apart.away(), 0, "nothing was sent");
 }
 
-/// A step with one bad action moves nothing, and the error says whose it was.
-/// What a call has not come to when it is stopped stays as it is, and the next call finds nothing left to do.
+/// What a call has not come to when it is stopped stays as it is, and the next call does it all.
 #[test]
 fn a_stopped_call_leaves_environments_as_they_are() {
     let pool = pool(&objects(&[Family::Can, Family::Box]), Control::Twist, 4);
@@ -325,6 +324,7 @@ fn pool_of_same(pool: &Pool) -> Arc<Pool> {
     other
 }
 
+/// A step with one bad action moves nothing, and the error says whose it was.
 #[test]
 fn bad_actions_are_refused_before_anything_moves() {
     let pool = pool(&objects(&[Family::Box]), Control::DeltaPose, 3);

@@ -262,12 +262,11 @@ impl Pool {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Takes up a state that `get_state` gave.
-    fn set_state(&self, py: Python<'_>, env: usize, state: &[u8]) -> PyResult<()> {
+    /// Takes up a state that `get_state` gave; arrays of that environment alone.
+    fn set_state<'py>(&self, py: Python<'py>, env: usize, state: &[u8]) -> PyResult<Bound<'py, PyDict>> {
         let (core, state) = (Arc::clone(&self.core), state.to_vec());
-        detached(py, self.num_threads, move || {
-            core.slot(env)?.restore(core.rules(), &state)
-        })
+        let batch = detached(py, self.num_threads, move || core.restore(env, &state))?;
+        arrays(py, self.core.rules(), batch, None)
     }
 
     /// Object (world_from_object), hand (world_from_hand) and what the arm believes of the hand, (num_envs, 4, 4) each.

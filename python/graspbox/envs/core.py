@@ -151,6 +151,12 @@ class GraspCore:
             return arrays[self.obs]  # type: ignore[literal-required]
         return {name: arrays[name] for name in self.obs}  # type: ignore[literal-required]
 
+    def first(self, arrays: "_core.EnvArrays") -> tuple[Any, dict[str, Any]]:
+        """Observation and info of the first row."""
+        found = self.observations(arrays)
+        observation = {name: rows[0] for name, rows in found.items()} if isinstance(found, dict) else found[0]
+        return observation, row(self.columns(arrays), 0)
+
     def pictures(self) -> NDArray[np.uint8]:
         """Take a picture of every environment, (num_envs, H, W, 3)."""
         return _core.pictures(self.pool, range(self.pool.num_envs), self._picture)

@@ -165,7 +165,7 @@ Info
 ----
 After a reset and after a step: ``is_success``, ``is_secure`` (bool, as `graspbox.simulation` defines them), ``failure``
 (str: what the failure would be called if the episode ended now; empty for a success), ``lift`` (m), ``object`` (str),
-``resting`` (int: which resting pose), ``touches`` (bool: the hand touches the object), ``protective_stop`` (bool) and
+``resting`` (int: which resting pose; -1 where it was let go at a pose), ``touches`` (bool: the hand touches the object), ``protective_stop`` (bool) and
 ``reward_terms`` (float by name).
 
 Options of a reset
@@ -176,9 +176,9 @@ What is named is taken, the rest is drawn; the draws of what is not named stay t
 |---|---|
 | object | name of an object, or its index |
 | resting | index of its resting pose, the most probable first |
-| place | x, y (m) and turn about the vertical (rad) of the resting pose |
-| world_from_object | pose (4, 4); the object is let go there |
-| world_from_hand | pose (4, 4) |
+| place | x, y (m) and turn about the vertical (rad) of the resting pose; over the table, 0.6 m to each side |
+| world_from_object | pose (4, 4), instead of both: the object is let go there, over the table and up to 1 m above it |
+| world_from_hand | pose (4, 4), in the workspace: 0.35 m to each side, up to 0.75 m above the table |
 | preshape | rad |
 | friction, mass | factor on the object's |
 | cameras | ``{name: pose}``: poses (4, 4) of cameras in the world, or in the grasp frame if the hand carries them |
@@ -200,7 +200,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox import _core, object_sets
+from graspbox import object_sets
 from graspbox.configs import EyesConfig, PhysicsConfig, PictureConfig, Randomization
 from graspbox.envs.core import (
     FPS,
@@ -213,7 +213,6 @@ from graspbox.envs.core import (
     checked_seed,
     fresh_seed,
     options_json,
-    row,
 )
 
 
@@ -337,7 +336,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         arrays = self._core.pool.reset(None if seed is None else [seed], None, options_json(options))
         super().reset(seed=seed)
         self._begun = True
-        return self._observation(arrays), row(self._core.columns(arrays), 0)
+        return self._core.first(arrays)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Act for one step: ``frame_skip`` control periods of 0.05 s, or one decision.
@@ -355,8 +354,8 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         if not self._begun:
             raise gymnasium.error.ResetNeeded("call reset before step")
         arrays, _ = self._core.pool.step(self._core.action(action, 1))
-        reward = float(self._core.rewards(arrays)[0])
-        return self._observation(arrays), reward, bool(arrays["terminated"][0]), False, self._info(arrays)
+        observation, info = self._core.first(arrays)
+        return observation, float(self._core.rewards(arrays)[0]), bool(arrays["terminated"][0]), False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Take a picture, (H, W, 3), with ``render_mode="rgb_array"``; nothing without."""
@@ -391,17 +390,9 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         SimulationError
             If the object of that name has another shape here, or the physics differ.
         """
-        self._core.pool.set_state(0, state)
+        arrays = self._core.pool.set_state(0, state)
         if not self._begun:
             # The stream is that of the state, whose seed is not known.
             self._np_random_seed = -1
         self._begun = True
-        arrays = self._core.pool.now()
-        return self._observation(arrays), self._info(arrays)
-
-    def _observation(self, arrays: "_core.EnvArrays") -> Any:
-        found = self._core.observations(arrays)
-        return {name: rows[0] for name, rows in found.items()} if isinstance(found, dict) else found[0]
-
-    def _info(self, arrays: "_core.EnvArrays") -> dict[str, Any]:
-        return row(self._core.columns(arrays), 0)
+        return self._core.first(arrays)

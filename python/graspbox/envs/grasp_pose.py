@@ -112,8 +112,8 @@ After a reset and after a step, as in `graspbox.envs.grasp`; and ``infeasible`` 
 Options of a reset
 ------------------
 As in `graspbox.envs.grasp`; but an object that is let go at ``world_from_object`` comes to rest before it is observed,
-and ``world_from_hand`` and ``preshape`` say how the hand waits, not how it grasps. The randomisation is the same too:
-an error of calibration moves the hand away from where the action sends it.
+and ``world_from_hand`` (within 1 m) and ``preshape`` say how the hand waits, not how it grasps. The randomisation is
+the same too: an error of calibration moves the hand away from where the action sends it.
 
 Version history
 ---------------

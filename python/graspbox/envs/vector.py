@@ -30,7 +30,6 @@ from graspbox.envs.core import (
     checked_seed,
     fresh_seed,
     options_json,
-    row,
 )
 from graspbox.errors import ConfigError
 
@@ -271,14 +270,11 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         ConfigError, SimulationError
             As `graspbox.envs.grasp.GraspEnv.set_state`.
         """
-        self._core.pool.set_state(env, state)
+        arrays = self._core.pool.set_state(env, state)
         if self._seeds[env] is None:
             # The stream is that of the state, whose seed is not known.
             self._seeds[env] = -1
-        arrays = self._core.pool.now()
-        seen = self._core.observations(arrays)
-        observation = {name: rows[env] for name, rows in seen.items()} if isinstance(seen, dict) else seen[env]
-        return observation, row(self._core.columns(arrays), env)
+        return self._core.first(arrays)
 
     def _seeds_for(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None) -> list[int | None]:
         """Find the seeds of a reset; a stream that has not begun gets a fresh one."""

@@ -131,10 +131,13 @@ def save(model: BaseAlgorithm, folder: Path, seconds: float, *, buffer: bool = T
     _fresh(folder, write)
 
 
-def load(algorithm: type[BaseAlgorithm], folder: Path, env: Any, **settings: Any) -> tuple[Any, float]:
+def load(
+    algorithm: type[BaseAlgorithm], folder: Path, env: Any, *, buffer: bool = True, **settings: Any
+) -> tuple[Any, float]:
     """Load what `save` wrote; the model and the seconds it has been trained for.
 
-    Episodes begin anew: with the environment's present seed, not where they stood.
+    Episodes begin anew: with the environment's present seed, not where they stood. Without `buffer` a model is to act,
+    not to go on learning.
 
     Raises
     ------
@@ -148,7 +151,7 @@ def load(algorithm: type[BaseAlgorithm], folder: Path, env: Any, **settings: Any
     if statistics.is_file():
         env = VecNormalize.load(str(statistics), env.venv)
     model = algorithm.load(found / "model.zip", env=env, **settings)
-    if isinstance(model, OffPolicyAlgorithm):
+    if buffer and isinstance(model, OffPolicyAlgorithm):
         model.load_replay_buffer(found / "replay_buffer.pkl")
     return model, float(json.loads((found / "progress.json").read_text())["seconds"])
 

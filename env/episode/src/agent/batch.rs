@@ -79,7 +79,7 @@ impl Batch {
         self.failure.push(info.failure);
         self.lift.push(info.lift);
         self.object.push(info.object as i64);
-        self.resting.push(info.resting as i64);
+        self.resting.push(info.resting);
         self.touches.push(info.touches);
         self.protective_stop.push(info.protective_stop);
     }

@@ -37,8 +37,8 @@ pub struct Info {
     pub lift: f64,
     /// Index of the object.
     pub object: usize,
-    /// Index of its resting pose.
-    pub resting: usize,
+    /// Index of its resting pose; -1 where it was let go at a pose.
+    pub resting: i64,
     /// The hand touches the object.
     pub touches: bool,
     /// The protective stop held the hand at some time in the last step.
@@ -58,6 +58,8 @@ pub struct Play {
 pub(crate) struct Record {
     pub object: usize,
     pub resting: usize,
+    /// The object was let go at a pose instead.
+    pub let_go: bool,
     /// Factors on the object's friction and mass.
     pub friction: f64,
     pub mass: f64,
@@ -96,6 +98,7 @@ impl Play {
         let record = Record {
             object: start.object,
             resting: start.resting,
+            let_go: start.let_go.is_some(),
             friction: start.friction,
             mass: start.mass,
             first_center: episode.world().object_center(),
@@ -245,7 +248,11 @@ impl Play {
             failure: failure.map_or(0, code),
             lift: if verdict.lift.is_finite() { verdict.lift } else { 0.0 },
             object: self.record.object,
-            resting: self.record.resting,
+            resting: if self.record.let_go {
+                -1
+            } else {
+                self.record.resting as i64
+            },
             touches,
             protective_stop: self.record.stopped,
         }

@@ -256,6 +256,16 @@ impl Pool {
         stepped
     }
 
+    /// Takes up a state that [`Slot::save`] gave; environment `env` as it stands then.
+    ///
+    /// # Errors
+    /// As [`Pool::slot`] and [`Slot::restore`].
+    pub fn restore(&self, env: usize, state: &[u8]) -> Result<Batch, EpisodeError> {
+        let mut slot = self.slot(env)?;
+        slot.restore(&self.rules, state)?;
+        Ok(self.rows(env, &slot).now)
+    }
+
     fn rows(&self, env: usize, slot: &Slot) -> Stepped {
         let mut stepped = Stepped {
             now: Batch::new(&self.rules, 1),

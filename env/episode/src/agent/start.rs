@@ -11,6 +11,7 @@
 use crate::agent::draw::Draw;
 use crate::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::agent::objects::Prepared;
+use crate::agent::play::LOST_HEIGHT;
 use crate::agent::rules::{Rules, open_hand};
 use crate::eyes::Look;
 use crate::eyes::look::Variation;
@@ -35,7 +36,7 @@ pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
 pub const WAITING_DISTANCE: f64 = 0.35;
 /// It is tipped by this about the world's x axis then, from above the middle towards +y, radians (50 degrees).
 pub const WAITING_ANGLE: f64 = 0.873;
-/// Whatever is given a place has it no further from the middle or higher than this, metres.
+/// An object is let go no higher than this; before a decision the hand waits no further away, along any axis, metres.
 const HIGHEST: f64 = 1.0;
 /// Greatest angle between the palm's normal and straight down at the start, radians.
 pub const HAND_TILT: f64 = 0.2;
@@ -265,6 +266,9 @@ fn place_object(
     let moved = |i: usize| drawn.place[i] + drawn.moved[i] * vary.object_position;
     let (option, pose) = match (&options.world_from_object, &options.place) {
         (Some(_), Some(_)) => return Err(bad_option("place", "give it or world_from_object, not both")),
+        (Some(_), None) if options.resting.is_some() => {
+            return Err(bad_option("resting", "give it or world_from_object, not both"));
+        }
         (Some(rows), None) => ("world_from_object", given_object(prepared, rows)?),
         (None, Some([x, y, turn])) => {
             let [x, y, turn] = [finite(*x, "place")?, finite(*y, "place")?, finite(*turn, "place")?];
@@ -295,6 +299,12 @@ fn settled(
     let mut alone = Episode::reset_at(scene, &away, world_from_object, 0.0, factors);
     alone.rest()?;
     let world = alone.world();
+    if !world.is_finite() || world.object_center().z < LOST_HEIGHT {
+        return Err(bad_option(
+            "world_from_object",
+            "let go there, the object falls off the table",
+        ));
+    }
     Ok((world.world_from_object(), world.object_center().z))
 }
 
