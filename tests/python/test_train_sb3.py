@@ -7,7 +7,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-import yaml
 
 from graspbox.envs import IDS
 from test_conformance import CASES, factory, label
@@ -15,6 +14,7 @@ from test_conformance import CASES, factory, label
 pytestmark = pytest.mark.train
 
 sb3 = pytest.importorskip("stable_baselines3")
+yaml = pytest.importorskip("yaml")
 
 
 ZOO = Path(__file__).parents[2] / "scripts/rl_zoo3"
