@@ -360,9 +360,10 @@ def _rows(columns: dict[str, Any], rows: NDArray[np.intp]) -> dict[str, Any]:
 def _full(columns: dict[str, Any], count: int) -> dict[str, Any]:
     """Give every column its mask: all rows have one."""
     infos: dict[str, Any] = {}
+    every = np.ones(count, dtype=np.bool_)
     for name, values in columns.items():
         infos[name] = _full(values, count) if isinstance(values, dict) else values
-        infos[f"_{name}"] = np.ones(count, dtype=np.bool_)
+        infos[f"_{name}"] = every.copy()
     return infos
 
 
