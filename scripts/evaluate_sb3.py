@@ -44,9 +44,11 @@ def measure(folder: Path, best: bool, keywords: dict[str, Any], episodes: int, s
     # Small networks are fast on one thread; the others are for the environments.
     torch.set_num_threads(1)
     scale = {"gamma": float(run["model"].get("gamma", 0.99)), **run["normalize"]}
-    env = normalized(
-        make_env(run["id"], min(run["num_envs"], episodes), **{**run["env"], **keywords}), **scale, training=False
-    )
+    try:
+        made = make_env(run["id"], min(run["num_envs"], episodes), **{**run["env"], **keywords})
+    except TypeError as error:
+        raise ConfigError(f"the run in {str(folder)!r} is of another version of its environment ({error})") from None
+    env = normalized(made, **scale, training=False)
     where = folder / ("best" if best else "checkpoint")
     model, _ = load(ALGORITHMS[run["algorithm"]], where, env, buffer=False, device="cpu")
     scales = model.get_vec_normalize_env()
@@ -80,7 +82,7 @@ def main(
                 run = settings_of(folder)
                 envs = min(run["num_envs"], episodes)
                 found |= references(run["id"], envs, episodes, seed, **{**run["env"], **keywords})
-    except (GraspboxError, OSError, TypeError, gymnasium.error.Error) as error:
+    except (GraspboxError, OSError, gymnasium.error.Error) as error:
         console.print(f"error: {error}", markup=False)
         raise typer.Exit(2) from None
     if as_json:

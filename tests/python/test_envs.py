@@ -133,7 +133,8 @@ def test_the_hand_waits_where_it_is_asked_to() -> None:
     settings: dict[str, Any] = {"objects": "procedural:box:0-4", "eyes": EyesConfig(cameras=(FRONT, overhead, wrist))}
     env: Any = gymnasium.make("graspbox/GraspPose-v0", obs=obs, **settings).unwrapped
     above: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:box:0-4", obs="proprio").unwrapped
-    labels = {"table": 1, "object": 2, "hand": 3}
+    # Table 1, object 2, then the hand.
+    of_object = 2
     for seed in range(12):
         seen, info = env.reset(seed=seed)
         lower, same = above.reset(seed=seed)
@@ -145,9 +146,9 @@ def test_the_hand_waits_where_it_is_asked_to() -> None:
         np.testing.assert_allclose(seen["proprio"][3:6], aside @ lower[3:6], atol=1e-6)
         np.testing.assert_array_equal(seen["proprio"][9:], lower[9:])
         assert not seen["tactile"].any()
-        assert seen["segmentation"].max() == seen["segmentation_overhead"].max() == labels["object"]
+        assert seen["segmentation"].max() == seen["segmentation_overhead"].max() == of_object
         # The fingers may stand before a camera beside the palm, but not before all of the object.
-        assert (seen["segmentation_wrist"] == labels["object"]).sum() > 20
+        assert (seen["segmentation_wrist"] == of_object).sum() > 20
         env.step(np.array([0, 0, 1, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32))
     near = np.diag([1.0, -1.0, -1.0, 1.0])
     near[:3, 3] = 0.1, 0.05, 0.4
