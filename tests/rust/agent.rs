@@ -106,9 +106,7 @@ fn results_depend_on_neither_threads_nor_neighbours() {
     assert!(bits.iter().flatten().any(|row| row != &bits[0][0]));
     for env in [0, 4] {
         let alone = configured(&again.rules().objects, config(), 1);
-        alone
-            .reset(&[Some(env as u64)], None, &StartOptions::default())
-            .unwrap();
+        alone.reset(&[Some(env as u64)], None, &StartOptions::default()).unwrap();
         for (step, all) in bits[1..].iter().enumerate() {
             let now = alone.step(&action(alone.rules().action, env, step)).unwrap().now;
             assert_eq!(all[env], row(&alone, &now, 0), "environment {env} at step {step}");
@@ -121,16 +119,10 @@ fn starts_vary_and_an_unseeded_reset_continues_the_stream() {
     let pool = pool(&objects(&FAMILIES), Control::Twist, 4);
     let options = StartOptions::default();
     let none = vec![None; 4];
-    assert!(matches!(
-        pool.reset(&none, None, &options),
-        Err(EpisodeError::NotSeeded { env: 0 })
-    ));
+    assert!(matches!(pool.reset(&none, None, &options), Err(EpisodeError::NotSeeded { env: 0 })));
     let first = pool.reset(&seeds(&pool), None, &options).unwrap();
     let second = pool.reset(&none, None, &options).unwrap();
-    let rows: Vec<_> = (0..4)
-        .map(|i| row(&pool, &first, i))
-        .chain((0..4).map(|i| row(&pool, &second, i)))
-        .collect();
+    let rows: Vec<_> = (0..4).map(|i| row(&pool, &first, i)).chain((0..4).map(|i| row(&pool, &second, i))).collect();
     for (i, a) in rows.iter().enumerate() {
         assert!(rows[i + 1..].iter().all(|b| a != b), "start {i} came twice");
     }
@@ -153,28 +145,16 @@ fn every_autoreset_mode_does_what_it_says() {
     const LIMIT: u32 = 7;
     let objects = objects(&[Family::Box]);
     let make = |autoreset| {
-        let config = AgentConfig {
-            autoreset,
-            max_episode_steps: Some(LIMIT),
-            ..AgentConfig::default()
-        };
+        let config = AgentConfig { autoreset, max_episode_steps: Some(LIMIT), ..AgentConfig::default() };
         let pool = configured(&objects, config, 2);
         pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
         pool
     };
-    let (next, same, disabled) = (
-        make(Autoreset::NextStep),
-        make(Autoreset::SameStep),
-        make(Autoreset::Disabled),
-    );
+    let (next, same, disabled) = (make(Autoreset::NextStep), make(Autoreset::SameStep), make(Autoreset::Disabled));
     let step = |pool: &Pool, i: usize| -> Result<Stepped, EpisodeError> { pool.step(&actions(pool, i)) };
     for episode in 0..3 {
         for i in 0..LIMIT as usize {
-            let (a, b, c) = (
-                step(&next, i).unwrap(),
-                step(&same, i).unwrap(),
-                step(&disabled, i).unwrap(),
-            );
+            let (a, b, c) = (step(&next, i).unwrap(), step(&same, i).unwrap(), step(&disabled, i).unwrap());
             let ends = i + 1 == LIMIT as usize;
             assert_eq!(a.now.truncated, [ends; 2], "episode {episode}, step {i}");
             assert_eq!(a.now, c.now);
@@ -203,28 +183,20 @@ fn every_autoreset_mode_does_what_it_says() {
 #[test]
 fn a_saved_state_goes_on_bit_for_bit() {
     let objects = objects(&FAMILIES);
-    let config = AgentConfig {
-        max_episode_steps: Some(40),
-        randomization: Randomization::standard(),
-        ..AgentConfig::default()
-    };
+    let config =
+        AgentConfig { max_episode_steps: Some(40), randomization: Randomization::standard(), ..AgentConfig::default() };
     let pool = configured(&objects, config.clone(), 2);
     pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
     for step in 0..25 {
         pool.step(&actions(&pool, step)).unwrap();
     }
-    let states: Vec<Vec<u8>> = (0..2)
-        .map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap())
-        .collect();
+    let states: Vec<Vec<u8>> = (0..2).map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap()).collect();
     let seen = pool.now();
     let go_on =
         |pool: &Pool| -> Vec<Stepped> { (25..60).map(|step| pool.step(&actions(pool, step)).unwrap()).collect() };
     let expected = go_on(&pool);
     assert!(expected.iter().any(|s| s.now.reset[0]), "no autoreset on the way");
-    assert!(
-        expected.iter().any(|s| s.now.touches.contains(&true)),
-        "no contact on the way"
-    );
+    assert!(expected.iter().any(|s| s.now.touches.contains(&true)), "no contact on the way");
     let other = configured(&objects, config.clone(), 2);
     for (env, state) in states.iter().enumerate() {
         other.slot(env).unwrap().restore(other.rules(), state).unwrap();
@@ -245,15 +217,9 @@ fn a_saved_state_goes_on_bit_for_bit() {
         flipped[at] ^= 4;
         refuse(&other, &flipped);
     }
-    let delta = AgentConfig {
-        control: Control::DeltaPose,
-        ..config.clone()
-    };
+    let delta = AgentConfig { control: Control::DeltaPose, ..config.clone() };
     refuse(&configured(&objects, delta, 1), &states[0]);
-    let held = AgentConfig {
-        frame_skip: 2,
-        ..config.clone()
-    };
+    let held = AgentConfig { frame_skip: 2, ..config.clone() };
     refuse(&configured(&objects, held, 1), &states[0]);
     let others = graspbox_tests::agent::objects(&[Family::Bottle]);
     refuse(&configured(&others, config, 1), &states[0]);
@@ -272,14 +238,9 @@ fn sent_environments_arrive_as_if_stepped_together() {
         for envs in [[3, 1], [0, 2]] {
             let rows: Vec<f32> = envs.iter().flat_map(|env| action(size, *env, step)).collect();
             let sender = sender.clone();
-            apart
-                .send(&envs, &rows, move |env, result| sender.send((env, result)).unwrap())
-                .unwrap();
+            apart.send(&envs, &rows, move |env, result| sender.send((env, result)).unwrap()).unwrap();
         }
-        assert!(matches!(
-            apart.step(&actions(&apart, step)),
-            Err(EpisodeError::Busy { .. })
-        ));
+        assert!(matches!(apart.step(&actions(&apart, step)), Err(EpisodeError::Busy { .. })));
         assert!(matches!(apart.slot(1).map(|_| ()), Err(EpisodeError::Busy { env: 1 })));
         for _ in 0..4 {
             let (env, result) = arrivals.recv().unwrap();
@@ -303,10 +264,7 @@ fn a_stopped_call_leaves_environments_as_they_are() {
     let pool = pool(&objects(&[Family::Can, Family::Box]), Control::Twist, 4);
     let stop = AtomicBool::new(true);
     let (begin, all) = (StartOptions::default(), seeds(&pool));
-    assert!(matches!(
-        pool.reset_until(&stop, &all, None, &begin),
-        Err(EpisodeError::Cancelled { done: 0, total: 4 })
-    ));
+    assert!(matches!(pool.reset_until(&stop, &all, None, &begin), Err(EpisodeError::Cancelled { done: 0, total: 4 })));
     assert!(pool.step(&actions(&pool, 0)).is_err());
     let first = pool.reset(&all, None, &begin).unwrap();
     let stopped = pool.step_until(&stop, &actions(&pool, 0));
@@ -328,14 +286,9 @@ fn pool_of_same(pool: &Pool) -> Arc<Pool> {
 #[test]
 fn bad_actions_are_refused_before_anything_moves() {
     let pool = pool(&objects(&[Family::Box]), Control::DeltaPose, 3);
-    assert!(matches!(
-        pool.step(&actions(&pool, 0)),
-        Err(EpisodeError::NotReset { env: 0 })
-    ));
+    assert!(matches!(pool.step(&actions(&pool, 0)), Err(EpisodeError::NotReset { env: 0 })));
     pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
-    let before: Vec<_> = (0..3)
-        .map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap())
-        .collect();
+    let before: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap()).collect();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut wrong = actions(&pool, 0);
         wrong[2 * pool.rules().action + 4] = bad;
@@ -345,9 +298,7 @@ fn bad_actions_are_refused_before_anything_moves() {
     }
     let short = pool.step(&actions(&pool, 0)[1..]);
     assert!(matches!(short, Err(EpisodeError::BadLength { .. })));
-    let after: Vec<_> = (0..3)
-        .map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap())
-        .collect();
+    let after: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap()).collect();
     assert_eq!(before, after);
     // Beyond [-1, 1] counts as the bound.
     let far: Vec<f32> = actions(&pool, 0).iter().map(|a| a.signum() * 7.0).collect();
@@ -367,18 +318,10 @@ fn options_fix_what_they_name_and_nothing_else() {
         let slot = pool.slot(0)?;
         let play = slot.play().unwrap();
         let world = play.episode().world();
-        Ok::<_, EpisodeError>((
-            slot.outcome().info.object,
-            world.world_from_object(),
-            world.world_from_hand(),
-        ))
+        Ok::<_, EpisodeError>((slot.outcome().info.object, world.world_from_object(), world.world_from_hand()))
     };
     let drawn = start(&StartOptions::default()).unwrap();
-    let heavier = StartOptions {
-        mass: Some(2.0),
-        friction: Some(0.5),
-        ..StartOptions::default()
-    };
+    let heavier = StartOptions { mass: Some(2.0), friction: Some(0.5), ..StartOptions::default() };
     assert_eq!(start(&heavier).unwrap(), drawn);
     let placed = StartOptions {
         object: Some(ObjectChoice::Name("can".into())),
@@ -388,19 +331,8 @@ fn options_fix_what_they_name_and_nothing_else() {
     let (object, pose, hand) = start(&placed).unwrap();
     assert_eq!((object, hand), (1, drawn.2));
     assert!((pose.translation.vector.xy() - nalgebra::Vector2::new(0.02, -0.03)).norm() < 2e-3);
-    let rows = |z: f64| {
-        Some([
-            [1.0, 0.0, 0.0, 0.0],
-            [0.0, -1.0, 0.0, 0.0],
-            [0.0, 0.0, -1.0, z],
-            [0.0, 0.0, 0.0, 1.0],
-        ])
-    };
-    let posed = StartOptions {
-        world_from_hand: rows(0.4),
-        preshape: Some(0.7),
-        ..StartOptions::default()
-    };
+    let rows = |z: f64| Some([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, z], [0.0, 0.0, 0.0, 1.0]]);
+    let posed = StartOptions { world_from_hand: rows(0.4), preshape: Some(0.7), ..StartOptions::default() };
     assert!((start(&posed).unwrap().2.translation.z - 0.4).abs() < 1e-12);
     let wrong = |change: fn(&mut StartOptions)| {
         let mut options = StartOptions::default();
@@ -417,12 +349,8 @@ fn options_fix_what_they_name_and_nothing_else() {
         (wrong(|o| o.world_from_hand = Some([[2.0; 4]; 4])), "homogeneous"),
         (
             wrong(|o| {
-                o.world_from_hand = Some([
-                    [1.0, 0.0, 0.0, 0.0],
-                    [0.0, -1.0, 0.0, 0.0],
-                    [0.0, 0.0, -1.0, 0.0],
-                    [0.0, 0.0, 0.0, 1.0],
-                ]);
+                o.world_from_hand =
+                    Some([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
             }),
             "table",
         ),
@@ -437,33 +365,21 @@ fn settings_out_of_range_are_refused() {
     let refused = |change: fn(&mut AgentConfig)| {
         let mut config = AgentConfig::default();
         change(&mut config);
-        Pool::new(Arc::clone(&objects), config, 1)
-            .map(|_| ())
-            .unwrap_err()
-            .to_string()
+        Pool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string()
     };
     for (message, part) in [
         (refused(|c| c.max_episode_steps = Some(0)), "max_episode_steps"),
         (refused(|c| c.randomization.mass = [2.0, 1.0]), "randomization.mass"),
-        (
-            refused(|c| c.randomization.friction = [0.0, 1.0]),
-            "randomization.friction",
-        ),
+        (refused(|c| c.randomization.friction = [0.0, 1.0]), "randomization.friction"),
         (refused(|c| c.observations = vec![Observation::State; 2]), "state"),
     ] {
         assert!(message.contains(part), "{message}");
     }
     assert!(Pool::new(Arc::clone(&objects), AgentConfig::default(), 0).is_err());
-    let physics = PhysicsConfig {
-        dt: 0.003,
-        ..PhysicsConfig::default()
-    };
+    let physics = PhysicsConfig { dt: 0.003, ..PhysicsConfig::default() };
     let hand = Arc::clone(objects.hand());
     let odd = Objects::new(vec![objects.source(0).unwrap().clone()], hand, physics, None).unwrap();
-    let message = Pool::new(Arc::new(odd), AgentConfig::default(), 1)
-        .map(|_| ())
-        .unwrap_err()
-        .to_string();
+    let message = Pool::new(Arc::new(odd), AgentConfig::default(), 1).map(|_| ()).unwrap_err().to_string();
     assert!(message.contains("physics.dt"), "{message}");
 }
 

@@ -21,12 +21,8 @@ use graspbox_tests::scenes::{planned, procedural};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 const DT: f64 = 0.002;
-const NO_LOAD: HandLoad = HandLoad {
-    force: Vector3::new(0.0, 0.0, 0.0),
-    at: Point3::new(0.0, 0.0, 0.0),
-    object: false,
-    scenery: false,
-};
+const NO_LOAD: HandLoad =
+    HandLoad { force: Vector3::new(0.0, 0.0, 0.0), at: Point3::new(0.0, 0.0, 0.0), object: false, scenery: false };
 
 /// What was worst on a way: speeds and accelerations, linear and angular; and the lowest point of the base.
 #[derive(Debug, Default)]
@@ -38,20 +34,14 @@ struct Worst {
 
 /// Drives a servo through `goals`, one a control period, and measures every step.
 fn drive(servo: &mut Servo, guard: &Guard, goals: impl Iterator<Item = Goal>) -> Worst {
-    let mut worst = Worst {
-        lowest: f64::INFINITY,
-        ..Worst::default()
-    };
+    let mut worst = Worst { lowest: f64::INFINITY, ..Worst::default() };
     let mut before = (Vector3::zeros(), Vector3::zeros());
     for goal in goals {
         let motion = servo.begin(&goal);
         for i in 0..25 {
             let from = servo.world_from_hand();
             let to = servo.advance(&motion, f64::from(i) * DT, DT, guard, &NO_LOAD);
-            let now = (
-                (to.translation.vector - from.translation.vector) / DT,
-                turn_rate(&from, &to, DT),
-            );
+            let now = ((to.translation.vector - from.translation.vector) / DT, turn_rate(&from, &to, DT));
             for (k, (a, b)) in [(now.0, before.0), (now.1, before.1)].into_iter().enumerate() {
                 worst.speed[k] = worst.speed[k].max(a.norm());
                 worst.acceleration[k] = worst.acceleration[k].max((a - b).norm() / DT);
@@ -60,10 +50,7 @@ fn drive(servo: &mut Servo, guard: &Guard, goals: impl Iterator<Item = Goal>) ->
             worst.lowest = worst.lowest.min(guard.lowest(&to));
             for axis in 0..3 {
                 let at = to.translation.vector[axis];
-                assert!(
-                    (WORKSPACE_LOW[axis] - 1e-5..=WORKSPACE_HIGH[axis] + 1e-5).contains(&at),
-                    "axis {axis}: {at}"
-                );
+                assert!((WORKSPACE_LOW[axis] - 1e-5..=WORKSPACE_HIGH[axis] + 1e-5).contains(&at), "axis {axis}: {at}");
             }
         }
     }
@@ -74,9 +61,7 @@ fn drive(servo: &mut Servo, guard: &Guard, goals: impl Iterator<Item = Goal>) ->
 fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 }
@@ -110,14 +95,8 @@ fn the_servo_keeps_its_limits() {
             _ => Goal::Pose(high),
         });
         let worst = drive(&mut servo, &guard, free);
-        assert!(
-            worst.speed[0] <= LINEAR_SPEED + 1e-9 && worst.speed[1] <= ANGULAR_SPEED + 1e-6,
-            "{worst:?}"
-        );
-        assert!(
-            worst.speed[0] > 0.5 * LINEAR_SPEED && worst.speed[1] > 0.9 * ANGULAR_SPEED,
-            "{worst:?}"
-        );
+        assert!(worst.speed[0] <= LINEAR_SPEED + 1e-9 && worst.speed[1] <= ANGULAR_SPEED + 1e-6, "{worst:?}");
+        assert!(worst.speed[0] > 0.5 * LINEAR_SPEED && worst.speed[1] > 0.9 * ANGULAR_SPEED, "{worst:?}");
         assert!(worst.acceleration[0] <= LINEAR_ACCELERATION + 1e-6, "{worst:?}");
         assert!(worst.acceleration[1] <= ANGULAR_ACCELERATION + 1e-3, "{worst:?}");
     }
@@ -143,10 +122,7 @@ fn the_palm_never_meets_the_table() {
         println!("{worst:?}");
         assert!(worst.acceleration[0] < 4.0 * LINEAR_ACCELERATION, "{worst:?}");
     }
-    assert!(
-        (TABLE_CLEARANCE - 1e-9..TABLE_CLEARANCE + 0.001).contains(&lowest),
-        "{lowest}"
-    );
+    assert!((TABLE_CLEARANCE - 1e-9..TABLE_CLEARANCE + 0.001).contains(&lowest), "{lowest}");
 }
 
 /// A goal that moves smoothly is followed without lag; one that jumps is reached and kept.
@@ -175,16 +151,9 @@ fn goals_are_reached_and_followed() {
     // Steps add up, and a hand that stands still stays where it is.
     let step = Isometry3::new(Vector3::new(0.0, 0.0, 0.01), Vector3::zeros());
     drive(&mut servo, &guard, std::iter::repeat_n(Goal::Delta(step), 10));
-    drive(
-        &mut servo,
-        &guard,
-        std::iter::repeat_n(Goal::Delta(Isometry3::identity()), 20),
-    );
+    drive(&mut servo, &guard, std::iter::repeat_n(Goal::Delta(Isometry3::identity()), 20));
     let moved = goal.inverse() * servo.world_from_hand();
-    assert!(
-        (moved.translation.vector - Vector3::new(0.0, 0.0, 0.1)).norm() < 1e-4,
-        "{moved}"
-    );
+    assert!((moved.translation.vector - Vector3::new(0.0, 0.0, 0.1)).norm() < 1e-4, "{moved}");
 }
 
 /// An action of a pool in twist mode: velocity along z of the world at full speed, the fingers as they are.
@@ -230,10 +199,7 @@ fn an_object_under_the_palm_is_not_crushed() {
         );
         assert!(stopped > 10, "the stop was never needed: the hand missed the object");
         // A collision at full speed takes the object's momentum within a step or two; after that, nothing above the limit.
-        assert!(
-            peak < 15.0 * STOP_FORCE && pressed <= 3 && late < STOP_FORCE,
-            "{peak} N, {pressed} steps, {late} N"
-        );
+        assert!(peak < 15.0 * STOP_FORCE && pressed <= 3 && late < STOP_FORCE, "{peak} N, {pressed} steps, {late} N");
         assert!(deepest < 0.002, "{deepest} m");
         for _ in 0..10 {
             pool.step(&vertical(&pool, 1.0)).unwrap();
@@ -250,10 +216,7 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
         let objects = objects(&[family]);
         let pool = pool(&objects, Control::TargetPose, 1);
         let (_, scene) = objects.scene(&objects.prepared(0).unwrap(), 0).unwrap();
-        let options = StartOptions {
-            resting: Some(0),
-            ..StartOptions::default()
-        };
+        let options = StartOptions { resting: Some(0), ..StartOptions::default() };
         for (seed, grasp) in planned(&procedural(family, 0), &scene, 2, 0).iter().enumerate() {
             let driven = follow(&pool, &options, seed as u64, grasp);
             assert!(driven.success, "{family:?} {seed}: {driven:?}");
@@ -261,18 +224,11 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
             let sum = |name: &str| driven.terms[TERM_TABLE.iter().position(|row| row.0 == name).unwrap()];
             println!(
                 "{family:?} {seed}: {:?}",
-                TERM_TABLE
-                    .iter()
-                    .zip(driven.terms)
-                    .map(|(row, t)| (row.0, t))
-                    .collect::<Vec<_>>()
+                TERM_TABLE.iter().zip(driven.terms).map(|(row, t)| (row.0, t)).collect::<Vec<_>>()
             );
             assert_eq!((sum("success"), sum("failure"), sum("stop")), (1.0, 0.0, 0.0));
             assert!((sum("hold") - 1.0).abs() < 1e-5 && (sum("lift") - 1.0).abs() < 1e-5);
-            assert!(
-                (0.0..=1.0).contains(&sum("reach")) && (0.5..1.00001).contains(&sum("contact")),
-                "{driven:?}"
-            );
+            assert!((0.0..=1.0).contains(&sum("reach")) && (0.5..1.00001).contains(&sum("contact")), "{driven:?}");
             let state = pool.now();
             assert!(state.is_success[0] && state.touches[0] && state.lift[0] > 0.15);
         }
@@ -283,10 +239,7 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
 fn a_lost_object_ends_the_episode() {
     let pool = pool(&objects(&[Family::Ball]), Control::Twist, 1);
     for place in [[0.52, 0.0, 0.0], [0.0, 0.58, 0.0]] {
-        let options = StartOptions {
-            place: Some(place),
-            ..StartOptions::default()
-        };
+        let options = StartOptions { place: Some(place), ..StartOptions::default() };
         pool.reset(&[Some(0)], None, &options).unwrap();
         let batch = pool.step(&vertical(&pool, 0.0)).unwrap().now;
         assert!(batch.terminated[0] && !batch.is_success[0]);
@@ -310,10 +263,8 @@ fn observations_and_terms_stay_in_their_bounds() {
             let actions: Vec<f32> = (0..4 * pool.rules().action).map(|_| (2.0 * unit()) as f32).collect();
             let batch = pool.step(&actions).unwrap().now;
             for ((observation, fields), values) in pool.rules().tables.iter().zip(&batch.observations) {
-                let bounds: Vec<(f32, f32)> = fields
-                    .iter()
-                    .flat_map(|f| std::iter::repeat_n((f.low as f32, f.high as f32), f.size))
-                    .collect();
+                let bounds: Vec<(f32, f32)> =
+                    fields.iter().flat_map(|f| std::iter::repeat_n((f.low as f32, f.high as f32), f.size)).collect();
                 assert_eq!(values.len(), 4 * bounds.len());
                 for (i, value) in values.iter().enumerate() {
                     let (low, high) = bounds[i % bounds.len()];
@@ -322,16 +273,10 @@ fn observations_and_terms_stay_in_their_bounds() {
             }
             // What the hand never touched stays where it is, however the hand is thrown about.
             let lost = batch.terminated.iter().zip(&batch.failure);
-            assert!(
-                lost.into_iter()
-                    .all(|(ended, code)| !ended || FAILURES[usize::from(*code)] != "no_contact")
-            );
+            assert!(lost.into_iter().all(|(ended, code)| !ended || FAILURES[usize::from(*code)] != "no_contact"));
             for (i, term) in batch.terms.iter().enumerate() {
                 let (name, low, high, _) = TERM_TABLE[i % TERM_TABLE.len()];
-                assert!(
-                    (low as f32 - 1e-6..=high as f32 + 1e-6).contains(term),
-                    "{name}: {term}"
-                );
+                assert!((low as f32 - 1e-6..=high as f32 + 1e-6).contains(term), "{name}: {term}");
             }
         }
     }
@@ -351,10 +296,7 @@ fn a_varied_object_weighs_and_slides_as_it_was_told() {
         }
         let weight = 0.2 * factor * 9.81;
         let force = world.hand_load().force.norm();
-        assert!(
-            (force - weight).abs() < 0.02 * weight,
-            "{force} N instead of {weight} N"
-        );
+        assert!((force - weight).abs() < 0.02 * weight, "{force} N instead of {weight} N");
     }
     // The table's friction is 0.5 times the object's factor; the slope is 0.36.
     let slope = 20f64.to_radians();
@@ -376,11 +318,8 @@ fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
     let objects = objects(&[Family::Can, Family::Banana]);
     let pool = pool(&objects, Control::Twist, 1);
     let seen = |object: usize, place: [f64; 3]| {
-        let options = StartOptions {
-            object: Some(ObjectChoice::Index(object)),
-            place: Some(place),
-            ..StartOptions::default()
-        };
+        let options =
+            StartOptions { object: Some(ObjectChoice::Index(object)), place: Some(place), ..StartOptions::default() };
         pool.reset(&[Some(5)], None, &options).unwrap();
         let moved = pool.step(&vertical(&pool, 0.3)).unwrap().now;
         let of = |name| pool.rules().tables.iter().position(|(o, _)| *o == name).unwrap();
@@ -395,12 +334,7 @@ fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
 /// Once, the force of the step in which a turn ended stayed on the object, and drove it off the table.
 #[test]
 fn a_hand_that_stops_turning_leaves_the_object_alone() {
-    let cube = template(
-        reflex(),
-        &Geometry::Cuboid(Vector3::repeat(0.03)),
-        0.2,
-        PhysicsConfig::default(),
-    );
+    let cube = template(reflex(), &Geometry::Cuboid(Vector3::repeat(0.03)), 0.2, PhysicsConfig::default());
     for rate in [0.5, 2.0] {
         let mut world = cube.spawn(&palm_down(0.2, 0.0, 0.3), &at(0.0, 0.0, 0.03), 0.0);
         let start = palm_down(0.2, 0.0, 0.3);

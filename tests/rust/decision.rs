@@ -74,10 +74,7 @@ fn a_decision_is_a_trial() {
             let action = action(100 * step + env);
             let (hand, preshape) = pose_and_preshape(&action, pool.rules().hand()).unwrap();
             let object_from_hand = object.inverse() * hand;
-            let grasp = GraspPose {
-                object_from_hand,
-                preshape,
-            };
+            let grasp = GraspPose { object_from_hand, preshape };
             let trial = &run_trials(scene, &[grasp], TrialConfig::default(), &Progress::default()).unwrap()[0];
             let failure = trial.failure.map_or(0, |f| f as u8 + 1);
             kinds[usize::from(failure)] += 1;
@@ -119,10 +116,8 @@ fn results_depend_neither_on_neighbours_nor_on_threads() {
 #[test]
 fn a_saved_state_goes_on_with_the_same_bits() {
     let objects = objects(&FAMILIES);
-    let (pool, other) = (
-        decisions(&objects, 1, Randomization::standard()),
-        decisions(&objects, 1, Randomization::standard()),
-    );
+    let (pool, other) =
+        (decisions(&objects, 1, Randomization::standard()), decisions(&objects, 1, Randomization::standard()));
     pool.reset(&[Some(5)], None, &StartOptions::default()).unwrap();
     other.reset(&[Some(6)], None, &StartOptions::default()).unwrap();
     for step in 0..2 {
@@ -160,33 +155,13 @@ fn the_reach_of_the_hand_holds_every_part_of_it() {
 #[test]
 fn what_a_decision_cannot_be_is_refused() {
     let objects = objects(&FAMILIES);
-    let config = AgentConfig {
-        control: Control::GraspPose,
-        ..AgentConfig::default()
-    };
-    let message = |config: AgentConfig| {
-        Pool::new(Arc::clone(&objects), config, 1)
-            .map(|_| ())
-            .unwrap_err()
-            .to_string()
-    };
-    let skipping = AgentConfig {
-        observations: vec![Observation::State],
-        frame_skip: 2,
-        ..config
-    };
+    let config = AgentConfig { control: Control::GraspPose, ..AgentConfig::default() };
+    let message = |config: AgentConfig| Pool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string();
+    let skipping = AgentConfig { observations: vec![Observation::State], frame_skip: 2, ..config };
     assert!(message(skipping).contains("frame_skip"));
     let pool = decisions(&objects, 1, Randomization::default());
-    let options = StartOptions {
-        preshape: Some(9.0),
-        ..StartOptions::default()
-    };
-    assert!(
-        pool.reset(&[Some(0)], None, &options)
-            .unwrap_err()
-            .to_string()
-            .contains("preshape")
-    );
+    let options = StartOptions { preshape: Some(9.0), ..StartOptions::default() };
+    assert!(pool.reset(&[Some(0)], None, &options).unwrap_err().to_string().contains("preshape"));
     pool.reset(&[Some(0)], None, &StartOptions::default()).unwrap();
     let degenerate = pool.step(&[0.0; 10]).unwrap();
     assert_eq!((degenerate.now.terms[REACH], degenerate.last.failure[0]), (0.0, 1));

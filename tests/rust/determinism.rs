@@ -35,14 +35,8 @@ impl Case {
     }
 
     fn all() -> [Self; 2] {
-        let can = Geometry::Cylinder {
-            radius: 0.034,
-            half_length: 0.05,
-        };
-        [
-            Self::new(&can, 0.10),
-            Self::new(&Geometry::Cuboid(Vector3::new(0.025, 0.04, 0.05)), 0.10),
-        ]
+        let can = Geometry::Cylinder { radius: 0.034, half_length: 0.05 };
+        [Self::new(&can, 0.10), Self::new(&Geometry::Cuboid(Vector3::new(0.025, 0.04, 0.05)), 0.10)]
     }
 
     fn spawn(&self) -> World {
@@ -87,29 +81,14 @@ fn a_run_can_be_repeated_and_carries_on_from_snapshot_and_clone() {
             let bytes = world.snapshot().unwrap();
             let mut copy = world.clone();
             // The original goes on first: a clone that shares anything would notice.
-            assert_eq!(
-                whole[cut..],
-                case.run(&mut world, cut, END),
-                "after taking a snapshot at {cut}"
-            );
+            assert_eq!(whole[cut..], case.run(&mut world, cut, END), "after taking a snapshot at {cut}");
             let mut back = case.template.restore(&bytes).unwrap();
-            assert_eq!(
-                bytes,
-                back.snapshot().unwrap(),
-                "a snapshot of what was restored at {cut}"
-            );
+            assert_eq!(bytes, back.snapshot().unwrap(), "a snapshot of what was restored at {cut}");
             assert_eq!(whole[cut..], case.run(&mut back, cut, END), "restored at {cut}");
             assert_eq!(whole[cut..], case.run(&mut copy, cut, END), "cloned at {cut}");
             // Another template of the same object, hand and settings, as another process would build it.
-            let mut elsewhere = Case::all()
-                .into_iter()
-                .find_map(|c| c.template.restore(&bytes).ok())
-                .unwrap();
-            assert_eq!(
-                whole[cut..],
-                case.run(&mut elsewhere, cut, END),
-                "restored elsewhere at {cut}"
-            );
+            let mut elsewhere = Case::all().into_iter().find_map(|c| c.template.restore(&bytes).ok()).unwrap();
+            assert_eq!(whole[cut..], case.run(&mut elsewhere, cut, END), "restored elsewhere at {cut}");
         }
         assert!(touched, "no cut was in the middle of contact");
         assert!(case.spawn().contacts().links.is_empty());
@@ -180,12 +159,7 @@ fn trials_do_not_depend_on_threads_or_company() {
         };
         let whole = in_pool(1, || batch(&poses));
         for threads in [2, 5] {
-            assert_eq!(
-                whole,
-                in_pool(threads, || batch(&poses)),
-                "{}: {threads} threads",
-                scene.name()
-            );
+            assert_eq!(whole, in_pool(threads, || batch(&poses)), "{}: {threads} threads", scene.name());
         }
         let mut backwards: Vec<_> = poses.clone();
         backwards.reverse();
@@ -193,12 +167,7 @@ fn trials_do_not_depend_on_threads_or_company() {
         mirrored.reverse();
         assert_eq!(whole, mirrored, "{}: in another order", scene.name());
         for (pose, expected) in poses.iter().zip(&whole) {
-            assert_eq!(
-                &batch(std::slice::from_ref(pose))[0],
-                expected,
-                "{}: alone",
-                scene.name()
-            );
+            assert_eq!(&batch(std::slice::from_ref(pose))[0], expected, "{}: alone", scene.name());
         }
         let alone: Vec<_> = poses.iter().map(|p| traced(&scene, p)).collect();
         let together = in_pool(3, || poses.par_iter().map(|p| traced(&scene, p)).collect::<Vec<_>>());
@@ -211,13 +180,7 @@ fn trials_do_not_depend_on_threads_or_company() {
 fn a_scene_built_again_gives_the_same_trials() {
     let labels = || -> Vec<Vec<u64>> {
         let run = |(scene, poses): (Arc<Scene>, Vec<GraspPose>)| {
-            run_trials(
-                &scene,
-                &poses[..poses.len().min(3)],
-                TrialConfig::default(),
-                &Progress::default(),
-            )
-            .unwrap()
+            run_trials(&scene, &poses[..poses.len().min(3)], TrialConfig::default(), &Progress::default()).unwrap()
         };
         let objects = objects(&[Family::Mug]);
         objects.into_iter().flat_map(run).map(|o| outcome_bits(&o)).collect()
@@ -289,10 +252,7 @@ fn a_damaged_snapshot_is_refused() {
         (&good[..0], "it is not a snapshot of this version"),
         (&good[..7], "it is not a snapshot of this version"),
         (&good[..20], "it is too short"),
-        (
-            &good[..good.len() - 1],
-            "its checksum does not match; it was cut off or changed",
-        ),
+        (&good[..good.len() - 1], "its checksum does not match; it was cut off or changed"),
     ] {
         assert_eq!(refused(&case.template, bytes), Some(why));
     }
@@ -301,9 +261,7 @@ fn a_damaged_snapshot_is_refused() {
     for _ in 0..500 {
         let bad = mutate(&good, &mut state);
         if bad != good {
-            *reasons
-                .entry(refused(&case.template, &bad).expect("damage was accepted"))
-                .or_insert(0) += 1;
+            *reasons.entry(refused(&case.template, &bad).expect("damage was accepted")).or_insert(0) += 1;
         }
     }
     println!("500 damaged snapshots: {reasons:?}");
@@ -313,9 +271,7 @@ fn a_damaged_snapshot_is_refused() {
         let mut bad = good[..8].to_vec();
         bad.extend_from_slice(blake3::hash(&body).as_bytes());
         bad.extend_from_slice(&body);
-        *forged
-            .entry(refused(&case.template, &bad).unwrap_or("restored"))
-            .or_insert(0) += 1;
+        *forged.entry(refused(&case.template, &bad).unwrap_or("restored")).or_insert(0) += 1;
     }
     println!("500 snapshots with forged checksums: {forged:?}");
 }
@@ -327,10 +283,7 @@ fn a_snapshot_of_another_world_is_refused() {
     let mut world = case.spawn();
     case.run(&mut world, 0, 100);
     let bytes = world.snapshot().unwrap();
-    let can = Geometry::Cylinder {
-        radius: 0.034,
-        half_length: 0.05,
-    };
+    let can = Geometry::Cylinder { radius: 0.034, half_length: 0.05 };
     let mut fewer = reflex();
     fewer.fingers.pop();
     fewer.motors.remove(2);
@@ -338,10 +291,7 @@ fn a_snapshot_of_another_world_is_refused() {
     softer.fingers[0].tendon.stiffness *= 0.5;
     let mut smoother = reflex();
     smoother.friction.pad *= 0.5;
-    let slower = PhysicsConfig {
-        dt: 0.001,
-        ..PhysicsConfig::default()
-    };
+    let slower = PhysicsConfig { dt: 0.001, ..PhysicsConfig::default() };
     for (what, template) in [
         ("another hand", template(fewer, &can, 0.2, PhysicsConfig::default())),
         ("another tendon", template(softer, &can, 0.2, PhysicsConfig::default())),

@@ -38,10 +38,7 @@ fn out_of_plane(hand: &Hand, finger: usize, v: Vector2<f64>) -> Vector3<f64> {
 
 fn angles(world: &World, finger: usize) -> (Vector2<f64>, Vector2<f64>) {
     let f = world.finger(finger);
-    (
-        Vector2::new(f.proximal, f.distal),
-        Vector2::new(f.proximal_speed, f.distal_speed),
-    )
+    (Vector2::new(f.proximal, f.distal), Vector2::new(f.proximal_speed, f.distal_speed))
 }
 
 /// A world of `hand` whose motors are off, with its base along the world's axes and gravity in finger `finger`'s plane.
@@ -223,9 +220,7 @@ fn balance(world: &World, finger: usize, gravity: &Vector3<f64>) -> Balance {
         let pose = links[c.link];
         contact += moments(c.link, &(pose * c.point), &(pose.rotation * c.normal * c.force));
     }
-    let base_from_world = (world.world_from_hand() * hand.base_from_hand.inverse())
-        .rotation
-        .inverse();
+    let base_from_world = (world.world_from_hand() * hand.base_from_hand.inverse()).rotation.inverse();
     let mut weight = Vector2::zeros();
     for link in own {
         let l = &hand.links[link];
@@ -259,18 +254,8 @@ fn squeeze(hand: Hand, object: &Geometry, height: f64, palm: f64) -> World {
 /// against its stops.
 fn squeezed() -> [(&'static str, Geometry, f64, f64); 3] {
     [
-        (
-            "block of 90 mm",
-            Geometry::Cuboid(Vector3::new(0.045, 0.06, 0.05)),
-            0.10,
-            0.14,
-        ),
-        (
-            "block of 120 mm",
-            Geometry::Cuboid(Vector3::new(0.06, 0.06, 0.05)),
-            0.10,
-            0.16,
-        ),
+        ("block of 90 mm", Geometry::Cuboid(Vector3::new(0.045, 0.06, 0.05)), 0.10, 0.14),
+        ("block of 120 mm", Geometry::Cuboid(Vector3::new(0.06, 0.06, 0.05)), 0.10, 0.16),
         ("ball of 100 mm", Geometry::Ball { radius: 0.05 }, 0.10, 0.102),
     ]
 }

@@ -49,19 +49,13 @@ fn resets_worlds_and_snapshots_are_small() {
             world
         };
         let first = pressed();
-        assert!(
-            !first.contacts().links.is_empty(),
-            "the hand does not touch {}",
-            body.name()
-        );
+        assert!(!first.contacts().links.is_empty(), "the hand does not touch {}", body.name());
         let before = resident();
         kept.extend((0..200).map(|_| pressed()));
         let memory = resident().zip(before).map(|(after, before)| (after - before) / 200.0);
         let bytes = first.snapshot().unwrap();
         let save = median(21, || drop(std::hint::black_box(first.snapshot().unwrap())));
-        let load = median(21, || {
-            drop(std::hint::black_box(scene.template().restore(&bytes).unwrap()))
-        });
+        let load = median(21, || drop(std::hint::black_box(scene.template().restore(&bytes).unwrap())));
         println!(
             "{} ({} parts): reset {:.1} us (goal 50); memory of a world in contact {} kB (goal 300); snapshot {:.0} kB, \
              taken in {:.2} ms, restored in {:.2} ms",

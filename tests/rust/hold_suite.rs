@@ -90,15 +90,7 @@ fn primitives_are_held_firmly() {
     let cases: [(&str, Geometry, f64, f64); 4] = [
         ("box", Geometry::Cuboid(Vector3::new(0.03, 0.03, 0.03)), 0.2, 0.06),
         ("sphere", Geometry::Ball { radius: 0.037 }, 0.2, 0.074),
-        (
-            "cylinder",
-            Geometry::Cylinder {
-                radius: 0.034,
-                half_length: 0.051,
-            },
-            0.35,
-            0.102,
-        ),
+        ("cylinder", Geometry::Cylinder { radius: 0.034, half_length: 0.051 }, 0.35, 0.102),
         ("tall box", Geometry::Cuboid(Vector3::new(0.03, 0.045, 0.08)), 0.4, 0.16),
     ];
     let mut bad = Vec::new();

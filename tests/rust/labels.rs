@@ -27,16 +27,10 @@ struct Row {
 /// `per_object` poses on each of `objects` objects, the families in turn.
 fn rows(objects: usize, per_object: usize) -> Vec<Row> {
     let physics = PhysicsConfig::default();
-    let half = PhysicsConfig {
-        dt: physics.dt / 2.0,
-        ..physics
-    };
+    let half = PhysicsConfig { dt: physics.dt / 2.0, ..physics };
     let early = TrialConfig::default();
     assert!(early.early_stop);
-    let whole = TrialConfig {
-        early_stop: false,
-        ..early
-    };
+    let whole = TrialConfig { early_stop: false, ..early };
     let mut rows = Vec::new();
     for i in 0..objects {
         let body = procedural(Family::ALL[i % Family::ALL.len()], (i / Family::ALL.len()) as u64);
@@ -49,12 +43,7 @@ fn rows(objects: usize, per_object: usize) -> Vec<Row> {
         let (a, b, c) = (run(&coarse, early), run(&coarse, whole), run(&fine, whole));
         for ((early, whole), fine) in a.into_iter().zip(b).zip(c) {
             let name = body.name().to_owned();
-            rows.push(Row {
-                name,
-                early,
-                whole,
-                fine,
-            });
+            rows.push(Row { name, early, whole, fine });
         }
     }
     rows
@@ -74,21 +63,11 @@ fn check(rows: &[Row], may_turn: f64) {
     for (i, row) in rows.iter().enumerate() {
         if row.early.success != row.whole.success {
             given_up += 1;
-            println!(
-                "{} pose {i}: early {}, to the end {}",
-                row.name,
-                say(&row.early),
-                say(&row.whole)
-            );
+            println!("{} pose {i}: early {}, to the end {}", row.name, say(&row.early), say(&row.whole));
         }
         if row.whole.success != row.fine.success {
             turned += 1;
-            println!(
-                "{} pose {i}: 2 ms {}, 1 ms {}",
-                row.name,
-                say(&row.whole),
-                say(&row.fine)
-            );
+            println!("{} pose {i}: 2 ms {}, 1 ms {}", row.name, say(&row.whole), say(&row.fine));
         }
     }
     let time = |f: fn(&Row) -> f64| rows.iter().map(f).sum::<f64>() / rows.len() as f64;
@@ -100,10 +79,7 @@ fn check(rows: &[Row], may_turn: f64) {
         100.0 * (1.0 - time(|r| r.early.time) / time(|r| r.whole.time)),
         100.0 * share(turned)
     );
-    assert!(
-        successes > 0 && successes < rows.len(),
-        "labels that are all alike test nothing"
-    );
+    assert!(successes > 0 && successes < rows.len(), "labels that are all alike test nothing");
     assert_eq!(given_up, 0, "early stops change labels");
     assert!(share(turned) <= may_turn, "{turned} labels depend on the time step");
 }

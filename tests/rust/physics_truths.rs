@@ -14,10 +14,7 @@ const WITHIN: f64 = 0.02;
 
 fn check(name: &str, measured: f64, expected: f64) {
     let error = measured / expected - 1.0;
-    println!(
-        "{name}: {measured:.5}, closed form {expected:.5}, off by {:.3} %",
-        100.0 * error
-    );
+    println!("{name}: {measured:.5}, closed form {expected:.5}, off by {:.3} %", 100.0 * error);
     assert!(error.abs() <= WITHIN, "{name}: {measured} against {expected}");
 }
 
@@ -29,12 +26,7 @@ fn book(mass: f64) -> Template {
 /// A bug here: gravity scaled or applied twice, or the frame's origin moving while the hand stands still.
 #[test]
 fn a_ball_falls_as_galileo_says() {
-    let ball = template(
-        reflex(),
-        &Geometry::Ball { radius: 0.03 },
-        0.2,
-        PhysicsConfig::default(),
-    );
+    let ball = template(reflex(), &Geometry::Ball { radius: 0.03 }, 0.2, PhysicsConfig::default());
     let mut world = ball.spawn(&away(), &at(0.1, 0.0, 1.2), 0.0);
     run(&mut world, &away(), &[], 0.4);
     check("fall after 0.4 s (m)", 1.2 - world.object_center().z, 0.5 * G * 0.16);
@@ -88,17 +80,9 @@ const CORNER_FIRST: f64 = std::f64::consts::FRAC_PI_4;
 #[test]
 fn a_box_slips_at_the_angle_of_friction() {
     let (template, mu) = (tile(), 0.5_f64);
-    check(
-        "tangent of the slip angle, mu = 0.5",
-        slip_slope(&template, CORNER_FIRST),
-        mu,
-    );
+    check("tangent of the slip angle, mu = 0.5", slip_slope(&template, CORNER_FIRST), mu);
     let (crept, speed) = slide(&template, CORNER_FIRST, (0.98 * mu).atan(), 1.0);
-    println!(
-        "creep at 98 % of the slope: {:.4} mm in 1 s, {:.4} mm/s at its end",
-        1e3 * crept,
-        1e3 * speed
-    );
+    println!("creep at 98 % of the slope: {:.4} mm in 1 s, {:.4} mm/s at its end", 1e3 * crept, 1e3 * speed);
     assert!(crept.abs() < 1e-3, "the box creeps by {crept} m");
 }
 
@@ -111,11 +95,7 @@ fn a_box_slides_with_g_sin_less_mu_cos() {
         let (_, early) = slide(&template, CORNER_FIRST, angle, 0.1);
         let (_, late) = slide(&template, CORNER_FIRST, angle, 0.25);
         let expected = G * (angle.sin() - mu * angle.cos());
-        check(
-            &format!("acceleration at {degrees} degrees (m/s2)"),
-            (late - early) / 0.15,
-            expected,
-        );
+        check(&format!("acceleration at {degrees} degrees (m/s2)"), (late - early) / 0.15, expected);
     }
 }
 
@@ -159,11 +139,7 @@ fn a_tile_slips_on_the_palm_by_the_hands_own_friction() {
             (world.object_center() - before).norm()
         };
         let (below, above) = (slid(1.0 - WITHIN), slid(1.0 + WITHIN));
-        println!(
-            "pads of {mu}: {:.3} mm below the angle, {:.1} mm above it",
-            1e3 * below,
-            1e3 * above
-        );
+        println!("pads of {mu}: {:.3} mm below the angle, {:.1} mm above it", 1e3 * below, 1e3 * above);
         assert!(below < 0.001 && above > 0.005, "{below} m, {above} m");
     }
 }
@@ -200,11 +176,7 @@ fn a_thrown_object_flies_a_parabola_whatever_the_hand_does() {
         path += (velocity + Vector3::new(0.0, 0.0, -G * t)).norm() * w.dt();
         worst = worst.max((w.object_center().coords - expected).norm());
     });
-    println!(
-        "parabola: worst error {:.3} mm on a path of {path:.3} m: {:.3} %",
-        1e3 * worst,
-        100.0 * worst / path
-    );
+    println!("parabola: worst error {:.3} mm on a path of {path:.3} m: {:.3} %", 1e3 * worst, 100.0 * worst / path);
     assert!(worst <= WITHIN * path);
 }
 
@@ -269,11 +241,7 @@ fn an_object_of_two_parts_presses_with_its_weight() {
     let template = Template::new(Arc::new(reflex()), &object, PhysicsConfig::default()).unwrap();
     let mut world = template.spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
     run(&mut world, &palm_up(), &[], 0.8);
-    check(
-        "force of two parts on the palm (N)",
-        world.contacts().hand_force,
-        mass * G,
-    );
+    check("force of two parts on the palm (N)", world.contacts().hand_force, mass * G);
     let links: f64 = world.link_contacts().iter().map(|c| c.force).sum();
     check("the same, contact by contact (N)", links, mass * G);
 }
@@ -284,11 +252,7 @@ fn a_resting_object_presses_with_its_weight() {
     for mass in [0.1, 1.0] {
         let mut world = book(mass).spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
         run(&mut world, &palm_up(), &[], 0.8);
-        check(
-            &format!("force of {mass} kg on the palm (N)"),
-            world.contacts().hand_force,
-            mass * G,
-        );
+        check(&format!("force of {mass} kg on the palm (N)"), world.contacts().hand_force, mass * G);
     }
 }
 
@@ -296,12 +260,7 @@ fn a_resting_object_presses_with_its_weight() {
 #[test]
 fn the_force_of_a_landing_accounts_for_the_momentum() {
     let mass = 0.4;
-    let template = template(
-        reflex(),
-        &Geometry::Ball { radius: 0.03 },
-        mass,
-        PhysicsConfig::default(),
-    );
+    let template = template(reflex(), &Geometry::Ball { radius: 0.03 }, mass, PhysicsConfig::default());
     let mut world = template.spawn(&palm_up(), &at(0.015, 0.0, 0.58), 0.0);
     let (mut impulse, mut weight) = (0.0, 0.0);
     for _ in 0..200 {
@@ -345,15 +304,9 @@ fn a_tumbling_object_never_gains_energy() {
             worst = worst.max((now - lowest) / first);
             lowest = lowest.min(now);
         }
-        assert!(
-            world.contacts().scenery && lowest < 0.5 * first,
-            "throw {i} did not come to rest"
-        );
+        assert!(world.contacts().scenery && lowest < 0.5 * first, "throw {i} did not come to rest");
         assert!(world.object_center().z > 0.0 && Point3::origin() != world.object_center());
     }
-    println!(
-        "energy of 12 tumbling throws: greatest rise {:.4} % of the first",
-        100.0 * worst
-    );
+    println!("energy of 12 tumbling throws: greatest rise {:.4} % of the first", 100.0 * worst);
     assert!(worst <= 0.01);
 }

@@ -26,10 +26,7 @@ pub fn objects(families: &[Family]) -> Arc<Objects> {
 
 /// Environments with a given control mode.
 pub fn pool(objects: &Arc<Objects>, control: Control, count: usize) -> Arc<Pool> {
-    let config = AgentConfig {
-        control,
-        ..AgentConfig::default()
-    };
+    let config = AgentConfig { control, ..AgentConfig::default() };
     Arc::new(Pool::new(Arc::clone(objects), config, count).unwrap())
 }
 
@@ -40,12 +37,7 @@ pub fn seeds(pool: &Pool) -> Vec<Option<u64>> {
 
 /// Every number of a batch, as bits.
 pub fn batch_bits(batch: &Batch) -> Vec<u32> {
-    let numbers = batch
-        .observations
-        .iter()
-        .flatten()
-        .chain(&batch.terms)
-        .map(|x| x.to_bits());
+    let numbers = batch.observations.iter().flatten().chain(&batch.terms).map(|x| x.to_bits());
     let flags = [
         &batch.terminated,
         &batch.truncated,
@@ -113,24 +105,14 @@ pub fn follow(pool: &Pool, options: &StartOptions, seed: u64, grasp: &GraspPose)
         pose.translation.vector.z = high;
         pose
     };
-    let mut driven = Driven {
-        success: false,
-        failure: 0,
-        steps: 0,
-        stopped: 0,
-        terms: [0.0; TERMS],
-    };
+    let mut driven = Driven { success: false, failure: 0, steps: 0, stopped: 0, terms: [0.0; TERMS] };
     let mut go = |pose: &Isometry3<f64>, spool: f64| {
         let batch = pool.step(&target(&hand, pose, spool, grasp.preshape)).unwrap().now;
         driven.success = batch.is_success[0];
         driven.failure = batch.failure[0];
         driven.steps += 1;
         driven.stopped += usize::from(batch.protective_stop[0]);
-        driven
-            .terms
-            .iter_mut()
-            .zip(&batch.terms)
-            .for_each(|(sum, term)| *sum += term);
+        driven.terms.iter_mut().zip(&batch.terms).for_each(|(sum, term)| *sum += term);
         batch.terminated[0]
     };
     let near = |pose: &Isometry3<f64>| {

@@ -38,10 +38,7 @@ pub fn closing(hand: &Hand, preshape: f64) -> Vec<MotorCommand> {
         MotorKind::Finger(_) => m.travel[1],
         MotorKind::Preshape => preshape,
     };
-    let command = |m| MotorCommand::Position {
-        target: target(m),
-        speed: None,
-    };
+    let command = |m| MotorCommand::Position { target: target(m), speed: None };
     hand.motors.iter().map(command).collect()
 }
 
@@ -62,11 +59,7 @@ pub fn turn_rate(before: &Isometry3<f64>, after: &Isometry3<f64>, dt: f64) -> Ve
 /// Two worlds with equal bits here have gone the same way; a change in any last digit shows.
 pub fn bits(world: &World) -> Vec<u64> {
     let mut numbers: Vec<f64> = Vec::new();
-    for pose in [
-        world.world_from_object(),
-        world.world_from_hand(),
-        world.hand_from_object(),
-    ] {
+    for pose in [world.world_from_object(), world.world_from_hand(), world.hand_from_object()] {
         numbers.extend(pose.translation.vector.iter());
         numbers.extend(pose.rotation.coords.iter());
     }
@@ -74,14 +67,7 @@ pub fn bits(world: &World) -> Vec<u64> {
     numbers.extend(linear.iter().chain(angular.iter()));
     for i in 0..world.hand().fingers.len() {
         let f = world.finger(i);
-        numbers.extend([
-            f.proximal,
-            f.distal,
-            f.proximal_speed,
-            f.distal_speed,
-            f.spool,
-            f.tension,
-        ]);
+        numbers.extend([f.proximal, f.distal, f.proximal_speed, f.distal_speed, f.spool, f.tension]);
     }
     numbers.extend(world.tactile().force);
     numbers.push(world.time());

@@ -11,12 +11,7 @@ use std::sync::Arc;
 /// Object `seed` of `family`, ready to be simulated.
 pub fn procedural(family: Family, seed: u64) -> Body {
     let object = generate(family, seed).unwrap();
-    let spec = ObjectSpec {
-        name: object.name,
-        mesh: object.mesh,
-        mass: Some(object.mass),
-        parts: object.parts,
-    };
+    let spec = ObjectSpec { name: object.name, mesh: object.mesh, mass: Some(object.mass), parts: object.parts };
     Body::prepare(&spec, None).unwrap()
 }
 
@@ -24,12 +19,7 @@ pub fn procedural(family: Family, seed: u64) -> Body {
 pub fn from_file(file: &Path, mass: f64, cache: &Path) -> Body {
     let mesh = graspbox_mesh::load(file, &graspbox_mesh::LoadOptions::default()).unwrap();
     let name = file.file_stem().unwrap().to_string_lossy().into_owned();
-    let spec = ObjectSpec {
-        name,
-        mesh,
-        mass: Some(mass),
-        parts: None,
-    };
+    let spec = ObjectSpec { name, mesh, mass: Some(mass), parts: None };
     Body::prepare(&spec, Some(cache)).unwrap()
 }
 
@@ -47,10 +37,7 @@ pub fn planned(body: &Body, scene: &Scene, count: usize, seed: u64) -> Vec<Grasp
         center_of_mass: body.mass_properties().center_of_mass,
         world_from_object: *scene.world_from_object(),
     };
-    let params = PlanParams {
-        seed,
-        ..PlanParams::default()
-    };
+    let params = PlanParams { seed, ..PlanParams::default() };
     let plan = plan(&object, scene.template().hand(), &params).unwrap();
     plan.ranked().iter().take(count).map(|c| c.grasp).collect()
 }

@@ -36,10 +36,7 @@ impl TwoLink {
     pub fn of(hand: &Hand, finger: &Finger) -> Self {
         let joints = [finger.proximal, finger.distal].map(|j| &hand.joints[j]);
         for joint in joints {
-            assert!(
-                (joint.axis.into_inner() + Vector3::y()).norm() < 1e-12,
-                "axis is not -y"
-            );
+            assert!((joint.axis.into_inner() + Vector3::y()).norm() < 1e-12, "axis is not -y");
         }
         assert!(joints[1].parent_from_joint.rotation.angle() < 1e-12);
         let links = joints.map(|j| &hand.links[j.child]);
@@ -69,12 +66,7 @@ impl TwoLink {
         let far = self.inertia[1] + m2 * c2.norm_squared();
         let near = self.inertia[0] + m1 * c1.norm_squared() + m2 * self.knuckle.norm_squared();
         let coupling = far + m2 * across;
-        Matrix2::new(
-            near + far + 2.0 * m2 * across + self.armature,
-            coupling,
-            coupling,
-            far + self.armature,
-        )
+        Matrix2::new(near + far + 2.0 * m2 * across + self.armature, coupling, coupling, far + self.armature)
     }
 
     /// Joint torques of gravity (m/s2, in the finger's plane), N m.

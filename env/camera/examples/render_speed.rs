@@ -19,10 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mesh = load(Path::new(&path), &LoadOptions::default())?;
     let start = Instant::now();
     let object = Model::new(&mesh)?;
-    println!(
-        "levels of detail in {:.0} ms (faces, error in mm):",
-        start.elapsed().as_secs_f64() * 1e3
-    );
+    println!("levels of detail in {:.0} ms (faces, error in mm):", start.elapsed().as_secs_f64() * 1e3);
     for (faces, error) in object.levels() {
         println!("{faces:>8} {:8.2}", error * 1e3);
     }
@@ -37,11 +34,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         },
         place(&object, world_from_object, [0.85, 0.33, 0.22], OBJECT),
     ];
-    instances.extend(
-        hand.iter()
-            .enumerate()
-            .map(|(i, (model, pose))| place(model, *pose, [0.45, 0.47, 0.52], 3 + i as u8)),
-    );
+    instances
+        .extend(hand.iter().enumerate().map(|(i, (model, pose))| place(model, *pose, [0.45, 0.47, 0.52], 3 + i as u8)));
     let faces: usize = hand.iter().filter_map(|(m, _)| m.levels().next()).map(|l| l.0).sum();
     println!("hand: {} solids, {faces} faces", hand.len());
     for size in [64, 128, 224] {
@@ -55,24 +49,13 @@ fn measure(instances: &[Instance], size: u32, top: f64) -> Result<(), Box<dyn Er
     let eye = target + Vector3::new(-0.2, -0.2, 0.12);
     let camera = Camera::look_at(Intrinsics::from_fov(size, size, 0.9)?, eye, target, Vector3::z())?;
     let mut renderer = Renderer::new(Detail::Auto);
-    let labels = Channels {
-        rgb: false,
-        segmentation: true,
-    };
+    let labels = Channels { rgb: false, segmentation: true };
     let frame = renderer.render(instances, &camera, &Light::default(), labels)?;
     let share = |keep: &dyn Fn(u8) -> bool| {
         frame.segmentation.iter().filter(|l| keep(**l)).count() as f64 / frame.segmentation.len() as f64 * 100.0
     };
-    print!(
-        "{size:>4}: object {:.0} %, hand {:.0} % of the pixels;",
-        share(&|l| l == OBJECT),
-        share(&|l| l > OBJECT)
-    );
-    for (name, rgb, segmentation) in [
-        ("depth", false, false),
-        ("+ segmentation", false, true),
-        ("rgb", true, false),
-    ] {
+    print!("{size:>4}: object {:.0} %, hand {:.0} % of the pixels;", share(&|l| l == OBJECT), share(&|l| l > OBJECT));
+    for (name, rgb, segmentation) in [("depth", false, false), ("+ segmentation", false, true), ("rgb", true, false)] {
         let mut frame = Frame::default();
         let channels = Channels { rgb, segmentation };
         let mut seconds = Vec::new();
@@ -90,13 +73,7 @@ fn measure(instances: &[Instance], size: u32, top: f64) -> Result<(), Box<dyn Er
 }
 
 fn place(model: &Model, world_from_model: Isometry3<f64>, color: [f32; 3], label: u8) -> Instance<'_> {
-    Instance {
-        model,
-        world_from_model,
-        color,
-        label,
-        casts_shadow: true,
-    }
+    Instance { model, world_from_model, color, label, casts_shadow: true }
 }
 
 /// A palm at height `z` with three bent fingers around the vertical.
@@ -112,10 +89,8 @@ fn hand(z: f64) -> Result<Vec<Part>, Box<dyn Error>> {
         (link([0.05, 0.04, 0.008])?, Isometry3::translation(0.0, 0.0, z + 0.008)),
     ];
     for turn in [0.0, 2.1, 4.2] {
-        let root = Isometry3::from_parts(
-            Translation3::new(0.0, 0.0, z),
-            UnitQuaternion::from_euler_angles(0.0, 0.0, turn),
-        );
+        let root =
+            Isometry3::from_parts(Translation3::new(0.0, 0.0, z), UnitQuaternion::from_euler_angles(0.0, 0.0, turn));
         let bend = |x: f64, z: f64, angle: f64| {
             root * Isometry3::from_parts(
                 Translation3::new(x, 0.0, z),

@@ -35,14 +35,7 @@ impl Intrinsics {
     pub fn from_fov(width: u32, height: u32, vertical_fov: f64) -> Result<Self, CameraError> {
         in_range("vertical_fov", vertical_fov, 1e-4, 3.1, "[1e-4, 3.1] radians")?;
         let f = 0.5 * f64::from(height) / (0.5 * vertical_fov).tan();
-        let intrinsics = Self {
-            width,
-            height,
-            fx: f,
-            fy: f,
-            cx: 0.5 * f64::from(width),
-            cy: 0.5 * f64::from(height),
-        };
+        let intrinsics = Self { width, height, fx: f, fy: f, cx: 0.5 * f64::from(width), cy: 0.5 * f64::from(height) };
         intrinsics.check()?;
         Ok(intrinsics)
     }
@@ -89,10 +82,7 @@ impl Pixel {
     #[must_use]
     pub fn index(&self, intrinsics: &Intrinsics) -> Option<[usize; 2]> {
         let inside = |x: f64, size: u32| (x >= 0.0 && x < f64::from(size)).then_some(x as usize);
-        Some([
-            inside(self.at.x, intrinsics.width)?,
-            inside(self.at.y, intrinsics.height)?,
-        ])
+        Some([inside(self.at.x, intrinsics.width)?, inside(self.at.y, intrinsics.height)?])
     }
 }
 
@@ -118,12 +108,7 @@ impl Camera {
     pub fn new(intrinsics: Intrinsics, world_from_camera: Isometry3<f64>) -> Result<Self, CameraError> {
         intrinsics.check()?;
         check_pose(&world_from_camera, || "the camera".into())?;
-        Ok(Self {
-            intrinsics,
-            world_from_camera,
-            near: Self::NEAR,
-            far: Self::FAR,
-        })
+        Ok(Self { intrinsics, world_from_camera, near: Self::NEAR, far: Self::FAR })
     }
 
     /// A camera at `eye` (world) with `target` in the middle of its view and `up` pointing to the upper border.
@@ -162,10 +147,7 @@ impl Camera {
     /// [`CameraError::BadPose`].
     pub fn with_pose(self, world_from_camera: Isometry3<f64>) -> Result<Self, CameraError> {
         check_pose(&world_from_camera, || "the camera".into())?;
-        Ok(Self {
-            world_from_camera,
-            ..self
-        })
+        Ok(Self { world_from_camera, ..self })
     }
 
     /// The same camera with another optical axis; the caller keeps it within bounds.
@@ -208,10 +190,9 @@ impl Camera {
     pub fn project(&self, world: &Point3<f64>) -> Option<Pixel> {
         let p = self.world_from_camera.inverse_transform_point(world);
         let k = &self.intrinsics;
-        (self.near..=self.far).contains(&p.z).then(|| Pixel {
-            at: Point2::new(k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy),
-            depth: p.z,
-        })
+        (self.near..=self.far)
+            .contains(&p.z)
+            .then(|| Pixel { at: Point2::new(k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy), depth: p.z })
     }
 
     /// World point at image position (`u`, `v`) and `depth` along the optical axis.

@@ -14,15 +14,8 @@ pub(crate) struct View {
 
 /// How a point of the view's frame (z forward, x right, y down) comes onto the raster.
 pub(crate) enum Lens {
-    Pinhole {
-        intrinsics: Intrinsics,
-        near: f64,
-        far: f64,
-    },
-    Parallel {
-        pixels_per_metre: f64,
-        origin: [f64; 2],
-    },
+    Pinhole { intrinsics: Intrinsics, near: f64, far: f64 },
+    Parallel { pixels_per_metre: f64, origin: [f64; 2] },
 }
 
 impl Lens {
@@ -33,14 +26,9 @@ impl Lens {
                 let nearness = 1.0 / p.z;
                 [k.fx * p.x * nearness + k.cx, k.fy * p.y * nearness + k.cy, nearness]
             }
-            Self::Parallel {
-                pixels_per_metre,
-                origin,
-            } => [
-                (p.x - origin[0]) * pixels_per_metre,
-                (p.y - origin[1]) * pixels_per_metre,
-                -p.z,
-            ],
+            Self::Parallel { pixels_per_metre, origin } => {
+                [(p.x - origin[0]) * pixels_per_metre, (p.y - origin[1]) * pixels_per_metre, -p.z]
+            }
         }
     }
 
@@ -53,12 +41,7 @@ impl Lens {
 
     /// Whether a ball in the view's frame may be seen.
     fn sees(&self, center: &Point3<f64>, radius: f64) -> bool {
-        let Self::Pinhole {
-            intrinsics: k,
-            near,
-            far,
-        } = self
-        else {
+        let Self::Pinhole { intrinsics: k, near, far } = self else {
             return true;
         };
         // Farther than its radius beyond a plane through the eye and a border of the image.
@@ -75,9 +58,7 @@ impl Lens {
     /// The error that a level may have whose bounds begin at depth `z`, metres.
     fn tolerance(&self, z: f64) -> f64 {
         match self {
-            Self::Pinhole {
-                intrinsics: k, near, ..
-            } => PIXEL_SHARE * z.max(*near) / k.fx.max(k.fy),
+            Self::Pinhole { intrinsics: k, near, .. } => PIXEL_SHARE * z.max(*near) / k.fx.max(k.fy),
             // A shadow's border is several pixels wide.
             Self::Parallel { pixels_per_metre, .. } => 1.0 / pixels_per_metre,
         }
@@ -88,11 +69,7 @@ impl View {
     pub(crate) fn of_camera(camera: &Camera, detail: Detail) -> Self {
         Self {
             view_from_world: camera.world_from_camera().inverse(),
-            lens: Lens::Pinhole {
-                intrinsics: *camera.intrinsics(),
-                near: camera.near(),
-                far: camera.far(),
-            },
+            lens: Lens::Pinhole { intrinsics: *camera.intrinsics(), near: camera.near(), far: camera.far() },
             detail,
         }
     }
@@ -151,20 +128,11 @@ pub(crate) fn draw<const IDS: bool>(
     }
     let level = view.level(model, &view_from_model);
     let rotation = view_from_model.rotation.to_rotation_matrix();
-    let placed = level
-        .vertices
-        .iter()
-        .map(|p| rotation * p + view_from_model.translation.vector);
+    let placed = level.vertices.iter().map(|p| rotation * p + view_from_model.translation.vector);
     // A ball before the near plane needs no clipping, and the camera is outside.
     let ahead = center.z - radius > view.lens.near();
     let hidden = if model.is_closed() && ahead { Some(cull) } else { None };
-    let mut pen = Pen {
-        raster,
-        level,
-        hidden,
-        id,
-        sink,
-    };
+    let mut pen = Pen { raster, level, hidden, id, sink };
     if ahead {
         scratch.corners.clear();
         scratch.corners.extend(placed.map(|p| view.lens.project(&p)));
@@ -198,14 +166,7 @@ impl<Sink: FnMut(&Piece) -> u32> Pen<'_, Sink> {
         }
         if let Some(gradient) = self.raster.triangle::<IDS>(corners, area, self.id) {
             let level = self.level;
-            self.id = (self.sink)(&Piece {
-                level,
-                face,
-                corners,
-                gradient,
-                weights,
-                back,
-            });
+            self.id = (self.sink)(&Piece { level, face, corners, gradient, weights, back });
         }
     }
 

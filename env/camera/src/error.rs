@@ -49,9 +49,5 @@ pub(crate) fn in_range(
     high: f64,
     range: &'static str,
 ) -> Result<(), CameraError> {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        Err(CameraError::OutOfRange { name, value, range })
-    }
+    if (low..=high).contains(&value) { Ok(()) } else { Err(CameraError::OutOfRange { name, value, range }) }
 }

@@ -123,13 +123,7 @@ impl Model {
 impl Level {
     fn new(mesh: &TriMesh, error: f64) -> Self {
         let (normals, corners) = corner_normals(mesh);
-        Self {
-            vertices: mesh.vertices().to_vec(),
-            faces: mesh.faces().to_vec(),
-            normals,
-            corners,
-            error,
-        }
+        Self { vertices: mesh.vertices().to_vec(), faces: mesh.faces().to_vec(), normals, corners, error }
     }
 }
 

@@ -22,9 +22,7 @@ pub(crate) fn corner_normals(mesh: &TriMesh) -> (Vec<Vector3<f32>>, Vec<[u32; 3]
     for corners_here in &around {
         let first = normals.len();
         for &(f, k) in corners_here {
-            let smooth = corners_here
-                .iter()
-                .filter(|(g, _)| units[f].dot(&units[*g]) >= CREASE_COSINE);
+            let smooth = corners_here.iter().filter(|(g, _)| units[f].dot(&units[*g]) >= CREASE_COSINE);
             let sum: Vector3<f64> = smooth.map(|(g, _)| areas[*g]).sum();
             let normal: Vector3<f32> = sum.try_normalize(0.0).unwrap_or(units[f]).cast();
             let known = normals[first..].iter().position(|n| *n == normal);

@@ -42,26 +42,15 @@ impl<'a> DepthView<'a> {
     #[must_use]
     pub fn of(frame: &'a Frame) -> Option<Self> {
         let camera = *frame.camera()?;
-        Some(Self {
-            camera,
-            depth: &frame.depth,
-        })
+        Some(Self { camera, depth: &frame.depth })
     }
 
     fn check(&self) -> Result<(), CameraError> {
         let pixels = self.camera.intrinsics().pixels() as f64;
         let have = self.depth.len() as f64;
-        in_range(
-            "length of a depth image",
-            have,
-            pixels,
-            pixels,
-            "rows times columns of its camera",
-        )?;
+        in_range("length of a depth image", have, pixels, pixels, "rows times columns of its camera")?;
         let rule = "[0, 1e4] metres, where 0 means that nothing was measured";
-        self.depth
-            .iter()
-            .try_for_each(|&d| in_range("depth", f64::from(d), 0.0, 1e4, rule))
+        self.depth.iter().try_for_each(|&d| in_range("depth", f64::from(d), 0.0, 1e4, rule))
     }
 }
 

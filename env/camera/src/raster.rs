@@ -45,12 +45,7 @@ pub(crate) fn twice_area([a, b, c]: &[Corner; 3]) -> f64 {
 
 impl Raster {
     pub(crate) fn new() -> Self {
-        Self {
-            width: 0,
-            height: 0,
-            nearness: Vec::new(),
-            ids: Vec::new(),
-        }
+        Self { width: 0, height: 0, nearness: Vec::new(), ids: Vec::new() }
     }
 
     /// An empty image in which only what is nearer than `nothing` will be seen.
@@ -90,17 +85,10 @@ impl Raster {
         }
         let (first, end) = (pixel_from(top[1], self.height), pixel_from(low[1], self.height));
         let [a, b, c] = corners;
-        let gradient = Gradient {
-            edges: [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]],
-            per_area: 1.0 / area,
-        };
+        let gradient =
+            Gradient { edges: [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]], per_area: 1.0 / area };
         let [dx, dy] = gradient.of([a[2], b[2], c[2]]);
-        let plane = Plane {
-            origin: *a,
-            dx,
-            dy,
-            range: range(corners, 2),
-        };
+        let plane = Plane { origin: *a, dx, dy, range: range(corners, 2) };
         let long = Edge::new(&top, &low);
         // Which side of the long edge the middle corner lies on.
         let mid_right = (mid[0] - top[0]) * (low[1] - top[1]) > (low[0] - top[0]) * (mid[1] - top[1]);
@@ -179,15 +167,7 @@ impl Edge {
     #[inline]
     fn new(upper: &Corner, lower: &Corner) -> Self {
         let height = lower[1] - upper[1];
-        Self {
-            x: upper[0],
-            y: upper[1],
-            slope: if height > 0.0 {
-                (lower[0] - upper[0]) / height
-            } else {
-                0.0
-            },
-        }
+        Self { x: upper[0], y: upper[1], slope: if height > 0.0 { (lower[0] - upper[0]) / height } else { 0.0 } }
     }
 
     #[inline]

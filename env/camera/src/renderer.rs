@@ -124,11 +124,7 @@ impl Renderer {
         }
         frame.camera = Some(*camera);
         let nothing = nothing(camera);
-        let depth = self
-            .raster
-            .nearness
-            .iter()
-            .map(|w| if *w > nothing { 1.0 / w } else { 0.0 });
+        let depth = self.raster.nearness.iter().map(|w| if *w > nothing { 1.0 / w } else { 0.0 });
         frame.depth.clear();
         frame.depth.extend(depth);
         frame.segmentation.clear();
@@ -170,10 +166,7 @@ impl Renderer {
             });
         }
         let share = 1.0 / (samples * samples) as f32;
-        Ok(sums
-            .iter()
-            .flat_map(|c| [c.x, c.y, c.z].map(|x| shown(x * share)))
-            .collect())
+        Ok(sums.iter().flat_map(|c| [c.x, c.y, c.z].map(|x| shown(x * share))).collect())
     }
 
     /// Depth, and the instance at each pixel if wanted.
@@ -210,36 +203,20 @@ impl Renderer {
                 labels.push(instance.label);
                 labels.len() as u32
             };
-            draw::<true>(
-                &mut self.raster,
-                &mut self.scratch,
-                &view,
-                Cull::Back,
-                instance,
-                id,
-                &mut sink,
-            );
+            draw::<true>(&mut self.raster, &mut self.scratch, &view, Cull::Back, instance, id, &mut sink);
         }
     }
 
     fn clear(&mut self, camera: &Camera, keep_ids: bool) {
         let k = camera.intrinsics();
-        self.raster
-            .clear(k.width as usize, k.height as usize, nothing(camera), keep_ids);
+        self.raster.clear(k.width as usize, k.height as usize, nothing(camera), keep_ids);
         self.facets.clear();
         self.labels.clear();
         self.labels.push(0);
     }
 
     fn shader<'a>(&'a self, instances: &'a [Instance], camera: &'a Camera, light: &'a Light) -> Shader<'a> {
-        Shader {
-            raster: &self.raster,
-            facets: &self.facets,
-            instances,
-            shadow: &self.shadow,
-            light,
-            camera,
-        }
+        Shader { raster: &self.raster, facets: &self.facets, instances, shadow: &self.shadow, light, camera }
     }
 }
 

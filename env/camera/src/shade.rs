@@ -35,33 +35,19 @@ impl Facet {
         let origin = [piece.corners[0][0] as f32, piece.corners[0][1] as f32];
         let flat = own[0] == own[1] && own[1] == own[2];
         if flat || piece.gradient.is_small() {
-            return Self {
-                origin,
-                normal: own[0] + own[1] + own[2],
-                dx: Vec3::zeros(),
-                dy: Vec3::zeros(),
-                instance,
-            };
+            return Self { origin, normal: own[0] + own[1] + own[2], dx: Vec3::zeros(), dy: Vec3::zeros(), instance };
         }
         // A quantity times the nearness is linear over the image; the length does not matter.
         let at = |k: usize| -> Vector3<f64> {
             let [a, b, c] = own.map(|n| n.cast::<f64>());
-            let mixed = piece
-                .weights
-                .map_or([a, b, c][k], |w| a * w[k][0] + b * w[k][1] + c * w[k][2]);
+            let mixed = piece.weights.map_or([a, b, c][k], |w| a * w[k][0] + b * w[k][1] + c * w[k][2]);
             mixed * piece.corners[k][2]
         };
         let at = [at(0), at(1), at(2)];
         let slopes = |axis: usize| piece.gradient.of(at.map(|n| n[axis]));
         let [x, y, z] = [slopes(0), slopes(1), slopes(2)];
         let column = |k: usize| Vec3::new(x[k] as f32, y[k] as f32, z[k] as f32);
-        Self {
-            origin,
-            normal: at[0].cast(),
-            dx: column(0),
-            dy: column(1),
-            instance,
-        }
+        Self { origin, normal: at[0].cast(), dx: column(0), dy: column(1), instance }
     }
 }
 
@@ -89,11 +75,7 @@ impl Linear {
         let k = camera.intrinsics();
         let (column, row) = (matrix.column(0) / k.fx, matrix.column(1) / k.fy);
         let at = matrix.column(2) - column * k.cx - row * k.cy;
-        Self {
-            at: at.cast(),
-            column: column.cast(),
-            row: row.cast(),
-        }
+        Self { at: at.cast(), column: column.cast(), row: row.cast() }
     }
 }
 
@@ -143,10 +125,7 @@ struct Look {
 impl Look {
     fn new(width: usize) -> Self {
         let row = || std::array::from_fn(|_| vec![0.0; width]);
-        Self {
-            normal: row(),
-            color: row(),
-        }
+        Self { normal: row(), color: row() }
     }
 }
 
@@ -165,13 +144,7 @@ struct Glow {
 impl Glow {
     fn new(width: usize) -> Self {
         let row = || vec![0.0; width];
-        Self {
-            around: row(),
-            facing: row(),
-            shine: row(),
-            lit: row(),
-            texel: std::array::from_fn(|_| row()),
-        }
+        Self { around: row(), facing: row(), shine: row(), lit: row(), texel: std::array::from_fn(|_| row()) }
     }
 }
 
@@ -218,10 +191,7 @@ impl Scene<'_> {
     fn light(&self, y: f32, look: &Look, glow: &mut Glow) {
         let light = self.shader.light;
         let (way, step, lamp) = (self.ways.at + self.ways.row * y, self.ways.column, self.to_lamp);
-        let (level, rise) = (
-            light.ambient * 0.5 * (1.0 + FROM_BELOW),
-            light.ambient * 0.5 * (1.0 - FROM_BELOW),
-        );
+        let (level, rise) = (light.ambient * 0.5 * (1.0 + FROM_BELOW), light.ambient * 0.5 * (1.0 - FROM_BELOW));
         let from_eye = light.ambient * FROM_EYE;
         let [nx, ny, nz] = &look.normal;
         let normals = nx.iter().zip(ny).zip(nz);
@@ -245,10 +215,7 @@ impl Scene<'_> {
 
     fn shadows(&self, y: f32, nearness: &[f32], glow: &mut Glow) {
         for (axis, texels) in glow.texel.iter_mut().enumerate() {
-            let (first, step) = (
-                self.texels.at[axis] + self.texels.row[axis] * y,
-                self.texels.column[axis],
-            );
+            let (first, step) = (self.texels.at[axis] + self.texels.row[axis] * y, self.texels.column[axis]);
             for (k, (texel, nearness)) in texels.iter_mut().zip(nearness).enumerate() {
                 *texel = self.eye[axis] + (first + step * (k as i32 as f32 + 0.5)) / nearness;
             }
@@ -280,10 +247,7 @@ impl Scene<'_> {
             let share = (0.5 + way.z / way.norm() * HORIZON).clamp(0.0, 1.0);
             let share = share * share * (3.0 - 2.0 * share);
             let shade = self.floor + (self.sky - self.floor) * share;
-            color
-                .iter_mut()
-                .zip(shade.iter())
-                .for_each(|(color, shade)| color[k] = *shade);
+            color.iter_mut().zip(shade.iter()).for_each(|(color, shade)| color[k] = *shade);
         }
     }
 }

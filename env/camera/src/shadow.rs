@@ -75,10 +75,7 @@ impl ShadowMap {
         self.raster.clear(texels(0), texels(1), NOTHING, false);
         let view = View {
             view_from_world: light_from_world,
-            lens: Lens::Parallel {
-                pixels_per_metre: per_metre,
-                origin,
-            },
+            lens: Lens::Parallel { pixels_per_metre: per_metre, origin },
             detail,
         };
         for instance in casters() {
@@ -109,8 +106,7 @@ impl ShadowMap {
         self.blocks.clear();
         for row in self.spare.chunks_exact(wide) {
             let around = |x: usize| row[x.saturating_sub(1)..(x + 2).min(wide)].iter();
-            self.blocks
-                .extend((0..wide).map(|x| around(x).fold(NONE, |a, b| join(a, *b))));
+            self.blocks.extend((0..wide).map(|x| around(x).fold(NONE, |a, b| join(a, *b))));
         }
         self.spare.clear();
         for y in 0..high {
@@ -163,10 +159,7 @@ const NONE: [f32; 2] = [f32::MAX, f32::MIN];
 
 #[inline]
 fn join(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
-    [
-        if b[0] < a[0] { b[0] } else { a[0] },
-        if b[1] > a[1] { b[1] } else { a[1] },
-    ]
+    [if b[0] < a[0] { b[0] } else { a[0] }, if b[1] > a[1] { b[1] } else { a[1] }]
 }
 
 /// `x`, at least 1, rounded down; a whole `x` may lose 1. Much faster than a checked conversion.

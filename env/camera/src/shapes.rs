@@ -15,37 +15,17 @@ pub fn cuboid(half_extents: Vector3<f64>, bevel: f64) -> Result<TriMesh, CameraE
     for half in &half_extents {
         in_range("half extent", *half, 1e-6, 1e4, LENGTHS)?;
     }
-    in_range(
-        "bevel",
-        bevel,
-        0.0,
-        half_extents.min() * 0.5,
-        "[0, half of the least half extent]",
-    )?;
+    in_range("bevel", bevel, 0.0, half_extents.min() * 0.5, "[0, half of the least half extent]")?;
     let sign = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
     if bevel == 0.0 {
         let corner = |c| Point3::from(Vector3::from_fn(|axis, _| sign(c, axis) * half_extents[axis]));
-        let sides = [
-            [0, 2, 3, 1],
-            [4, 5, 7, 6],
-            [0, 1, 5, 4],
-            [2, 6, 7, 3],
-            [0, 4, 6, 2],
-            [1, 3, 7, 5],
-        ];
-        return Ok(TriMesh::new(
-            (0..8).map(corner).collect(),
-            sides.into_iter().flat_map(fan).collect(),
-        )?);
+        let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        return Ok(TriMesh::new((0..8).map(corner).collect(), sides.into_iter().flat_map(fan).collect())?);
     }
     // Vertex 3 c + a: the copy of corner c that lies on the side across axis a.
     let place = |i: usize| {
         let inset = |axis| {
-            if axis == i % 3 {
-                half_extents[axis]
-            } else {
-                half_extents[axis] - bevel
-            }
+            if axis == i % 3 { half_extents[axis] } else { half_extents[axis] - bevel }
         };
         Point3::from(Vector3::from_fn(|axis, _| sign(i / 3, axis) * inset(axis)))
     };
@@ -77,12 +57,7 @@ pub fn cuboid(half_extents: Vector3<f64>, bevel: f64) -> Result<TriMesh, CameraE
 /// [`CameraError::OutOfRange`].
 pub fn cylinder(radius: f64, half_length: f64, columns: usize) -> Result<TriMesh, CameraError> {
     in_range("half_length", half_length, 1e-6, 1e4, LENGTHS)?;
-    revolve(
-        &[(radius, -half_length), (radius, half_length)],
-        half_length,
-        radius,
-        columns,
-    )
+    revolve(&[(radius, -half_length), (radius, half_length)], half_length, radius, columns)
 }
 
 /// A ball with `columns` (3 to 1024) meridians and half as many rows; its vertices lie on the sphere.
@@ -115,12 +90,7 @@ fn revolve(profile: &[(f64, f64)], pole: f64, radius: f64, columns: usize) -> Re
     for j in 0..columns {
         faces.push([0, at(0, j + 1), at(0, j)]);
         for ring in 1..profile.len() {
-            faces.extend(fan([
-                at(ring - 1, j),
-                at(ring - 1, j + 1),
-                at(ring, j + 1),
-                at(ring, j),
-            ]));
+            faces.extend(fan([at(ring - 1, j), at(ring - 1, j + 1), at(ring, j + 1), at(ring, j)]));
         }
         faces.push([1, at(profile.len() - 1, j), at(profile.len() - 1, j + 1)]);
     }
@@ -154,11 +124,7 @@ mod tests {
         ];
         for (mesh, volume, relative) in solids {
             check_manifold(&mesh).unwrap();
-            assert!(
-                (mesh.signed_volume() / volume - 1.0).abs() < relative,
-                "{} {volume}",
-                mesh.signed_volume()
-            );
+            assert!((mesh.signed_volume() / volume - 1.0).abs() < relative, "{} {volume}", mesh.signed_volume());
         }
         assert!(cuboid(half, 0.06).is_err() && sphere(-1.0, 8).is_err() && cylinder(0.1, 0.1, 2).is_err());
     }

@@ -65,14 +65,7 @@ impl ViewPlan {
     /// `pattern` over the half of the sphere above the table, at `distance` metres.
     #[must_use]
     pub fn dome(pattern: Pattern, distance: f64) -> Self {
-        Self {
-            pattern,
-            axis: Vector3::z(),
-            cap: 0.5 * PI,
-            distance: [distance; 2],
-            shift: 0.0,
-            up: Vector3::z(),
-        }
+        Self { pattern, axis: Vector3::z(), cap: 0.5 * PI, distance: [distance; 2], shift: 0.0, up: Vector3::z() }
     }
 
     /// # Errors

@@ -20,10 +20,7 @@ fn batches_are_the_same_bits_on_any_number_of_threads() {
             scene
         })
         .collect();
-    let all = Channels {
-        rgb: true,
-        segmentation: true,
-    };
+    let all = Channels { rgb: true, segmentation: true };
     let job = |i: usize| Job {
         instances: &scenes[i % 12],
         camera: random_camera(&mut Dice::new(i as u64), 60),
@@ -45,12 +42,8 @@ fn batches_are_the_same_bits_on_any_number_of_threads() {
         assert!(alone.unwrap() == *frame);
     }
     let mut used = Renderer::new(Detail::Auto);
-    let pictures: Vec<_> = [7, 8, 7]
-        .map(|i| {
-            used.picture(jobs[i].instances, &jobs[i].camera, &jobs[i].light, 2)
-                .unwrap()
-        })
-        .into();
+    let pictures: Vec<_> =
+        [7, 8, 7].map(|i| used.picture(jobs[i].instances, &jobs[i].camera, &jobs[i].light, 2).unwrap()).into();
     assert!(pictures[0] == pictures[2] && pictures[0] != pictures[1]);
 }
 
@@ -60,13 +53,7 @@ fn one_sample_a_pixel_is_the_plain_image() {
     let scene = [instance(&model, Isometry3::identity(), 1)];
     let camera = random_camera(&mut Dice::new(11), 50);
     let mut renderer = Renderer::new(Detail::Full);
-    let rgb = Channels {
-        rgb: true,
-        segmentation: false,
-    };
+    let rgb = Channels { rgb: true, segmentation: false };
     let frame = renderer.render(&scene, &camera, &Light::default(), rgb).unwrap();
-    assert_eq!(
-        renderer.picture(&scene, &camera, &Light::default(), 1).unwrap(),
-        frame.rgb
-    );
+    assert_eq!(renderer.picture(&scene, &camera, &Light::default(), 1).unwrap(), frame.rgb);
 }

@@ -17,9 +17,7 @@ fn to_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> f64 {
         (to - along * share).norm()
     };
     let normal = (b - a).cross(&(c - a));
-    let over = [(a, b), (b, c), (c, a)]
-        .iter()
-        .all(|(a, b)| normal.cross(&(*b - *a)).dot(&(p - *a)) >= 0.0);
+    let over = [(a, b), (b, c), (c, a)].iter().all(|(a, b)| normal.cross(&(*b - *a)).dot(&(p - *a)) >= 0.0);
     if over && normal.norm() > 0.0 {
         return (normal.dot(&(p - a)) / normal.norm()).abs();
     }
@@ -34,22 +32,14 @@ fn to_mesh(p: &Point3<f64>, mesh: &TriMesh) -> f64 {
 fn render(model: &Model, camera: &Camera, detail: Detail) -> Frame {
     let instances = [instance(model, Isometry3::identity(), 1)];
     let mut renderer = Renderer::new(detail);
-    renderer
-        .render(&instances, camera, &Light::default(), Channels::default())
-        .unwrap()
+    renderer.render(&instances, camera, &Light::default(), Channels::default()).unwrap()
 }
 
 fn look(mesh: &TriMesh, size: u32, distance: f64) -> Camera {
     let aabb = mesh.aabb();
     let middle = nalgebra::center(&aabb.min, &aabb.max);
     let eye = middle + Vector3::new(1.0, -2.0, 1.5).normalize() * distance;
-    Camera::look_at(
-        Intrinsics::from_fov(size, size, 0.6).unwrap(),
-        eye,
-        middle,
-        Vector3::z(),
-    )
-    .unwrap()
+    Camera::look_at(Intrinsics::from_fov(size, size, 0.6).unwrap(), eye, middle, Vector3::z()).unwrap()
 }
 
 /// Whether the object is on a pixel of the 3 x 3 around pixel `i`.
@@ -57,8 +47,7 @@ fn near(frame: &Frame, i: usize) -> bool {
     let [width, height] = frame.size();
     let (x, y) = (i % width, i / width);
     let rows = y.saturating_sub(1)..(y + 2).min(height);
-    rows.into_iter()
-        .any(|y| (x.saturating_sub(1)..(x + 2).min(width)).any(|x| frame.depth[y * width + x] > 0.0))
+    rows.into_iter().any(|y| (x.saturating_sub(1)..(x + 2).min(width)).any(|x| frame.depth[y * width + x] > 0.0))
 }
 
 #[test]
@@ -74,10 +63,7 @@ fn what_is_seen_lies_within_half_a_pixel_of_the_surface() {
         let (mut coarser, mut pixels) = (0, 0);
         for size in [16, 32, 64] {
             let camera = look(&mesh, size, 0.35);
-            let (level, full) = (
-                render(&model, &camera, Detail::Auto),
-                render(&model, &camera, Detail::Full),
-            );
+            let (level, full) = (render(&model, &camera, Detail::Auto), render(&model, &camera, Detail::Full));
             coarser += usize::from(level != full);
             // Half a pixel at the nearest point of the bounding ball is less than half a pixel in the middle.
             let allowed = 0.5 * 0.35 / camera.intrinsics().fy;
@@ -107,17 +93,11 @@ fn small_images_need_few_faces() {
     assert!(levels.windows(2).all(|w| w[1].0 < w[0].0));
     let camera = look(&mesh, 64, 0.5);
     let allowed = 0.5 * (0.5 - 0.05) / camera.intrinsics().fy;
-    assert!(
-        levels.iter().any(|(faces, error)| *faces <= 256 && *error <= allowed),
-        "{levels:?} {allowed}"
-    );
+    assert!(levels.iter().any(|(faces, error)| *faces <= 256 && *error <= allowed), "{levels:?} {allowed}");
     // A ball's faces miss it by their sagitta: a level with n faces cannot do better than this, nor should it do much worse.
     for (faces, error) in &levels[1..6] {
         let cap = 4.0 * std::f64::consts::PI * 0.05 * 0.05 / *faces as f64;
         let sagitta = cap / (2.0 * std::f64::consts::PI * 0.05);
-        assert!(
-            (0.3 * sagitta..8.0 * sagitta).contains(error),
-            "{faces} {error} {sagitta}"
-        );
+        assert!((0.3 * sagitta..8.0 * sagitta).contains(error), "{faces} {error} {sagitta}");
     }
 }

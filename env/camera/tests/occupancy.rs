@@ -20,10 +20,7 @@ fn see(mesh: &TriMesh, world_from_model: Isometry3<f64>, cameras: &[Camera]) -> 
 }
 
 fn around(count: usize, target: Point3<f64>) -> Vec<Camera> {
-    let plan = ViewPlan {
-        cap: std::f64::consts::PI,
-        ..ViewPlan::dome(Pattern::Grid, 0.7)
-    };
+    let plan = ViewPlan { cap: std::f64::consts::PI, ..ViewPlan::dome(Pattern::Grid, 0.7) };
     views(&plan, Intrinsics::from_fov(400, 400, 0.5).unwrap(), target, count, 0).unwrap()
 }
 
@@ -45,20 +42,12 @@ fn a_ball_and_a_box_seen_from_all_sides() {
         |p| 0.05 - p.coords.norm(),
         |p| {
             let room = Vector3::new(0.05, 0.03, 0.04) - p.coords.abs();
-            if room.min() > 0.0 {
-                room.min()
-            } else {
-                -room.map(|x| (-x).max(0.0)).norm()
-            }
+            if room.min() > 0.0 { room.min() } else { -room.map(|x| (-x).max(0.0)).norm() }
         },
     ];
     for (mesh, depth) in [ball, block].iter().zip(depths) {
         let grid = VoxelFrame::new(24, Point3::from(Vector3::repeat(-0.06)), 0.12).unwrap();
-        let cells = carve(
-            &grid,
-            &world_from_model,
-            &see(mesh, world_from_model, &around(60, center)),
-        );
+        let cells = carve(&grid, &world_from_model, &see(mesh, world_from_model, &around(60, center)));
         let h = grid.voxel_size();
         let mut count = [0; 3];
         for at in (0..24_usize.pow(3)).map(|i| [i / 576, i / 24 % 24, i % 24]) {
@@ -81,20 +70,9 @@ fn a_ball_and_a_box_seen_from_all_sides() {
 #[test]
 fn carving_agrees_with_the_mesh_s_voxels() {
     let mesh = shapes::cylinder(0.04, 0.05, 60).unwrap();
-    let options = VoxelOptions {
-        resolution: 20,
-        exact: true,
-        ..VoxelOptions::default()
-    };
+    let options = VoxelOptions { resolution: 20, exact: true, ..VoxelOptions::default() };
     let (solid, _) = voxelize(&mesh, &options).unwrap();
-    let (shell, _) = voxelize(
-        &mesh,
-        &VoxelOptions {
-            mode: VoxelMode::Surface,
-            ..options
-        },
-    )
-    .unwrap();
+    let (shell, _) = voxelize(&mesh, &VoxelOptions { mode: VoxelMode::Surface, ..options }).unwrap();
     let frames = see(&mesh, Isometry3::identity(), &around(60, Point3::origin()));
     let cells = carve(solid.frame(), &Isometry3::identity(), &frames);
     for (i, cell) in cells.iter().enumerate() {
@@ -106,13 +84,8 @@ fn carving_agrees_with_the_mesh_s_voxels() {
 #[test]
 fn one_view_leaves_a_shadow() {
     let eye = Point3::new(0.0, 0.0, 0.6);
-    let camera = Camera::look_at(
-        Intrinsics::from_fov(200, 200, 0.5).unwrap(),
-        eye,
-        Point3::origin(),
-        Vector3::y(),
-    )
-    .unwrap();
+    let camera =
+        Camera::look_at(Intrinsics::from_fov(200, 200, 0.5).unwrap(), eye, Point3::origin(), Vector3::y()).unwrap();
     let block = shapes::cuboid(Vector3::new(0.05, 0.05, 0.01), 0.0).unwrap();
     let frames = see(&block, Isometry3::translation(0.0, 0.0, 0.021), &[camera]);
     let grid = VoxelFrame::new(20, Point3::from(Vector3::repeat(-0.1)), 0.2).unwrap();
@@ -124,28 +97,14 @@ fn one_view_leaves_a_shadow() {
     expected[14..].fill(Occupancy::Free);
     assert_eq!(column(10, 10), expected);
     assert_eq!(column(7, 12), expected);
-    assert_eq!(
-        column(1, 1),
-        [Occupancy::Free; 20],
-        "beside it, nothing up to the far end"
-    );
+    assert_eq!(column(1, 1), [Occupancy::Free; 20], "beside it, nothing up to the far end");
 }
 
 /// A flat image at 0.5 m, and an empty one: the rules at their borders, and what lies out of sight.
 #[test]
 fn rules_hold_to_the_border() {
-    let lens = Intrinsics {
-        width: 4,
-        height: 4,
-        fx: 4.0,
-        fy: 4.0,
-        cx: 2.0,
-        cy: 2.0,
-    };
-    let camera = Camera::new(lens, Isometry3::identity())
-        .unwrap()
-        .with_range(0.2, 0.8)
-        .unwrap();
+    let lens = Intrinsics { width: 4, height: 4, fx: 4.0, fy: 4.0, cx: 2.0, cy: 2.0 };
+    let camera = Camera::new(lens, Isometry3::identity()).unwrap().with_range(0.2, 0.8).unwrap();
     let [view, nothing] = [&[0.5_f32; 16], &[0.0; 16]].map(|depth| DepthView { camera, depth });
     // Voxels of 0.25 m: centres at x, y = -0.125, 0.125 and z = 0.125, 0.375, 0.625, 0.875.
     let grid = VoxelFrame::new(4, Point3::new(-0.5, -0.5, 0.0), 1.0).unwrap();
@@ -172,9 +131,7 @@ fn wrong_images_are_refused() {
     let grid = VoxelFrame::new(2, Point3::origin(), 1.0).unwrap();
     let refusal = |depth: &[f32]| {
         let views = [DepthView { camera, depth }];
-        occupancy(&grid, &Isometry3::identity(), &views, true)
-            .unwrap_err()
-            .to_string()
+        occupancy(&grid, &Isometry3::identity(), &views, true).unwrap_err().to_string()
     };
     assert!(refusal(&[1.0; 15]).contains("rows times columns"));
     for bad in [-1.0, f32::NAN, f32::INFINITY] {
@@ -182,8 +139,5 @@ fn wrong_images_are_refused() {
         depth[3] = bad;
         assert!(refusal(&depth).contains("depth ="));
     }
-    assert_eq!(
-        occupancy(&grid, &Isometry3::identity(), &[], true).unwrap(),
-        [Occupancy::Unseen; 8]
-    );
+    assert_eq!(occupancy(&grid, &Isometry3::identity(), &[], true).unwrap(), [Occupancy::Unseen; 8]);
 }

@@ -14,10 +14,7 @@ const RELATIVE: f64 = 1e-6;
 /// A ray this close to an edge (pixels; double precision leaves 1e-10) may be on either side of it.
 const EDGE: f64 = 1e-7;
 
-const LABELS: Channels = Channels {
-    rgb: false,
-    segmentation: true,
-};
+const LABELS: Channels = Channels { rgb: false, segmentation: true };
 
 fn check(frame: &Frame, scene: &[Seen], camera: &Camera) -> Result<usize, TestCaseError> {
     let width = camera.intrinsics().width as usize;
@@ -34,10 +31,7 @@ fn check(frame: &Frame, scene: &[Seen], camera: &Camera) -> Result<usize, TestCa
         on_edges += 1;
         let near_edge = [(EDGE, 0.0), (-EDGE, 0.0), (0.0, EDGE), (0.0, -EDGE)].map(|(du, dv)| agrees(du, dv));
         let expected = cast(scene, camera, u, v);
-        prop_assert!(
-            near_edge.contains(&true),
-            "pixel ({u}, {v}): {depth} of {label}, a ray finds {expected:?}"
-        );
+        prop_assert!(near_edge.contains(&true), "pixel ({u}, {v}): {depth} of {label}, a ray finds {expected:?}");
     }
     Ok(on_edges)
 }
@@ -80,9 +74,7 @@ fn a_table_under_the_lens_is_clipped_and_stays_exact() {
     let camera = Camera::look_at(intrinsics, eye, target, Vector3::z()).unwrap();
     let camera = camera.with_range(1e-4, 10.0).unwrap();
     let mut renderer = Renderer::new(Detail::Full);
-    let frame = renderer
-        .render(&[instance(&model, pose, 7)], &camera, &Light::default(), LABELS)
-        .unwrap();
+    let frame = renderer.render(&[instance(&model, pose, 7)], &camera, &Light::default(), LABELS).unwrap();
     check(&frame, &[seen(&mesh, &pose, &camera, 7)], &camera).unwrap();
     let seen = frame.depth.iter().filter(|z| **z > 0.0);
     assert!(seen.clone().any(|z| *z < 0.004) && seen.clone().any(|z| *z > 0.5));
@@ -97,9 +89,7 @@ fn edges_through_pixel_centres_leave_no_gap() {
     let camera = Camera::look_at(intrinsics, Point3::new(0.0, 0.0, 1.0), Point3::origin(), Vector3::y()).unwrap();
     let model = Model::new(&mesh).unwrap();
     let mut renderer = Renderer::new(Detail::Full);
-    let frame = renderer
-        .render(&[instance(&model, pose, 1)], &camera, &Light::default(), LABELS)
-        .unwrap();
+    let frame = renderer.render(&[instance(&model, pose, 1)], &camera, &Light::default(), LABELS).unwrap();
     assert!(frame.depth.iter().all(|z| (z - 1.0).abs() < 1e-6));
 }
 

@@ -10,10 +10,7 @@ use graspbox_camera::{
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-const ALL: Channels = Channels {
-    rgb: true,
-    segmentation: true,
-};
+const ALL: Channels = Channels { rgb: true, segmentation: true };
 
 fn camera() -> Camera {
     let intrinsics = Intrinsics::from_fov(32, 24, 0.8).unwrap();
@@ -28,10 +25,7 @@ fn render(scene: &[Instance]) -> Result<Frame, CameraError> {
 fn an_empty_scene_is_background() {
     let frame = render(&[]).unwrap();
     assert!(frame.depth.iter().all(|z| *z == 0.0) && frame.segmentation.iter().all(|l| *l == 0));
-    assert_eq!(
-        (frame.depth.len(), frame.segmentation.len(), frame.rgb.len()),
-        (768, 768, 2304)
-    );
+    assert_eq!((frame.depth.len(), frame.segmentation.len(), frame.rgb.len()), (768, 768, 2304));
     // Brighter above than below.
     assert!(frame.rgb[0] > frame.rgb[2301]);
 }
@@ -57,28 +51,13 @@ fn bad_poses_and_numbers_are_refused() {
         assert!(message.contains("pose of instance 0"), "{message}");
         assert!(matches!(camera().with_pose(pose), Err(CameraError::BadPose { .. })));
     }
-    let painted = Instance {
-        color: [0.5, f32::NAN, 0.5],
-        ..instance(&model, Isometry3::identity(), 1)
-    };
-    assert!(matches!(
-        render(&[painted]),
-        Err(CameraError::OutOfRange { name: "color", .. })
-    ));
-    let dark = Light {
-        direction: Vector3::zeros(),
-        ..Light::default()
-    };
+    let painted = Instance { color: [0.5, f32::NAN, 0.5], ..instance(&model, Isometry3::identity(), 1) };
+    assert!(matches!(render(&[painted]), Err(CameraError::OutOfRange { name: "color", .. })));
+    let dark = Light { direction: Vector3::zeros(), ..Light::default() };
     assert!(Renderer::new(Detail::Auto).render(&[], &camera(), &dark, ALL).is_err());
-    assert!(
-        Renderer::new(Detail::Auto)
-            .picture(&[], &camera(), &Light::default(), 9)
-            .is_err()
-    );
-    let far = TriMesh::new(
-        vec![Point3::new(2e4, 0.0, 0.0), Point3::origin(), Point3::new(0.0, 1.0, 0.0)],
-        vec![[0, 1, 2]],
-    );
+    assert!(Renderer::new(Detail::Auto).picture(&[], &camera(), &Light::default(), 9).is_err());
+    let far =
+        TriMesh::new(vec![Point3::new(2e4, 0.0, 0.0), Point3::origin(), Point3::new(0.0, 1.0, 0.0)], vec![[0, 1, 2]]);
     assert!(Model::new(&far.unwrap()).is_err());
 }
 
@@ -96,25 +75,15 @@ fn bad_cameras_are_refused() {
     for spoil in spoil {
         let mut bad = good;
         spoil(&mut bad);
-        assert!(matches!(
-            Camera::new(bad, Isometry3::identity()),
-            Err(CameraError::OutOfRange { .. })
-        ));
+        assert!(matches!(Camera::new(bad, Isometry3::identity()), Err(CameraError::OutOfRange { .. })));
     }
     assert!(Intrinsics::from_fov(10, 10, 3.2).is_err());
     for (near, far) in [(0.0, 1.0), (1.0, 1.0), (2.0, 1.0), (0.1, f64::NAN), (0.1, 1e5)] {
         assert!(camera().with_range(near, far).is_err(), "{near} {far}");
     }
     let (eye, up) = (Point3::new(0.0, 0.0, 1.0), Vector3::z());
-    for (target, up) in [
-        (eye, up),
-        (Point3::origin(), up),
-        (Point3::new(1.0, 0.0, 0.0), Vector3::zeros()),
-    ] {
-        assert!(matches!(
-            Camera::look_at(good, eye, target, up),
-            Err(CameraError::BadLookAt { .. })
-        ));
+    for (target, up) in [(eye, up), (Point3::origin(), up), (Point3::new(1.0, 0.0, 0.0), Vector3::zeros())] {
+        assert!(matches!(Camera::look_at(good, eye, target, up), Err(CameraError::BadLookAt { .. })));
     }
 }
 
@@ -123,21 +92,14 @@ fn points_go_through_the_camera_and_back() {
     let mut dice = Dice::new(1);
     for _ in 0..100 {
         let camera = random_camera(&mut dice, 100);
-        let (u, v, z) = (
-            dice.range(-5.0, 105.0),
-            dice.range(-5.0, 105.0),
-            dice.range(camera.near(), camera.far()),
-        );
+        let (u, v, z) = (dice.range(-5.0, 105.0), dice.range(-5.0, 105.0), dice.range(camera.near(), camera.far()));
         let seen = camera.project(&camera.unproject(u, v, z)).unwrap();
         assert!((seen.at.x - u).abs() < 1e-9 && (seen.at.y - v).abs() < 1e-9 && (seen.depth - z).abs() < 1e-12);
         let inside = u >= 0.0
             && v >= 0.0
             && u < f64::from(camera.intrinsics().width)
             && v < f64::from(camera.intrinsics().height);
-        assert_eq!(
-            seen.index(camera.intrinsics()),
-            inside.then_some([u as usize, v as usize])
-        );
+        assert_eq!(seen.index(camera.intrinsics()), inside.then_some([u as usize, v as usize]));
         assert!(camera.project(&camera.unproject(u, v, -z)).is_none());
     }
     // Upright: above in the world is above in the image.
@@ -150,9 +112,7 @@ fn points_go_through_the_camera_and_back() {
 fn frames_give_points_and_millimetres() {
     let model = Model::new(&shapes::sphere(0.1, 32).unwrap()).unwrap();
     let scene = [instance(&model, Isometry3::identity(), 3)];
-    let frame = Renderer::new(Detail::Full)
-        .render(&scene, &camera(), &Light::default(), ALL)
-        .unwrap();
+    let frame = Renderer::new(Detail::Full).render(&scene, &camera(), &Light::default(), ALL).unwrap();
     assert_eq!(frame.size(), [32, 24]);
     let seen: Vec<_> = frame.points().collect();
     assert_eq!(seen.len(), 768);
@@ -176,13 +136,7 @@ fn frames_give_points_and_millimetres() {
 #[test]
 fn degenerate_and_huge_faces_do_no_harm() {
     let p = |x, y, z| Point3::new(x, y, z);
-    let vertices = vec![
-        p(0.0, 0.0, 0.0),
-        p(0.1, 0.0, 0.0),
-        p(0.2, 0.0, 0.0),
-        p(0.0, 0.0, 0.0),
-        p(0.1, 1e-9, 1e-9),
-    ];
+    let vertices = vec![p(0.0, 0.0, 0.0), p(0.1, 0.0, 0.0), p(0.2, 0.0, 0.0), p(0.0, 0.0, 0.0), p(0.1, 1e-9, 1e-9)];
     let thin = TriMesh::new(vertices, vec![[0, 1, 2], [0, 3, 1], [0, 0, 0], [0, 2, 4]]).unwrap();
     let model = Model::new(&thin).unwrap();
     let frame = render(&[instance(&model, Isometry3::identity(), 1)]).unwrap();
@@ -190,12 +144,7 @@ fn degenerate_and_huge_faces_do_no_harm() {
 
     // A floor of 20 km, seen from 1 m above it and reaching behind the camera.
     let far = 9.9e3;
-    let vertices = vec![
-        p(-far, -far, -1.0),
-        p(far, -far, -1.0),
-        p(far, far, -1.0),
-        p(-far, far, -1.0),
-    ];
+    let vertices = vec![p(-far, -far, -1.0), p(far, -far, -1.0), p(far, far, -1.0), p(-far, far, -1.0)];
     let floor = Model::new(&TriMesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap()).unwrap();
     let mut renderer = Renderer::new(Detail::Auto);
     let scene = [instance(&floor, Isometry3::identity(), 1)];

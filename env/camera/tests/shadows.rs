@@ -8,10 +8,7 @@ use graspbox_camera::{Camera, Channels, Detail, Frame, Instance, Intrinsics, Lig
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-const ALL: Channels = Channels {
-    rgb: true,
-    segmentation: true,
-};
+const ALL: Channels = Channels { rgb: true, segmentation: true };
 
 fn camera() -> Camera {
     let intrinsics = Intrinsics::from_fov(120, 100, 0.8).unwrap();
@@ -23,34 +20,18 @@ fn camera() -> Camera {
 fn both(scene: &[Instance], light: &Light) -> [Frame; 2] {
     [true, false].map(|shadows| {
         let light = Light { shadows, ..*light };
-        Renderer::new(Detail::Auto)
-            .render(scene, &camera(), &light, ALL)
-            .unwrap()
+        Renderer::new(Detail::Auto).render(scene, &camera(), &light, ALL).unwrap()
     })
 }
 
 #[test]
 fn a_ball_throws_its_shadow_along_the_light() {
-    let (ground, ball) = (
-        Model::new(&table()).unwrap(),
-        Model::new(&shapes::sphere(0.04, 64).unwrap()).unwrap(),
-    );
+    let (ground, ball) = (Model::new(&table()).unwrap(), Model::new(&shapes::sphere(0.04, 64).unwrap()).unwrap());
     let center = Point3::new(0.02, -0.03, 0.09);
-    let floor = Instance {
-        casts_shadow: false,
-        ..instance(&ground, Isometry3::translation(0.0, 0.0, -0.02), 1)
-    };
+    let floor = Instance { casts_shadow: false, ..instance(&ground, Isometry3::translation(0.0, 0.0, -0.02), 1) };
     let scene = [floor, instance(&ball, Isometry3::from(center.coords), 2)];
-    for direction in [
-        Vector3::new(-0.3, 0.4, -1.0),
-        Vector3::new(0.8, 0.1, -0.7),
-        -Vector3::z(),
-    ] {
-        let light = Light {
-            direction,
-            softness: 0.01,
-            ..Light::default()
-        };
+    for direction in [Vector3::new(-0.3, 0.4, -1.0), Vector3::new(0.8, 0.1, -0.7), -Vector3::z()] {
+        let light = Light { direction, softness: 0.01, ..Light::default() };
         let [with, without] = both(&scene, &light);
         let way = direction.normalize();
         let (mut dark, mut half) = (0, 0);
@@ -87,10 +68,7 @@ fn a_sheet_shades_the_table_but_not_itself() {
     // Both sides are drawn: turned over, it looks the same.
     let over = Isometry3::new(Vector3::new(0.0, 0.0, 0.1), Vector3::x() * std::f64::consts::PI);
     for pose in [Isometry3::translation(0.0, 0.0, 0.1), over] {
-        let floor = Instance {
-            casts_shadow: false,
-            ..instance(&ground, Isometry3::translation(0.0, 0.0, -0.02), 1)
-        };
+        let floor = Instance { casts_shadow: false, ..instance(&ground, Isometry3::translation(0.0, 0.0, -0.02), 1) };
         let [with, without] = both(&[floor, instance(&sheet, pose, 2)], &Light::default());
         let mut darker = [0; 3];
         for (i, label) in with.segmentation.iter().enumerate() {
@@ -103,10 +81,7 @@ fn a_sheet_shades_the_table_but_not_itself() {
 
 #[test]
 fn closed_solids_do_not_shade_their_lit_sides() {
-    let light = Light {
-        direction: Vector3::new(0.3, 0.5, -1.0),
-        ..Light::default()
-    };
+    let light = Light { direction: Vector3::new(0.3, 0.5, -1.0), ..Light::default() };
     let solids = [
         shapes::cuboid(Vector3::repeat(0.05), 0.0).unwrap(),
         shapes::sphere(0.06, 64).unwrap(),

@@ -7,10 +7,7 @@ use common::{Dice, instance};
 use graspbox_camera::{Camera, Channels, Detail, Frame, Instance, Intrinsics, Light, Model, Renderer, shapes};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-const LABELS: Channels = Channels {
-    rgb: false,
-    segmentation: true,
-};
+const LABELS: Channels = Channels { rgb: false, segmentation: true };
 
 fn camera(dice: &mut Dice) -> Camera {
     let eye = Point3::from(dice.vector(1.0).normalize() * dice.range(0.5, 1.0));
@@ -20,9 +17,7 @@ fn camera(dice: &mut Dice) -> Camera {
 
 fn render(instance: &Instance, camera: &Camera) -> Frame {
     let mut renderer = Renderer::new(Detail::Full);
-    renderer
-        .render(&[*instance], camera, &Light::default(), LABELS)
-        .unwrap()
+    renderer.render(&[*instance], camera, &Light::default(), LABELS).unwrap()
 }
 
 /// Each pixel's centre, depth and label.
@@ -33,14 +28,7 @@ fn pixels(frame: &Frame) -> impl Iterator<Item = (f64, f64, f64, u8)> + '_ {
         .iter()
         .zip(&frame.segmentation)
         .enumerate()
-        .map(move |(i, (z, label))| {
-            (
-                (i % width) as f64 + 0.5,
-                (i / width) as f64 + 0.5,
-                f64::from(*z),
-                *label,
-            )
-        })
+        .map(move |(i, (z, label))| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5, f64::from(*z), *label))
 }
 
 #[test]
@@ -88,9 +76,7 @@ fn a_box_fills_the_hull_of_its_corners() {
         let frame = render(&instance(&model, world_from_box, 9), &camera);
         let sign = |i: usize, bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
         let corner = |i| Point3::from(half.component_mul(&Vector3::new(sign(i, 1), sign(i, 2), sign(i, 4))));
-        let corners: Vec<_> = (0..8)
-            .map(|i| camera.project(&(world_from_box * corner(i))).unwrap().at)
-            .collect();
+        let corners: Vec<_> = (0..8).map(|i| camera.project(&(world_from_box * corner(i))).unwrap().at).collect();
         let mut on_box = 0;
         for (u, v, z, label) in pixels(&frame) {
             let p = nalgebra::Point2::new(u, v);

@@ -32,10 +32,7 @@ fn the_studys_cameras_are_near_its_pose() {
     let greatest = angles.iter().fold(0.0_f64, |a, b| a.max(*b));
     assert!(greatest <= 15_f64.to_radians() + 1e-9 && greatest > 14.5_f64.to_radians());
     // Uniform by area: half of the cameras lie within about 15 / sqrt 2 degrees.
-    let inner = angles
-        .iter()
-        .filter(|a| **a < 15_f64.to_radians() / 2_f64.sqrt())
-        .count();
+    let inner = angles.iter().filter(|a| **a < 15_f64.to_radians() / 2_f64.sqrt()).count();
     assert!((900..1100).contains(&inner), "{inner}");
 }
 
@@ -54,10 +51,7 @@ fn a_grid_covers_the_dome_evenly() {
     let plan = ViewPlan::dome(Pattern::Grid, 0.5);
     let cameras = views(&plan, lens(), Point3::origin(), 200, 0).unwrap();
     assert_eq!(cameras, views(&plan, lens(), Point3::origin(), 200, 9).unwrap());
-    let eyes: Vec<_> = cameras
-        .iter()
-        .map(|c| c.world_from_camera().translation.vector)
-        .collect();
+    let eyes: Vec<_> = cameras.iter().map(|c| c.world_from_camera().translation.vector).collect();
     assert!(eyes.iter().all(|e| (e.norm() - 0.5).abs() < 1e-12 && e.z > 0.0));
     // Neighbours: 200 points share 2 pi steradians, so each has one within twice, and none within half, of an even spacing.
     let spacing = 0.5 * (2.0 * std::f64::consts::PI / 200.0_f64).sqrt();
@@ -71,18 +65,9 @@ fn a_grid_covers_the_dome_evenly() {
 #[test]
 fn straight_down_and_from_below_work() {
     for axis in [Vector3::z(), -Vector3::z(), Vector3::x()] {
-        let plan = ViewPlan {
-            axis,
-            cap: 0.0,
-            shift: 0.0,
-            ..ViewPlan::study()
-        };
+        let plan = ViewPlan { axis, cap: 0.0, shift: 0.0, ..ViewPlan::study() };
         let cameras = views(&plan, lens(), Point3::origin(), 3, 0).unwrap();
-        assert!(
-            cameras
-                .iter()
-                .all(|c| (c.world_from_camera().translation.vector - axis * 0.7).norm() < 1e-9)
-        );
+        assert!(cameras.iter().all(|c| (c.world_from_camera().translation.vector - axis * 0.7).norm() < 1e-9));
     }
 }
 

@@ -54,17 +54,11 @@ pub fn run_trials(
         progress.step();
         Ok(finished.map(|(outcome, _)| outcome))
     };
-    let outcomes = poses
-        .par_iter()
-        .map(one)
-        .collect::<Result<Vec<Option<TrialOutcome>>, EpisodeError>>()?;
+    let outcomes = poses.par_iter().map(one).collect::<Result<Vec<Option<TrialOutcome>>, EpisodeError>>()?;
     let total = outcomes.len();
     let finished: Vec<TrialOutcome> = outcomes.into_iter().flatten().collect();
     if finished.len() < total {
-        return Err(EpisodeError::Cancelled {
-            done: finished.len(),
-            total,
-        });
+        return Err(EpisodeError::Cancelled { done: finished.len(), total });
     }
     Ok(finished)
 }

@@ -41,18 +41,12 @@ impl Body {
     /// # Errors
     /// A mesh that cannot be repaired or spans no volume, or an impossible mass.
     pub fn prepare(spec: &ObjectSpec, cache: Option<&Path>) -> Result<Self, EpisodeError> {
-        let mesh_error = |source| EpisodeError::Mesh {
-            object: spec.name.clone(),
-            source,
-        };
+        let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
         let (mesh, report) = graspbox_mesh::clean(&spec.mesh, &CleanOptions::default()).map_err(mesh_error)?;
         let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
         let (parts, hulls) = match &spec.parts {
             Some(parts) => {
-                let hulls = parts
-                    .iter()
-                    .map(|p| graspbox_mesh::convex_hull(p))
-                    .collect::<Result<Vec<_>, _>>();
+                let hulls = parts.iter().map(|p| graspbox_mesh::convex_hull(p)).collect::<Result<Vec<_>, _>>();
                 (parts.clone(), hulls.map_err(mesh_error)?)
             }
             None => {
@@ -66,23 +60,9 @@ impl Body {
             graspbox_mesh::mass_properties_of_parts(&hulls, mass)
         };
         let mass = mass.map_err(mesh_error)?;
-        let model = ObjectModel::new(
-            &Geometry::Parts(parts.clone()),
-            mass.mass,
-            mass.center_of_mass,
-            mass.inertia,
-        )
-        .map_err(|source| EpisodeError::Sim {
-            object: spec.name.clone(),
-            source,
-        })?;
-        Ok(Self {
-            name: spec.name.clone(),
-            mesh,
-            parts,
-            mass,
-            model,
-        })
+        let model = ObjectModel::new(&Geometry::Parts(parts.clone()), mass.mass, mass.center_of_mass, mass.inertia)
+            .map_err(|source| EpisodeError::Sim { object: spec.name.clone(), source })?;
+        Ok(Self { name: spec.name.clone(), mesh, parts, mass, model })
     }
 
     /// Name.

@@ -33,11 +33,7 @@ impl Episode {
         let mut world = scene.template().spawn(world_from_hand, world_from_object, preshape);
         world.scale_object(factors[0], factors[1]);
         let judge = Judge::new(&world, scene.base_point(), scene.center_of_mass());
-        Self {
-            scene: Arc::clone(scene),
-            world,
-            judge,
-        }
+        Self { scene: Arc::clone(scene), world, judge }
     }
 
     /// An episode as it stood: a snapshot of its world, and its judge.
@@ -45,15 +41,11 @@ impl Episode {
     /// # Errors
     /// A snapshot of another object, hand or setting.
     pub fn resume(scene: &Arc<Scene>, snapshot: &[u8], judge: Judge) -> Result<Self, EpisodeError> {
-        let world = scene.template().restore(snapshot).map_err(|source| EpisodeError::Sim {
-            object: scene.name().to_owned(),
-            source,
-        })?;
-        Ok(Self {
-            scene: Arc::clone(scene),
-            world,
-            judge,
-        })
+        let world = scene
+            .template()
+            .restore(snapshot)
+            .map_err(|source| EpisodeError::Sim { object: scene.name().to_owned(), source })?;
+        Ok(Self { scene: Arc::clone(scene), world, judge })
     }
 
     /// One time step: the hand reaches `world_from_hand`, the motors follow their commands, the judge looks.
@@ -61,10 +53,7 @@ impl Episode {
     /// # Errors
     /// A motor command that is not finite.
     pub fn advance(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) -> Result<(), EpisodeError> {
-        let sim = |source| EpisodeError::Sim {
-            object: self.scene.name().to_owned(),
-            source,
-        };
+        let sim = |source| EpisodeError::Sim { object: self.scene.name().to_owned(), source };
         self.world.step(world_from_hand, commands).map_err(sim)?;
         self.judge.observe(&self.world);
         Ok(())

@@ -38,21 +38,12 @@ impl Scene {
         physics: PhysicsConfig,
         world_from_object: Option<&Isometry3<f64>>,
     ) -> Result<Self, EpisodeError> {
-        let start = world_from_object
-            .copied()
-            .unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
+        let start = world_from_object.copied().unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
         let bounds = body.mesh().transformed(&start).aabb();
-        let base = Point3::new(
-            (bounds.min.x + bounds.max.x) / 2.0,
-            (bounds.min.y + bounds.max.y) / 2.0,
-            bounds.min.z,
-        );
+        let base = Point3::new((bounds.min.x + bounds.max.x) / 2.0, (bounds.min.y + bounds.max.y) / 2.0, bounds.min.z);
         let mut scene = Self::settle(body.name(), hand, body.model(), physics, &start, start.inverse() * base)?;
         let obstacles = CollisionScene::new(body.mesh(), body.parts(), &scene.world_from_object);
-        let plan_error = |source| EpisodeError::Plan {
-            object: body.name().to_owned(),
-            source,
-        };
+        let plan_error = |source| EpisodeError::Plan { object: body.name().to_owned(), source };
         scene.obstacles = Some(obstacles.map_err(plan_error)?);
         Ok(scene)
     }
@@ -71,26 +62,18 @@ impl Scene {
         world_from_object: &Isometry3<f64>,
         base_point: Point3<f64>,
     ) -> Result<Self, EpisodeError> {
-        let template = Template::new(hand, object, physics).map_err(|source| EpisodeError::Sim {
-            object: name.to_owned(),
-            source,
-        })?;
+        let template = Template::new(hand, object, physics)
+            .map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
         let lowest = object.lowest_point(world_from_object);
         let start = Translation3::new(0.0, 0.0, -lowest) * world_from_object;
         let away = Isometry3::from_parts(Translation3::new(0.0, 0.0, OUT_OF_THE_WAY), UnitQuaternion::identity());
         let mut world = template.spawn(&away, &start, 0.0);
-        let no_rest = |why| EpisodeError::NoRest {
-            object: name.to_owned(),
-            why,
-        };
+        let no_rest = |why| EpisodeError::NoRest { object: name.to_owned(), why };
         let center = object.center_of_mass();
         let mut stillness = Stillness::default();
         for _ in 0..(SETTLE_TIME / physics.dt) as usize {
             let idle: &[MotorCommand] = &[];
-            world.step(&away, idle).map_err(|source| EpisodeError::Sim {
-                object: name.to_owned(),
-                source,
-            })?;
+            world.step(&away, idle).map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
             if stillness.lasts(&world) {
                 break;
             }
@@ -132,9 +115,7 @@ impl Scene {
         standoff: f64,
         elsewhere: Option<(&Body, &Isometry3<f64>)>,
     ) -> Result<bool, EpisodeError> {
-        let made = elsewhere
-            .map(|(body, place)| self.obstacles_at(body, place))
-            .transpose()?;
+        let made = elsewhere.map(|(body, place)| self.obstacles_at(body, place)).transpose()?;
         let Some(obstacles) = made.as_ref().or(self.obstacles()) else {
             return Ok(true);
         };
@@ -160,10 +141,7 @@ impl Scene {
     }
 
     fn plan_error(&self, source: PlanError) -> EpisodeError {
-        EpisodeError::Plan {
-            object: self.name.clone(),
-            source,
-        }
+        EpisodeError::Plan { object: self.name.clone(), source }
     }
 
     /// Plans grasps of `body` as it rests in this scene.
@@ -177,10 +155,8 @@ impl Scene {
             center_of_mass: self.center_of_mass,
             world_from_object: self.world_from_object,
         };
-        graspbox_plan::plan(&object, self.template.hand(), params).map_err(|source| EpisodeError::Plan {
-            object: self.name.clone(),
-            source,
-        })
+        graspbox_plan::plan(&object, self.template.hand(), params)
+            .map_err(|source| EpisodeError::Plan { object: self.name.clone(), source })
     }
 
     /// Name of the object.

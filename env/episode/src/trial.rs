@@ -51,21 +51,9 @@ impl TrialConfig {
         let rows = [
             ("standoff", self.standoff, 0.0, 0.5, "between 0 and 0.5 m"),
             ("close_time", self.close_time, 0.1, 10.0, "between 0.1 and 10 s"),
-            (
-                "lift_height",
-                self.lift_height,
-                LIFT_HEIGHT,
-                1.0,
-                "between 0.15 and 1 m",
-            ),
+            ("lift_height", self.lift_height, LIFT_HEIGHT, 1.0, "between 0.15 and 1 m"),
             ("lift_time", self.lift_time, 0.1, 10.0, "between 0.1 and 10 s"),
-            (
-                "hold_time",
-                self.hold_time,
-                crate::judge::HOLD_TIME,
-                60.0,
-                "between 0.5 and 60 s",
-            ),
+            ("hold_time", self.hold_time, crate::judge::HOLD_TIME, 60.0, "between 0.5 and 60 s"),
         ];
         for (field, value, low, high, expected) in rows {
             if !(low..=high).contains(&value) {
@@ -156,14 +144,8 @@ impl Trial {
     pub fn of(episode: Episode, start: &Isometry3<f64>, preshape: f64, config: TrialConfig, trace: bool) -> Self {
         let hand = Arc::clone(episode.world().hand());
         let close = hand.motors.iter().map(|m| match m.kind {
-            MotorKind::Finger(_) => MotorCommand::Position {
-                target: m.travel[1],
-                speed: None,
-            },
-            MotorKind::Preshape => MotorCommand::Position {
-                target: preshape,
-                speed: None,
-            },
+            MotorKind::Finger(_) => MotorCommand::Position { target: m.travel[1], speed: None },
+            MotorKind::Preshape => MotorCommand::Position { target: preshape, speed: None },
         });
         let close = close.collect();
         let trace = trace.then(Vec::new);

@@ -66,11 +66,7 @@ fn check_counts(table: &HandTable, reader: &mut Reader<'_, '_>) -> Option<()> {
         ("flexures", table.flexures.len(), MAX_FINGERS),
         ("fingers", table.fingers.len(), MAX_FINGERS),
         ("motors", table.motors.len(), MAX_FINGERS + 1),
-        (
-            "sensors",
-            table.sensors.iter().map(|s| s.links.len().max(1)).sum(),
-            MAX_SENSORS,
-        ),
+        ("sensors", table.sensors.iter().map(|s| s.links.len().max(1)).sum(), MAX_SENSORS),
     ];
     let too_many = counts.into_iter().find(|&(_, count, limit)| count > limit);
     if let Some((what, count, limit)) = too_many {
@@ -82,10 +78,7 @@ fn check_counts(table: &HandTable, reader: &mut Reader<'_, '_>) -> Option<()> {
 fn pose(xyz: &Number<[f64; 3]>, rpy: &Number<[f64; 3]>, reader: &mut Reader<'_, '_>) -> Isometry3<f64> {
     let xyz = reader.value("position", xyz, "m");
     let [roll, pitch, yaw] = reader.value("roll, pitch, yaw", rpy, "rad");
-    Isometry3::from_parts(
-        Translation3::from(xyz),
-        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-    )
+    Isometry3::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }
 
 /// Limits of the preshape; `[0, 0]` for a hand without swivels, which needs none.
@@ -96,48 +89,23 @@ fn preshape_limits(table: &HandTable, reader: &mut Reader<'_, '_>) -> [f64; 2] {
     }
     if let Some(swivel) = table.fingers.iter().find_map(|f| f.swivel.as_ref()) {
         let missing = "preshape limits, which its swivels need";
-        reader.add(
-            &swivel.joint,
-            ProblemKind::Missing {
-                item: "hand",
-                name: name.clone(),
-                missing,
-            },
-        );
+        reader.add(&swivel.joint, ProblemKind::Missing { item: "hand", name: name.clone(), missing });
     }
     [0.0, 0.0]
 }
 
 fn set_pads(hand: &mut Hand, pads: &[Spanned<String>], reader: &mut Reader<'_, '_>) {
-    let known: Vec<String> = hand
-        .links
-        .iter()
-        .flat_map(|l| &l.colliders)
-        .map(|c| c.name.clone())
-        .collect();
+    let known: Vec<String> = hand.links.iter().flat_map(|l| &l.colliders).map(|c| c.name.clone()).collect();
     for pad in pads {
         let mut colliders = hand.links.iter_mut().flat_map(|l| &mut l.colliders);
         match colliders.find(|c| c.name == *pad.get_ref()) {
             Some(collider) if collider.material == Material::Pad => {
-                reader.add(
-                    pad,
-                    ProblemKind::Duplicate {
-                        what: "pad",
-                        name: pad.get_ref().clone(),
-                    },
-                );
+                reader.add(pad, ProblemKind::Duplicate { what: "pad", name: pad.get_ref().clone() });
             }
             Some(collider) => collider.material = Material::Pad,
             None => {
                 let name = pad.get_ref().clone();
-                reader.add(
-                    pad,
-                    ProblemKind::Unknown {
-                        what: "collider",
-                        name,
-                        known: known.clone(),
-                    },
-                );
+                reader.add(pad, ProblemKind::Unknown { what: "collider", name, known: known.clone() });
             }
         }
     }
@@ -187,14 +155,7 @@ fn find<'n>(
     let known: Vec<String> = names.cloned().collect();
     let found = known.iter().position(|n| n == name.get_ref());
     if found.is_none() {
-        reader.add(
-            name,
-            ProblemKind::Unknown {
-                what,
-                name: name.get_ref().clone(),
-                known,
-            },
-        );
+        reader.add(name, ProblemKind::Unknown { what, name: name.get_ref().clone(), known });
     }
     found
 }
@@ -221,16 +182,7 @@ fn read_finger(
         let sign = reader.value("sign", &s.sign, "1");
         if sign.abs() != 1.0 {
             let (item, name, quantity, must) = ("finger", table.name.get_ref().clone(), "sign", "1 or -1");
-            reader.add(
-                &s.sign,
-                ProblemKind::Value {
-                    item,
-                    name,
-                    quantity,
-                    value: sign,
-                    must,
-                },
-            );
+            reader.add(&s.sign, ProblemKind::Value { item, name, quantity, value: sign, must });
         }
         swivel = find_joint(hand, &s.joint, reader).map(|j| Some((j, sign)));
     }
@@ -256,13 +208,7 @@ fn check_fingers(hand: &Hand, table: &HandTable, reader: &mut Reader<'_, '_>) {
     for (i, (finger, written)) in pairs.enumerate() {
         let name = written.name.get_ref();
         if name == PRESHAPE || hand.fingers[..i].iter().any(|f| f.name == *name) {
-            reader.add(
-                &written.name,
-                ProblemKind::Duplicate {
-                    what: "finger",
-                    name: name.clone(),
-                },
-            );
+            reader.add(&written.name, ProblemKind::Duplicate { what: "finger", name: name.clone() });
         }
         for joint in finger.owned() {
             if std::mem::replace(&mut used[joint], true) {
@@ -278,21 +224,10 @@ fn check_fingers(hand: &Hand, table: &HandTable, reader: &mut Reader<'_, '_>) {
         }
         if let (Some((joint, sign)), Some(swivel)) = (finger.swivel, &written.swivel) {
             let [lower, upper] = hand.joints[joint].limits;
-            if hand
-                .preshape_limits
-                .iter()
-                .any(|theta| !(lower - 1e-9..=upper + 1e-9).contains(&(sign * theta)))
-            {
+            if hand.preshape_limits.iter().any(|theta| !(lower - 1e-9..=upper + 1e-9).contains(&(sign * theta))) {
                 let (quantity, must) = ("limit", "it must hold sign times the preshape limits");
                 let name = hand.joints[joint].name.clone();
-                let kind = ProblemKind::Interval {
-                    item: "joint",
-                    name,
-                    quantity,
-                    lower,
-                    upper,
-                    must,
-                };
+                let kind = ProblemKind::Interval { item: "joint", name, quantity, lower, upper, must };
                 reader.add(&swivel.joint, kind);
             }
         }
@@ -300,23 +235,12 @@ fn check_fingers(hand: &Hand, table: &HandTable, reader: &mut Reader<'_, '_>) {
 }
 
 fn read_motors(hand: &mut Hand, table: &HandTable, reader: &mut Reader<'_, '_>) {
-    let drivable: Vec<String> = hand
-        .fingers
-        .iter()
-        .map(|f| f.name.clone())
-        .chain([PRESHAPE.to_owned()])
-        .collect();
+    let drivable: Vec<String> = hand.fingers.iter().map(|f| f.name.clone()).chain([PRESHAPE.to_owned()]).collect();
     let mut count = vec![0usize; drivable.len()];
     for (i, m) in table.motors.iter().enumerate() {
         let name = m.name.get_ref();
         if table.motors[..i].iter().any(|other| other.name.get_ref() == name) {
-            reader.add(
-                &m.name,
-                ProblemKind::Duplicate {
-                    what: "motor",
-                    name: name.clone(),
-                },
-            );
+            reader.add(&m.name, ProblemKind::Duplicate { what: "motor", name: name.clone() });
         }
         let Some(driven) = find(&m.drives, "finger", drivable.iter(), reader) else {
             continue;
@@ -342,13 +266,8 @@ fn read_motors(hand: &mut Hand, table: &HandTable, reader: &mut Reader<'_, '_>) 
         };
         if motor.default_speed > motor.max_speed {
             let (quantity, must) = ("default_speed", "at most max_speed");
-            let kind = ProblemKind::Value {
-                item: "motor",
-                name: name.clone(),
-                quantity,
-                value: motor.default_speed,
-                must,
-            };
+            let kind =
+                ProblemKind::Value { item: "motor", name: name.clone(), quantity, value: motor.default_speed, must };
             reader.add(&m.default_speed, kind);
         }
         hand.motors.push(motor);
@@ -370,13 +289,7 @@ fn read_sensors(hand: &mut Hand, table: &HandTable, reader: &mut Reader<'_, '_>)
         let normal = Vector3::from(reader.value("normal", &s.normal, "1"));
         if (normal.norm() - 1.0).abs() > 1e-3 {
             let (name, quantity, must) = (format!("{}", number + 1), "length of the normal", "1 within 1e-3");
-            let kind = ProblemKind::Value {
-                item: "sensor",
-                name,
-                quantity,
-                value: normal.norm(),
-                must,
-            };
+            let kind = ProblemKind::Value { item: "sensor", name, quantity, value: normal.norm(), must };
             reader.add(&s.normal, kind);
         }
         for name in &s.links {
@@ -387,24 +300,12 @@ fn read_sensors(hand: &mut Hand, table: &HandTable, reader: &mut Reader<'_, '_>)
                 reader.add(name, ProblemKind::SensorLink(name.get_ref().clone()));
                 continue;
             };
-            sensors.push(TactileSensor {
-                finger,
-                link,
-                position,
-                normal: Unit::new_normalize(normal),
-            });
+            sensors.push(TactileSensor { finger, link, position, normal: Unit::new_normalize(normal) });
         }
     }
     if sensors.len() > MAX_SENSORS {
         let count = sensors.len();
-        reader.add(
-            &table.name,
-            ProblemKind::TooMany {
-                what: "sensors",
-                count,
-                limit: MAX_SENSORS,
-            },
-        );
+        reader.add(&table.name, ProblemKind::TooMany { what: "sensors", count, limit: MAX_SENSORS });
     }
     sensors.sort_by_key(|s| (s.finger, s.link));
     hand.sensors = sensors;

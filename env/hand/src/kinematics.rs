@@ -34,11 +34,7 @@ impl Hand {
     #[must_use]
     pub fn open_configuration(&self, preshape: f64) -> HandConfiguration {
         let zeros = vec![0.0; self.fingers.len()];
-        HandConfiguration {
-            preshape,
-            proximal: zeros.clone(),
-            distal: zeros,
-        }
+        HandConfiguration { preshape, proximal: zeros.clone(), distal: zeros }
     }
 
     /// Angle of every joint, in the order of `joints`; 0 for fixed ones. Limits are not enforced.
@@ -46,29 +42,18 @@ impl Hand {
     /// # Errors
     /// [`HandError::FingerCount`] unless there is one angle a finger; [`HandError::NotFinite`] for NaN and infinities.
     pub fn joint_angles(&self, configuration: &HandConfiguration) -> Result<Vec<f64>, HandError> {
-        let HandConfiguration {
-            preshape,
-            proximal,
-            distal,
-        } = configuration;
+        let HandConfiguration { preshape, proximal, distal } = configuration;
         let expected = self.fingers.len();
         for (joint, angles) in [("proximal angle", proximal), ("distal angle", distal)] {
             if angles.len() != expected {
-                return Err(HandError::FingerCount {
-                    joint,
-                    found: angles.len(),
-                    expected,
-                });
+                return Err(HandError::FingerCount { joint, found: angles.len(), expected });
             }
             if let Some(&value) = angles.iter().find(|a| !a.is_finite()) {
                 return Err(HandError::NotFinite { what: joint, value });
             }
         }
         if !preshape.is_finite() {
-            return Err(HandError::NotFinite {
-                what: "preshape angle",
-                value: *preshape,
-            });
+            return Err(HandError::NotFinite { what: "preshape angle", value: *preshape });
         }
         let mut angles = vec![0.0; self.joints.len()];
         for (finger, (&p, &d)) in self.fingers.iter().zip(proximal.iter().zip(distal)) {
@@ -102,10 +87,7 @@ impl Hand {
     pub fn hand_from_links(&self, configuration: &HandConfiguration) -> Result<Vec<Isometry3<f64>>, HandError> {
         let hand_from_base = self.base_from_hand.inverse();
         let poses = self.forward_kinematics(configuration)?;
-        Ok(poses
-            .into_iter()
-            .map(|base_from_link| hand_from_base * base_from_link)
-            .collect())
+        Ok(poses.into_iter().map(|base_from_link| hand_from_base * base_from_link).collect())
     }
 
     /// Every collision shape where it stands, link by link.
@@ -150,8 +132,6 @@ impl Hand {
     /// Index of the motor of the preshape, where there is one.
     #[must_use]
     pub fn preshape_motor(&self) -> Option<usize> {
-        self.motors
-            .iter()
-            .position(|m| m.kind == crate::model::MotorKind::Preshape)
+        self.motors.iter().position(|m| m.kind == crate::model::MotorKind::Preshape)
     }
 }

@@ -26,11 +26,7 @@ impl Hand {
             let name = path.display().to_string();
             match read_file(path)? {
                 Ok(text) => texts.push(text),
-                Err(kind) => problems.push(Problem {
-                    file: name,
-                    line: 1,
-                    kind,
-                }),
+                Err(kind) => problems.push(Problem { file: name, line: 1, kind }),
             }
         }
         match texts.as_slice() {
@@ -46,20 +42,10 @@ impl Hand {
     /// # Errors
     /// [`HandError::Invalid`] with every problem that was found, each with its file and line.
     pub fn from_strs(urdf: &str, toml: &str, names: [&str; 2]) -> Result<Self, HandError> {
-        let mut links = Report {
-            file: names[0],
-            problems: Vec::new(),
-        };
-        let mut tables = Report {
-            file: names[1],
-            problems: Vec::new(),
-        };
-        let tree = bounded(urdf, &mut links)
-            .then(|| urdf::read(urdf, &mut links))
-            .flatten();
-        let table = bounded(toml, &mut tables)
-            .then(|| Reader::new(toml, &mut tables).parse::<HandTable>())
-            .flatten();
+        let mut links = Report { file: names[0], problems: Vec::new() };
+        let mut tables = Report { file: names[1], problems: Vec::new() };
+        let tree = bounded(urdf, &mut links).then(|| urdf::read(urdf, &mut links)).flatten();
+        let table = bounded(toml, &mut tables).then(|| Reader::new(toml, &mut tables).parse::<HandTable>()).flatten();
         let mut hand = None;
         if let (Some(tree), Some(table)) = (tree, table) {
             let lines = tree.joint_lines.clone();
@@ -96,19 +82,13 @@ impl Finger {
 
 /// At most [`MAX_FILE_BYTES`] of a file, as text.
 fn read_file(path: &Path) -> Result<Result<String, ProblemKind>, HandError> {
-    let io = |source| HandError::Io {
-        path: path.to_owned(),
-        source,
-    };
+    let io = |source| HandError::Io { path: path.to_owned(), source };
     let file = File::open(path).map_err(io)?;
     let bytes = file.metadata().map_err(io)?.len();
     let mut content = Vec::new();
     file.take(MAX_FILE_BYTES + 1).read_to_end(&mut content).map_err(io)?;
     if content.len() as u64 > MAX_FILE_BYTES {
-        return Ok(Err(ProblemKind::TooLarge {
-            bytes: bytes.max(content.len() as u64),
-            limit: MAX_FILE_BYTES,
-        }));
+        return Ok(Err(ProblemKind::TooLarge { bytes: bytes.max(content.len() as u64), limit: MAX_FILE_BYTES }));
     }
     Ok(String::from_utf8(content).map_err(|_| ProblemKind::NotText))
 }
@@ -116,13 +96,7 @@ fn read_file(path: &Path) -> Result<Result<String, ProblemKind>, HandError> {
 fn bounded(text: &str, report: &mut Report<'_>) -> bool {
     let bytes = text.len() as u64;
     if bytes > MAX_FILE_BYTES {
-        report.add(
-            1,
-            ProblemKind::TooLarge {
-                bytes,
-                limit: MAX_FILE_BYTES,
-            },
-        );
+        report.add(1, ProblemKind::TooLarge { bytes, limit: MAX_FILE_BYTES });
     }
     bytes <= MAX_FILE_BYTES
 }

@@ -62,13 +62,7 @@ impl MotorState {
     #[must_use]
     pub fn new(motor: &Motor, position: f64) -> Self {
         let position = position.max(motor.travel[0]).min(motor.travel[1]);
-        Self {
-            position,
-            velocity: 0.0,
-            load: 0.0,
-            hold: Hold::Free,
-            tactile_stops: false,
-        }
+        Self { position, velocity: 0.0, load: 0.0, hold: Hold::Free, tactile_stops: false }
     }
 
     /// Angle of the motor's own shaft, radians, as its encoder counts it.
@@ -125,10 +119,7 @@ fn check(command: MotorCommand, load: f64, dt: f64) -> Result<(), HandError> {
         MotorCommand::Velocity(value) | MotorCommand::Force(value) => [value, 0.0, load],
     };
     if let Some(&value) = numbers.iter().find(|x| !x.is_finite()) {
-        return Err(HandError::NotFinite {
-            what: "motor command or load",
-            value,
-        });
+        return Err(HandError::NotFinite { what: "motor command or load", value });
     }
     if !(dt.is_finite() && dt > 0.0) {
         return Err(HandError::TimeStep(dt));

@@ -49,10 +49,7 @@ impl GraspPose {
     #[must_use]
     pub fn advanced(&self, distance: f64) -> Self {
         let step = Translation3::new(0.0, 0.0, distance);
-        Self {
-            object_from_hand: self.object_from_hand * step,
-            ..*self
-        }
+        Self { object_from_hand: self.object_from_hand * step, ..*self }
     }
 
     /// The same pose turned about the approach; by pi, finger 3 takes the other side.
@@ -61,10 +58,7 @@ impl GraspPose {
     #[must_use]
     pub fn turned(&self, angle: f64) -> Self {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
-        Self {
-            object_from_hand: self.object_from_hand * turn,
-            ..*self
-        }
+        Self { object_from_hand: self.object_from_hand * turn, ..*self }
     }
 }
 

@@ -34,11 +34,7 @@ pub(crate) struct Report<'a> {
 impl Report<'_> {
     /// Notes a problem at a line.
     pub fn add(&mut self, line: usize, kind: ProblemKind) {
-        self.problems.push(Problem {
-            file: self.file.to_owned(),
-            line,
-            kind,
-        });
+        self.problems.push(Problem { file: self.file.to_owned(), line, kind });
     }
 }
 
@@ -68,10 +64,7 @@ pub(crate) fn scan(text: &str, report: &mut Report<'_>) -> Option<Scan> {
                     return None;
                 }
                 let element = name.local_name.as_str();
-                let label = attributes
-                    .iter()
-                    .find(|a| a.name.local_name == "name")
-                    .map(|a| a.value.clone());
+                let label = attributes.iter().find(|a| a.name.local_name == "name").map(|a| a.value.clone());
                 match (depth, &owner) {
                     (2, _) => owner = scan.enter(element, label, line, report),
                     (3, Some(owner)) => scan.child(owner, element, label, line),
@@ -94,9 +87,7 @@ pub(crate) fn scan(text: &str, report: &mut Report<'_>) -> Option<Scan> {
 
 fn line_of(reader: &EventReader<&[u8]>) -> usize {
     use xml::common::Position;
-    usize::try_from(reader.position().row)
-        .unwrap_or(usize::MAX)
-        .saturating_add(1)
+    usize::try_from(reader.position().row).unwrap_or(usize::MAX).saturating_add(1)
 }
 
 impl Scan {
@@ -108,24 +99,11 @@ impl Scan {
             _ => return None,
         };
         let Some(name) = name.filter(|n| !n.is_empty()) else {
-            report.add(
-                line,
-                ProblemKind::Missing {
-                    item: what,
-                    name: String::new(),
-                    missing: "name",
-                },
-            );
+            report.add(line, ProblemKind::Missing { item: what, name: String::new(), missing: "name" });
             return None;
         };
         if names.insert(name.clone(), line).is_some() {
-            report.add(
-                line,
-                ProblemKind::Duplicate {
-                    what,
-                    name: name.clone(),
-                },
-            );
+            report.add(line, ProblemKind::Duplicate { what, name: name.clone() });
         }
         Some(format!("{what} {name}"))
     }
@@ -150,9 +128,7 @@ impl Scan {
 
     /// Line of a child element of a link or joint, where there is one.
     pub fn child_line(&self, what: &str, name: &str, child: &str) -> Option<usize> {
-        self.children
-            .get(&(format!("{what} {name}"), child.to_owned()))
-            .copied()
+        self.children.get(&(format!("{what} {name}"), child.to_owned())).copied()
     }
 }
 
@@ -169,14 +145,6 @@ fn check_attribute(element: &str, attribute: &str, text: &str, line: usize, repo
     let good = numbers.len() == count && numbers.iter().all(|n| n.as_ref().is_ok_and(|x| x.abs() <= limit));
     if !good {
         let text = text.chars().take(60).collect();
-        report.add(
-            line,
-            ProblemKind::Attribute {
-                attribute: attribute.to_owned(),
-                text,
-                count,
-                limit,
-            },
-        );
+        report.add(line, ProblemKind::Attribute { attribute: attribute.to_owned(), text, count, limit });
     }
 }

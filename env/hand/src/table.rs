@@ -188,32 +188,15 @@ impl<'a, 'r> Reader<'a, 'r> {
 
     /// The value of a quantity, after a check of its unit, source and size.
     pub fn value<T: Numbers>(&mut self, quantity: &'static str, number: &Number<T>, unit: &'static str) -> T {
-        let Quantity {
-            value,
-            unit: found,
-            source,
-        } = number.get_ref();
+        let Quantity { value, unit: found, source } = number.get_ref();
         if found != unit {
-            self.add(
-                number,
-                ProblemKind::Unit {
-                    quantity,
-                    found: found.clone(),
-                    expected: unit,
-                },
-            );
+            self.add(number, ProblemKind::Unit { quantity, found: found.clone(), expected: unit });
         }
         if source.trim().is_empty() {
             self.add(number, ProblemKind::NoSource(quantity));
         }
         if !value.within(MAX_NUMBER) {
-            self.add(
-                number,
-                ProblemKind::TooBig {
-                    quantity,
-                    limit: MAX_NUMBER,
-                },
-            );
+            self.add(number, ProblemKind::TooBig { quantity, limit: MAX_NUMBER });
         }
         *value
     }
@@ -251,13 +234,7 @@ impl<'a, 'r> Reader<'a, 'r> {
     ) -> f64 {
         let value = self.value(quantity, number, unit);
         if value < least {
-            let kind = ProblemKind::Value {
-                item: item.0,
-                name: item.1.to_owned(),
-                quantity,
-                value,
-                must,
-            };
+            let kind = ProblemKind::Value { item: item.0, name: item.1.to_owned(), quantity, value, must };
             self.add(number, kind);
         }
         value
@@ -275,17 +252,7 @@ impl<'a, 'r> Reader<'a, 'r> {
         if lower >= upper {
             let must = "the upper end must be greater";
             let name = item.1.to_owned();
-            self.add(
-                number,
-                ProblemKind::Interval {
-                    item: item.0,
-                    name,
-                    quantity,
-                    lower,
-                    upper,
-                    must,
-                },
-            );
+            self.add(number, ProblemKind::Interval { item: item.0, name, quantity, lower, upper, must });
         }
         [lower, upper]
     }

@@ -68,10 +68,6 @@ impl Hand {
         let tendon = &finger.tendon;
         let [lower, upper] = self.joints[finger.distal].limits;
         let estimate = tendon.stretch(spool, proximal, 0.0) / tendon.distal_arm;
-        FingerEncoders {
-            proximal,
-            spool,
-            distal_estimate: estimate.max(lower).min(upper),
-        }
+        FingerEncoders { proximal, spool, distal_estimate: estimate.max(lower).min(upper) }
     }
 }

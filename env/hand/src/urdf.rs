@@ -65,12 +65,7 @@ fn check_counts(robot: &urdf_rs::Robot, report: &mut Report<'_>) {
 
 /// For each link in tree order (depth first, in the order of the file): its index in the file and that of its parent joint.
 fn tree_order(robot: &urdf_rs::Robot, scan: &Scan, report: &mut Report<'_>) -> Option<Vec<(usize, Option<usize>)>> {
-    let index: BTreeMap<&str, usize> = robot
-        .links
-        .iter()
-        .enumerate()
-        .map(|(i, l)| (l.name.as_str(), i))
-        .collect();
+    let index: BTreeMap<&str, usize> = robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
     let mut parent_joint = vec![None; robot.links.len()];
     let mut children = vec![Vec::new(); robot.links.len()];
     for (j, joint) in robot.joints.iter().enumerate() {
@@ -79,14 +74,7 @@ fn tree_order(robot: &urdf_rs::Robot, scan: &Scan, report: &mut Report<'_>) -> O
             let found = index.get(name.as_str()).copied();
             if found.is_none() {
                 let known = robot.links.iter().map(|l| l.name.clone()).collect();
-                report.add(
-                    line,
-                    ProblemKind::Unknown {
-                        what: "link",
-                        name: name.clone(),
-                        known,
-                    },
-                );
+                report.add(line, ProblemKind::Unknown { what: "link", name: name.clone(), known });
             }
             found
         });
@@ -99,14 +87,7 @@ fn tree_order(robot: &urdf_rs::Robot, scan: &Scan, report: &mut Report<'_>) -> O
         children[parent].push((j, child));
     }
     let Some(root) = parent_joint.iter().position(Option::is_none) else {
-        report.add(
-            1,
-            if robot.links.is_empty() {
-                ProblemKind::Empty("links")
-            } else {
-                ProblemKind::NoRoot
-            },
-        );
+        report.add(1, if robot.links.is_empty() { ProblemKind::Empty("links") } else { ProblemKind::NoRoot });
         return None;
     };
     if !report.problems.is_empty() {
@@ -127,17 +108,10 @@ fn tree_order(robot: &urdf_rs::Robot, scan: &Scan, report: &mut Report<'_>) -> O
 }
 
 fn build(robot: &urdf_rs::Robot, order: &[(usize, Option<usize>)], scan: &Scan, report: &mut Report<'_>) -> Tree {
-    let position: BTreeMap<&str, usize> = order
-        .iter()
-        .enumerate()
-        .map(|(i, &(l, _))| (robot.links[l].name.as_str(), i))
-        .collect();
+    let position: BTreeMap<&str, usize> =
+        order.iter().enumerate().map(|(i, &(l, _))| (robot.links[l].name.as_str(), i)).collect();
     let mut names = BTreeMap::new();
-    let mut tree = Tree {
-        links: Vec::new(),
-        joints: Vec::new(),
-        joint_lines: Vec::new(),
-    };
+    let mut tree = Tree { links: Vec::new(), joints: Vec::new(), joint_lines: Vec::new() };
     for (i, &(l, joint)) in order.iter().enumerate() {
         tree.links.push(read_link(&robot.links[l], scan, &mut names, report));
         if let Some(j) = joint {
@@ -152,38 +126,19 @@ fn build(robot: &urdf_rs::Robot, order: &[(usize, Option<usize>)], scan: &Scan, 
 
 fn isometry(pose: &urdf_rs::Pose) -> Isometry3<f64> {
     let [r, p, y] = *pose.rpy;
-    Isometry3::from_parts(
-        Translation3::from(Vector3::from(*pose.xyz)),
-        UnitQuaternion::from_euler_angles(r, p, y),
-    )
+    Isometry3::from_parts(Translation3::from(Vector3::from(*pose.xyz)), UnitQuaternion::from_euler_angles(r, p, y))
 }
 
 fn read_link(link: &urdf_rs::Link, scan: &Scan, names: &mut BTreeMap<String, usize>, report: &mut Report<'_>) -> Link {
     let line = scan.child_line("link", &link.name, "inertial");
     if line.is_none() {
         let missing = "inertial";
-        report.add(
-            scan.link_line(&link.name),
-            ProblemKind::Missing {
-                item: "link",
-                name: link.name.clone(),
-                missing,
-            },
-        );
+        report.add(scan.link_line(&link.name), ProblemKind::Missing { item: "link", name: link.name.clone(), missing });
     }
     let line = line.unwrap_or_else(|| scan.link_line(&link.name));
     let mass = link.inertial.mass.value;
     let mut value = |quantity, value, must| {
-        report.add(
-            line,
-            ProblemKind::Value {
-                item: "link",
-                name: link.name.clone(),
-                quantity,
-                value,
-                must,
-            },
-        );
+        report.add(line, ProblemKind::Value { item: "link", name: link.name.clone(), quantity, value, must });
     };
     if mass <= 0.0 {
         value("mass", mass, "greater than 0 kg");
@@ -192,25 +147,13 @@ fn read_link(link: &urdf_rs::Link, scan: &Scan, names: &mut BTreeMap<String, usi
     let own = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
     let moments = own.symmetric_eigenvalues();
     if moments.min() <= 0.0 {
-        value(
-            "least principal moment of inertia",
-            moments.min(),
-            "greater than 0 kg m2",
-        );
+        value("least principal moment of inertia", moments.min(), "greater than 0 kg m2");
     } else if moments.sum() < 2.0 * moments.max() * (1.0 - 1e-3) {
-        value(
-            "greatest principal moment of inertia",
-            moments.max(),
-            "at most the sum of the other two",
-        );
+        value("greatest principal moment of inertia", moments.max(), "at most the sum of the other two");
     }
     let pose = isometry(&link.inertial.origin);
     let turn = pose.rotation.to_rotation_matrix();
-    let colliders = link
-        .collision
-        .iter()
-        .enumerate()
-        .map(|(n, c)| read_collider(link, n, c, scan, names, report));
+    let colliders = link.collision.iter().enumerate().map(|(n, c)| read_collider(link, n, c, scan, names, report));
     Link {
         name: link.name.clone(),
         mass,
@@ -228,39 +171,15 @@ fn read_collider(
     names: &mut BTreeMap<String, usize>,
     report: &mut Report<'_>,
 ) -> Collider {
-    let name = collision
-        .name
-        .clone()
-        .unwrap_or_else(|| format!("{}_{number}", link.name));
-    let line = scan
-        .colliders
-        .get(&name)
-        .copied()
-        .unwrap_or_else(|| scan.link_line(&link.name));
+    let name = collision.name.clone().unwrap_or_else(|| format!("{}_{number}", link.name));
+    let line = scan.colliders.get(&name).copied().unwrap_or_else(|| scan.link_line(&link.name));
     if names.insert(name.clone(), line).is_some() {
-        report.add(
-            line,
-            ProblemKind::Duplicate {
-                what: "collider",
-                name: name.clone(),
-            },
-        );
+        report.add(line, ProblemKind::Duplicate { what: "collider", name: name.clone() });
     }
-    let mut geometry = |found| {
-        report.add(
-            line,
-            ProblemKind::Geometry {
-                name: name.clone(),
-                found,
-            },
-        )
-    };
+    let mut geometry = |found| report.add(line, ProblemKind::Geometry { name: name.clone(), found });
     let shape = match &collision.geometry {
         Geometry::Box { size } => Shape::Cuboid(Vector3::from(**size) / 2.0),
-        Geometry::Cylinder { radius, length } => Shape::Cylinder {
-            radius: *radius,
-            half_length: length / 2.0,
-        },
+        Geometry::Cylinder { radius, length } => Shape::Cylinder { radius: *radius, half_length: length / 2.0 },
         Geometry::Sphere { radius } => Shape::Sphere { radius: *radius },
         Geometry::Capsule { radius, .. } => {
             geometry("capsule");
@@ -278,21 +197,11 @@ fn read_collider(
     };
     if least <= 0.0 {
         let must = "greater than 0 m";
-        let kind = ProblemKind::Value {
-            item: "collider",
-            name: name.clone(),
-            quantity: "least size",
-            value: least,
-            must,
-        };
+        let kind =
+            ProblemKind::Value { item: "collider", name: name.clone(), quantity: "least size", value: least, must };
         report.add(line, kind);
     }
-    Collider {
-        name,
-        shape,
-        link_from_shape: isometry(&collision.origin),
-        material: Material::Bare,
-    }
+    Collider { name, shape, link_from_shape: isometry(&collision.origin), material: Material::Bare }
 }
 
 fn read_joint(joint: &urdf_rs::Joint, parent: usize, child: usize, scan: &Scan, report: &mut Report<'_>) -> Joint {
@@ -314,23 +223,12 @@ fn read_joint(joint: &urdf_rs::Joint, parent: usize, child: usize, scan: &Scan, 
         if line.is_none() {
             report.add(
                 scan.joint_line(&joint.name),
-                ProblemKind::Missing {
-                    item: "joint",
-                    name: name(),
-                    missing: "limit",
-                },
+                ProblemKind::Missing { item: "joint", name: name(), missing: "limit" },
             );
         } else if limits[0] >= limits[1] {
             let must = "the upper end must be greater";
             let [lower, upper] = limits;
-            let kind = ProblemKind::Interval {
-                item: "joint",
-                name: name(),
-                quantity: "limit",
-                lower,
-                upper,
-                must,
-            };
+            let kind = ProblemKind::Interval { item: "joint", name: name(), quantity: "limit", lower, upper, must };
             report.add(line.unwrap_or(1), kind);
         }
     }
@@ -340,26 +238,9 @@ fn read_joint(joint: &urdf_rs::Joint, parent: usize, child: usize, scan: &Scan, 
             let line = scan.child_line("joint", &joint.name, "axis").unwrap_or(line);
             let must = "longer than 0";
             let value = xyz.norm();
-            report.add(
-                line,
-                ProblemKind::Value {
-                    item: "joint",
-                    name: name(),
-                    quantity: "axis length",
-                    value,
-                    must,
-                },
-            );
+            report.add(line, ProblemKind::Value { item: "joint", name: name(), quantity: "axis length", value, must });
         }
         Vector3::x_axis()
     });
-    Joint {
-        name: name(),
-        parent,
-        child,
-        parent_from_joint: isometry(&joint.origin),
-        axis,
-        limits,
-        fixed,
-    }
+    Joint { name: name(), parent, child, parent_from_joint: isometry(&joint.origin), axis, limits, fixed }
 }

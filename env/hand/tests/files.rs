@@ -38,45 +38,24 @@ fn another_hand_loads_from_its_own_two_files() {
     let hand = Hand::load(&folder.join("gripper.urdf"), &folder.join("gripper.toml")).unwrap();
     assert_eq!(hand, Hand::from_strs(GRIPPER_URDF, GRIPPER_TOML, ["a", "b"]).unwrap());
     let names: Vec<_> = hand.links.iter().map(|l| l.name.as_str()).collect();
-    assert_eq!(
-        names,
-        ["palm", "left", "left_tip", "right", "right_tip", "label"],
-        "parents before children"
-    );
+    assert_eq!(names, ["palm", "left", "left_tip", "right", "right_tip", "label"], "parents before children");
     assert_eq!((hand.preshape_limits, hand.preshape_motor()), ([0.0, 0.0], None));
     // Motors keep the order of the file; fingers know theirs.
     assert_eq!(hand.motors[0].kind, MotorKind::Finger(1));
     assert_eq!((hand.fingers[0].motor, hand.fingers[1].motor), (1, 0));
-    assert!(
-        (hand.joints[0].axis.into_inner() + Vector3::y()).norm() < 1e-15,
-        "axes are made unit vectors"
-    );
+    assert!((hand.joints[0].axis.into_inner() + Vector3::y()).norm() < 1e-15, "axes are made unit vectors");
     assert!(hand.joints[4].fixed);
     // An inertial frame turned by a quarter about z exchanges the moments about x and y.
     assert!((hand.links[1].inertia.diagonal() - Vector3::new(2e-5, 3e-6, 1.8e-5)).norm() < 1e-12);
-    let shapes: Vec<_> = hand
-        .links
-        .iter()
-        .flat_map(|l| &l.colliders)
-        .map(|c| (c.shape, c.material))
-        .collect();
+    let shapes: Vec<_> = hand.links.iter().flat_map(|l| &l.colliders).map(|c| (c.shape, c.material)).collect();
     let expected = [
-        (
-            Shape::Cylinder {
-                radius: 0.03,
-                half_length: 0.02,
-            },
-            Material::Bare,
-        ),
+        (Shape::Cylinder { radius: 0.03, half_length: 0.02 }, Material::Bare),
         (Shape::Cuboid(Vector3::new(0.03, 0.01, 0.005)), Material::Bare),
         (Shape::Sphere { radius: 0.01 }, Material::Pad),
     ];
     assert_eq!(shapes, expected);
     // Sensors go finger by finger, whatever the order in the file.
-    assert_eq!(
-        hand.sensors.iter().map(|s| (s.finger, s.link)).collect::<Vec<_>>(),
-        [(0, 2), (1, 4)]
-    );
+    assert_eq!(hand.sensors.iter().map(|s| (s.finger, s.link)).collect::<Vec<_>>(), [(0, 2), (1, 4)]);
     let mut closed = hand.open_configuration(0.0);
     closed.proximal = vec![std::f64::consts::FRAC_PI_2; 2];
     let tip = hand.hand_from_links(&closed).unwrap()[4] * Point3::new(0.01, 0.0, 0.0);
@@ -182,10 +161,7 @@ fn numbers_that_matter_cannot_have_are_refused() {
         "hand.urdf:59: joint \"left_root\": limit is [2, 1.5]; the upper end must be greater"
     );
     assert_eq!(
-        urdf_with(
-            "ixx=\"3e-6\" ixy=\"0\" ixz=\"0\" iyy=\"2e-5\"",
-            "ixx=\"3e-6\" ixy=\"0\" ixz=\"0\" iyy=\"9e-5\""
-        ),
+        urdf_with("ixx=\"3e-6\" ixy=\"0\" ixz=\"0\" iyy=\"2e-5\"", "ixx=\"3e-6\" ixy=\"0\" ixz=\"0\" iyy=\"9e-5\""),
         "hand.urdf:16: link \"left\": greatest principal moment of inertia is 0.00009; \
          it must be at most the sum of the other two"
     );
@@ -210,17 +186,11 @@ fn joints_must_form_a_tree_of_fingers() {
         "hand.urdf:82: link \"left\" is the child of more than one joint"
     );
     assert_eq!(
-        urdf_with(
-            "name=\"label_joint\" type=\"fixed\"",
-            "name=\"label_joint\" type=\"continuous\""
-        ),
+        urdf_with("name=\"label_joint\" type=\"fixed\"", "name=\"label_joint\" type=\"continuous\""),
         "hand.urdf:82: joint \"label_joint\" is continuous; only revolute and fixed joints are supported"
     );
     assert_eq!(
-        urdf_with(
-            "name=\"left_root\" type=\"revolute\"",
-            "name=\"left_root\" type=\"fixed\""
-        ),
+        urdf_with("name=\"left_root\" type=\"revolute\"", "name=\"left_root\" type=\"fixed\""),
         "hand.toml:32: joint \"left_root\" is fixed; a finger needs a revolute one"
     );
     assert_eq!(
@@ -235,10 +205,7 @@ fn joints_must_form_a_tree_of_fingers() {
         "hand.urdf:35: the link name \"left\" is used twice; names must be unique"
     );
     assert_eq!(
-        urdf_with(
-            "    <limit lower=\"0\" upper=\"1.5\" effort=\"1\" velocity=\"5\"/>\n",
-            ""
-        ),
+        urdf_with("    <limit lower=\"0\" upper=\"1.5\" effort=\"1\" velocity=\"5\"/>\n", ""),
         "hand.urdf:54: joint \"left_root\" has no limit"
     );
 }
@@ -279,15 +246,9 @@ fn texts_that_are_no_hand_are_refused() {
         "hand.urdf:1: there are no links; a hand needs at least one"
     );
     let bomb = "<!DOCTYPE a [<!ENTITY b \"bbbb\">]>\n<robot/>";
-    assert_eq!(
-        complaint(bomb, GRIPPER_TOML),
-        "hand.urdf:1: a document type declaration is not allowed; remove it"
-    );
+    assert_eq!(complaint(bomb, GRIPPER_TOML), "hand.urdf:1: a document type declaration is not allowed; remove it");
     let deep = format!("<robot>{}", "<a>".repeat(100_000));
-    assert_eq!(
-        complaint(&deep, GRIPPER_TOML),
-        "hand.urdf:1: elements are nested deeper than 16"
-    );
+    assert_eq!(complaint(&deep, GRIPPER_TOML), "hand.urdf:1: elements are nested deeper than 16");
     let brackets = "a=[".repeat(100) + &"[".repeat(100_000);
     assert!(complaint(GRIPPER_URDF, &brackets).starts_with("hand.toml:1: "));
     let large = " ".repeat(usize::try_from(MAX_FILE_BYTES).unwrap() + 1);
@@ -296,13 +257,7 @@ fn texts_that_are_no_hand_are_refused() {
         "hand.toml:1: the file has 1048577 bytes; a hand description has at most 1048576"
     );
     let pads = format!("pads = [{}]", "\"left_ball\", ".repeat(300));
-    assert_eq!(
-        toml_with("pads = [\"left_ball\"]", &pads),
-        "hand.toml:1: there are 300 pads; at most 256 are allowed"
-    );
+    assert_eq!(toml_with("pads = [\"left_ball\"]", &pads), "hand.toml:1: there are 300 pads; at most 256 are allowed");
     let missing = Hand::load(Path::new("no/such.urdf"), Path::new("no/such.toml")).unwrap_err();
-    assert!(
-        missing.to_string().starts_with("cannot read no/such.urdf: "),
-        "{missing}"
-    );
+    assert!(missing.to_string().starts_with("cannot read no/such.urdf: "), "{missing}");
 }

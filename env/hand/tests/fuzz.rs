@@ -48,11 +48,7 @@ fn mutate(text: &str, rng: &mut ChaCha8Rng) -> String {
             2 => bytes[at] = rng.random(),
             _ => {
                 let word = WORDS[rng.random_range(0..WORDS.len())];
-                let end = if rng.random_bool(0.5) {
-                    end.min(at + word.len())
-                } else {
-                    at
-                };
+                let end = if rng.random_bool(0.5) { end.min(at + word.len()) } else { at };
                 bytes.splice(at..end, word.bytes());
             }
         }
@@ -71,16 +67,8 @@ fn mutated_files_never_panic_and_never_make_an_impossible_hand() {
     let (mut refused, mut accepted) = (0, 0);
     for round in 0..rounds() {
         let both = round % 3 == 0;
-        let urdf = if both || round % 3 == 1 {
-            mutate(REFLEX_URDF, &mut rng)
-        } else {
-            REFLEX_URDF.to_owned()
-        };
-        let toml = if both || round % 3 == 2 {
-            mutate(REFLEX_TOML, &mut rng)
-        } else {
-            REFLEX_TOML.to_owned()
-        };
+        let urdf = if both || round % 3 == 1 { mutate(REFLEX_URDF, &mut rng) } else { REFLEX_URDF.to_owned() };
+        let toml = if both || round % 3 == 2 { mutate(REFLEX_TOML, &mut rng) } else { REFLEX_TOML.to_owned() };
         match Hand::from_strs(&urdf, &toml, ["hand.urdf", "hand.toml"]) {
             Ok(hand) => {
                 accepted += 1;
@@ -105,19 +93,7 @@ fn assert_sound(hand: &Hand) {
     for pose in hand.forward_kinematics(&hand.open_configuration(0.5)).unwrap() {
         assert!(pose.to_homogeneous().iter().all(|x| x.is_finite() && x.abs() < 1e3));
     }
-    assert!(
-        hand.links
-            .iter()
-            .all(|l| l.mass > 0.0 && l.inertia.symmetric_eigenvalues().min() > 0.0)
-    );
-    assert!(
-        hand.fingers
-            .iter()
-            .all(|f| f.tendon.proximal_arm > 0.0 && f.tendon.max_tension > 0.0)
-    );
-    assert!(
-        hand.sensors
-            .iter()
-            .all(|s| s.link < hand.links.len() && s.finger < hand.fingers.len())
-    );
+    assert!(hand.links.iter().all(|l| l.mass > 0.0 && l.inertia.symmetric_eigenvalues().min() > 0.0));
+    assert!(hand.fingers.iter().all(|f| f.tendon.proximal_arm > 0.0 && f.tendon.max_tension > 0.0));
+    assert!(hand.sensors.iter().all(|s| s.link < hand.links.len() && s.finger < hand.fingers.len()));
 }

@@ -124,10 +124,6 @@ fn a_pinch_preshape_points_finger_1_to_minus_y() {
     let poses = hand.forward_kinematics(&hand.open_configuration(FRAC_PI_2)).unwrap();
     let heading = |f: usize| poses[hand.joints[hand.fingers[f].distal].child] * Vector3::x();
     for (f, expected) in [(0, -Vector3::y()), (1, Vector3::y()), (2, -Vector3::x())] {
-        assert!(
-            (heading(f) - expected).norm() < 1e-12,
-            "finger {f} points to {}",
-            heading(f)
-        );
+        assert!((heading(f) - expected).norm() < 1e-12, "finger {f} points to {}", heading(f));
     }
 }

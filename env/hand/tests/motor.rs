@@ -35,10 +35,7 @@ fn a_finger_closes_at_its_default_speed_and_opens_in_a_second_at_its_greatest() 
     assert!((closing - 3.6 / 3.0).abs() <= 1.5 * DT, "closed in {closing} s");
     assert_eq!(state.hold, Hold::Free, "it has arrived");
     assert!((state.shaft(motor()) - 1.42 * 3.6).abs() < 1e-12);
-    let fast = MotorCommand::Position {
-        target: 0.0,
-        speed: Some(100.0),
-    };
+    let fast = MotorCommand::Position { target: 0.0, speed: Some(100.0) };
     let opening = run(&mut state, fast, |_| 0.0);
     assert_eq!(state.position, 0.0);
     assert!((opening - 3.6 / 3.5).abs() <= 1.5 * DT, "opened in {opening} s");
@@ -47,9 +44,7 @@ fn a_finger_closes_at_its_default_speed_and_opens_in_a_second_at_its_greatest() 
 #[test]
 fn a_velocity_command_runs_to_the_end_of_the_travel() {
     let mut state = MotorState::new(motor(), 1.0);
-    state
-        .step(motor(), MotorCommand::Velocity(0.5), 0.0, false, DT)
-        .unwrap();
+    state.step(motor(), MotorCommand::Velocity(0.5), 0.0, false, DT).unwrap();
     assert!((state.position - (1.0 + 0.5 * DT)).abs() < 1e-15);
     run(&mut state, MotorCommand::Velocity(9.0), |_| 0.0);
     assert_eq!((state.position, state.hold), (3.6, Hold::Travel));
@@ -69,11 +64,7 @@ fn a_finger_whose_load_passes_its_limit_stops_pulling() {
     run(&mut state, go(3.6), blocked);
     assert_eq!((blocked(&state), state.hold), (50.0, Hold::Load));
     // 50 N stretch the tendon by 1 mm, 0.08 rad of the spool; a step adds at most 6 mrad.
-    assert!(
-        (2.08..=2.08 + 3.0 * DT + 1e-9).contains(&state.position),
-        "{}",
-        state.position
-    );
+    assert!((2.08..=2.08 + 3.0 * DT + 1e-9).contains(&state.position), "{}", state.position);
     let held = state.position;
     state.step(motor(), go(0.0), 50.0, false, DT).unwrap();
     assert!(state.position < held, "a load never stops opening");
@@ -113,11 +104,7 @@ fn tactile_stops_hold_a_touching_finger_only_when_enabled() {
 fn a_command_that_is_no_number_changes_nothing() {
     let mut state = MotorState::new(motor(), 1.0);
     let before = state;
-    for command in [
-        go(f64::NAN),
-        MotorCommand::Velocity(f64::INFINITY),
-        MotorCommand::Force(f64::NAN),
-    ] {
+    for command in [go(f64::NAN), MotorCommand::Velocity(f64::INFINITY), MotorCommand::Force(f64::NAN)] {
         assert!(state.step(motor(), command, 0.0, false, DT).is_err());
     }
     let message = state.step(motor(), go(1.0), 0.0, false, 0.0).unwrap_err().to_string();

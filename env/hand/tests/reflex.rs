@@ -11,39 +11,22 @@ fn reflex() -> &'static Hand {
 }
 
 fn at(preshape: f64, proximal: f64, distal: f64) -> HandConfiguration {
-    HandConfiguration {
-        preshape,
-        proximal: vec![proximal; 3],
-        distal: vec![distal; 3],
-    }
+    HandConfiguration { preshape, proximal: vec![proximal; 3], distal: vec![distal; 3] }
 }
 
 /// Distal joints of the three fingers in the base frame.
 fn distal_joints(configuration: &HandConfiguration) -> Vec<Point3<f64>> {
     let poses = reflex().forward_kinematics(configuration).unwrap();
     let child = |f: &Finger| reflex().joints[f.distal].child;
-    reflex()
-        .fingers
-        .iter()
-        .map(|f| Point3::from(poses[child(f)].translation.vector))
-        .collect()
+    reflex().fingers.iter().map(|f| Point3::from(poses[child(f)].translation.vector)).collect()
 }
 
 #[test]
 fn distal_joints_stand_where_the_data_sheet_says() {
     let figures = [
-        (
-            at(0.0, 0.0, 0.0),
-            [[0.126, -0.026, 0.077], [0.126, 0.026, 0.077], [-0.096, 0.0, 0.077]],
-        ),
-        (
-            at(0.0, 1.0, 0.3),
-            [[0.100, -0.026, 0.134], [0.100, 0.026, 0.134], [-0.070, 0.0, 0.134]],
-        ),
-        (
-            at(FRAC_PI_2, 1.0, 0.0),
-            [[0.050, -0.076, 0.134], [0.050, 0.076, 0.134], [-0.070, 0.0, 0.134]],
-        ),
+        (at(0.0, 0.0, 0.0), [[0.126, -0.026, 0.077], [0.126, 0.026, 0.077], [-0.096, 0.0, 0.077]]),
+        (at(0.0, 1.0, 0.3), [[0.100, -0.026, 0.134], [0.100, 0.026, 0.134], [-0.070, 0.0, 0.134]]),
+        (at(FRAC_PI_2, 1.0, 0.0), [[0.050, -0.076, 0.134], [0.050, 0.076, 0.134], [-0.070, 0.0, 0.134]]),
     ];
     for (configuration, expected) in figures {
         for (found, expected) in distal_joints(&configuration).iter().zip(expected) {
@@ -57,12 +40,7 @@ fn distal_joints_stand_where_the_data_sheet_says() {
 /// The same in closed form, over the whole range: a planar two-link arm in the plane of each finger.
 #[test]
 fn kinematics_agree_with_the_closed_form_of_a_planar_finger() {
-    for (theta, p, d) in [
-        (0.0, 0.0, 0.0),
-        (0.3, 0.7, 1.1),
-        (FRAC_PI_2, 2.83, 0.2),
-        (1.0, 0.0, 2.74),
-    ] {
+    for (theta, p, d) in [(0.0, 0.0, 0.0), (0.3, 0.7, 1.1), (FRAC_PI_2, 2.83, 0.2), (1.0, 0.0, 2.74)] {
         let poses = reflex().forward_kinematics(&at(theta, p, d)).unwrap();
         for (i, finger) in reflex().fingers.iter().enumerate() {
             let (root, heading) = match i {
@@ -72,17 +50,11 @@ fn kinematics_agree_with_the_closed_form_of_a_planar_finger() {
             };
             // In the finger's plane: forward from the swivel's axis (or the proximal joint) and up from the base.
             let offset = if i < 2 { 0.010 } else { 0.0 };
-            let joint = (
-                offset + 0.066 * p.cos() + 0.005 * p.sin(),
-                0.0816 + 0.066 * p.sin() - 0.005 * p.cos(),
-            );
+            let joint = (offset + 0.066 * p.cos() + 0.005 * p.sin(), 0.0816 + 0.066 * p.sin() - 0.005 * p.cos());
             let tip = (joint.0 + 0.04 * (p + d).cos(), joint.1 + 0.04 * (p + d).sin());
             let expected = root + Vector3::new(tip.0 * heading.cos(), tip.0 * heading.sin(), tip.1);
             let found = poses[reflex().joints[finger.distal].child] * Point3::new(0.04, 0.0, 0.0);
-            assert!(
-                (found.coords - expected).norm() < 1e-12,
-                "finger {i}: {found} is not {expected}"
-            );
+            assert!((found.coords - expected).norm() < 1e-12, "finger {i}: {found} is not {expected}");
         }
     }
 }
@@ -92,9 +64,7 @@ fn the_hand_frame_lies_on_the_palm_between_the_finger_roots() {
     let hand = reflex();
     assert_eq!(hand.base_from_hand.translation.vector, Vector3::new(0.015, 0.0, 0.09));
     let palm = hand.links[0].colliders.iter().find(|c| c.name == "palm_pad").unwrap();
-    let Shape::Cuboid(half) = palm.shape else {
-        panic!("the palm is a cuboid")
-    };
+    let Shape::Cuboid(half) = palm.shape else { panic!("the palm is a cuboid") };
     let top = palm.link_from_shape.translation.z + half.z;
     assert!((top - 0.09).abs() < 1e-12, "the palm's surface is at z = {top}");
     let base = hand.hand_from_links(&hand.open_configuration(0.0)).unwrap()[0];
@@ -104,10 +74,7 @@ fn the_hand_frame_lies_on_the_palm_between_the_finger_roots() {
 #[test]
 fn parts_are_counted_as_in_the_data_sheet() {
     let hand = reflex();
-    assert_eq!(
-        (hand.name.as_str(), hand.fingers.len(), hand.motors.len()),
-        ("reflex", 3, 4)
-    );
+    assert_eq!((hand.name.as_str(), hand.fingers.len(), hand.motors.len()), ("reflex", 3, 4));
     // 8 of the 9 links move: 2 swivels and 2 links a finger.
     assert_eq!((hand.links.len(), hand.joints.len()), (9, 8));
     for (i, joint) in hand.joints.iter().enumerate() {
@@ -126,16 +93,10 @@ fn parts_are_counted_as_in_the_data_sheet() {
 /// Links move their own masses: inertia is that of a uniform box over the link's colliders.
 #[test]
 fn inertia_of_finger_links_is_that_of_their_boxes() {
-    for link in reflex()
-        .links
-        .iter()
-        .filter(|l| l.name.starts_with("proximal") || l.name.starts_with("distal"))
-    {
+    for link in reflex().links.iter().filter(|l| l.name.starts_with("proximal") || l.name.starts_with("distal")) {
         let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
         for c in &link.colliders {
-            let Shape::Cuboid(half) = c.shape else {
-                panic!("{} is not a cuboid", c.name)
-            };
+            let Shape::Cuboid(half) = c.shape else { panic!("{} is not a cuboid", c.name) };
             for corner in 0..8 {
                 let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
                 let p = c.link_from_shape * Point3::from(half.component_mul(&Vector3::from_fn(|a, _| sign(a))));
@@ -146,11 +107,7 @@ fn inertia_of_finger_links_is_that_of_their_boxes() {
         let expected = Vector3::new(s.y + s.z, s.x + s.z, s.x + s.y) * (link.mass / 12.0);
         let error = (link.inertia - Matrix3::from_diagonal(&expected)).abs().max() / expected.max();
         assert!(error < 2e-3, "{}: {} is not {expected}", link.name, link.inertia);
-        assert!(
-            (link.center_of_mass.coords - (low + high) / 2.0).norm() < 0.1e-3,
-            "{}",
-            link.name
-        );
+        assert!((link.center_of_mass.coords - (low + high) / 2.0).norm() < 0.1e-3, "{}", link.name);
     }
 }
 
@@ -161,26 +118,13 @@ fn every_sensor_lies_on_rubber_and_looks_outward() {
     for f in 0..3 {
         let own: Vec<_> = hand.sensors.iter().filter(|s| s.finger == f).collect();
         assert_eq!(own.len(), 9);
-        assert!(
-            own[..5]
-                .iter()
-                .all(|s| s.link == hand.joints[hand.fingers[f].proximal].child),
-            "root first"
-        );
-        assert!(
-            own[5..]
-                .iter()
-                .all(|s| s.link == hand.joints[hand.fingers[f].distal].child),
-            "then the tip"
-        );
+        assert!(own[..5].iter().all(|s| s.link == hand.joints[hand.fingers[f].proximal].child), "root first");
+        assert!(own[5..].iter().all(|s| s.link == hand.joints[hand.fingers[f].distal].child), "then the tip");
         assert!(own[..5].is_sorted_by(|a, b| a.position.x < b.position.x));
         assert!(own[5..].is_sorted_by(|a, b| a.position.x < b.position.x));
     }
     for sensor in &hand.sensors {
-        let pads = hand.links[sensor.link]
-            .colliders
-            .iter()
-            .filter(|c| c.material == Material::Pad);
+        let pads = hand.links[sensor.link].colliders.iter().filter(|c| c.material == Material::Pad);
         let on_a_pad = pads.into_iter().any(|c| {
             let Shape::Cuboid(half) = c.shape else { return false };
             let local = c.link_from_shape.inverse() * sensor.position;
@@ -188,11 +132,7 @@ fn every_sensor_lies_on_rubber_and_looks_outward() {
             let inside = local.x.abs() <= half.x + 1e-4 && local.y.abs() <= half.y;
             inside && (local.z - half.z).abs() < 0.2e-3 && (normal - Vector3::z()).norm() < 1e-3
         });
-        assert!(
-            on_a_pad,
-            "sensor at {} of link {} is on no pad",
-            sensor.position, sensor.link
-        );
+        assert!(on_a_pad, "sensor at {} of link {} is on no pad", sensor.position, sensor.link);
     }
 }
 
@@ -212,10 +152,7 @@ fn the_pads_of_an_open_finger_are_level() {
 fn shapes_stand_in_the_hand_frame() {
     let hand = reflex();
     let shapes = hand.shapes_at(&hand.open_configuration(0.0)).unwrap();
-    assert_eq!(
-        shapes.len(),
-        hand.links.iter().map(|l| l.colliders.len()).sum::<usize>()
-    );
+    assert_eq!(shapes.len(), hand.links.iter().map(|l| l.colliders.len()).sum::<usize>());
     let palm = shapes.iter().find(|s| s.collider.name == "palm_pad").unwrap();
     assert!((palm.hand_from_shape.translation.vector - Vector3::new(0.0, 0.0, -0.0025)).norm() < 1e-12);
     let bare = shapes.iter().filter(|s| s.collider.material == Material::Bare).count();
@@ -228,13 +165,7 @@ fn a_configuration_that_does_not_fit_is_refused() {
     let mut short = hand.open_configuration(0.0);
     short.distal.pop();
     let message = hand.forward_kinematics(&short).unwrap_err().to_string();
-    assert_eq!(
-        message,
-        "the configuration has 2 distal angles, but the hand has 3 fingers; give one angle a finger"
-    );
-    let message = hand
-        .forward_kinematics(&hand.open_configuration(f64::NAN))
-        .unwrap_err()
-        .to_string();
+    assert_eq!(message, "the configuration has 2 distal angles, but the hand has 3 fingers; give one angle a finger");
+    let message = hand.forward_kinematics(&hand.open_configuration(f64::NAN)).unwrap_err().to_string();
     assert_eq!(message, "the preshape angle is NaN; give a finite number");
 }

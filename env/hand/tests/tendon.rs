@@ -81,25 +81,15 @@ fn a_fingertip_presses_with_8_to_15_newtons() {
     let hand = Hand::reflex().unwrap();
     let straight = hand.open_configuration(0.0);
     let h = 1e-6;
-    let bent = HandConfiguration {
-        distal: vec![h; 3],
-        ..straight.clone()
-    };
+    let bent = HandConfiguration { distal: vec![h; 3], ..straight.clone() };
     let [before, after] = [straight, bent].map(|c| hand.forward_kinematics(&c).unwrap());
     let [_, torque] = finger().tendon.torques(50.0, &finger().flexure, 0.0, 0.0);
     let mut forces = Vec::new();
-    for s in hand
-        .sensors
-        .iter()
-        .filter(|s| s.finger == 0 && s.link == hand.joints[finger().distal].child)
-    {
+    for s in hand.sensors.iter().filter(|s| s.finger == 0 && s.link == hand.joints[finger().distal].child) {
         let [from, to]: [Point3<f64>; 2] = [before[s.link] * s.position, after[s.link] * s.position];
         let lever = ((to - from) / h).dot(&(before[s.link].rotation * s.normal));
         forces.push(torque / lever);
     }
     assert_eq!(forces.len(), 4);
-    assert!(
-        forces.iter().all(|f| (8.0..=15.0).contains(f)),
-        "fingertip forces {forces:?} N"
-    );
+    assert!(forces.iter().all(|f| (8.0..=15.0).contains(f)), "fingertip forces {forces:?} N");
 }

@@ -27,11 +27,7 @@ pub struct CleanOptions {
 impl Default for CleanOptions {
     /// Weld within a millionth (ten times f32 rounding), keep every component, orient.
     fn default() -> Self {
-        Self {
-            weld: 1e-6,
-            min_component_area: 0.0,
-            orient: true,
-        }
+        Self { weld: 1e-6, min_component_area: 0.0, orient: true }
     }
 }
 
@@ -92,11 +88,7 @@ fn check_share(name: &'static str, value: f64) -> Result<(), MeshError> {
     if (0.0..1.0).contains(&value) {
         return Ok(());
     }
-    Err(MeshError::BadParameter {
-        name,
-        value,
-        rule: "it must be a share in [0, 1)",
-    })
+    Err(MeshError::BadParameter { name, value, rule: "it must be a share in [0, 1)" })
 }
 
 /// For each vertex the first one within `distance`: grid cells as wide as the distance, 27 looked at.
@@ -119,11 +111,7 @@ fn weld(vertices: &[Point3<f64>], distance: f64) -> Vec<u32> {
         for x in reach {
             for y in reach {
                 for z in reach {
-                    let cell = [
-                        home[0].wrapping_add(*x),
-                        home[1].wrapping_add(*y),
-                        home[2].wrapping_add(*z),
-                    ];
+                    let cell = [home[0].wrapping_add(*x), home[1].wrapping_add(*y), home[2].wrapping_add(*z)];
                     for &v in cells.get(&cell).into_iter().flatten() {
                         let near = (vertices[v as usize] - p).norm_squared() <= distance * distance;
                         if near && found.is_none_or(|best| v < best) {
@@ -221,11 +209,6 @@ pub(crate) fn compact(vertices: &[Point3<f64>], mut faces: Vec<[u32; 3]>) -> Res
         })
         .collect();
     faces.iter_mut().flatten().for_each(|v| *v = index[*v as usize]);
-    let vertices = vertices
-        .iter()
-        .zip(&used)
-        .filter(|(_, u)| **u)
-        .map(|(p, _)| *p)
-        .collect();
+    let vertices = vertices.iter().zip(&used).filter(|(_, u)| **u).map(|(p, _)| *p).collect();
     TriMesh::new(vertices, faces)
 }

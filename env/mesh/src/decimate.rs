@@ -44,10 +44,7 @@ pub struct Decimated {
 pub fn decimate(mesh: &TriMesh, target_faces: usize) -> Result<Decimated, MeshError> {
     check_target(target_faces)?;
     if mesh.faces().len() <= target_faces {
-        return Ok(Decimated {
-            mesh: mesh.clone(),
-            hausdorff: Hausdorff::default(),
-        });
+        return Ok(Decimated { mesh: mesh.clone(), hausdorff: Hausdorff::default() });
     }
     let mut collapse = Collapse::new(mesh);
     collapse.run(target_faces);
@@ -108,11 +105,7 @@ struct Candidate {
 
 impl Ord for Candidate {
     fn cmp(&self, other: &Self) -> Ordering {
-        other
-            .cost
-            .total_cmp(&self.cost)
-            .then(other.edge.cmp(&self.edge))
-            .then(other.versions.cmp(&self.versions))
+        other.cost.total_cmp(&self.cost).then(other.edge.cmp(&self.edge)).then(other.versions.cmp(&self.versions))
     }
 }
 impl PartialOrd for Candidate {
@@ -165,11 +158,7 @@ impl Collapse {
             let (a, b) = (*a as usize, *b as usize);
             if let [face] = faces[..] {
                 let along = mesh.vertices()[b] - mesh.vertices()[a];
-                let upright = mesh
-                    .face_area_vector(face)
-                    .cross(&along)
-                    .try_normalize(0.0)
-                    .unwrap_or_default();
+                let upright = mesh.face_area_vector(face).cross(&along).try_normalize(0.0).unwrap_or_default();
                 for v in [a, b] {
                     boundary[v] = true;
                     quadrics[v].add_plane(&(upright * along.norm_squared()), &mesh.vertices()[a], BOUNDARY_WEIGHT);
@@ -220,20 +209,13 @@ impl Collapse {
         let (p, q) = (self.points[a], self.points[b]);
         let middle = nalgebra::center(&p, &q);
         // Far from its edge the optimum is rounding of a nearly flat neighbourhood.
-        let optimum = quadric
-            .minimum(&middle)
-            .filter(|x| (x - middle).norm() <= (q - p).norm());
+        let optimum = quadric.minimum(&middle).filter(|x| (x - middle).norm() <= (q - p).norm());
         let places = [optimum, Some(middle), Some(p), Some(q)];
         let priced = places.into_iter().flatten().map(|x| (quadric.cost(&x), x));
         if let Some((cost, place)) = priced.min_by(|x, y| x.0.total_cmp(&y.0)) {
             // Short edges first where the surface is flat and every collapse is free.
             let cost = cost + 1e-12 * (q - p).norm_squared().powi(2);
-            self.heap.push(Candidate {
-                cost,
-                edge,
-                place,
-                versions: [self.versions[a], self.versions[b]],
-            });
+            self.heap.push(Candidate { cost, edge, place, versions: [self.versions[a], self.versions[b]] });
         }
     }
 
@@ -248,11 +230,7 @@ impl Collapse {
     /// The link condition, and no face turns over.
     fn allowed(&self, a: u32, b: u32, place: &Point3<f64>) -> bool {
         let others = self.neighbours(b);
-        let common: Vec<u32> = self
-            .neighbours(a)
-            .into_iter()
-            .filter(|v| others.binary_search(v).is_ok())
-            .collect();
+        let common: Vec<u32> = self.neighbours(a).into_iter().filter(|v| others.binary_search(v).is_ok()).collect();
         let has = |face: &[u32; 3], v: u32| face.contains(&v);
         let shared = self.faces_of(a).filter(|f| has(f, b)).count();
         let both_on_boundary = self.boundary[a as usize] && self.boundary[b as usize];
@@ -266,11 +244,9 @@ impl Collapse {
         {
             return false;
         }
-        [(a, b), (b, a)].iter().all(|&(v, other)| {
-            self.faces_of(v)
-                .filter(|f| !has(f, other))
-                .all(|f| self.keeps(f, v, place))
-        })
+        [(a, b), (b, a)]
+            .iter()
+            .all(|&(v, other)| self.faces_of(v).filter(|f| !has(f, other)).all(|f| self.keeps(f, v, place)))
     }
 
     fn faces_of(&self, v: u32) -> impl Iterator<Item = [u32; 3]> + '_ {

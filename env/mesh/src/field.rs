@@ -90,9 +90,7 @@ impl<'a> DistanceField<'a> {
         let (mut signed, mut faces) = (0.0, [u32::MAX; 8]);
         for (corner, face) in faces.iter_mut().enumerate() {
             let offset = [corner & 1, (corner >> 1) & 1, corner >> 2];
-            let weight: f64 = (0..3)
-                .map(|k| if offset[k] == 1 { fraction[k] } else { 1.0 - fraction[k] })
-                .product();
+            let weight: f64 = (0..3).map(|k| if offset[k] == 1 { fraction[k] } else { 1.0 - fraction[k] }).product();
             let i = self.index([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]]);
             let at = self.node([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]]);
             let distance = (at.map(|x| x as f32) - Point3::from(self.closest[i])).norm();
@@ -119,13 +117,7 @@ impl<'a> DistanceField<'a> {
             last = face;
             let corners = self.mesh.triangle(face as usize);
             let d = p - closest_point(p, &corners);
-            let s = d.dot(
-                &self
-                    .mesh
-                    .face_area_vector(face as usize)
-                    .try_normalize(0.0)
-                    .unwrap_or_default(),
-            );
+            let s = d.dot(&self.mesh.face_area_vector(face as usize).try_normalize(0.0).unwrap_or_default());
             let distance = d.norm();
             // At an edge two faces are equally near; the one that faces the point more decides.
             let tie = distance < best + 1e-9 && s.abs() > side.abs();
@@ -133,11 +125,7 @@ impl<'a> DistanceField<'a> {
                 (best, side) = (distance.min(best), s);
             }
         }
-        let within = if best > 0.5 * self.step {
-            signed < 0.0
-        } else {
-            side < 0.0
-        };
+        let within = if best > 0.5 * self.step { signed < 0.0 } else { side < 0.0 };
         // The nearest face may be known to none of the corners (beside an edge); the grid's own value is then the smaller one.
         if within { 0.0 } else { best.min(signed.max(0.0)) }
     }
@@ -209,11 +197,7 @@ impl<'a> DistanceField<'a> {
         for back in [false, true] {
             for k in 0..nodes {
                 let i = if back { nodes - 1 - k } else { k };
-                let at = [
-                    i % self.size[0],
-                    i / self.size[0] % self.size[1],
-                    i / (self.size[0] * self.size[1]),
-                ];
+                let at = [i % self.size[0], i / self.size[0] % self.size[1], i / (self.size[0] * self.size[1])];
                 let p = self.node(at).map(|x| x as f32);
                 let mut best = self.known(i, &p);
                 // Rasterised nodes are right already.
@@ -266,10 +250,7 @@ impl<'a> DistanceField<'a> {
                 }
             }
         }
-        self.inside
-            .iter_mut()
-            .zip(&votes)
-            .for_each(|(inside, votes)| *inside = *votes >= 2);
+        self.inside.iter_mut().zip(&votes).for_each(|(inside, votes)| *inside = *votes >= 2);
     }
 
     /// Where each grid line along `axis` crosses the mesh, and which way.
@@ -291,10 +272,8 @@ impl<'a> DistanceField<'a> {
             };
             for j in range(v, dv) {
                 for i in range(u, du) {
-                    let (x, y) = (
-                        self.origin[u] + i as f64 * self.step + du,
-                        self.origin[v] + j as f64 * self.step + dv,
-                    );
+                    let (x, y) =
+                        (self.origin[u] + i as f64 * self.step + du, self.origin[v] + j as f64 * self.step + dv);
                     let weight = |p: &Point3<f64>, q: &Point3<f64>| {
                         ((q[u] - p[u]) * (y - p[v]) - (q[v] - p[v]) * (x - p[u])) / twice_area
                     };

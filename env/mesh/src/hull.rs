@@ -29,10 +29,8 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Result<TriMesh, MeshError> {
     if thickness(points, &centre) < MIN_RELATIVE_THICKNESS * size {
         return Err(MeshError::Flat { count });
     }
-    let (vertices, faces) = hull_indexed(points).ok_or_else(|| MeshError::Hull {
-        count,
-        detail: "rounding tears its surface".into(),
-    })?;
+    let (vertices, faces) =
+        hull_indexed(points).ok_or_else(|| MeshError::Hull { count, detail: "rounding tears its surface".into() })?;
     TriMesh::new(vertices, faces)
 }
 
@@ -58,10 +56,7 @@ pub(crate) fn planes(convex: &TriMesh) -> Vec<(Vector3<f64>, f64)> {
     (0..convex.faces().len())
         .filter_map(|f| {
             let [a, b, c] = convex.triangle(f);
-            let longest = (b - a)
-                .norm_squared()
-                .max((c - b).norm_squared())
-                .max((a - c).norm_squared());
+            let longest = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
             let normal = (b - a).cross(&(c - a));
             let wide = normal.norm() > 1e-4 * longest;
             wide.then(|| normal.normalize()).map(|n| (n, n.dot(&a.coords)))
@@ -72,9 +67,7 @@ pub(crate) fn planes(convex: &TriMesh) -> Vec<(Vector3<f64>, f64)> {
 /// Centre and longest side of the bounds; `None` for no points or a single place.
 fn centre_and_size(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
     let first = *points.first()?;
-    let (min, max) = points
-        .iter()
-        .fold((first, first), |(min, max), p| (min.inf(p), max.sup(p)));
+    let (min, max) = points.iter().fold((first, first), |(min, max), p| (min.inf(p), max.sup(p)));
     let size = (max - min).amax();
     (size > 0.0).then(|| (nalgebra::center(&min, &max), size))
 }
@@ -82,11 +75,7 @@ fn centre_and_size(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
 /// Extent along the direction of least variance.
 fn thickness(points: &[Point3<f64>], centre: &Point3<f64>) -> f64 {
     let mean = points.iter().map(|p| p - centre).sum::<Vector3<f64>>() / points.len() as f64;
-    let covariance: Matrix3<f64> = points
-        .iter()
-        .map(|p| p - centre - mean)
-        .map(|d| d * d.transpose())
-        .sum();
+    let covariance: Matrix3<f64> = points.iter().map(|p| p - centre - mean).map(|d| d * d.transpose()).sum();
     let eigen = SymmetricEigen::new(covariance);
     let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
     let heights = points.iter().map(|p| (p - centre).dot(&normal));

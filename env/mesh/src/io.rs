@@ -85,12 +85,7 @@ pub struct LoadOptions {
 impl Default for LoadOptions {
     /// Metres; 256 MiB, 4 million vertices and triangles (a scanned object has 10^4 to 10^6).
     fn default() -> Self {
-        Self {
-            scale: 1.0,
-            max_bytes: 256 << 20,
-            max_vertices: 4_000_000,
-            max_faces: 4_000_000,
-        }
+        Self { scale: 1.0, max_bytes: 256 << 20, max_vertices: 4_000_000, max_faces: 4_000_000 }
     }
 }
 
@@ -111,20 +106,10 @@ impl Raw {
         options: &LoadOptions,
     ) -> Result<(), MeshError> {
         if corners.len() < 3 {
-            return Err(MeshError::NotTriangles {
-                format: format.name(),
-                face,
-                corners: corners.len(),
-            });
+            return Err(MeshError::NotTriangles { format: format.name(), face, corners: corners.len() });
         }
-        check_count(
-            format,
-            "triangles",
-            (self.faces.len() + corners.len() - 2) as u64,
-            options.max_faces,
-        )?;
-        self.faces
-            .extend(corners[1..].windows(2).map(|w| [corners[0], w[0], w[1]]));
+        check_count(format, "triangles", (self.faces.len() + corners.len() - 2) as u64, options.max_faces)?;
+        self.faces.extend(corners[1..].windows(2).map(|w| [corners[0], w[0], w[1]]));
         Ok(())
     }
 }
@@ -137,21 +122,14 @@ impl Raw {
 /// # Errors
 /// [`MeshError::Io`], [`MeshError::UnknownFormat`], and everything that [`parse`] says.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<TriMesh, MeshError> {
-    let format = MeshFormat::from_path(path).ok_or_else(|| MeshError::UnknownFormat {
-        path: path.to_path_buf(),
-    })?;
-    let io = |source| MeshError::Io {
-        path: path.to_path_buf(),
-        source,
-    };
+    let format = MeshFormat::from_path(path).ok_or_else(|| MeshError::UnknownFormat { path: path.to_path_buf() })?;
+    let io = |source| MeshError::Io { path: path.to_path_buf(), source };
     let file = std::fs::File::open(path).map_err(io)?;
     let size = file.metadata().map_err(io)?.len();
     check_size(format, size, options)?;
     let mut bytes = Vec::new();
     // The file may grow while it is read, or be a device without a size.
-    file.take(options.max_bytes.saturating_add(1))
-        .read_to_end(&mut bytes)
-        .map_err(io)?;
+    file.take(options.max_bytes.saturating_add(1)).read_to_end(&mut bytes).map_err(io)?;
     parse(&bytes, format, options)
 }
 
@@ -166,10 +144,7 @@ pub fn parse(bytes: &[u8], format: MeshFormat, options: &LoadOptions) -> Result<
     }
     check_size(format, bytes.len() as u64, options)?;
     if bytes.is_empty() {
-        return Err(MeshError::Truncated {
-            format: format.name(),
-            detail: "it has no bytes".into(),
-        });
+        return Err(MeshError::Truncated { format: format.name(), detail: "it has no bytes".into() });
     }
     let read = || match format {
         MeshFormat::Stl => stl::parse(bytes, options),
@@ -179,10 +154,7 @@ pub fn parse(bytes: &[u8], format: MeshFormat, options: &LoadOptions) -> Result<
     };
     // The last line of defence: the parsers are not ours, and a hostile file must not take the process down.
     let raw = std::panic::catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
-        Err(MeshError::Malformed {
-            format: format.name(),
-            detail: "the parser gave up on it".into(),
-        })
+        Err(MeshError::Malformed { format: format.name(), detail: "the parser gave up on it".into() })
     })?;
     finish(raw, format, options)
 }
@@ -191,37 +163,23 @@ fn finish(raw: Raw, format: MeshFormat, options: &LoadOptions) -> Result<TriMesh
     check_count(format, "vertices", raw.vertices.len() as u64, options.max_vertices)?;
     check_count(format, "triangles", raw.faces.len() as u64, options.max_faces)?;
     let mesh = TriMesh::new(raw.vertices, raw.faces)?;
-    let mesh = if options.scale == 1.0 {
-        mesh
-    } else {
-        mesh.scaled(options.scale)
-    };
+    let mesh = if options.scale == 1.0 { mesh } else { mesh.scaled(options.scale) };
     let aabb = mesh.aabb();
     let value = aabb.min.coords.amax().max(aabb.max.coords.amax());
     // An overflow to infinity under `scale` is caught too.
     if value.is_nan() || value > MAX_COORDINATE {
-        return Err(MeshError::TooFar {
-            value,
-            limit: MAX_COORDINATE,
-        });
+        return Err(MeshError::TooFar { value, limit: MAX_COORDINATE });
     }
     let extent = (aabb.max - aabb.min).amax();
     if extent < MIN_EXTENT {
-        return Err(MeshError::TooSmall {
-            extent,
-            limit: MIN_EXTENT,
-        });
+        return Err(MeshError::TooSmall { extent, limit: MIN_EXTENT });
     }
     Ok(mesh)
 }
 
 fn check_size(format: MeshFormat, bytes: u64, options: &LoadOptions) -> Result<(), MeshError> {
     if bytes > options.max_bytes {
-        return Err(MeshError::FileTooLarge {
-            format: format.name(),
-            bytes,
-            limit: options.max_bytes,
-        });
+        return Err(MeshError::FileTooLarge { format: format.name(), bytes, limit: options.max_bytes });
     }
     Ok(())
 }
@@ -231,12 +189,7 @@ pub(crate) fn check_count(format: MeshFormat, what: &'static str, count: u64, li
     // Indices are u32, whatever the caller allows.
     let limit = limit.min(u64::from(u32::MAX));
     if count > limit {
-        return Err(MeshError::TooMany {
-            format: format.name(),
-            what,
-            count,
-            limit,
-        });
+        return Err(MeshError::TooMany { format: format.name(), what, count, limit });
     }
     Ok(())
 }

@@ -96,12 +96,7 @@ impl Moments {
                     (sum * sum.transpose() + a * a.transpose() + b * b.transpose() + c * c.transpose()) * (d / 120.0);
             }
         }
-        Self {
-            reference,
-            volume,
-            first,
-            second,
-        }
+        Self { reference, volume, first, second }
     }
 }
 
@@ -112,12 +107,7 @@ fn reference(mesh: &TriMesh) -> Point3<f64> {
 }
 
 fn finish(moments: Moments, mass: Mass, method: MassMethod) -> Result<MassProperties, MeshError> {
-    let Moments {
-        reference,
-        volume: signed,
-        first,
-        second,
-    } = moments;
+    let Moments { reference, volume: signed, first, second } = moments;
     // An inside-out mesh has every integral negated.
     let volume = signed.abs();
     if volume == 0.0 {
@@ -131,22 +121,12 @@ fn finish(moments: Moments, mass: Mass, method: MassMethod) -> Result<MassProper
     let about_com = second * signed.signum() - offset * offset.transpose() * volume;
     let inertia = (Matrix3::identity() * about_com.trace() - about_com) * density;
     let inertia = (inertia + inertia.transpose()) * 0.5;
-    Ok(MassProperties {
-        mass,
-        volume,
-        center_of_mass: reference + offset,
-        inertia,
-        method,
-    })
+    Ok(MassProperties { mass, volume, center_of_mass: reference + offset, inertia, method })
 }
 
 fn positive(name: &'static str, value: f64) -> Result<f64, MeshError> {
     if value.is_finite() && value > 0.0 {
         return Ok(value);
     }
-    Err(MeshError::BadParameter {
-        name,
-        value,
-        rule: "it must be positive and finite",
-    })
+    Err(MeshError::BadParameter { name, value, rule: "it must be positive and finite" })
 }

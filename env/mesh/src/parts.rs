@@ -39,11 +39,7 @@ impl Default for PartsParams {
     /// 1.5 mm, which keeps a can at 26 parts and a bottle at 10 (1 mm: 42 and 23); 48 parts of 64 corners, which the physics engine still
     /// runs fast.
     fn default() -> Self {
-        Self {
-            max_error: 1.5e-3,
-            max_parts: 48,
-            max_points: 64,
-        }
+        Self { max_error: 1.5e-3, max_parts: 48, max_points: 64 }
     }
 }
 
@@ -112,11 +108,7 @@ fn check(params: &PartsParams) -> Result<(), MeshError> {
         return bad("max_parts", 0.0, "at least 1 part is needed");
     }
     if params.max_points < 8 {
-        return bad(
-            "max_points",
-            params.max_points as f64,
-            "a part needs at least 8 corners",
-        );
+        return bad("max_points", params.max_points as f64, "a part needs at least 8 corners");
     }
     Ok(())
 }

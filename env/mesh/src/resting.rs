@@ -28,11 +28,7 @@ pub struct RestingOptions {
 impl Default for RestingOptions {
     /// Every stable pose; facets merge within 2 degrees, the waviness of a scanned flat base.
     fn default() -> Self {
-        Self {
-            min_margin: 0.0,
-            merge_angle: 0.035,
-            min_probability: 0.0,
-        }
+        Self { min_margin: 0.0, merge_angle: 0.035, min_probability: 0.0 }
     }
 }
 
@@ -73,22 +69,14 @@ pub fn resting_poses(
 ) -> Result<Vec<RestingPose>, MeshError> {
     for (name, value) in [("min_margin", options.min_margin), ("merge_angle", options.merge_angle)] {
         if value.is_nan() || value < 0.0 {
-            return Err(MeshError::BadParameter {
-                name,
-                value,
-                rule: "it must not be negative",
-            });
+            return Err(MeshError::BadParameter { name, value, rule: "it must not be negative" });
         }
     }
     let facets = facets(hull, center_of_mass, options.merge_angle);
     let lowest = facets.iter().map(|f| f.height).fold(f64::INFINITY, f64::min);
     if lowest.is_nan() || lowest < -1e-9 * hull.extent() {
         let rule = "the centre of mass must lie inside the hull; this is its distance inside";
-        return Err(MeshError::BadParameter {
-            name: "center_of_mass",
-            value: lowest,
-            rule,
-        });
+        return Err(MeshError::BadParameter { name: "center_of_mass", value: lowest, rule });
     }
     let total: f64 = facets.iter().map(|f| f.solid_angle).sum();
     let mut probability = vec![0.0; facets.len()];
@@ -117,20 +105,12 @@ fn pose(hull: &TriMesh, com: &Point3<f64>, facet: &Facet, probability: f64) -> R
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     let world_from_object = place(hull, rotation);
     let height = (world_from_object * com).z;
-    RestingPose {
-        world_from_object,
-        probability,
-        face_normal: facet.normal,
-        margin: facet.margin,
-        height,
-    }
+    RestingPose { world_from_object, probability, face_normal: facet.normal, margin: facet.margin, height }
 }
 
 /// Turned by `rotation`, then lowest point to z = 0 and bounds centred over the origin.
 fn place(mesh: &TriMesh, rotation: UnitQuaternion<f64>) -> Isometry3<f64> {
-    let turned = mesh
-        .transformed(&Isometry3::from_parts(Translation3::identity(), rotation))
-        .aabb();
+    let turned = mesh.transformed(&Isometry3::from_parts(Translation3::identity(), rotation)).aabb();
     let centre = nalgebra::center(&turned.min, &turned.max);
     Isometry3::from_parts(Translation3::new(-centre.x, -centre.y, -turned.min.z), rotation)
 }
@@ -151,11 +131,8 @@ fn roll(facets: &[Facet], at: usize) -> Option<usize> {
     if facets[at].margin >= 0.0 {
         return None;
     }
-    let lowest = facets[at]
-        .neighbours
-        .iter()
-        .copied()
-        .min_by(|&a, &b| facets[a].height.total_cmp(&facets[b].height))?;
+    let lowest =
+        facets[at].neighbours.iter().copied().min_by(|&a, &b| facets[a].height.total_cmp(&facets[b].height))?;
     (facets[lowest].height < facets[at].height).then_some(lowest)
 }
 
@@ -166,11 +143,7 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
     let area = |f: usize| {
         let (area, [a, b, c]) = (hull.face_area_vector(f), hull.triangle(f));
         let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-        if area.norm() > thin * longest {
-            area
-        } else {
-            Vector3::zeros()
-        }
+        if area.norm() > thin * longest { area } else { Vector3::zeros() }
     };
     let areas: Vec<Vector3<f64>> = (0..count).map(area).collect();
     let around = neighbours(hull);
@@ -182,12 +155,7 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
         .iter()
         .enumerate()
         .map(|(own, faces)| {
-            let normal = faces
-                .iter()
-                .map(|&f| areas[f])
-                .sum::<Vector3<f64>>()
-                .try_normalize(0.0)
-                .unwrap_or_default();
+            let normal = faces.iter().map(|&f| areas[f]).sum::<Vector3<f64>>().try_normalize(0.0).unwrap_or_default();
             let mut others: Vec<usize> = faces.iter().flat_map(|&f| &around[f]).map(|&f| label[f]).collect();
             others.sort_unstable();
             others.dedup();
@@ -195,10 +163,7 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
             let corners: Vec<Point3<f64>> = faces.iter().flat_map(|&f| hull.triangle(f)).collect();
             Facet {
                 normal,
-                height: corners
-                    .iter()
-                    .map(|p| (p - com).dot(&normal))
-                    .fold(f64::NEG_INFINITY, f64::max),
+                height: corners.iter().map(|p| (p - com).dot(&normal)).fold(f64::NEG_INFINITY, f64::max),
                 solid_angle: faces.iter().map(|&f| solid_angle(hull.triangle(f), com)).sum(),
                 margin: margin(&corners, com, &normal),
                 neighbours: others,
@@ -215,12 +180,8 @@ fn neighbours(hull: &TriMesh) -> Vec<Vec<usize>> {
             owner.insert(edge, f);
         }
     }
-    let across = |&[a, b, c]: &[u32; 3]| {
-        [(b, a), (c, b), (a, c)]
-            .iter()
-            .filter_map(|edge| owner.get(edge).copied())
-            .collect()
-    };
+    let across =
+        |&[a, b, c]: &[u32; 3]| [(b, a), (c, b), (a, c)].iter().filter_map(|edge| owner.get(edge).copied()).collect();
     hull.faces().iter().map(across).collect()
 }
 
@@ -266,18 +227,11 @@ fn margin(corners: &[Point3<f64>], com: &Point3<f64>, normal: &Vector3<f64>) -> 
     let Some(normal) = Unit::try_new(*normal, 0.0) else {
         return f64::NEG_INFINITY;
     };
-    let helper = if normal.x.abs() < 0.6 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
+    let helper = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
     let u = normal.cross(&helper).normalize();
     let v = normal.cross(&u);
-    let mut points: Vec<Vector2<f64>> = corners
-        .iter()
-        .map(|p| p - com)
-        .map(|d| Vector2::new(d.dot(&u), d.dot(&v)))
-        .collect();
+    let mut points: Vec<Vector2<f64>> =
+        corners.iter().map(|p| p - com).map(|d| Vector2::new(d.dot(&u), d.dot(&v))).collect();
     let polygon = convex_polygon(&mut points);
     let edges = polygon.iter().zip(polygon.iter().cycle().skip(1));
     edges

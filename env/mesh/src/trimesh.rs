@@ -82,19 +82,13 @@ impl TriMesh {
     /// The mesh moved by `parent_from_mesh`.
     pub fn transformed(&self, parent_from_mesh: &Isometry3<f64>) -> Self {
         let vertices = self.vertices.iter().map(|p| parent_from_mesh * p).collect();
-        Self {
-            vertices,
-            faces: self.faces.clone(),
-        }
+        Self { vertices, faces: self.faces.clone() }
     }
 
     /// The mesh with every coordinate times `scale`.
     pub fn scaled(&self, scale: f64) -> Self {
         let vertices = self.vertices.iter().map(|p| p * scale).collect();
-        Self {
-            vertices,
-            faces: self.faces.clone(),
-        }
+        Self { vertices, faces: self.faces.clone() }
     }
 
     /// Longest side of the bounds, metres.
@@ -121,11 +115,7 @@ impl TriMesh {
         let mut block = Vec::with_capacity(24 * 1024);
         for chunk in self.vertices.chunks(1024) {
             block.clear();
-            block.extend(
-                chunk
-                    .iter()
-                    .flat_map(|p| p.coords.iter().flat_map(|x| x.to_bits().to_le_bytes())),
-            );
+            block.extend(chunk.iter().flat_map(|p| p.coords.iter().flat_map(|x| x.to_bits().to_le_bytes())));
             hasher.update(&block);
         }
         for chunk in self.faces.chunks(2048) {

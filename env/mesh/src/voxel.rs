@@ -101,13 +101,7 @@ pub struct VoxelOptions {
 impl Default for VoxelOptions {
     /// A solid of 32 voxels a side, and nothing else done to it.
     fn default() -> Self {
-        Self {
-            resolution: 32,
-            mode: VoxelMode::Solid,
-            down: 0,
-            remove_internal: false,
-            exact: false,
-        }
+        Self { resolution: 32, mode: VoxelMode::Solid, down: 0, remove_internal: false, exact: false }
     }
 }
 

@@ -11,10 +11,7 @@ use proptest::prelude::*;
 use shapes::{cuboid, sphere, torus};
 
 fn assert_near(a: f64, b: f64, relative: f64) {
-    assert!(
-        (a - b).abs() <= relative * b.abs(),
-        "{a} is not within {relative} of {b}"
-    );
+    assert!((a - b).abs() <= relative * b.abs(), "{a} is not within {relative} of {b}");
 }
 
 #[test]
@@ -42,16 +39,8 @@ fn sphere_and_torus_converge_to_their_closed_forms() {
     let (big, small) = (0.06, 0.02);
     let ring = mass_properties(&torus(big, small, 200), Mass::Density(1000.0)).unwrap();
     assert_near(ring.volume, 2.0 * PI * PI * big * small * small, 1e-3);
-    assert_near(
-        ring.inertia[(2, 2)],
-        ring.mass * (big * big + 0.75 * small * small),
-        1e-3,
-    );
-    assert_near(
-        ring.inertia[(0, 0)],
-        ring.mass * (0.5 * big * big + 0.625 * small * small),
-        1e-3,
-    );
+    assert_near(ring.inertia[(2, 2)], ring.mass * (big * big + 0.75 * small * small), 1e-3);
+    assert_near(ring.inertia[(0, 0)], ring.mass * (0.5 * big * big + 0.625 * small * small), 1e-3);
 }
 
 #[test]
@@ -92,10 +81,7 @@ fn samples_lie_on_the_surface_and_are_uniform_by_area() {
     for face in 0..mesh.faces().len() {
         let share = mesh.face_area_vector(face).norm() / area;
         let found = samples.iter().filter(|s| s.face == face as u32).count() as f64 / 10_000.0;
-        assert!(
-            (found - share).abs() < 2e-4,
-            "face {face}: {found} of the samples, {share} of the area"
-        );
+        assert!((found - share).abs() < 2e-4, "face {face}: {found} of the samples, {share} of the area");
     }
     for s in &samples {
         let [a, ..] = mesh.triangle(s.face as usize);
@@ -125,17 +111,11 @@ fn a_box_rests_on_its_six_sides_as_often_as_it_sees_them() {
 #[test]
 fn hulls_refuse_flat_points_and_close_over_solids() {
     let line: Vec<_> = (0..50).map(|i| Point3::new(f64::from(i) * 0.01, 0.02, 0.0)).collect();
-    let plane: Vec<_> = (0..50)
-        .map(|i| Point3::new(f64::from(i % 7) * 0.01, f64::from(i / 7) * 0.013, 0.5))
-        .collect();
+    let plane: Vec<_> = (0..50).map(|i| Point3::new(f64::from(i % 7) * 0.01, f64::from(i / 7) * 0.013, 0.5)).collect();
     for points in [&line[..0], &line[..1], &line[..3], &line, &plane] {
         assert!(convex_hull(points).is_err());
     }
-    let far: Vec<_> = sphere(0.05, 20)
-        .vertices()
-        .iter()
-        .map(|p| p + Vector3::new(300.0, -20.0, 7.0))
-        .collect();
+    let far: Vec<_> = sphere(0.05, 20).vertices().iter().map(|p| p + Vector3::new(300.0, -20.0, 7.0)).collect();
     let hull = convex_hull(&far).unwrap();
     check_manifold(&hull).unwrap();
     assert_near(hull.signed_volume(), sphere(0.05, 20).signed_volume(), 1e-4);
@@ -145,9 +125,7 @@ fn hulls_refuse_flat_points_and_close_over_solids() {
 #[test]
 fn hulls_of_coplanar_and_repeated_points_leave_nothing_outside() {
     let grid = |n: i32, f: &dyn Fn(f64, f64) -> Point3<f64>| -> Vec<Point3<f64>> {
-        (0..n * n)
-            .map(|k| f(f64::from(k / n) / f64::from(n - 1), f64::from(k % n) / f64::from(n - 1)))
-            .collect()
+        (0..n * n).map(|k| f(f64::from(k / n) / f64::from(n - 1), f64::from(k % n) / f64::from(n - 1))).collect()
     };
     let mut block = Vec::new();
     for side in [0.0, 1.0] {
@@ -156,12 +134,8 @@ fn hulls_of_coplanar_and_repeated_points_leave_nothing_outside() {
         block.extend(grid(12, &|u, v| Point3::new(side, u, v)));
     }
     block.extend(block.clone().iter().map(|p| p + Vector3::repeat(1e-12)));
-    let half_cup: Vec<_> = shapes::cup(0.035, 0.07, 0.003, 48)
-        .vertices()
-        .iter()
-        .filter(|p| p.x >= -1e-12)
-        .copied()
-        .collect();
+    let half_cup: Vec<_> =
+        shapes::cup(0.035, 0.07, 0.003, 48).vertices().iter().filter(|p| p.x >= -1e-12).copied().collect();
     let ball = sphere(0.037, 64).vertices().to_vec();
     for points in [block, half_cup, ball] {
         let hull = convex_hull(&points).unwrap();

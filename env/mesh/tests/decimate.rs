@@ -32,11 +32,7 @@ fn round_shapes_stay_near() {
         let small = decimate(&mesh, target).unwrap();
         check_manifold(&small.mesh).unwrap();
         assert!(small.mesh.faces().len() <= target && small.mesh.faces().len() + 2 >= target);
-        assert!(
-            small.hausdorff.max < bound && small.hausdorff.max > 0.0,
-            "{:?}",
-            small.hausdorff
-        );
+        assert!(small.hausdorff.max < bound && small.hausdorff.max > 0.0, "{:?}", small.hausdorff);
     }
 }
 
@@ -68,12 +64,8 @@ fn levels_fall_in_faces_and_are_measured_against_the_original() {
 #[test]
 fn an_open_mesh_keeps_its_rim() {
     let fine = halve(&halve(&sphere(0.05, 24)));
-    let open: Vec<_> = fine
-        .faces()
-        .iter()
-        .copied()
-        .filter(|f| f.iter().all(|&v| fine.vertices()[v as usize].z < 0.01))
-        .collect();
+    let open: Vec<_> =
+        fine.faces().iter().copied().filter(|f| f.iter().all(|&v| fine.vertices()[v as usize].z < 0.01)).collect();
     let bowl = TriMesh::new(fine.vertices().to_vec(), open).unwrap();
     let small = decimate(&bowl, 400).unwrap();
     assert!(small.mesh.faces().len() <= 400);
@@ -112,11 +104,7 @@ fn cleaning_repairs_what_it_says() {
     for f in 0..good.faces().len() {
         let base = vertices.len() as u32;
         vertices.extend(good.triangle(f));
-        faces.push(if f % 50 == 7 {
-            [base, base + 2, base + 1]
-        } else {
-            [base, base + 1, base + 2]
-        });
+        faces.push(if f % 50 == 7 { [base, base + 2, base + 1] } else { [base, base + 1, base + 2] });
     }
     faces.extend([faces[0], [0, 0, 1]]);
     let dirty = TriMesh::new(vertices, faces).unwrap();
@@ -127,11 +115,8 @@ fn cleaning_repairs_what_it_says() {
     assert_eq!((report.degenerate_faces, report.duplicate_faces), (1, 1));
     assert_eq!(mesh.vertices().len(), good.vertices().len());
     assert!((mesh.signed_volume() - good.signed_volume()).abs() < 1e-12);
-    let inside_out = TriMesh::new(
-        mesh.vertices().to_vec(),
-        mesh.faces().iter().map(|&[a, b, c]| [a, c, b]).collect(),
-    )
-    .unwrap();
+    let inside_out =
+        TriMesh::new(mesh.vertices().to_vec(), mesh.faces().iter().map(|&[a, b, c]| [a, c, b]).collect()).unwrap();
     let (turned, report) = clean(&inside_out, &CleanOptions::default()).unwrap();
     assert_eq!(report.flipped_faces, mesh.faces().len());
     assert!(turned.signed_volume() > 0.0);
@@ -150,17 +135,11 @@ fn floaters_go_and_cavities_stay() {
         faces.extend(mesh.faces().iter().map(|f| f.map(|v| v + base)));
     }
     let all = TriMesh::new(vertices, faces).unwrap();
-    let options = CleanOptions {
-        min_component_area: 0.01,
-        ..CleanOptions::default()
-    };
+    let options = CleanOptions { min_component_area: 0.01, ..CleanOptions::default() };
     let (mesh, report) = clean(&all, &options).unwrap();
     assert_eq!((report.components, report.dropped_components), (3, 1));
     let hollow = outer.signed_volume() - cavity.signed_volume();
-    assert!(
-        (mesh.signed_volume() - hollow).abs() < 1e-12,
-        "the cavity counts against the solid"
-    );
+    assert!((mesh.signed_volume() - hollow).abs() < 1e-12, "the cavity counts against the solid");
     let missing = load(std::path::Path::new("no/such/file.stl"), &Default::default());
     assert!(missing.unwrap_err().to_string().contains("no/such/file.stl"));
 }

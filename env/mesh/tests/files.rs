@@ -19,21 +19,13 @@ fn ply_header(format: &str, vertices: u64, faces: u64) -> String {
 
 fn ply_ascii(mesh: &TriMesh) -> Vec<u8> {
     let mut text = ply_header("ascii", mesh.vertices().len() as u64, mesh.faces().len() as u64);
-    mesh.vertices()
-        .iter()
-        .for_each(|p| writeln!(text, "{} {} {} 200", p.x as f32, p.y as f32, p.z as f32).unwrap());
-    mesh.faces()
-        .iter()
-        .for_each(|[a, b, c]| writeln!(text, "3 {a} {b} {c}").unwrap());
+    mesh.vertices().iter().for_each(|p| writeln!(text, "{} {} {} 200", p.x as f32, p.y as f32, p.z as f32).unwrap());
+    mesh.faces().iter().for_each(|[a, b, c]| writeln!(text, "3 {a} {b} {c}").unwrap());
     text.into_bytes()
 }
 
 fn ply_binary(mesh: &TriMesh, big: bool) -> Vec<u8> {
-    let name = if big {
-        "binary_big_endian"
-    } else {
-        "binary_little_endian"
-    };
+    let name = if big { "binary_big_endian" } else { "binary_little_endian" };
     let mut bytes = ply_header(name, mesh.vertices().len() as u64, mesh.faces().len() as u64).into_bytes();
     let word = |x: u32| if big { x.to_be_bytes() } else { x.to_le_bytes() };
     for p in mesh.vertices() {
@@ -48,17 +40,9 @@ fn ply_binary(mesh: &TriMesh, big: bool) -> Vec<u8> {
 }
 
 fn off(mesh: &TriMesh) -> Vec<u8> {
-    let mut text = format!(
-        "OFF # a comment\n{} {} 0\n\n",
-        mesh.vertices().len(),
-        mesh.faces().len()
-    );
-    mesh.vertices()
-        .iter()
-        .for_each(|p| writeln!(text, "{} {} {}", p.x, p.y, p.z).unwrap());
-    mesh.faces()
-        .iter()
-        .for_each(|[a, b, c]| writeln!(text, "3 {a} {b} {c} 255 0 0").unwrap());
+    let mut text = format!("OFF # a comment\n{} {} 0\n\n", mesh.vertices().len(), mesh.faces().len());
+    mesh.vertices().iter().for_each(|p| writeln!(text, "{} {} {}", p.x, p.y, p.z).unwrap());
+    mesh.faces().iter().for_each(|[a, b, c]| writeln!(text, "3 {a} {b} {c} 255 0 0").unwrap());
     text.into_bytes()
 }
 
@@ -66,9 +50,7 @@ fn stl_ascii(mesh: &TriMesh) -> Vec<u8> {
     let mut text = String::from("solid\n");
     for f in 0..mesh.faces().len() {
         text.push_str("  facet normal 0 0 1\n    outer loop\n");
-        mesh.triangle(f)
-            .iter()
-            .for_each(|p| writeln!(text, "      vertex {} {} {:E}", p.x, p.y, p.z).unwrap());
+        mesh.triangle(f).iter().for_each(|p| writeln!(text, "      vertex {} {} {:E}", p.x, p.y, p.z).unwrap());
         text.push_str("    endloop\n  endfacet\n");
     }
     text.push_str("endsolid\n");
@@ -83,11 +65,7 @@ fn written(mesh: &TriMesh, name: &str) -> Vec<u8> {
     } else {
         write_obj(&path, mesh).unwrap()
     }
-    assert_eq!(
-        std::fs::read_dir(folder.path()).unwrap().count(),
-        1,
-        "no temporary file is left"
-    );
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file is left");
     std::fs::read(path).unwrap()
 }
 
@@ -114,10 +92,7 @@ fn every_format_reads_back() {
             let pairs = read.triangle(f).into_iter().zip(mesh.triangle(f));
             pairs.for_each(|(p, q)| assert!((p - q).norm() < 1e-8, "{format:?}"));
         }
-        let millimetres = LoadOptions {
-            scale: 1e-3,
-            ..LoadOptions::default()
-        };
+        let millimetres = LoadOptions { scale: 1e-3, ..LoadOptions::default() };
         let small = parse(&bytes, format, &millimetres).unwrap();
         assert!((small.extent() - read.extent() * 1e-3).abs() < 1e-12);
     }
@@ -130,33 +105,16 @@ fn every_format_reads_back() {
 fn a_binary_stl_may_begin_with_solid() {
     let mut bytes = written(&cuboid(Vector3::new(0.1, 0.1, 0.1)), "a.stl");
     bytes[..14].copy_from_slice(b"solid is a lie");
-    assert_eq!(
-        parse(&bytes, MeshFormat::Stl, &LoadOptions::default())
-            .unwrap()
-            .faces()
-            .len(),
-        12
-    );
+    assert_eq!(parse(&bytes, MeshFormat::Stl, &LoadOptions::default()).unwrap().faces().len(), 12);
 }
 
 #[test]
 fn polygons_become_fans() {
     let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nf 1/1/1 2 3 4\nf -1 -2 -3\n";
-    let mesh = parse(
-        obj.replace("/1/1", "").as_bytes(),
-        MeshFormat::Obj,
-        &LoadOptions::default(),
-    )
-    .unwrap();
+    let mesh = parse(obj.replace("/1/1", "").as_bytes(), MeshFormat::Obj, &LoadOptions::default()).unwrap();
     assert_eq!(mesh.faces(), [[0, 1, 2], [0, 2, 3], [4, 3, 2]]);
     let off = "OFF4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n";
-    assert_eq!(
-        parse(off.as_bytes(), MeshFormat::Off, &LoadOptions::default())
-            .unwrap()
-            .faces()
-            .len(),
-        2
-    );
+    assert_eq!(parse(off.as_bytes(), MeshFormat::Off, &LoadOptions::default()).unwrap().faces().len(), 2);
 }
 
 fn refusal(bytes: &[u8], format: MeshFormat) -> MeshError {
@@ -172,47 +130,20 @@ fn headers_that_lie_are_refused_before_anything_is_allocated() {
     assert!(matches!(refusal(&stl, MeshFormat::Stl), MeshError::Truncated { .. }));
     for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
         let many = ply_header(format, 1_000_000_000_000, 1);
-        assert!(matches!(
-            refusal(many.as_bytes(), MeshFormat::Ply),
-            MeshError::TooMany { .. }
-        ));
+        assert!(matches!(refusal(many.as_bytes(), MeshFormat::Ply), MeshError::TooMany { .. }));
         let truncated = ply_header(format, 1_000_000, 1_000_000);
-        assert!(matches!(
-            refusal(truncated.as_bytes(), MeshFormat::Ply),
-            MeshError::Truncated { .. }
-        ));
+        assert!(matches!(refusal(truncated.as_bytes(), MeshFormat::Ply), MeshError::Truncated { .. }));
     }
     let endless =
         "ply\nformat ascii 1.0\nelement ghost 1000000000000\nelement vertex 1\nproperty float x\nend_header\n";
-    assert!(matches!(
-        refusal(endless.as_bytes(), MeshFormat::Ply),
-        MeshError::Malformed { .. }
-    ));
-    assert!(matches!(
-        refusal(b"OFF\n4000000000 1 0\n", MeshFormat::Off),
-        MeshError::TooMany { .. }
-    ));
-    assert!(matches!(
-        refusal(b"OFF\n3000000 1 0\n", MeshFormat::Off),
-        MeshError::Truncated { .. }
-    ));
-    let tight = LoadOptions {
-        max_faces: 11,
-        ..LoadOptions::default()
-    };
+    assert!(matches!(refusal(endless.as_bytes(), MeshFormat::Ply), MeshError::Malformed { .. }));
+    assert!(matches!(refusal(b"OFF\n4000000000 1 0\n", MeshFormat::Off), MeshError::TooMany { .. }));
+    assert!(matches!(refusal(b"OFF\n3000000 1 0\n", MeshFormat::Off), MeshError::Truncated { .. }));
+    let tight = LoadOptions { max_faces: 11, ..LoadOptions::default() };
     for (format, bytes) in files(&cuboid(Vector3::new(0.1, 0.1, 0.1))) {
-        assert!(
-            matches!(parse(&bytes, format, &tight).unwrap_err(), MeshError::TooMany { .. }),
-            "{format:?}"
-        );
-        let small = LoadOptions {
-            max_bytes: 50,
-            ..LoadOptions::default()
-        };
-        assert!(matches!(
-            parse(&bytes, format, &small).unwrap_err(),
-            MeshError::FileTooLarge { .. }
-        ));
+        assert!(matches!(parse(&bytes, format, &tight).unwrap_err(), MeshError::TooMany { .. }), "{format:?}");
+        let small = LoadOptions { max_bytes: 50, ..LoadOptions::default() };
+        assert!(matches!(parse(&bytes, format, &small).unwrap_err(), MeshError::FileTooLarge { .. }));
     }
 }
 
@@ -222,14 +153,8 @@ fn every_refusal_says_what_to_do() {
         assert!(parse(b"", format, &LoadOptions::default()).is_err());
         assert!(parse(b"hello, this is no mesh\n", format, &LoadOptions::default()).is_err());
         for scale in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let options = LoadOptions {
-                scale,
-                ..LoadOptions::default()
-            };
-            assert!(matches!(
-                parse(b"x", format, &options).unwrap_err(),
-                MeshError::BadScale { .. }
-            ));
+            let options = LoadOptions { scale, ..LoadOptions::default() };
+            assert!(matches!(parse(b"x", format, &options).unwrap_err(), MeshError::BadScale { .. }));
         }
     }
     let obj = |size: &str| format!("v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nf 1 2 3\n");
@@ -249,10 +174,7 @@ fn every_refusal_says_what_to_do() {
         refusal(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n2 0 1\n", MeshFormat::Off),
         MeshError::NotTriangles { .. }
     ));
-    assert!(matches!(
-        refusal(b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", MeshFormat::Off),
-        MeshError::Empty
-    ));
+    assert!(matches!(refusal(b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", MeshFormat::Off), MeshError::Empty));
     let unknown = load(std::path::Path::new("mesh.step"), &LoadOptions::default()).unwrap_err();
     assert!(unknown.to_string().contains(".stl, .ply, .obj or .off"));
 }
@@ -298,41 +220,24 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
 /// Reads `count` mutated files; a panic would fail the test, and whatever is read must be within its limits and valid.
 fn fuzz(count: u64) {
     let seeds = files(&torus(0.06, 0.02, 4));
-    let options = LoadOptions {
-        max_bytes: 20_000,
-        max_vertices: 200,
-        max_faces: 200,
-        ..LoadOptions::default()
-    };
+    let options = LoadOptions { max_bytes: 20_000, max_vertices: 200, max_faces: 200, ..LoadOptions::default() };
     let mut read = 0;
     for i in 0..count {
         let mut rng = ChaCha8Rng::seed_from_u64(i);
         let (format, seed) = &seeds[i as usize % seeds.len()];
         let mut bytes = seed.clone();
         // Headers are short and matter most: half of the damage is done there.
-        let tail = if rng.random() {
-            bytes.split_off(bytes.len().min(250))
-        } else {
-            Vec::new()
-        };
+        let tail = if rng.random() { bytes.split_off(bytes.len().min(250)) } else { Vec::new() };
         (0..rng.random_range(1..5)).for_each(|_| mutate(&mut bytes, &mut rng));
         bytes.extend(tail);
         if let Ok(mesh) = parse(&bytes, *format, &options) {
             read += 1;
             assert!(mesh.vertices().len() <= 200 && !mesh.faces().is_empty() && mesh.faces().len() <= 200);
-            assert!(
-                mesh.faces()
-                    .iter()
-                    .flatten()
-                    .all(|&v| (v as usize) < mesh.vertices().len())
-            );
+            assert!(mesh.faces().iter().flatten().all(|&v| (v as usize) < mesh.vertices().len()));
             assert!(mesh.vertices().iter().all(|p: &Point3<f64>| p.coords.amax() <= 1e3));
         }
     }
-    assert!(
-        read > count / 50 && read < count,
-        "{read} of {count} were read: the damage is too much or too little"
-    );
+    assert!(read > count / 50 && read < count, "{read} of {count} were read: the damage is too much or too little");
 }
 
 #[test]

@@ -59,11 +59,7 @@ fn a_cup_stays_open_and_keeps_its_walls() {
     let (radius, height, wall) = (0.035, 0.07, 0.003);
     let mesh = cup(radius, height, wall, 48);
     let made = checked(&mesh, &PartsParams::default());
-    assert!(
-        made.report.overfill_mean < 5e-4 && made.report.underfill_max < 1e-3,
-        "{:?}",
-        made.report
-    );
+    assert!(made.report.overfill_mean < 5e-4 && made.report.underfill_max < 1e-3, "{:?}", made.report);
     // The cavity, but for what two millimetres of overfill may take, holds no part; the wall is all there.
     for s in sample_surface(&mesh, 2000, 1) {
         let r = s.point.coords.xy().norm();
@@ -77,24 +73,15 @@ fn a_cup_stays_open_and_keeps_its_walls() {
         assert!(!inside(&made.parts, &Point3::new(0.0, 0.0, z + 2e-3), 0.0));
         let (s, c) = (f64::from(i) * 0.7).sin_cos();
         let middle = radius - wall / 2.0;
-        assert!(
-            inside(&made.parts, &Point3::new(middle * c, middle * s, z), 2e-4),
-            "the wall has a hole at {z}"
-        );
+        assert!(inside(&made.parts, &Point3::new(middle * c, middle * s, z), 2e-4), "the wall has a hole at {z}");
     }
 }
 
 #[test]
 fn the_same_mesh_gives_the_same_bits() {
     let mesh = cup(0.03, 0.05, 0.004, 24);
-    let params = PartsParams {
-        max_parts: 12,
-        ..PartsParams::default()
-    };
-    assert_eq!(
-        convex_parts(&mesh, &params, None).unwrap().parts,
-        convex_parts(&mesh, &params, None).unwrap().parts
-    );
+    let params = PartsParams { max_parts: 12, ..PartsParams::default() };
+    assert_eq!(convex_parts(&mesh, &params, None).unwrap().parts, convex_parts(&mesh, &params, None).unwrap().parts);
 }
 
 #[test]
@@ -108,18 +95,10 @@ fn the_cache_gives_back_what_it_was_given_and_survives_damage() {
     let read = convex_parts(&mesh, &params, cache).unwrap();
     assert!(read.report.cached);
     assert_eq!(made.parts, read.parts);
-    let entries: Vec<_> = std::fs::read_dir(folder.path())
-        .unwrap()
-        .map(|e| e.unwrap().path())
-        .collect();
+    let entries: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(entries.len(), 1, "no temporary file is left behind");
     // Another parameter is another entry.
-    assert!(
-        !convex_parts(&mesh, &PartsParams { max_parts: 3, ..params }, cache)
-            .unwrap()
-            .report
-            .cached
-    );
+    assert!(!convex_parts(&mesh, &PartsParams { max_parts: 3, ..params }, cache).unwrap().report.cached);
     let whole = std::fs::read(&entries[0]).unwrap();
     let mut flipped = whole.clone();
     flipped[100] ^= 1;
@@ -128,10 +107,7 @@ fn the_cache_gives_back_what_it_was_given_and_survives_damage() {
         let again = convex_parts(&mesh, &params, cache).unwrap();
         assert!(!again.report.cached);
         assert_eq!(again.parts, made.parts);
-        assert!(
-            convex_parts(&mesh, &params, cache).unwrap().report.cached,
-            "the entry was repaired"
-        );
+        assert!(convex_parts(&mesh, &params, cache).unwrap().report.cached, "the entry was repaired");
     }
     // A folder that cannot be made (its parent is a file) costs the cache, not the result.
     let blocked = entries[0].join("below-a-file");
@@ -144,22 +120,10 @@ fn flat_meshes_and_bad_parameters_are_refused() {
     assert!(convex_parts(&flat, &PartsParams::default(), None).is_err());
     let mesh = cuboid(Vector3::new(0.1, 0.1, 0.1));
     for params in [
-        PartsParams {
-            max_error: 0.0,
-            ..PartsParams::default()
-        },
-        PartsParams {
-            max_error: f64::NAN,
-            ..PartsParams::default()
-        },
-        PartsParams {
-            max_parts: 0,
-            ..PartsParams::default()
-        },
-        PartsParams {
-            max_points: 4,
-            ..PartsParams::default()
-        },
+        PartsParams { max_error: 0.0, ..PartsParams::default() },
+        PartsParams { max_error: f64::NAN, ..PartsParams::default() },
+        PartsParams { max_parts: 0, ..PartsParams::default() },
+        PartsParams { max_points: 4, ..PartsParams::default() },
     ] {
         assert!(convex_parts(&mesh, &params, None).is_err());
     }

@@ -15,17 +15,11 @@ use shapes::{cuboid, cup, sphere, torus};
 use std::f64::consts::PI;
 
 fn solid(resolution: usize) -> VoxelOptions {
-    VoxelOptions {
-        resolution,
-        ..VoxelOptions::default()
-    }
+    VoxelOptions { resolution, ..VoxelOptions::default() }
 }
 
 fn surface(resolution: usize) -> VoxelOptions {
-    VoxelOptions {
-        mode: VoxelMode::Surface,
-        ..solid(resolution)
-    }
+    VoxelOptions { mode: VoxelMode::Surface, ..solid(resolution) }
 }
 
 fn grid(mesh: &TriMesh, options: &VoxelOptions) -> VoxelGrid {
@@ -47,10 +41,7 @@ fn difference(a: &VoxelGrid, b: &VoxelGrid) -> usize {
 fn volumes_converge_to_their_closed_forms() {
     let ball = skew(&sphere(0.05, 300));
     let ring = skew(&torus(0.06, 0.02, 300));
-    let cases = [
-        (ball, 4.0 / 3.0 * PI * 0.05_f64.powi(3)),
-        (ring, 2.0 * PI * PI * 0.06 * 0.02 * 0.02),
-    ];
+    let cases = [(ball, 4.0 / 3.0 * PI * 0.05_f64.powi(3)), (ring, 2.0 * PI * PI * 0.06 * 0.02 * 0.02)];
     for (mesh, closed) in cases {
         let exact = mesh.signed_volume();
         assert!((exact / closed - 1.0).abs() < 1e-3);
@@ -93,11 +84,7 @@ fn solids_know_cavities_and_overlaps() {
     };
     let count = |mesh: &TriMesh| grid(mesh, &solid(16)).count();
     assert_eq!(count(&with(&box_of(0.08, 0.0), true)), 16_usize.pow(3) - 8_usize.pow(3));
-    assert_eq!(
-        count(&with(&box_of(0.08, 0.0), false)),
-        16_usize.pow(3),
-        "a box in a box is no cavity"
-    );
+    assert_eq!(count(&with(&box_of(0.08, 0.0), false)), 16_usize.pow(3), "a box in a box is no cavity");
 }
 
 /// Removes or turns single faces: the rule that is used says so, and hardly a voxel changes.
@@ -121,20 +108,10 @@ fn open_and_unoriented_meshes_are_filled_by_stated_rules() {
     let top = |f: &usize| lid_off.triangle(*f).iter().all(|p| p.z > 0.0);
     let faces = (0..12).filter(|f| !top(f)).map(|f| lid_off.faces()[f]).collect();
     let open_box = TriMesh::new(lid_off.vertices().to_vec(), faces).unwrap();
-    assert_eq!(
-        grid(&open_box, &solid(16)).count(),
-        16_usize.pow(3),
-        "five of six rays start inside"
-    );
-    let sheet = TriMesh::new(
-        vec![
-            Point3::origin(),
-            Point3::new(0.1, 0.0, 0.02),
-            Point3::new(0.0, 0.1, 0.1),
-        ],
-        vec![[0, 1, 2]],
-    )
-    .unwrap();
+    assert_eq!(grid(&open_box, &solid(16)).count(), 16_usize.pow(3), "five of six rays start inside");
+    let sheet =
+        TriMesh::new(vec![Point3::origin(), Point3::new(0.1, 0.0, 0.02), Point3::new(0.0, 0.1, 0.1)], vec![[0, 1, 2]])
+            .unwrap();
     assert_eq!(grid(&sheet, &solid(16)).count(), 0);
     assert!(grid(&sheet, &surface(16)).count() > 50);
 }
@@ -143,33 +120,14 @@ fn open_and_unoriented_meshes_are_filled_by_stated_rules() {
 fn exact_adds_the_surface_and_removal_leaves_a_shell() {
     for mesh in [skew(&torus(0.06, 0.02, 40)), skew(&cup(0.04, 0.1, 0.004, 40))] {
         let (fill, shell) = (grid(&mesh, &solid(48)), grid(&mesh, &surface(48)));
-        let exact = grid(
-            &mesh,
-            &VoxelOptions {
-                exact: true,
-                ..solid(48)
-            },
-        );
+        let exact = grid(&mesh, &VoxelOptions { exact: true, ..solid(48) });
         let union = fill.flags().iter().zip(shell.flags()).map(|(a, b)| *a || *b);
         assert!(exact.flags().iter().copied().eq(union));
-        let hollow = grid(
-            &mesh,
-            &VoxelOptions {
-                exact: true,
-                remove_internal: true,
-                ..solid(48)
-            },
-        );
+        let hollow = grid(&mesh, &VoxelOptions { exact: true, remove_internal: true, ..solid(48) });
         let interior = exact.count() - hollow.count();
         // What is taken out is solid and off the surface, or wrapped in it.
         assert!(interior > 0);
-        assert!(
-            hollow
-                .flags()
-                .iter()
-                .zip(exact.flags())
-                .all(|(left, before)| *before || !left)
-        );
+        assert!(hollow.flags().iter().zip(exact.flags()).all(|(left, before)| *before || !left));
         // Voxels off the surface are on one side of it, with all their neighbours that are off it.
         let n = 48;
         for at in 0..exact.flags().len() - n * n {
@@ -190,10 +148,7 @@ fn halving_keeps_the_cube_and_the_volume() {
     let half = grid(&mesh, &VoxelOptions { down: 1, ..solid(64) });
     let eighth = grid(&mesh, &VoxelOptions { down: 3, ..solid(64) });
     assert_eq!((half.frame().resolution(), eighth.frame().resolution()), (32, 8));
-    assert_eq!(
-        (half.frame().origin(), half.frame().side()),
-        (whole.frame().origin(), whole.frame().side())
-    );
+    assert_eq!((half.frame().origin(), half.frame().side()), (whole.frame().origin(), whole.frame().side()));
     assert!((half.volume() / whole.volume() - 1.0).abs() < 0.02);
     for i in 0..32 {
         let at = [i, 15, 31 - i];
@@ -204,13 +159,7 @@ fn halving_keeps_the_cube_and_the_volume() {
         assert_eq!(half.flags()[half.frame().index(at)], parts.count() >= 4);
     }
     // The study's `-d 128 -down -ri -e`.
-    let study = VoxelOptions {
-        resolution: 128,
-        mode: VoxelMode::Surface,
-        down: 1,
-        remove_internal: true,
-        exact: true,
-    };
+    let study = VoxelOptions { resolution: 128, mode: VoxelMode::Surface, down: 1, remove_internal: true, exact: true };
     let shell = grid(&mesh, &study);
     assert_eq!(shell.frame().resolution(), 64);
     assert!((0.7..1.5).contains(&(shell.volume() / (mesh.area() * shell.frame().voxel_size()))));
@@ -231,13 +180,7 @@ fn impossible_options_are_refused() {
     assert_eq!(grid(&mesh, &solid(1)).flags(), [true]);
     let point = TriMesh::new(vec![Point3::origin(); 3], vec![[0, 1, 2]]).unwrap();
     assert!(voxelize(&point, &solid(4)).is_err());
-    assert!(
-        "hollow"
-            .parse::<VoxelMode>()
-            .unwrap_err()
-            .to_string()
-            .contains("solid or surface")
-    );
+    assert!("hollow".parse::<VoxelMode>().unwrap_err().to_string().contains("solid or surface"));
     assert_eq!("surface".parse::<VoxelMode>().unwrap(), VoxelMode::Surface);
 }
 
@@ -279,9 +222,7 @@ fn winding(mesh: &TriMesh, p: &Point3<f64>) -> f64 {
     let angle = |face: usize| {
         let [a, b, c] = mesh.triangle(face).map(|q| q - p);
         let (x, y, z) = (a.norm(), b.norm(), c.norm());
-        2.0 * a
-            .dot(&b.cross(&c))
-            .atan2(x * y * z + a.dot(&b) * z + b.dot(&c) * x + c.dot(&a) * y)
+        2.0 * a.dot(&b.cross(&c)).atan2(x * y * z + a.dot(&b) * z + b.dot(&c) * x + c.dot(&a) * y)
     };
     (0..mesh.faces().len()).map(angle).sum::<f64>() / (4.0 * PI)
 }
@@ -375,10 +316,7 @@ fn y_runs_fastest_in_a_file() {
         assert_eq!(grid.flags()[frame.index(at)], at == [0, 1, 0] || at == [1, 0, 1]);
     }
     let bare = parse_binvox(&file("#binvox 2\r\ndim 1 1 1\r\ndata\n", &[7, 1])).unwrap();
-    assert_eq!(
-        (bare.frame().origin(), bare.frame().side(), bare.count()),
-        (Point3::origin(), 1.0, 1)
-    );
+    assert_eq!((bare.frame().origin(), bare.frame().side(), bare.count()), (Point3::origin(), 1.0, 1));
 }
 
 #[test]
@@ -409,14 +347,8 @@ fn files_that_lie_are_refused() {
     }
     // A thousandth of what the header promises: refused before a gigabyte is asked for.
     let hollow = file(&dim("1024 1024 1024"), &[0, 255].repeat(4000));
-    assert!(matches!(
-        parse_binvox(&hollow).unwrap_err(),
-        MeshError::Truncated { .. }
-    ));
-    assert!(matches!(
-        load_binvox(std::path::Path::new("/no/such.binvox")).unwrap_err(),
-        MeshError::Io { .. }
-    ));
+    assert!(matches!(parse_binvox(&hollow).unwrap_err(), MeshError::Truncated { .. }));
+    assert!(matches!(load_binvox(std::path::Path::new("/no/such.binvox")).unwrap_err(), MeshError::Io { .. }));
     let frame = VoxelFrame::new(1, Point3::origin(), 1.0).unwrap();
     let one = VoxelGrid::new(frame, vec![true]).unwrap();
     assert!(matches!(
@@ -432,16 +364,7 @@ fn fuzz(count: u64) {
     let path = folder.path().join("seed.binvox");
     write_binvox(&path, &grid(&torus(0.06, 0.02, 12), &solid(12))).unwrap();
     let seed = std::fs::read(path).unwrap();
-    let hostile: [&[u8]; 8] = [
-        b"-1",
-        b"1e309",
-        b"nan",
-        b"1024",
-        b"18446744073709551616",
-        b"\n",
-        b"\0\xff",
-        b"data\n",
-    ];
+    let hostile: [&[u8]; 8] = [b"-1", b"1e309", b"nan", b"1024", b"18446744073709551616", b"\n", b"\0\xff", b"data\n"];
     let mut read = 0;
     for i in 0..count {
         let mut rng = ChaCha8Rng::seed_from_u64(i);
@@ -464,10 +387,7 @@ fn fuzz(count: u64) {
             assert!(grid.flags().len() <= 255 * bytes.len() && grid.frame().voxel_size() > 0.0);
         }
     }
-    assert!(
-        read > count / 50 && read < count,
-        "{read} of {count} were read: the damage is too much or too little"
-    );
+    assert!(read > count / 50 && read < count, "{read} of {count} were read: the damage is too much or too little");
 }
 
 #[test]

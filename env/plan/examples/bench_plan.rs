@@ -14,11 +14,7 @@ use std::time::Instant;
 fn main() -> Result<(), Box<dyn Error>> {
     let points = kettle(2000);
     let bounds = fit_box(&points, Fit::Minimum)?;
-    let with = |fit| DecomposeParams {
-        fit,
-        max_boxes: 8,
-        ..DecomposeParams::default()
-    };
+    let with = |fit| DecomposeParams { fit, max_boxes: 8, ..DecomposeParams::default() };
     println!(
         "best split, 2,000 points: {:.3} ms (goal 0.6)",
         median(31, || best_split(&points, &bounds, SplitCost::Share))
@@ -35,11 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         least.boxes().len(),
         median(5, || decompose_points(&points, &with(Fit::Minimum)))
     );
-    println!(
-        "total volume: PCA {:.6}, minimum {:.6} m3",
-        pca.volume(),
-        least.volume()
-    );
+    println!("total volume: PCA {:.6}, minimum {:.6} m3", pca.volume(), least.volume());
     let mug = generate(Family::Mug, 0)?;
     println!(
         "minimum-volume decomposition of a mesh, {} faces: {:.1} ms",
@@ -68,12 +60,7 @@ fn bench_filter(mesh: &TriMesh, parts: &[Vec<Point3<f64>>], mass: f64) -> Result
     let hand = Hand::reflex()?;
     let world_from_object = default_pose(mesh);
     let center_of_mass = mass_properties(mesh, Mass::Kilograms(mass))?.center_of_mass;
-    let object = PlanObject {
-        mesh,
-        parts,
-        center_of_mass,
-        world_from_object,
-    };
+    let object = PlanObject { mesh, parts, center_of_mass, world_from_object };
     let params = PlanParams::default();
     let made = plan(&object, hand, &params)?;
     let scene = CollisionScene::new(mesh, parts, &world_from_object)?;
@@ -86,14 +73,8 @@ fn bench_filter(mesh: &TriMesh, parts: &[Vec<Point3<f64>>], mass: f64) -> Result
     });
     let whole = median(5, || plan(&object, hand, &params));
     let count = made.candidates.len();
-    println!(
-        "collision filter, one thread: {:.0} poses/s",
-        count as f64 / filter * 1e3
-    );
-    println!(
-        "whole plan, {count} candidates, {} feasible: {whole:.0} ms",
-        made.feasible
-    );
+    println!("collision filter, one thread: {:.0} poses/s", count as f64 / filter * 1e3);
+    println!("whole plan, {count} candidates, {} feasible: {whole:.0} ms", made.feasible);
     Ok(())
 }
 

@@ -55,30 +55,18 @@ impl CollisionScene {
         world_from_object: &Isometry3<f64>,
     ) -> Result<Self, PlanError> {
         let points = |points: &[Point3<f64>]| points.iter().map(|p| vector(&p.coords)).collect::<Vec<Vector>>();
-        let surface =
-            Triangles::new(points(mesh.vertices()), mesh.faces().to_vec()).map_err(|source| PlanError::Collision {
-                reason: source.to_string(),
-            })?;
+        let surface = Triangles::new(points(mesh.vertices()), mesh.faces().to_vec())
+            .map_err(|source| PlanError::Collision { reason: source.to_string() })?;
         let parts: Vec<(SharedShape, Aabb)> = parts
             .iter()
             .map(|part| hull(part).map(|hull| (hull.clone(), hull.compute_local_aabb())))
             .collect::<Option<_>>()
-            .ok_or_else(|| PlanError::Collision {
-                reason: "a convex part has no volume".into(),
-            })?;
-        let bounds = parts
-            .iter()
-            .fold(surface.local_aabb(), |all, (_, part)| all.merged(part));
+            .ok_or_else(|| PlanError::Collision { reason: "a convex part has no volume".into() })?;
+        let bounds = parts.iter().fold(surface.local_aabb(), |all, (_, part)| all.merged(part));
         let object_from_world = world_from_object.inverse();
         let up = Unit::new_normalize(object_from_world * Vector3::z());
         let table = up.dot(&(object_from_world * Point3::origin()).coords);
-        Ok(Self {
-            surface,
-            parts,
-            bounds,
-            up,
-            table,
-        })
+        Ok(Self { surface, parts, bounds, up, table })
     }
 
     /// The table's up direction, object frame.
@@ -97,22 +85,12 @@ impl CollisionScene {
             return Feasibility::HitsTable;
         }
         let place = pose(object_from_hand);
-        let on_the_way = hand
-            .shapes
-            .iter()
-            .any(|s| self.hits(&s.swept, &(place * s.hand_from_swept)));
+        let on_the_way = hand.shapes.iter().any(|s| self.hits(&s.swept, &(place * s.hand_from_swept)));
         if !on_the_way {
             return Feasibility::Feasible;
         }
-        let at_the_end = hand
-            .shapes
-            .iter()
-            .any(|s| self.hits(&s.shape, &(place * s.hand_from_shape)));
-        if at_the_end {
-            Feasibility::HitsObject
-        } else {
-            Feasibility::HitsObjectOnApproach
-        }
+        let at_the_end = hand.shapes.iter().any(|s| self.hits(&s.shape, &(place * s.hand_from_shape)));
+        if at_the_end { Feasibility::HitsObject } else { Feasibility::HitsObjectOnApproach }
     }
 
     /// True where the open hand, where it stands, reaches into object or table.
@@ -144,11 +122,7 @@ impl CollisionScene {
     fn hits_table(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
         let back = self.up.dot(&(object_from_hand * Vector3::z())) * hand.standoff;
         hand.shapes.iter().any(|s| {
-            let lowest = s
-                .corners
-                .iter()
-                .map(|c| self.height(&(object_from_hand * c)))
-                .fold(f64::INFINITY, f64::min);
+            let lowest = s.corners.iter().map(|c| self.height(&(object_from_hand * c))).fold(f64::INFINITY, f64::min);
             lowest - back.max(0.0) < s.radius
         })
     }
@@ -162,9 +136,7 @@ impl CollisionScene {
             // An unsupported pair does not occur; if it did, the pose would be refused.
             intersection_test(place, &*shape.0, &Pose::IDENTITY, other).map_or(true, |hit| hit.intersecting)
         };
-        self.parts
-            .iter()
-            .any(|(part, bounds)| around.intersects(bounds) && meets(&*part.0))
+        self.parts.iter().any(|(part, bounds)| around.intersects(bounds) && meets(&*part.0))
             || match shape.as_cuboid() {
                 Some(cuboid) => box_surface::meets(cuboid.half_extents, place, &self.surface),
                 None => meets(&self.surface),

@@ -50,9 +50,5 @@ pub(crate) fn in_range(
     high: f64,
     range: &'static str,
 ) -> Result<(), PlanError> {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        Err(PlanError::OutOfRange { name, value, range })
-    }
+    if (low..=high).contains(&value) { Ok(()) } else { Err(PlanError::OutOfRange { name, value, range }) }
 }

@@ -35,13 +35,9 @@ impl OpenHand {
     /// # Errors
     /// [`PlanError::UnsupportedHand`] where the hand's kinematics refuse the preshape or a shape has no volume.
     pub fn new(hand: &Hand, preshape: f64, clearance: f64, standoff: f64) -> Result<Self, PlanError> {
-        let bad = |reason| PlanError::UnsupportedHand {
-            name: hand.name.clone(),
-            reason,
-        };
-        let placed = hand
-            .shapes_at(&hand.open_configuration(preshape))
-            .map_err(|_| bad("does not take this preshape"))?;
+        let bad = |reason| PlanError::UnsupportedHand { name: hand.name.clone(), reason };
+        let placed =
+            hand.shapes_at(&hand.open_configuration(preshape)).map_err(|_| bad("does not take this preshape"))?;
         let shapes = placed
             .iter()
             .map(|placed| sweep(&placed.hand_from_shape, &placed.collider.shape, clearance, standoff))
@@ -55,11 +51,9 @@ fn sweep(at: &Isometry3<f64>, shape: &Shape, clearance: f64, standoff: f64) -> O
     match shape {
         Shape::Cuboid(half) => sweep_cuboid(at, &half.add_scalar(clearance), standoff),
         // A cylinder is taken as the box around it: a little larger, never smaller.
-        Shape::Cylinder { radius, half_length } => sweep_cuboid(
-            at,
-            &Vector3::new(*radius, *radius, *half_length).add_scalar(clearance),
-            standoff,
-        ),
+        Shape::Cylinder { radius, half_length } => {
+            sweep_cuboid(at, &Vector3::new(*radius, *radius, *half_length).add_scalar(clearance), standoff)
+        }
         Shape::Sphere { radius } => {
             let radius = radius + clearance;
             let back = at.translation.vector - Vector3::z() * standoff;
@@ -100,14 +94,7 @@ fn sweep_cuboid(at: &Isometry3<f64>, half: &Vector3<f64>, standoff: f64) -> Opti
         let points: Vec<Point3<f64>> = corners.iter().flat_map(|c| [*c, c - back]).collect();
         (hull(&points)?, Pose::IDENTITY)
     };
-    Some(SweptShape {
-        shape: cuboid(half),
-        hand_from_shape: pose(at),
-        swept,
-        hand_from_swept,
-        corners,
-        radius: 0.0,
-    })
+    Some(SweptShape { shape: cuboid(half), hand_from_shape: pose(at), swept, hand_from_swept, corners, radius: 0.0 })
 }
 
 fn cuboid(half: &Vector3<f64>) -> SharedShape {
@@ -117,10 +104,7 @@ fn cuboid(half: &Vector3<f64>) -> SharedShape {
 /// The convex hull of `points`, metres, for the collision library; none without volume. (Its own hull leaves points of flat sides out.)
 pub(crate) fn hull(points: &[Point3<f64>]) -> Option<SharedShape> {
     let hull = graspbox_mesh::convex_hull(points).ok()?;
-    SharedShape::convex_mesh(
-        hull.vertices().iter().map(|p| vector(&p.coords)).collect(),
-        hull.faces(),
-    )
+    SharedShape::convex_mesh(hull.vertices().iter().map(|p| vector(&p.coords)).collect(), hull.faces())
 }
 
 /// Lengths of the collision library in a metre: its distance query has absolute tolerances that take a triangle of less than

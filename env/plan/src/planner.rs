@@ -46,10 +46,7 @@ pub struct PlanParams {
 impl Default for PlanParams {
     fn default() -> Self {
         Self {
-            decompose: DecomposeParams {
-                max_boxes: 8,
-                ..DecomposeParams::default()
-            },
+            decompose: DecomposeParams { max_boxes: 8, ..DecomposeParams::default() },
             poses: PoseParams::default(),
             clearance: 0.001,
             standoff: 0.10,
@@ -116,14 +113,8 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     params.poses.validate()?;
     let tree = decompose(object.mesh, &params.decompose)?;
     let scene = CollisionScene::new(object.mesh, object.parts, &object.world_from_object)?;
-    let proposals = propose(
-        &boxes_of(&tree, params),
-        &object.center_of_mass,
-        &scene.up(),
-        hand,
-        &params.poses,
-        params.seed,
-    );
+    let proposals =
+        propose(&boxes_of(&tree, params), &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed);
     let hands = OpenHands::new(hand, &proposals, params)?;
     let mut candidates: Vec<Candidate> = proposals
         .par_iter()
@@ -138,19 +129,8 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
         .collect();
     candidates.sort_by_key(|candidate| !candidate.feasible());
     let feasible = candidates.iter().filter(|candidate| candidate.feasible()).count();
-    rank::rank(
-        object.mesh,
-        object.center_of_mass,
-        hand,
-        &scene,
-        &mut candidates[..feasible],
-    )?;
-    Ok(Plan {
-        tree,
-        candidates,
-        feasible,
-        world_from_object: object.world_from_object,
-    })
+    rank::rank(object.mesh, object.center_of_mass, hand, &scene, &mut candidates[..feasible])?;
+    Ok(Plan { tree, candidates, feasible, world_from_object: object.world_from_object })
 }
 
 /// The leaves, numbered, and after them the box around everything if it is wanted and not the only leaf.
@@ -180,11 +160,7 @@ impl OpenHands {
     /// Tests a pose with clearance and, where that passes, without: in single precision the smaller hand is, once in about a thousand
     /// poses, found to collide where the larger one is not, and a trial tests the smaller one.
     fn check(&self, scene: &CollisionScene, grasp: &GraspPose) -> Feasibility {
-        let found = self
-            .0
-            .iter()
-            .position(|(known, _)| *known == grasp.preshape)
-            .unwrap_or(0);
+        let found = self.0.iter().position(|(known, _)| *known == grasp.preshape).unwrap_or(0);
         let [grown, bare] = &self.0[found].1;
         match scene.check(grown, &grasp.object_from_hand) {
             Feasibility::Feasible => scene.check(bare, &grasp.object_from_hand),

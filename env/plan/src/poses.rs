@@ -63,9 +63,7 @@ impl PoseParams {
     pub fn validate(&self) -> Result<(), PlanError> {
         let distance = |name, value: f64| in_range(name, value, 0.0, 0.5, "[0, 0.5] m");
         distance("offset", self.offset)?;
-        self.standoffs
-            .iter()
-            .try_for_each(|&value| distance("standoffs", value))?;
+        self.standoffs.iter().try_for_each(|&value| distance("standoffs", value))?;
         in_range("max_shift", self.max_shift, 0.0, 1.0, "[0, 1]")?;
         in_range("max_tilt", self.max_tilt, 0.0, std::f64::consts::FRAC_PI_2, "[0, pi/2]")?;
         in_range("square", self.square, 0.0, 1.0, "[0, 1]")
@@ -143,16 +141,9 @@ pub(crate) fn propose(
                     let center = closing_center(hand, preshape);
                     for variation in variations(params, &mut rng) {
                         let pose = face.pose(bounds, long, &variation, params, &center);
-                        let grasp = GraspPose {
-                            object_from_hand: pose,
-                            preshape,
-                        };
+                        let grasp = GraspPose { object_from_hand: pose, preshape };
                         let face = 2 * axis + usize::from(sign < 0.0);
-                        proposals.push(Proposal {
-                            grasp,
-                            box_index: *box_index,
-                            face,
-                        });
+                        proposals.push(Proposal { grasp, box_index: *box_index, face });
                     }
                 }
             }
@@ -187,21 +178,13 @@ struct Vary {
 impl Face {
     fn new(bounds: &OrientedBox, axis: usize, sign: f64) -> Self {
         let sides = [[1, 2], [0, 2], [0, 1]][axis];
-        Self {
-            normal: bounds.axes.column(axis) * sign,
-            sides,
-        }
+        Self { normal: bounds.axes.column(axis) * sign, sides }
     }
 
     /// Whether the hand is turned by a quarter, and which axis then counts as long, in both directions (the turn by pi about hand z).
     fn orientations(&self) -> [(bool, (usize, f64)); 4] {
         let [long, short] = self.sides;
-        [
-            (false, (long, 1.0)),
-            (false, (long, -1.0)),
-            (true, (short, 1.0)),
-            (true, (short, -1.0)),
-        ]
+        [(false, (long, 1.0)), (false, (long, -1.0)), (true, (short, 1.0)), (true, (short, -1.0))]
     }
 
     fn size(&self, bounds: &OrientedBox, (long, _): (usize, f64), frame: HandFrame) -> FaceSize {
@@ -209,10 +192,7 @@ impl Face {
         let (length, width) = (2.0 * bounds.half_extents[long], 2.0 * bounds.half_extents[across]);
         match frame {
             HandFrame::Reflex => FaceSize { width, length },
-            HandFrame::SoftHand => FaceSize {
-                width: length,
-                length: width,
-            },
+            HandFrame::SoftHand => FaceSize { width: length, length: width },
         }
     }
 
@@ -245,25 +225,13 @@ fn variations(params: &PoseParams, rng: &mut ChaCha8Rng) -> Vec<Vary> {
         Variation::Grid => {
             let shifts = [0.0, 0.2, -0.2, 0.4, -0.4];
             let tilts = [0.0, 10.0_f64.to_radians()];
-            let at = |shift| {
-                tilts.map(|tilt| Vary {
-                    shift,
-                    tilt,
-                    standoff: 0.0,
-                })
-            };
+            let at = |shift| tilts.map(|tilt| Vary { shift, tilt, standoff: 0.0 });
             shifts.into_iter().flat_map(at).collect()
         }
         Variation::Random => {
             let standoffs: Vec<f64> = std::iter::once(0.0).chain(params.standoffs.iter().copied()).collect();
-            let mut all: Vec<Vary> = standoffs
-                .iter()
-                .map(|&standoff| Vary {
-                    shift: 0.0,
-                    tilt: 0.0,
-                    standoff,
-                })
-                .collect();
+            let mut all: Vec<Vary> =
+                standoffs.iter().map(|&standoff| Vary { shift: 0.0, tilt: 0.0, standoff }).collect();
             all.extend((0..params.variations).map(|_| Vary {
                 shift: params.max_shift * (2.0 * rng.random::<f64>() - 1.0),
                 tilt: params.max_tilt * (2.0 * rng.random::<f64>() - 1.0),

@@ -37,17 +37,9 @@ pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64)
     let round = (1.0 / ROUND..=ROUND).contains(&ratio) || size.length < SMALL;
     let pinch = size.length <= PINCH_LENGTH;
     let turned = !quarter || squarish;
-    let rows = [
-        (POWER, turned && size.length >= POWER_LENGTH),
-        (TRIPOD, turned && round),
-        (PINCH, pinch),
-    ];
+    let rows = [(POWER, turned && size.length >= POWER_LENGTH), (TRIPOD, turned && round), (PINCH, pinch)];
     let found: Vec<f64> = rows.into_iter().filter(|row| row.1).map(|row| row.0).collect();
-    if found.is_empty() && !quarter {
-        vec![POWER]
-    } else {
-        found
-    }
+    if found.is_empty() && !quarter { vec![POWER] } else { found }
 }
 
 /// Where the fingers meet, hand frame: the point of the palm's plane nearest to the lines that the fingers close along (least squares,
@@ -69,8 +61,6 @@ pub(crate) fn closing_center(hand: &Hand, preshape: f64) -> Vector3<f64> {
         normal += outer;
         right += outer * root.translation.vector.xy();
     }
-    let center = normal
-        .try_inverse()
-        .map_or_else(Vector2::zeros, |inverse| inverse * right);
+    let center = normal.try_inverse().map_or_else(Vector2::zeros, |inverse| inverse * right);
     Vector3::new(center.x, center.y, 0.0)
 }

@@ -38,11 +38,7 @@ pub(crate) fn rank(
 ) -> Result<(), PlanError> {
     let wanted = (mesh.area() / (SPACING * SPACING)) as usize;
     let samples = sample_surface(mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0);
-    let target = Target {
-        samples: &samples,
-        center_of_mass,
-        scene,
-    };
+    let target = Target { samples: &samples, center_of_mass, scene };
     let mut hands: Vec<ClosingHand> = Vec::new();
     for candidate in candidates.iter() {
         if !hands.iter().any(|known| known.preshape == candidate.grasp.preshape) {

@@ -23,12 +23,7 @@ fn dense_search(points: &[Point3<f64>], directions: usize, seed: u64) -> f64 {
         if i * 3 > 2 * directions {
             spread *= 0.99;
         }
-        let axis = if i * 3 > 2 * directions {
-            best.1 + noise * spread
-        } else {
-            noise
-        }
-        .normalize();
+        let axis = if i * 3 > 2 * directions { best.1 + noise * spread } else { noise }.normalize();
         let found = least_volume_about(points, &axis);
         if found < best.0 {
             best = (found, axis);
@@ -43,9 +38,7 @@ fn least_volume_about(points: &[Point3<f64>], axis: &Vector3<f64>) -> f64 {
     let flat: Vec<[f64; 2]> = points.iter().map(|p| [p.coords.dot(&u), p.coords.dot(&v)]).collect();
     let height = span(points.iter().map(|p| p.coords.dot(axis)));
     // Gift wrapping: one hull edge after the other.
-    let start = (0..flat.len())
-        .min_by(|&a, &b| flat[a][0].total_cmp(&flat[b][0]))
-        .unwrap();
+    let start = (0..flat.len()).min_by(|&a, &b| flat[a][0].total_cmp(&flat[b][0])).unwrap();
     let (mut at, mut least) = (start, f64::INFINITY);
     loop {
         let mut next = (at + 1) % flat.len();
@@ -102,11 +95,7 @@ fn brute_split(points: &[Point3<f64>], bounds: &OrientedBox, cost: SplitCost) ->
 }
 
 fn value_of(split: &Split, cost: SplitCost) -> f64 {
-    if cost == SplitCost::Share {
-        split.share
-    } else {
-        split.area
-    }
+    if cost == SplitCost::Share { split.share } else { split.area }
 }
 
 #[test]
@@ -116,11 +105,7 @@ fn least_volume_of_a_turned_cuboid_is_its_own() {
     for seed in 0..20 {
         let moved = mesh.transformed(&random_motion(&mut rng(seed)));
         let found = fit_box(moved.vertices(), Fit::Minimum).unwrap();
-        assert!(
-            (found.half_extents - Vector3::from(half)).amax() < 1e-6,
-            "seed {seed}: {:?}",
-            found.half_extents
-        );
+        assert!((found.half_extents - Vector3::from(half)).amax() < 1e-6, "seed {seed}: {:?}", found.half_extents);
     }
 }
 
@@ -139,11 +124,7 @@ fn least_volume_of_a_regular_tetrahedron_is_a_cube() {
 #[test]
 fn least_volume_matches_a_dense_search() {
     for seed in 0..12 {
-        let points = cloud(
-            12 + 4 * seed as usize,
-            Vector3::new(0.1, 0.06, 0.02 + 0.01 * seed as f64),
-            seed,
-        );
+        let points = cloud(12 + 4 * seed as usize, Vector3::new(0.1, 0.06, 0.02 + 0.01 * seed as f64), seed);
         let ours = fit_box(&points, Fit::Minimum).unwrap().volume();
         let dense = dense_search(&points, 6000, 100 + seed);
         assert!(ours <= dense * 1.002, "seed {seed}: {ours} against {dense}");
@@ -164,28 +145,15 @@ fn best_split_equals_brute_force() {
         for cost in [SplitCost::Share, SplitCost::Area] {
             let found = best_split(&points, &bounds, cost).unwrap();
             let (_, _, value) = brute_split(&points, &bounds, cost).unwrap();
-            assert!(
-                (value_of(&found, cost) - value).abs() < 2e-12,
-                "seed {seed}: {found:?} against {value}"
-            );
+            assert!((value_of(&found, cost) - value).abs() < 2e-12, "seed {seed}: {found:?} against {value}");
             // The plane parts the points into halves with that very cost.
-            let low: Vec<_> = points
-                .iter()
-                .filter(|p| found.side(&bounds, p) < 0.0)
-                .map(|p| bounds.local(p))
-                .collect();
-            let high: Vec<_> = points
-                .iter()
-                .filter(|p| found.side(&bounds, p) >= 0.0)
-                .map(|p| bounds.local(p))
-                .collect();
+            let low: Vec<_> = points.iter().filter(|p| found.side(&bounds, p) < 0.0).map(|p| bounds.local(p)).collect();
+            let high: Vec<_> =
+                points.iter().filter(|p| found.side(&bounds, p) >= 0.0).map(|p| bounds.local(p)).collect();
             let area = |half: &[Vector3<f64>]| {
                 span(half.iter().map(|p| p[found.axis])) * span(half.iter().map(|p| p[found.across]))
             };
-            assert!(
-                (area(&low) + area(&high) - found.area).abs() < 1e-12,
-                "seed {seed}: {found:?}"
-            );
+            assert!((area(&low) + area(&high) - found.area).abs() < 1e-12, "seed {seed}: {found:?}");
         }
     }
 }
@@ -200,10 +168,7 @@ fn a_split_of_points_on_a_line_is_none() {
 fn shapes() -> Vec<graspbox_mesh::TriMesh> {
     vec![
         hammer(),
-        cuboids(&[
-            ([0.0, 0.0, 0.05], [0.04, 0.03, 0.05]),
-            ([0.07, 0.0, 0.05], [0.01, 0.005, 0.03]),
-        ]),
+        cuboids(&[([0.0, 0.0, 0.05], [0.04, 0.03, 0.05]), ([0.07, 0.0, 0.05], [0.01, 0.005, 0.03])]),
         lathe(&[(0.03, 0.0), (0.035, 0.1), (0.012, 0.14), (0.013, 0.19)], 40),
     ]
 }
@@ -216,11 +181,7 @@ fn leaves_cover_the_surface() {
         for fit in [Fit::Pca, Fit::Minimum] {
             // Few samples for the cuts: the cover must not rest on them.
             for samples in [50, 2000] {
-                let params = DecomposeParams {
-                    fit,
-                    samples,
-                    ..DecomposeParams::default()
-                };
+                let params = DecomposeParams { fit, samples, ..DecomposeParams::default() };
                 let tree = decompose(mesh, &params).unwrap();
                 check_box_tree(&tree, &dense, 1e-9).unwrap_or_else(|fault| panic!("shape {index}: {fault}"));
                 assert!(tree.boxes().len() > 1 && tree.boxes().len() <= params.max_boxes);
@@ -231,21 +192,10 @@ fn leaves_cover_the_surface() {
 
 #[test]
 fn a_hammer_is_two_boxes() {
-    let tree = decompose(
-        &hammer(),
-        &DecomposeParams {
-            max_boxes: 2,
-            ..DecomposeParams::default()
-        },
-    )
-    .unwrap();
+    let tree = decompose(&hammer(), &DecomposeParams { max_boxes: 2, ..DecomposeParams::default() }).unwrap();
     let exact = 8.0 * (0.12 * 0.012 * 0.009 + 0.015 * 0.06 * 0.018);
     assert_eq!(tree.boxes().len(), 2);
-    assert!(
-        (tree.volume() / exact - 1.0).abs() < 0.06,
-        "{} against {exact}",
-        tree.volume()
-    );
+    assert!((tree.volume() / exact - 1.0).abs() < 0.06, "{} against {exact}", tree.volume());
 }
 
 #[test]
@@ -262,16 +212,9 @@ fn boxes_turn_with_the_mesh() {
             }
             assert_eq!(turned.boxes().len(), tree.boxes().len(), "shape {index}");
             for (a, b) in tree.leaves().zip(turned.leaves()) {
-                let apart = a
-                    .corners()
-                    .iter()
-                    .map(|c| b.excess(&(motion * c)).abs())
-                    .fold(0.0, f64::max);
+                let apart = a.corners().iter().map(|c| b.excess(&(motion * c)).abs()).fold(0.0, f64::max);
                 assert!(apart < 1e-3, "shape {index}, seed {seed}: corners {apart} m apart");
-                assert!(
-                    (motion * a.center - b.center).norm() < 1e-3,
-                    "shape {index}, seed {seed}"
-                );
+                assert!((motion * a.center - b.center).norm() < 1e-3, "shape {index}, seed {seed}");
             }
         }
     }
@@ -280,11 +223,7 @@ fn boxes_turn_with_the_mesh() {
 #[test]
 fn criteria_hold_for_every_cut() {
     let mesh = &shapes()[1];
-    let params = DecomposeParams {
-        volume_gain: Some(0.95),
-        min_volume: 4e-6,
-        ..DecomposeParams::default()
-    };
+    let params = DecomposeParams { volume_gain: Some(0.95), min_volume: 4e-6, ..DecomposeParams::default() };
     let tree = decompose(mesh, &params).unwrap();
     assert!(tree.boxes().len() >= 2);
     for node in &tree.nodes {
@@ -296,10 +235,7 @@ fn criteria_hold_for_every_cut() {
         assert!(children.iter().all(|&v| v > params.min_volume));
         assert!(children.iter().sum::<f64>() < 0.95 * node.bounds.volume());
     }
-    let strict = DecomposeParams {
-        area_gain: 0.05,
-        ..params
-    };
+    let strict = DecomposeParams { area_gain: 0.05, ..params };
     assert_eq!(decompose(mesh, &strict).unwrap().boxes().len(), 1);
 }
 
@@ -320,46 +256,25 @@ fn bad_input_is_refused() {
     assert_eq!(fit_box(&flat[..3], Fit::Pca), Err(PlanError::Degenerate { count: 3 }));
     let mut bad = cloud(50, Vector3::new(0.1, 0.1, 0.1), 1);
     bad[7].y = f64::NAN;
-    assert_eq!(
-        decompose_points(&bad, &DecomposeParams::default()),
-        Err(PlanError::NotFinite { index: 7 })
-    );
-    let params = DecomposeParams {
-        area_gain: 1.5,
-        ..DecomposeParams::default()
-    };
+    assert_eq!(decompose_points(&bad, &DecomposeParams::default()), Err(PlanError::NotFinite { index: 7 }));
+    let params = DecomposeParams { area_gain: 1.5, ..DecomposeParams::default() };
     let error = decompose(&hammer(), &params).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "area_gain = 1.5 is out of range; give a value in (0, 1]"
-    );
+    assert_eq!(error.to_string(), "area_gain = 1.5 is out of range; give a value in (0, 1]");
     assert!(serde_json::from_str::<DecomposeParams>(r#"{"area_gian": 0.8}"#).is_err());
-    assert_eq!(
-        serde_json::from_str::<DecomposeParams>("{}").unwrap(),
-        DecomposeParams::default()
-    );
+    assert_eq!(serde_json::from_str::<DecomposeParams>("{}").unwrap(), DecomposeParams::default());
 }
 
 #[test]
 fn a_broken_tree_is_found() {
     let good = decompose(&hammer(), &DecomposeParams::default()).unwrap();
     let outside = Point3::new(1.0, 0.0, 0.0);
-    assert!(matches!(
-        check_box_tree(&good, &[outside], 1e-3),
-        Err(BoxTreeFault::Uncovered { point: 0, .. })
-    ));
+    assert!(matches!(check_box_tree(&good, &[outside], 1e-3), Err(BoxTreeFault::Uncovered { point: 0, .. })));
     let mut bad = good.clone();
     bad.nodes[1].depth = 4;
-    assert!(matches!(
-        check_box_tree(&bad, &[], 0.0),
-        Err(BoxTreeFault::Structure { node: 1 })
-    ));
+    assert!(matches!(check_box_tree(&bad, &[], 0.0), Err(BoxTreeFault::Structure { node: 1 })));
     let mut bad = good;
     bad.nodes[0].bounds.axes.column_mut(0).neg_mut();
-    assert!(matches!(
-        check_box_tree(&bad, &[], 0.0),
-        Err(BoxTreeFault::Box { node: 0 })
-    ));
+    assert!(matches!(check_box_tree(&bad, &[], 0.0), Err(BoxTreeFault::Box { node: 0 })));
 }
 
 fn points(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Point3<f64>>> {

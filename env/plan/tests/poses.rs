@@ -17,12 +17,7 @@ fn center_of_mass(mesh: &TriMesh) -> Point3<f64> {
 }
 
 fn make(mesh: &TriMesh, world_from_object: Isometry3<f64>, params: &PlanParams) -> Plan {
-    let object = PlanObject {
-        mesh,
-        parts: &[],
-        center_of_mass: center_of_mass(mesh),
-        world_from_object,
-    };
+    let object = PlanObject { mesh, parts: &[], center_of_mass: center_of_mass(mesh), world_from_object };
     plan(&object, Hand::reflex().unwrap(), params).unwrap()
 }
 
@@ -46,10 +41,7 @@ fn probe(surface: &[Point3<f64>], hand: &Hand, preshape: f64, world_from_hand: &
     for placed in hand.shapes_at(&hand.open_configuration(preshape)).unwrap() {
         let world_from_shape = world_from_hand * placed.hand_from_shape;
         let inverse = world_from_shape.inverse();
-        let deep = surface
-            .iter()
-            .map(|p| depth(&placed.collider.shape, &inverse, p))
-            .fold(f64::NEG_INFINITY, f64::max);
+        let deep = surface.iter().map(|p| depth(&placed.collider.shape, &inverse, p)).fold(f64::NEG_INFINITY, f64::max);
         deepest = deepest.max(deep);
         if let Shape::Cuboid(half) = placed.collider.shape {
             let reach = (world_from_shape.rotation.inverse() * Vector3::z()).abs().dot(&half);
@@ -62,31 +54,17 @@ fn probe(surface: &[Point3<f64>], hand: &Hand, preshape: f64, world_from_hand: &
 #[test]
 fn feasible_poses_do_not_collide_at_the_pose_or_on_the_way() {
     let hand = Hand::reflex().unwrap();
-    for (index, mesh) in [hammer(), bottle(), cuboids(&[([0.0; 3], [0.03, 0.03, 0.03])])]
-        .iter()
-        .enumerate()
-    {
+    for (index, mesh) in [hammer(), bottle(), cuboids(&[([0.0; 3], [0.03, 0.03, 0.03])])].iter().enumerate() {
         let world_from_object = default_pose(mesh);
         let plan = make(mesh, world_from_object, &PlanParams::default());
-        assert!(
-            plan.feasible > 20,
-            "shape {index}: {} of {}",
-            plan.feasible,
-            plan.candidates.len()
-        );
-        let surface: Vec<_> = surface_points(mesh, 3000, 3)
-            .iter()
-            .map(|p| world_from_object * p)
-            .collect();
+        assert!(plan.feasible > 20, "shape {index}: {} of {}", plan.feasible, plan.candidates.len());
+        let surface: Vec<_> = surface_points(mesh, 3000, 3).iter().map(|p| world_from_object * p).collect();
         for candidate in plan.ranked().iter().step_by(7) {
             for step in 0..=10 {
                 let back = Translation3::new(0.0, 0.0, -0.01 * f64::from(step));
                 let world_from_hand = world_from_object * candidate.grasp.object_from_hand * back;
                 let (deepest, lowest) = probe(&surface, hand, candidate.grasp.preshape, &world_from_hand);
-                assert!(
-                    deepest < 0.0 && lowest > 0.0,
-                    "shape {index}, {step} cm back: {deepest}, {lowest}"
-                );
+                assert!(deepest < 0.0 && lowest > 0.0, "shape {index}, {step} cm back: {deepest}, {lowest}");
             }
         }
     }
@@ -105,15 +83,9 @@ fn poses_that_collide_are_filtered() {
     assert_eq!(scene.check(&open, &down(0.205)), Feasibility::Feasible);
     assert_eq!(scene.check(&open, &down(0.195)), Feasibility::HitsObject);
     // From below: the hand starts under the table.
-    assert_eq!(
-        scene.check(&open, &Isometry3::translation(0.2, 0.0, 0.1)),
-        Feasibility::HitsTable
-    );
+    assert_eq!(scene.check(&open, &Isometry3::translation(0.2, 0.0, 0.1)), Feasibility::HitsTable);
     // A shelf above the pose is met on the approach alone.
-    let shelf = cuboids(&[
-        ([0.0, 0.0, 0.1], [0.03, 0.03, 0.1]),
-        ([0.0, 0.0, 0.36], [0.02, 0.02, 0.01]),
-    ]);
+    let shelf = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1]), ([0.0, 0.0, 0.36], [0.02, 0.02, 0.01])]);
     let scene = CollisionScene::new(&shelf, &[], &Isometry3::identity()).unwrap();
     assert_eq!(scene.check(&open, &down(0.205)), Feasibility::HitsObjectOnApproach);
     assert!(!scene.collides(&open, &down(0.205)));
@@ -126,10 +98,7 @@ fn a_hand_inside_the_object_collides() {
     let mesh = cuboids(&[([0.0, 0.0, 1.0], [1.0, 1.0, 1.0])]);
     let scene = CollisionScene::new(&mesh, &[], &Isometry3::identity()).unwrap();
     let open = OpenHand::new(hand, 0.5, 0.001, 0.1).unwrap();
-    assert_eq!(
-        scene.check(&open, &Isometry3::translation(0.1, 0.2, 1.0)),
-        Feasibility::HitsObject
-    );
+    assert_eq!(scene.check(&open, &Isometry3::translation(0.1, 0.2, 1.0)), Feasibility::HitsObject);
 }
 
 #[test]
@@ -149,18 +118,9 @@ fn convex_parts_count_as_obstacles() {
 #[test]
 fn base_poses_stand_5_mm_outside_their_box_with_y_along_the_long_side() {
     let mesh = cuboids(&[([0.0, 0.0, 0.05], [0.1, 0.03, 0.05])]);
-    let poses = PoseParams {
-        variation: Variation::Grid,
-        ..PoseParams::default()
-    };
-    let params = PlanParams {
-        poses,
-        decompose: DecomposeParams {
-            max_boxes: 1,
-            ..Default::default()
-        },
-        ..Default::default()
-    };
+    let poses = PoseParams { variation: Variation::Grid, ..PoseParams::default() };
+    let params =
+        PlanParams { poses, decompose: DecomposeParams { max_boxes: 1, ..Default::default() }, ..Default::default() };
     let plan = make(&mesh, Isometry3::identity(), &params);
     let from_top: Vec<_> = plan
         .candidates
@@ -176,16 +136,9 @@ fn base_poses_stand_5_mm_outside_their_box_with_y_along_the_long_side() {
     for candidate in &from_top {
         let at = candidate.grasp.object_from_hand.translation.vector;
         assert!((at.z - 0.105).abs() < 1e-6 && at.y.abs() < 1e-6, "{at}");
-        assert!(
-            (at.x / 0.04 - (at.x / 0.04).round()).abs() < 1e-4,
-            "shifts are fifths of the long side: {at}"
-        );
+        assert!((at.x / 0.04 - (at.x / 0.04).round()).abs() < 1e-4, "shifts are fifths of the long side: {at}");
     }
-    assert!(
-        from_top
-            .iter()
-            .any(|c| (c.grasp.object_from_hand * Vector3::y()).x < 0.0)
-    );
+    assert!(from_top.iter().any(|c| (c.grasp.object_from_hand * Vector3::y()).x < 0.0));
     let faces: std::collections::BTreeSet<_> = plan.candidates.iter().map(|c| c.face).collect();
     assert_eq!(faces.len(), 6, "every face has poses");
 }
@@ -197,22 +150,11 @@ fn plans_turn_with_the_world_and_repeat_bit_by_bit() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     let again = pool.install(|| make(&mesh, default_pose(&mesh), &PlanParams::default()));
     assert_eq!(first, again);
-    let other = make(
-        &mesh,
-        default_pose(&mesh),
-        &PlanParams {
-            seed: 1,
-            ..PlanParams::default()
-        },
-    );
+    let other = make(&mesh, default_pose(&mesh), &PlanParams { seed: 1, ..PlanParams::default() });
     assert_ne!(first.candidates, other.candidates);
     // The same object, given in another frame.
     let motion = random_motion(&mut rng(5));
-    let moved = make(
-        &mesh.transformed(&motion),
-        default_pose(&mesh) * motion.inverse(),
-        &PlanParams::default(),
-    );
+    let moved = make(&mesh.transformed(&motion), default_pose(&mesh) * motion.inverse(), &PlanParams::default());
     assert!((moved.feasible as f64 / first.feasible as f64 - 1.0).abs() < 0.05);
 }
 
@@ -228,10 +170,7 @@ fn bad_parameters_are_refused() {
     let mut params = PlanParams::default();
     params.poses.standoffs = vec![0.01, -1.0];
     let error = plan(&object, Hand::reflex().unwrap(), &params).unwrap_err();
-    assert!(
-        matches!(error, PlanError::OutOfRange { name: "standoffs", .. }),
-        "{error}"
-    );
+    assert!(matches!(error, PlanError::OutOfRange { name: "standoffs", .. }), "{error}");
     assert!(serde_json::from_str::<PlanParams>(r#"{"poses": {"offsett": 1}}"#).is_err());
 }
 
@@ -242,21 +181,11 @@ fn the_ranking_prefers_grasps_that_hold() {
     let ranked = plan.ranked();
     assert!(ranked.windows(2).all(|pair| pair[0].score >= pair[1].score));
     assert!(ranked.iter().all(|c| c.prediction.is_some()));
-    assert!(
-        plan.candidates[plan.feasible..]
-            .iter()
-            .all(|c| c.prediction.is_none() && !c.feasible())
-    );
+    assert!(plan.candidates[plan.feasible..].iter().all(|c| c.prediction.is_none() && !c.feasible()));
     let best = ranked[0].prediction.unwrap();
-    assert!(
-        best.fingers >= 2.0 && best.epsilon > 0.3 && best.lever < 0.03,
-        "{best:?}"
-    );
+    assert!(best.fingers >= 2.0 && best.epsilon > 0.3 && best.lever < 0.03, "{best:?}");
     // The first twenty are not one idea twenty times.
-    let kinds: std::collections::BTreeSet<_> = ranked
-        .iter()
-        .take(20)
-        .map(|c| (c.face, c.grasp.preshape.to_bits()))
-        .collect();
+    let kinds: std::collections::BTreeSet<_> =
+        ranked.iter().take(20).map(|c| (c.face, c.grasp.preshape.to_bits())).collect();
     assert!(kinds.len() >= 3, "{kinds:?}");
 }

@@ -27,23 +27,13 @@ pub fn entries<'a, T: Element>(
     shape: &[Option<usize>],
 ) -> Result<&'a [T], CoreError> {
     let have = array.shape();
-    let fits = have.len() == shape.len()
-        && shape
-            .iter()
-            .zip(have)
-            .all(|(want, have)| want.is_none_or(|want| want == *have));
+    let fits =
+        have.len() == shape.len() && shape.iter().zip(have).all(|(want, have)| want.is_none_or(|want| want == *have));
     if !fits {
         let want: Vec<String> = shape.iter().map(|n| n.map_or("n".into(), |n| n.to_string())).collect();
-        return Err(CoreError::Config(format!(
-            "{what} has shape {have:?}; give ({})",
-            want.join(", ")
-        )));
+        return Err(CoreError::Config(format!("{what} has shape {have:?}; give ({})", want.join(", "))));
     }
-    let layout = || {
-        CoreError::Config(format!(
-            "{what} is not C-contiguous; pass it through numpy.ascontiguousarray"
-        ))
-    };
+    let layout = || CoreError::Config(format!("{what} is not C-contiguous; pass it through numpy.ascontiguousarray"));
     if !array.is_c_contiguous() {
         return Err(layout());
     }
@@ -56,9 +46,7 @@ fn values<'a>(array: &'a Floats<'_>, what: &str, shape: &[Option<usize>]) -> Res
     match values.iter().position(|x| !x.is_finite()) {
         Some(index) => {
             let value = values[index];
-            Err(CoreError::Config(format!(
-                "{what} holds {value} at flat index {index}; give finite numbers"
-            )))
+            Err(CoreError::Config(format!("{what} holds {value} at flat index {index}; give finite numbers")))
         }
         None => Ok(values),
     }
@@ -101,11 +89,7 @@ pub fn isometry(array: &Floats<'_>, what: &str) -> Result<Isometry3<f64>, CoreEr
 pub fn isometries(array: &Floats<'_>, what: &str) -> Result<Vec<Isometry3<f64>>, CoreError> {
     let values = values(array, what, &[None, Some(4), Some(4)])?;
     let name = |i| format!("{what}[{i}]");
-    values
-        .chunks_exact(16)
-        .enumerate()
-        .map(|(i, m)| rigid(m, &name(i)))
-        .collect()
+    values.chunks_exact(16).enumerate().map(|(i, m)| rigid(m, &name(i))).collect()
 }
 
 fn rigid(rows: &[f64], what: &str) -> Result<Isometry3<f64>, CoreError> {

@@ -70,10 +70,7 @@ pub fn draw<'py>(
         .map_err(CoreError::from)?;
     let (rgb, depth) = detached(py, num_threads, move || paint(&solids, hand, &camera, &config))?;
     let (height, width) = (height as usize, width as usize);
-    Ok((
-        array(py, rgb, &[height, width, 3])?,
-        array(py, depth, &[height, width])?,
-    ))
+    Ok((array(py, rgb, &[height, width, 3])?, array(py, depth, &[height, width])?))
 }
 
 fn solids(
@@ -85,15 +82,11 @@ fn solids(
     let count = meshes.len();
     let poses = isometries(world_from_mesh, "world_from_mesh")?;
     let colors = points(colors, "colors")?;
-    for (what, given) in [
-        ("world_from_mesh", poses.len()),
-        ("colors", colors.len()),
-        ("casts_shadow", casts_shadow.len()),
-    ] {
+    for (what, given) in
+        [("world_from_mesh", poses.len()), ("colors", colors.len()), ("casts_shadow", casts_shadow.len())]
+    {
         if given != count {
-            return Err(CoreError::Config(format!(
-                "{what} has length {given}; give one for each of {count} meshes"
-            )));
+            return Err(CoreError::Config(format!("{what} has length {given}; give one for each of {count} meshes")));
         }
     }
     let rest = poses.into_iter().zip(colors).zip(casts_shadow);
@@ -114,16 +107,10 @@ fn posed(
     (hand, world_from_hand, preshape, proximal, distal): Posed,
 ) -> Result<(Stage, Vec<Isometry3<f64>>), CoreError> {
     let frame = isometry(&world_from_hand, "world_from_hand")?;
-    let configuration = HandConfiguration {
-        preshape,
-        proximal: vector(&proximal, "proximal")?,
-        distal: vector(&distal, "distal")?,
-    };
+    let configuration =
+        HandConfiguration { preshape, proximal: vector(&proximal, "proximal")?, distal: vector(&distal, "distal")? };
     let links = hand.0.hand_from_links(&configuration)?;
-    Ok((
-        Stage::new(&hand.0)?,
-        links.into_iter().map(|link| frame * link).collect(),
-    ))
+    Ok((Stage::new(&hand.0)?, links.into_iter().map(|link| frame * link).collect()))
 }
 
 fn paint(
@@ -147,8 +134,6 @@ fn paint(
     }
     let mut renderer = Renderer::new(Detail::Full);
     let rgb = renderer.picture(&instances, camera, &config.light, config.samples)?;
-    let depth = renderer
-        .render(&instances, camera, &config.light, Channels::default())?
-        .depth;
+    let depth = renderer.render(&instances, camera, &config.light, Channels::default())?.depth;
     Ok((rgb, depth))
 }

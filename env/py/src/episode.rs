@@ -32,17 +32,10 @@ fn grasps(poses: &Floats<'_>, preshape: &Floats<'_>) -> Result<Vec<GraspPose>, C
     let preshapes = vector(preshape, "preshape")?;
     if poses.len() != preshapes.len() {
         let (poses, preshapes) = (poses.len(), preshapes.len());
-        return Err(CoreError::Config(format!(
-            "there are {poses} poses but {preshapes} preshapes; give one each"
-        )));
+        return Err(CoreError::Config(format!("there are {poses} poses but {preshapes} preshapes; give one each")));
     }
     let pairs = poses.into_iter().zip(preshapes);
-    Ok(pairs
-        .map(|(object_from_hand, preshape)| GraspPose {
-            object_from_hand,
-            preshape,
-        })
-        .collect())
+    Ok(pairs.map(|(object_from_hand, preshape)| GraspPose { object_from_hand, preshape }).collect())
 }
 
 #[pymethods]
@@ -59,9 +52,7 @@ impl Scene {
         cache: Option<PathBuf>,
     ) -> PyResult<Self> {
         let physics: PhysicsConfig = crate::convert::config(physics, "PhysicsConfig")?;
-        let start = world_from_object
-            .map(|m| isometry(&m, "world_from_object"))
-            .transpose()?;
+        let start = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
         let (mesh, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
         detached(py, None, move || {
             let body = mesh.body(cache.as_deref())?;
@@ -141,19 +132,12 @@ impl Scene {
         preshape: f64,
         config: &str,
     ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
-        let pose = GraspPose {
-            object_from_hand: isometry(&pose, "pose")?,
-            preshape,
-        };
+        let pose = GraspPose { object_from_hand: isometry(&pose, "pose")?, preshape };
         let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
         let progress = Arc::new(Progress::default());
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
-        let (outcome, samples) = interruptible(
-            py,
-            None,
-            move || progress.stop(),
-            move || trace_trial(&scene, &pose, config, &watched),
-        )?;
+        let (outcome, samples) =
+            interruptible(py, None, move || progress.stop(), move || trace_trial(&scene, &pose, config, &watched))?;
         let fingers = self.core.template().hand().fingers.len();
         Ok((outcome_arrays(py, &[outcome])?, sample_arrays(py, &samples, fingers)?))
     }
@@ -181,10 +165,7 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     dict.set_item("kindness_rate", numbers(|o| o.kindness_rate)?)?;
     dict.set_item("lift", numbers(|o| o.lift)?)?;
     dict.set_item("time", numbers(|o| o.time)?)?;
-    let names = outcomes
-        .iter()
-        .map(|o| o.failure.map_or("", failure_name))
-        .collect::<Vec<_>>();
+    let names = outcomes.iter().map(|o| o.failure.map_or("", failure_name)).collect::<Vec<_>>();
     dict.set_item("failure", names)?;
     Ok(dict)
 }
@@ -196,18 +177,9 @@ fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], fingers: usize) -> Py
     dict.set_item("time", numbers(|s| s.time)?)?;
     dict.set_item("distance", numbers(|s| s.distance)?)?;
     dict.set_item("hand_force", numbers(|s| s.hand_force)?)?;
-    dict.set_item(
-        "world_from_hand",
-        matrices(py, samples.iter().map(|s| s.world_from_hand))?,
-    )?;
-    dict.set_item(
-        "world_from_object",
-        matrices(py, samples.iter().map(|s| s.world_from_object))?,
-    )?;
-    let angles = samples
-        .iter()
-        .flat_map(|s| s.fingers.iter().flatten().copied())
-        .collect();
+    dict.set_item("world_from_hand", matrices(py, samples.iter().map(|s| s.world_from_hand))?)?;
+    dict.set_item("world_from_object", matrices(py, samples.iter().map(|s| s.world_from_object))?)?;
+    let angles = samples.iter().flat_map(|s| s.fingers.iter().flatten().copied()).collect();
     dict.set_item("fingers", array::<f64>(py, angles, &[n, fingers, 2])?)?;
     let tensions = samples.iter().flat_map(|s| s.tensions.iter().copied()).collect();
     dict.set_item("tensions", array::<f64>(py, tensions, &[n, fingers])?)?;

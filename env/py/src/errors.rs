@@ -144,10 +144,7 @@ impl From<EpisodeError> for CoreError {
             EpisodeError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Undrawable { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Plan { object, source } => Self::from(source).about(&format!("object `{object}`")),
-            EpisodeError::Sim {
-                source: source @ SimError::BadConfig { .. },
-                ..
-            } => source.into(),
+            EpisodeError::Sim { source: source @ SimError::BadConfig { .. }, .. } => source.into(),
             _ => Self::Simulation(error.to_string()),
         }
     }

@@ -92,10 +92,7 @@ pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &Pool) -> PyResult<Bound<'py
     let mut poses = vec![Vec::new(); eyes.lenses().len()];
     for env in 0..core.len() {
         let slot = core.slot(env).map_err(CoreError::from)?;
-        let play = slot
-            .play()
-            .ok_or(EpisodeError::NotReset { env })
-            .map_err(CoreError::from)?;
+        let play = slot.play().ok_or(EpisodeError::NotReset { env }).map_err(CoreError::from)?;
         let hand = play.episode().world().world_from_hand();
         let cameras = eyes.cameras(play.look(), &hand).map_err(CoreError::from)?;
         for (poses, camera) in poses.iter_mut().zip(cameras) {
@@ -120,14 +117,7 @@ fn lens_matrix(k: &Intrinsics) -> [f64; 9] {
 /// Another shape.
 pub(crate) fn lens(matrix: &Floats, height: u32, width: u32) -> Result<Intrinsics, CoreError> {
     let k = crate::convert::entries(matrix, "intrinsics", &[Some(3), Some(3)])?;
-    Ok(Intrinsics {
-        width,
-        height,
-        fx: k[0],
-        fy: k[4],
-        cx: k[2],
-        cy: k[5],
-    })
+    Ok(Intrinsics { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5] })
 }
 
 /// What [`views`] takes beside mesh and poses.
@@ -161,9 +151,7 @@ pub fn views<'py>(
     num_threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config: ViewsConfig = crate::convert::config(config, "views")?;
-    let pose = world_from_object
-        .map(|m| isometry(&m, "world_from_object"))
-        .transpose()?;
+    let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
     let pose = pose.unwrap_or_else(|| graspbox_mesh::default_pose(&mesh.0.spec.mesh));
     let bounds = mesh.0.spec.mesh.transformed(&pose).aabb();
     let target = target.map(|p| point(&p, "target")).transpose()?;
@@ -230,17 +218,9 @@ pub fn occupancy<'py>(
         let cameras = poses.iter().map(|pose| Camera::new(lens, *pose)?.with_range(1e-4, far));
         let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
         let images = values.chunks_exact((height * width).max(1));
-        let views: Vec<_> = cameras
-            .into_iter()
-            .zip(images)
-            .map(|(camera, depth)| DepthView { camera, depth })
-            .collect();
-        Ok::<_, CoreError>(graspbox_camera::occupancy(
-            &grid,
-            &Isometry3::identity(),
-            &views,
-            nothing_is_free,
-        )?)
+        let views: Vec<_> =
+            cameras.into_iter().zip(images).map(|(camera, depth)| DepthView { camera, depth }).collect();
+        Ok::<_, CoreError>(graspbox_camera::occupancy(&grid, &Isometry3::identity(), &views, nothing_is_free)?)
     })?;
     let cells = cells.into_iter().map(|cell| cell as u8).collect();
     array(py, cells, &[resolution; 3])

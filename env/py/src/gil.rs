@@ -35,9 +35,7 @@ pub fn thread_count(requested: Option<usize>) -> Result<usize, CoreError> {
         (Some(count), _) => (count, "num_threads"),
         (None, Ok(text)) => {
             let count = text.trim().parse().map_err(|_| {
-                CoreError::Config(format!(
-                    "GRASPBOX_THREADS is {text:?}; set it to a number of threads or unset it"
-                ))
+                CoreError::Config(format!("GRASPBOX_THREADS is {text:?}; set it to a number of threads or unset it"))
             })?;
             (count, "GRASPBOX_THREADS")
         }
@@ -46,9 +44,7 @@ pub fn thread_count(requested: Option<usize>) -> Result<usize, CoreError> {
     if (1..=MAX_THREADS).contains(&count) {
         Ok(count)
     } else {
-        Err(CoreError::Config(format!(
-            "{origin} is {count}; it must be between 1 and {MAX_THREADS}"
-        )))
+        Err(CoreError::Config(format!("{origin} is {count}; it must be between 1 and {MAX_THREADS}")))
     }
 }
 

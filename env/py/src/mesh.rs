@@ -35,13 +35,7 @@ impl MeshData {
     pub fn new(spec: ObjectSpec) -> Result<Self, CoreError> {
         let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
         let properties = mass_properties(&spec.mesh, mass)?;
-        Ok(Self {
-            spec,
-            properties,
-            body: OnceLock::new(),
-            look: OnceLock::new(),
-            surface: OnceLock::new(),
-        })
+        Ok(Self { spec, properties, body: OnceLock::new(), look: OnceLock::new(), surface: OnceLock::new() })
     }
 
     /// The object as the simulation takes it, prepared at its first use; convex parts are kept in the folder `cache`.
@@ -107,12 +101,7 @@ impl Mesh {
             if let Some(cleaning) = &cleaning {
                 mesh = clean(&mesh, cleaning).map_err(named)?.0;
             }
-            MeshData::new(ObjectSpec {
-                name,
-                mesh,
-                mass,
-                parts: None,
-            })
+            MeshData::new(ObjectSpec { name, mesh, mass, parts: None })
         })?;
         Ok(Self(Arc::new(data)))
     }
@@ -128,12 +117,7 @@ impl Mesh {
     ) -> PyResult<Self> {
         let vertices = crate::convert::points(&vertices, "vertices")?;
         let mesh = TriMesh::new(vertices, crate::convert::triples(&faces, "faces")?).map_err(CoreError::from)?;
-        Ok(Self(Arc::new(MeshData::new(ObjectSpec {
-            name,
-            mesh,
-            mass,
-            parts: None,
-        })?)))
+        Ok(Self(Arc::new(MeshData::new(ObjectSpec { name, mesh, mass, parts: None })?)))
     }
 
     #[getter]
@@ -194,9 +178,7 @@ impl Mesh {
             return Err(CoreError::Config(format!("count is {count}; ask for at most {MAX_SAMPLES} samples")).into());
         }
         let data = Arc::clone(&self.0);
-        let samples = detached(py, None, move || {
-            Ok::<_, CoreError>(sample_surface(&data.spec.mesh, count, seed))
-        })?;
+        let samples = detached(py, None, move || Ok::<_, CoreError>(sample_surface(&data.spec.mesh, count, seed)))?;
         let points = table(py, samples.iter().map(|s| [s.point.x, s.point.y, s.point.z]))?;
         let normals = table(py, samples.iter().map(|s| [s.normal.x, s.normal.y, s.normal.z]))?;
         Ok((points, normals))
@@ -207,27 +189,15 @@ impl Mesh {
         let data = Arc::clone(&self.0);
         let poses = detached(py, None, move || {
             let hull = convex_hull(data.spec.mesh.vertices())?;
-            Ok::<_, CoreError>(resting_poses(
-                &hull,
-                &data.properties.center_of_mass,
-                &RestingOptions::default(),
-            )?)
+            Ok::<_, CoreError>(resting_poses(&hull, &data.properties.center_of_mass, &RestingOptions::default())?)
         })?;
         let probabilities: Vec<f64> = poses.iter().map(|p| p.probability).collect();
         let count = poses.len();
-        Ok((
-            matrices(py, poses.iter().map(|p| p.world_from_object))?,
-            array(py, probabilities, &[count])?,
-        ))
+        Ok((matrices(py, poses.iter().map(|p| p.world_from_object))?, array(py, probabilities, &[count])?))
     }
 
     fn __repr__(&self) -> String {
         let mesh = &self.0.spec.mesh;
-        format!(
-            "Mesh({:?}, {} vertices, {} faces)",
-            self.0.spec.name,
-            mesh.vertices().len(),
-            mesh.faces().len()
-        )
+        format!("Mesh({:?}, {} vertices, {} faces)", self.0.spec.name, mesh.vertices().len(), mesh.faces().len())
     }
 }

@@ -30,19 +30,10 @@ fn tree_arrays<'py>(py: Python<'py>, tree: &BoxTree) -> PyResult<Bound<'py, PyDi
     let children = |node: &BoxNode| node.cut.map_or([-1, -1], |(_, pair)| pair.map(|child| child as i64));
     let dict = PyDict::new(py);
     dict.set_item("center", table(py, boxes().map(|b| <[f64; 3]>::from(b.center.coords)))?)?;
-    dict.set_item(
-        "axes",
-        array(py, boxes().flat_map(|b| row_major(&b.axes)).collect(), &[n, 3, 3])?,
-    )?;
-    dict.set_item(
-        "half_extents",
-        table(py, boxes().map(|b| <[f64; 3]>::from(b.half_extents)))?,
-    )?;
+    dict.set_item("axes", array(py, boxes().flat_map(|b| row_major(&b.axes)).collect(), &[n, 3, 3])?)?;
+    dict.set_item("half_extents", table(py, boxes().map(|b| <[f64; 3]>::from(b.half_extents)))?)?;
     dict.set_item("children", table(py, tree.nodes.iter().map(children))?)?;
-    dict.set_item(
-        "depth",
-        array(py, tree.nodes.iter().map(|node| node.depth as i64).collect(), &[n])?,
-    )?;
+    dict.set_item("depth", array(py, tree.nodes.iter().map(|node| node.depth as i64).collect(), &[n])?)?;
     Ok(dict)
 }
 
@@ -62,9 +53,7 @@ pub fn plan<'py>(
     features: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let params: PlanParams = config(params, "PlanConfig")?;
-    let pose = world_from_object
-        .map(|m| isometry(&m, "world_from_object"))
-        .transpose()?;
+    let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
     let (data, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
     let plan = detached(py, num_threads, move || {
         let body = data.body(cache.as_deref())?;
@@ -78,10 +67,7 @@ pub fn plan<'py>(
     })?;
     let dict = plan_arrays(py, &plan)?;
     if features {
-        let read = |c: &Candidate| {
-            c.prediction
-                .map_or([f64::NAN; RANK_TERMS], |p| rank_features(&p, c.grasp.preshape))
-        };
+        let read = |c: &Candidate| c.prediction.map_or([f64::NAN; RANK_TERMS], |p| rank_features(&p, c.grasp.preshape));
         dict.set_item("features", table(py, plan.candidates.iter().map(read))?)?;
     }
     Ok(dict)
@@ -100,16 +86,10 @@ fn plan_arrays<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>
     dict.set_item("tree", tree_arrays(py, &plan.tree)?)?;
     dict.set_item("world_from_object", matrix(py, &plan.world_from_object)?)?;
     dict.set_item("poses", matrices(py, all.iter().map(|c| c.grasp.object_from_hand))?)?;
-    dict.set_item(
-        "preshape",
-        array(py, all.iter().map(|c| c.grasp.preshape).collect(), n)?,
-    )?;
+    dict.set_item("preshape", array(py, all.iter().map(|c| c.grasp.preshape).collect(), n)?)?;
     dict.set_item("box", array(py, all.iter().map(|c| c.box_index as i64).collect(), n)?)?;
     dict.set_item("face", array(py, all.iter().map(|c| c.face as i64).collect(), n)?)?;
     dict.set_item("score", array(py, all.iter().map(|c| c.score).collect(), n)?)?;
-    dict.set_item(
-        "feasible",
-        array(py, all.iter().map(|c| c.feasible()).collect::<Vec<bool>>(), n)?,
-    )?;
+    dict.set_item("feasible", array(py, all.iter().map(|c| c.feasible()).collect::<Vec<bool>>(), n)?)?;
     Ok(dict)
 }

@@ -14,8 +14,7 @@ use std::sync::Arc;
 /// # Errors
 /// A name that no family has.
 pub fn family(name: &str) -> Result<Family, CoreError> {
-    name.parse()
-        .map_err(|error: graspbox_mesh::procedural::UnknownFamily| CoreError::Config(error.to_string()))
+    name.parse().map_err(|error: graspbox_mesh::procedural::UnknownFamily| CoreError::Config(error.to_string()))
 }
 
 /// Names of the families.

@@ -46,27 +46,14 @@ impl Described {
     fn source(self) -> Result<Source, CoreError> {
         let Self { name, scale, mass, .. } = self;
         if !(scale.is_finite() && scale > 0.0) {
-            return Err(CoreError::Config(format!(
-                "object {name:?}: scale is {scale}; give a positive factor"
-            )));
+            return Err(CoreError::Config(format!("object {name:?}: scale is {scale}; give a positive factor")));
         }
         match (self.path, self.family, self.seed) {
-            (Some(path), None, None) => Ok(Source::File {
-                name,
-                path,
-                scale,
-                mass,
-            }),
-            (None, Some(family), Some(seed)) => Ok(Source::Procedural {
-                name,
-                family: crate::procedural::family(&family)?,
-                seed,
-                scale,
-                mass,
-            }),
-            _ => Err(CoreError::Config(format!(
-                "object {name:?} needs either a path, or a family and a seed"
-            ))),
+            (Some(path), None, None) => Ok(Source::File { name, path, scale, mass }),
+            (None, Some(family), Some(seed)) => {
+                Ok(Source::Procedural { name, family: crate::procedural::family(&family)?, seed, scale, mass })
+            }
+            _ => Err(CoreError::Config(format!("object {name:?} needs either a path, or a family and a seed"))),
         }
     }
 }
@@ -148,12 +135,7 @@ impl Pool {
         let core = agent::Pool::new(Arc::clone(&objects.0), config, num_envs).map_err(CoreError::from)?;
         crate::gil::thread_count(num_threads)?;
         let (sender, arrivals) = channel();
-        Ok(Self {
-            core: Arc::new(core),
-            num_threads,
-            sender: Mutex::new(sender),
-            arrivals: Mutex::new(arrivals),
-        })
+        Ok(Self { core: Arc::new(core), num_threads, sender: Mutex::new(sender), arrivals: Mutex::new(arrivals) })
     }
 
     #[getter]
@@ -274,10 +256,7 @@ impl Pool {
         let mut poses = [const { Vec::new() }; 3];
         for env in 0..self.core.len() {
             let slot = self.core.slot(env).map_err(CoreError::from)?;
-            let play = slot
-                .play()
-                .ok_or(EpisodeError::NotReset { env })
-                .map_err(CoreError::from)?;
+            let play = slot.play().ok_or(EpisodeError::NotReset { env }).map_err(CoreError::from)?;
             let world = play.episode().world();
             poses[0].push(world.world_from_object());
             poses[1].push(world.world_from_hand());
@@ -386,8 +365,7 @@ pub fn agent_tables(hand: &Hand) -> PyResult<String> {
     // The state holds the last action, whose length is the control's.
     let observations = |control: Control| -> serde_json::Map<_, _> {
         let rows = Observation::ALL.iter();
-        rows.map(|o| (o.name().to_owned(), serde_json::json!(o.table(hand, control))))
-            .collect()
+        rows.map(|o| (o.name().to_owned(), serde_json::json!(o.table(hand, control)))).collect()
     };
     let by_name = |make: &dyn Fn(Control) -> serde_json::Value| -> serde_json::Map<_, _> {
         let controls = Control::CLOSED_LOOP.iter();
@@ -397,11 +375,7 @@ pub fn agent_tables(hand: &Hand) -> PyResult<String> {
         .iter()
         .map(|(name, low, high, meaning)| serde_json::json!({"name": name, "low": low, "high": high, "meaning": meaning}))
         .collect();
-    let privileged: Vec<_> = Observation::ALL
-        .iter()
-        .filter(|o| o.privileged())
-        .map(|o| o.name())
-        .collect();
+    let privileged: Vec<_> = Observation::ALL.iter().filter(|o| o.privileged()).map(|o| o.name()).collect();
     let tables = serde_json::json!({
         "actions": by_name(&|c| serde_json::json!(c.table(hand))),
         "observations": by_name(&|c| observations(c).into()),

@@ -35,13 +35,8 @@ pub fn voxelize<'py>(
     remove_internal: bool,
     exact: bool,
 ) -> PyResult<(Arrays<'py>, Option<&'static str>)> {
-    let options = VoxelOptions {
-        resolution,
-        mode: mode.parse().map_err(CoreError::from)?,
-        down,
-        remove_internal,
-        exact,
-    };
+    let options =
+        VoxelOptions { resolution, mode: mode.parse().map_err(CoreError::from)?, down, remove_internal, exact };
     let data = Arc::clone(&mesh.0);
     let (grid, rule) = detached(py, None, move || graspbox_mesh::voxelize(&data.spec.mesh, &options))?;
     Ok((arrays(py, grid)?, rule.map(graspbox_mesh::FillRule::name)))

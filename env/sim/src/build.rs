@@ -45,10 +45,7 @@ impl Part {
             0 => Part::Object,
             1 => Part::Table,
             2 => Part::Ground,
-            n => Part::Link {
-                link: ((n - 16) >> 32) as usize,
-                shape: ((n - 16) & 0xffff_ffff) as usize,
-            },
+            n => Part::Link { link: ((n - 16) >> 32) as usize, shape: ((n - 16) & 0xffff_ffff) as usize },
         }
     }
 }
@@ -128,29 +125,12 @@ pub(crate) fn build(
         .gyroscopic_forces_enabled(true)
         .can_sleep(false);
     let object_body = world.bodies.insert(body);
-    let collider = surface(
-        object.shape.clone(),
-        config.friction.object,
-        Part::Object,
-        OBJECT,
-        Group::ALL,
-    );
-    let object_collider = world
-        .colliders
-        .insert_with_parent(collider, object_body, &mut world.bodies);
+    let collider = surface(object.shape.clone(), config.friction.object, Part::Object, OBJECT, Group::ALL);
+    let object_collider = world.colliders.insert_with_parent(collider, object_body, &mut world.bodies);
     insert_base(&mut world, hand);
-    let fingers = (0..hand.fingers.len())
-        .map(|finger| insert_finger(&mut world, hand, finger))
-        .collect::<Result<Vec<_>, _>>()?;
-    Ok((
-        world,
-        Handles {
-            object: object_body,
-            object_collider,
-            scenery,
-            fingers,
-        },
-    ))
+    let fingers =
+        (0..hand.fingers.len()).map(|finger| insert_finger(&mut world, hand, finger)).collect::<Result<Vec<_>, _>>()?;
+    Ok((world, Handles { object: object_body, object_collider, scenery, fingers }))
 }
 
 /// Table and ground on one kinematic body, since both move alike in the hand's frame.
@@ -159,20 +139,12 @@ fn insert_scenery(
     config: &PhysicsConfig,
     base_from_world: &Isometry3<f64>,
 ) -> RigidBodyHandle {
-    let body = RigidBodyBuilder::kinematic_position_based()
-        .pose(frames::pose(base_from_world))
-        .can_sleep(false);
+    let body = RigidBodyBuilder::kinematic_position_based().pose(frames::pose(base_from_world)).can_sleep(false);
     let body = world.bodies.insert(body);
     let half = frames::length(TABLE_SIDE / 2.0);
     let thick = frames::length(TABLE_THICKNESS / 2.0);
-    let table = surface(
-        SharedShape::cuboid(half, half, thick),
-        config.friction.table,
-        Part::Table,
-        GROUND,
-        Group::ALL,
-    )
-    .translation(Vector::new(0.0, 0.0, -thick));
+    let table = surface(SharedShape::cuboid(half, half, thick), config.friction.table, Part::Table, GROUND, Group::ALL)
+        .translation(Vector::new(0.0, 0.0, -thick));
     // A thick slab, not a half-space: an unbounded shape would be a contact candidate of everything at every step.
     let ground_side = frames::length(GROUND_SIDE / 2.0);
     let ground_half = SharedShape::cuboid(ground_side, ground_side, thick);
@@ -242,10 +214,7 @@ fn insert_colliders(
             };
             let factor = hand.friction.of(collider.material);
             let pose = carrier_from_link * collider.link_from_shape * turn;
-            let part = Part::Link {
-                link: *link,
-                shape: index,
-            };
+            let part = Part::Link { link: *link, shape: index };
             let built = surface(shape, factor, part, member, filter).position(frames::pose(&pose));
             world.colliders.insert_with_parent(built, body, &mut world.bodies);
         }
@@ -259,10 +228,7 @@ fn finger_group(finger: usize, distal: bool) -> Group {
 
 fn insert_finger(world: &mut PhysicsWorld, hand: &Hand, finger: usize) -> Result<FingerHandles, SimError> {
     let f = &hand.fingers[finger];
-    let bad = |why| SimError::BadFinger {
-        finger: f.name.clone(),
-        why,
-    };
+    let bad = |why| SimError::BadFinger { finger: f.name.clone(), why };
     if finger > 12 {
         return Err(bad("a hand may have 13 fingers at most"));
     }
@@ -276,9 +242,7 @@ fn insert_finger(world: &mut PhysicsWorld, hand: &Hand, finger: usize) -> Result
             return Err(bad("its swivel does not hang on the base"));
         }
         let body = insert_link(world, hand, joint, (PALM, OBJECT | GROUND));
-        let handle = world
-            .multibody_joints
-            .insert_kinematic(parent, body, revolute(hand, joint), true);
+        let handle = world.multibody_joints.insert_kinematic(parent, body, revolute(hand, joint), true);
         swivel = Some(handle.ok_or_else(|| bad("its swivel closes a loop"))?);
         parent = body;
     }
@@ -293,12 +257,7 @@ fn insert_finger(world: &mut PhysicsWorld, hand: &Hand, finger: usize) -> Result
         bodies.push(body);
         parent = body;
     }
-    let found = FingerHandles {
-        swivel,
-        proximal: handles[0],
-        distal: handles[1],
-        bodies: [bodies[0], bodies[1]],
-    };
+    let found = FingerHandles { swivel, proximal: handles[0], distal: handles[1], bodies: [bodies[0], bodies[1]] };
     set_losses(world, hand, finger, &found);
     Ok(found)
 }
@@ -310,14 +269,8 @@ fn insert_link(
     (member, filter): (Group, Group),
 ) -> RigidBodyHandle {
     let carrier = carrier(hand, hand.joints[joint].child);
-    let mass = carrier
-        .links
-        .iter()
-        .map(|(link, pose)| link_mass(hand, *link, pose))
-        .reduce(|a, b| a + b);
-    let body = RigidBodyBuilder::dynamic()
-        .additional_mass_properties(mass.unwrap_or_default())
-        .can_sleep(false);
+    let mass = carrier.links.iter().map(|(link, pose)| link_mass(hand, *link, pose)).reduce(|a, b| a + b);
+    let body = RigidBodyBuilder::dynamic().additional_mass_properties(mass.unwrap_or_default()).can_sleep(false);
     let body = world.bodies.insert(body);
     insert_colliders(world, hand, &carrier, body, member, filter);
     body
@@ -347,10 +300,7 @@ fn revolute(hand: &Hand, joint: usize) -> GenericJoint {
 /// Damping and armature of both joints, which the engine integrates implicitly.
 fn set_losses(world: &mut PhysicsWorld, hand: &Hand, finger: usize, handles: &FingerHandles) {
     let flexure = &hand.fingers[finger].flexure;
-    for (handle, damping) in [
-        (handles.proximal, flexure.proximal_damping),
-        (handles.distal, flexure.distal_damping),
-    ] {
+    for (handle, damping) in [(handles.proximal, flexure.proximal_damping), (handles.distal, flexure.distal_damping)] {
         if let Some((multibody, link)) = world.multibody_joints.get_mut(handle) {
             let Some(id) = multibody.link(link).map(|l| l.assembly_id()) else {
                 continue;

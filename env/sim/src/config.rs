@@ -17,10 +17,7 @@ pub struct Friction {
 
 impl Default for Friction {
     fn default() -> Self {
-        Self {
-            table: 0.5,
-            object: 1.0,
-        }
+        Self { table: 0.5, object: 1.0 }
     }
 }
 
@@ -80,50 +77,14 @@ impl PhysicsConfig {
         let f = &self.friction;
         let rows: [(&'static str, f64, f64, f64, &'static str); 12] = [
             ("dt", self.dt, 1e-5, 0.02, "between 1e-5 and 0.02 s"),
-            (
-                "solver_iterations",
-                self.solver_iterations as f64,
-                1.0,
-                64.0,
-                "between 1 and 64",
-            ),
-            (
-                "idle_iterations",
-                self.idle_iterations as f64,
-                1.0,
-                64.0,
-                "between 1 and 64",
-            ),
-            (
-                "contact_frequency",
-                self.contact_frequency,
-                1.0,
-                1e4,
-                "between 1 and 1e4 Hz",
-            ),
-            (
-                "contact_damping_ratio",
-                self.contact_damping_ratio,
-                0.01,
-                100.0,
-                "between 0.01 and 100",
-            ),
-            (
-                "static_contact_frequency",
-                self.static_contact_frequency,
-                1.0,
-                1e4,
-                "between 1 and 1e4 Hz",
-            ),
+            ("solver_iterations", self.solver_iterations as f64, 1.0, 64.0, "between 1 and 64"),
+            ("idle_iterations", self.idle_iterations as f64, 1.0, 64.0, "between 1 and 64"),
+            ("contact_frequency", self.contact_frequency, 1.0, 1e4, "between 1 and 1e4 Hz"),
+            ("contact_damping_ratio", self.contact_damping_ratio, 0.01, 100.0, "between 0.01 and 100"),
+            ("static_contact_frequency", self.static_contact_frequency, 1.0, 1e4, "between 1 and 1e4 Hz"),
             ("prediction", self.prediction, 1e-4, 0.05, "between 1e-4 and 0.05 m"),
             ("contact_drift", self.contact_drift, 0.0, 1e-3, "between 0 and 0.001 m"),
-            (
-                "allowed_penetration",
-                self.allowed_penetration,
-                0.0,
-                0.005,
-                "between 0 and 0.005 m",
-            ),
+            ("allowed_penetration", self.allowed_penetration, 0.0, 0.005, "between 0 and 0.005 m"),
             ("gravity", self.gravity, 0.0, 100.0, "between 0 and 100 m/s2"),
             ("friction.table", f.table, 0.0, 5.0, "between 0 and 5"),
             ("friction.object", f.object, 0.0, 5.0, "between 0 and 5"),

@@ -137,11 +137,8 @@ impl World {
                 // Only boxes and balls carry pads; their shape frames are the engine's.
                 let pose = self.hand().links[link].colliders[shape].link_from_shape;
                 for (manifold, p) in pressed(pair) {
-                    let (local, normal) = if first {
-                        (p.local_p1, -manifold.local_n1)
-                    } else {
-                        (p.local_p2, -manifold.local_n2)
-                    };
+                    let (local, normal) =
+                        if first { (p.local_p1, -manifold.local_n1) } else { (p.local_p2, -manifold.local_n2) };
                     found.push(LinkContact {
                         link,
                         point: pose * Point3::from(frames::metres64(local)),
@@ -159,10 +156,7 @@ impl World {
 fn nearness(pair: &ContactPair) -> (f32, f32) {
     let points = pair.manifolds().iter().flat_map(|m| &m.points);
     let least = points.fold(f32::MAX, |least, point| least.min(point.dist));
-    (
-        least,
-        pressed(pair).fold(0.0, |sum, (_, point)| sum + point.data.impulse),
-    )
+    (least, pressed(pair).fold(0.0, |sum, (_, point)| sum + point.data.impulse))
 }
 
 /// Whether a pair with these values of [`nearness`] touches.

@@ -223,9 +223,7 @@ mod tests {
     fn numbers(seed: u64) -> impl FnMut() -> Real {
         let mut state = seed;
         move || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 40) as Real / (1_u64 << 23) as Real - 1.0
         }
     }
@@ -263,10 +261,8 @@ mod tests {
         };
         let shifted = |x| (Pose::from_translation(Vector::new(x, 0.0, 0.0)), part());
         let objects = [part(), SharedShape::compound(vec![shifted(-2.0), shifted(2.0)])];
-        let others = [
-            SharedShape::new(Cuboid::new(Vector::new(0.6, 1.0, 2.0))),
-            SharedShape::new(Cylinder::new(1.5, 0.8)),
-        ];
+        let others =
+            [SharedShape::new(Cuboid::new(Vector::new(0.6, 1.0, 2.0))), SharedShape::new(Cylinder::new(1.5, 0.8))];
         for object in &objects {
             for other in &others {
                 let mut touched = 0;
@@ -298,9 +294,7 @@ mod tests {
     ) -> Vec<[u32; 7]> {
         let (mut manifolds, mut workspace, mut found) = (Vec::new(), None, Vec::new());
         for i in 0..20 {
-            dispatcher
-                .contact_manifolds(&pose(i), &**g1, &**g2, 0.2, &mut manifolds, &mut workspace)
-                .unwrap();
+            dispatcher.contact_manifolds(&pose(i), &**g1, &**g2, 0.2, &mut manifolds, &mut workspace).unwrap();
             for manifold in &manifolds {
                 for point in &manifold.points {
                     let (p, n) = (point.local_p1, manifold.local_n1);

@@ -27,10 +27,7 @@ pub(crate) fn joint_state(world: &PhysicsWorld, handle: MultibodyJointHandle) ->
         })
     });
     // A handle of this world always resolves; NaN would be caught by the finiteness check of every step.
-    state.unwrap_or(JointState {
-        angle: f64::NAN,
-        speed: f64::NAN,
-    })
+    state.unwrap_or(JointState { angle: f64::NAN, speed: f64::NAN })
 }
 
 /// A joint torque `stiffness * (rest - angle) - damping * speed`, integrated implicitly.
@@ -100,14 +97,8 @@ pub(crate) fn actuate(
     let (stretch, rate) = stretch(finger, spool, proximal, distal);
     let (t, flexure) = (&finger.tendon, &finger.flexure);
     let mut drives = [
-        Drive {
-            damping: flexure.proximal_damping,
-            ..Drive::default()
-        },
-        Drive {
-            damping: flexure.distal_damping,
-            ..Drive::default()
-        },
+        Drive { damping: flexure.proximal_damping, ..Drive::default() },
+        Drive { damping: flexure.distal_damping, ..Drive::default() },
     ];
     drives[0].spring(flexure.proximal_stiffness, flexure.proximal_rest);
     drives[1].spring(flexure.stiffness, flexure.rest);
@@ -125,10 +116,7 @@ pub(crate) fn actuate(
             // The joint's own share of stretch and rate is implicit; the other joint's and the spool's is taken as it will be in
             // the middle of the step: as it stands at its beginning, a moving tendon would pull the two joints unequally.
             let others = rate + arm * states[i].speed;
-            drives[i].spring(
-                t.stiffness * arm * arm,
-                states[i].angle + (stretch + 0.5 * dt * others) / arm,
-            );
+            drives[i].spring(t.stiffness * arm * arm, states[i].angle + (stretch + 0.5 * dt * others) / arm);
             drives[i].torque(t.damping * arm * others);
             drives[i].damping += own_damping;
         }

@@ -35,10 +35,7 @@ pub(crate) fn pose(x: &Isometry3<f64>) -> Pose {
 pub(crate) fn isometry(x: &Pose) -> Isometry3<f64> {
     let q = x.rotation;
     let q = Quaternion::new(q.w as f64, q.x as f64, q.y as f64, q.z as f64);
-    Isometry3::from_parts(
-        Translation3::from(metres64(x.translation)),
-        UnitQuaternion::from_quaternion(q),
-    )
+    Isometry3::from_parts(Translation3::from(metres64(x.translation)), UnitQuaternion::from_quaternion(q))
 }
 
 /// A vector without a length in it: a direction, an angular velocity.

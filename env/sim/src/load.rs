@@ -57,12 +57,7 @@ impl World {
             scenery |= !contact.with_object;
         });
         let at = if total > 0.0 { at / total } else { at };
-        HandLoad {
-            force,
-            at: Point3::from(at),
-            object,
-            scenery,
-        }
+        HandLoad { force, at: Point3::from(at), object, scenery }
     }
 
     fn each_press(&self, mut visit: impl FnMut(HandContact)) {
@@ -85,11 +80,8 @@ impl World {
             let friction = f64::from(physics.colliders[pair.collider1].friction())
                 * f64::from(physics.colliders[pair.collider2].friction());
             for (manifold, point) in pressed(pair) {
-                let (local, normal): (Vector, Vector) = if first {
-                    (point.local_p1, -manifold.local_n1)
-                } else {
-                    (point.local_p2, -manifold.local_n2)
-                };
+                let (local, normal): (Vector, Vector) =
+                    if first { (point.local_p1, -manifold.local_n1) } else { (point.local_p2, -manifold.local_n2) };
                 visit(HandContact {
                     link,
                     with_object: other == Part::Object,

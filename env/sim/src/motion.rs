@@ -32,11 +32,7 @@ pub(crate) struct FrameForces {
 
 impl BaseMotion {
     pub(crate) fn at_rest(world_from_base: Isometry3<f64>) -> Self {
-        Self {
-            world_from_base,
-            linear: Vector3::zeros(),
-            angular: Vector3::zeros(),
-        }
+        Self { world_from_base, linear: Vector3::zeros(), angular: Vector3::zeros() }
     }
 
     /// Moves on to `target` within `dt` seconds; returns what that adds to the bodies in the base's frame.
@@ -44,11 +40,7 @@ impl BaseMotion {
         let linear = (target.translation.vector - self.world_from_base.translation.vector) / dt;
         let turn: UnitQuaternion<f64> = target.rotation * self.world_from_base.rotation.inverse();
         // Rounding makes a turn of some 1e-16 rad out of none; a frame that only translates needs no further forces.
-        let angular = if turn.angle() < NO_TURN {
-            Vector3::zeros()
-        } else {
-            turn.scaled_axis() / dt
-        };
+        let angular = if turn.angle() < NO_TURN { Vector3::zeros() } else { turn.scaled_axis() / dt };
         let acceleration = (linear - self.linear) / dt;
         let angular_acceleration = (angular - self.angular) / dt;
         let base_from_world = self.world_from_base.rotation.inverse();
@@ -57,11 +49,7 @@ impl BaseMotion {
             omega: frames::vector(&(base_from_world * angular)),
             alpha: frames::vector(&(base_from_world * angular_acceleration)),
         };
-        *self = Self {
-            world_from_base: target,
-            linear,
-            angular,
-        };
+        *self = Self { world_from_base: target, linear, angular };
         forces
     }
 }

@@ -46,27 +46,16 @@ impl ObjectModel {
         inertia: Matrix3<f64>,
     ) -> Result<Self, SimError> {
         if !(mass.is_finite() && mass > 0.0) {
-            return Err(SimError::BadMass {
-                what: "mass",
-                value: mass,
-            });
+            return Err(SimError::BadMass { what: "mass", value: mass });
         }
         let least = inertia.symmetric_eigenvalues().min();
         if !(least.is_finite() && least > 0.0) {
-            return Err(SimError::BadMass {
-                what: "inertia",
-                value: least,
-            });
+            return Err(SimError::BadMass { what: "inertia", value: least });
         }
         let shape = shape_of(geometry)?;
         let mass_properties =
             MassProperties::with_inertia_matrix(frames::point(&center_of_mass), mass as f32, frames::inertia(&inertia));
-        Ok(Self {
-            shape,
-            mass_properties,
-            mass,
-            center_of_mass,
-        })
+        Ok(Self { shape, mass_properties, mass, center_of_mass })
     }
 
     /// A solid primitive of uniform density with mass `mass` (kg).
@@ -86,12 +75,7 @@ impl ObjectModel {
                 Vector3::new(side, side, radius * radius / 2.0)
             }
         };
-        Self::new(
-            geometry,
-            mass,
-            Point3::origin(),
-            Matrix3::from_diagonal(&(diagonal * mass)),
-        )
+        Self::new(geometry, mass, Point3::origin(), Matrix3::from_diagonal(&(diagonal * mass)))
     }
 
     /// Mass, kg.

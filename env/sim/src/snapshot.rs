@@ -19,9 +19,8 @@ pub(crate) type Identity = [u8; 32];
 /// Hash of everything that a template is built from: worlds of equal templates may be exchanged, others may not.
 pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig) -> Result<Identity, SimError> {
     let mass = &object.mass_properties;
-    let bytes = postcard::to_allocvec(&(&object.shape, mass, config)).map_err(|_| SimError::BadSnapshot {
-        why: "the object's shape could not be written",
-    })?;
+    let bytes = postcard::to_allocvec(&(&object.shape, mass, config))
+        .map_err(|_| SimError::BadSnapshot { why: "the object's shape could not be written" })?;
     let mut hasher = blake3::Hasher::new();
     hasher.update(&bytes);
     // Every number of the hand, written so that it can be told from any other.
@@ -49,14 +48,9 @@ impl World {
     /// # Errors
     /// [`SimError::BadSnapshot`] if the engine's state cannot be written.
     pub fn snapshot(&self) -> Result<Vec<u8>, SimError> {
-        let saved = Saved {
-            identity: self.identity(),
-            physics: self.physics(),
-            state: self.state(),
-        };
-        let body = postcard::to_allocvec(&saved).map_err(|_| SimError::BadSnapshot {
-            why: "the engine's state could not be written",
-        })?;
+        let saved = Saved { identity: self.identity(), physics: self.physics(), state: self.state() };
+        let body = postcard::to_allocvec(&saved)
+            .map_err(|_| SimError::BadSnapshot { why: "the engine's state could not be written" })?;
         let mut bytes = MAGIC.to_vec();
         bytes.extend_from_slice(blake3::hash(&body).as_bytes());
         bytes.extend_from_slice(&body);
@@ -71,18 +65,13 @@ impl Template {
     /// [`SimError::BadSnapshot`] for bytes of another version, or damaged ones, or ones of another hand, object or setting.
     pub fn restore(&self, bytes: &[u8]) -> Result<World, SimError> {
         let bad = |why| SimError::BadSnapshot { why };
-        let rest = bytes
-            .strip_prefix(MAGIC)
-            .ok_or_else(|| bad("it is not a snapshot of this version"))?;
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| bad("it is not a snapshot of this version"))?;
         let (sum, body) = rest.split_at_checked(CHECKSUM).ok_or_else(|| bad("it is too short"))?;
         if blake3::hash(body).as_bytes() != sum {
             return Err(bad("its checksum does not match; it was cut off or changed"));
         }
-        let Loaded {
-            identity,
-            physics,
-            state,
-        } = postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))?;
+        let Loaded { identity, physics, state } =
+            postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))?;
         self.resume(&identity, physics, state)
             .ok_or_else(|| bad("it was taken with another hand, object or physics setting"))
     }

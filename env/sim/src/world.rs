@@ -91,10 +91,7 @@ impl Template {
             mass: object.mass(),
             object_from_center: object.center_of_mass().coords,
         };
-        Ok(Self {
-            physics,
-            shared: Arc::new(shared),
-        })
+        Ok(Self { physics, shared: Arc::new(shared) })
     }
 
     /// A fresh world: the hand open at `world_from_hand` with its preshape (rad), the object at rest at `world_from_object`.
@@ -123,11 +120,7 @@ impl Template {
             tensions,
             steps: 0,
         };
-        World {
-            physics,
-            shared: Arc::clone(&self.shared),
-            state,
-        }
+        World { physics, shared: Arc::clone(&self.shared), state }
     }
 
     /// A world from a saved state, if that state is of an equal template.
@@ -139,11 +132,7 @@ impl Template {
             && state.tensions.len() == hand.fingers.len()
             && physics.bodies.len() == self.physics.bodies.len()
             && physics.colliders.len() == self.physics.colliders.len();
-        same.then(|| World {
-            physics,
-            shared: Arc::clone(&self.shared),
-            state,
-        })
+        same.then(|| World { physics, shared: Arc::clone(&self.shared), state })
     }
 
     /// The hand of this template.
@@ -194,11 +183,7 @@ fn clone_physics(w: &PhysicsWorld) -> PhysicsWorld {
 
 impl Clone for World {
     fn clone(&self) -> Self {
-        Self {
-            physics: clone_physics(&self.physics),
-            shared: Arc::clone(&self.shared),
-            state: self.state.clone(),
-        }
+        Self { physics: clone_physics(&self.physics), shared: Arc::clone(&self.shared), state: self.state.clone() }
     }
 }
 
@@ -228,11 +213,8 @@ impl World {
             body.set_next_kinematic_position(frames::pose(&target.inverse()));
         }
         let config = &self.shared.config;
-        self.physics.integration_parameters.num_solver_iterations = if self.idles() {
-            config.idle_iterations
-        } else {
-            config.solver_iterations
-        };
+        self.physics.integration_parameters.num_solver_iterations =
+            if self.idles() { config.idle_iterations } else { config.solver_iterations };
         self.physics.step();
         self.state.steps += 1;
         Ok(())
@@ -273,9 +255,7 @@ impl World {
                 MotorKind::Preshape => (0.0, false),
             };
             let motor_state = &mut self.state.motors[i];
-            motor_state
-                .step(motor, *command, load, contact, dt)
-                .map_err(|_| SimError::BadCommand { motor: i })?;
+            motor_state.step(motor, *command, load, contact, dt).map_err(|_| SimError::BadCommand { motor: i })?;
         }
         Ok(())
     }
@@ -287,10 +267,7 @@ impl World {
         }
         let force = self.tactile().force;
         let sensors = self.shared.hand.sensors.iter().zip(force);
-        let mut fingers: Vec<usize> = sensors
-            .filter(|(_, f)| *f >= CONTACT_FORCE)
-            .map(|(s, _)| s.finger)
-            .collect();
+        let mut fingers: Vec<usize> = sensors.filter(|(_, f)| *f >= CONTACT_FORCE).map(|(s, _)| s.finger).collect();
         fingers.dedup();
         fingers
     }
@@ -305,11 +282,7 @@ impl World {
         let preshape = hand.motors.iter().position(|m| m.kind == MotorKind::Preshape);
         for (i, finger) in hand.fingers.iter().enumerate() {
             let handles = self.shared.handles.fingers[i];
-            let MotorState {
-                position: angle,
-                velocity: speed,
-                ..
-            } = self.state.motors[finger.motor];
+            let MotorState { position: angle, velocity: speed, .. } = self.state.motors[finger.motor];
             let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
             let spool = JointState { angle, speed };
             self.state.tensions[i] = finger::actuate(&mut self.physics, finger, joints, &handles, spool, dt);
@@ -373,10 +346,7 @@ impl World {
     pub fn object_velocity_in_hand(&self) -> (Vector3<f64>, Vector3<f64>) {
         let body = self.body(self.shared.handles.object);
         let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
-        (
-            hand_from_base * frames::metres64(body.linvel()),
-            hand_from_base * frames::vector64(body.angvel()),
-        )
+        (hand_from_base * frames::metres64(body.linvel()), hand_from_base * frames::vector64(body.angvel()))
     }
 
     /// Sets gravity in the world's frame, m/s2: a tilted table, or none.
@@ -389,10 +359,8 @@ impl World {
         let base_from_world = self.state.motion.world_from_base.rotation.inverse();
         let arm = self.object_center() - Point3::from(self.state.motion.world_from_base.translation.vector);
         let frame = self.state.motion.linear + self.state.motion.angular.cross(&arm);
-        let (linear, angular) = (
-            base_from_world * (linear - frame),
-            base_from_world * (angular - self.state.motion.angular),
-        );
+        let (linear, angular) =
+            (base_from_world * (linear - frame), base_from_world * (angular - self.state.motion.angular));
         if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.object) {
             body.set_linvel(frames::lengths(&linear), true);
             body.set_angvel(frames::vector(&angular), true);
@@ -447,11 +415,7 @@ impl World {
     /// Angle of the preshape motor, rad.
     pub fn preshape(&self) -> f64 {
         let motors = self.shared.hand.motors.iter().zip(&self.state.motors);
-        motors
-            .filter(|(m, _)| m.kind == MotorKind::Preshape)
-            .map(|(_, s)| s.position)
-            .next()
-            .unwrap_or(0.0)
+        motors.filter(|(m, _)| m.kind == MotorKind::Preshape).map(|(_, s)| s.position).next().unwrap_or(0.0)
     }
 
     /// False once anything in the world is no longer a finite number.

@@ -50,13 +50,7 @@ pub fn table() -> TriMesh {
 }
 
 pub fn instance(model: &Model, world_from_model: Isometry3<f64>, label: u8) -> Instance<'_> {
-    Instance {
-        model,
-        world_from_model,
-        color: [0.8, 0.5, 0.3],
-        label,
-        casts_shadow: true,
-    }
+    Instance { model, world_from_model, color: [0.8, 0.5, 0.3], label, casts_shadow: true }
 }
 
 /// Anywhere in the scene, inside things too.

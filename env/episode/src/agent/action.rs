@@ -73,14 +73,7 @@ impl Control {
     pub fn table(self, hand: &Hand) -> Vec<Field> {
         let step = LINEAR_SPEED * CONTROL_PERIOD;
         let turn = ANGULAR_SPEED * CONTROL_PERIOD;
-        let field = |name: &'static str, size, low, high, unit, meaning| Field {
-            name,
-            size,
-            low,
-            high,
-            unit,
-            meaning,
-        };
+        let field = |name: &'static str, size, low, high, unit, meaning| Field { name, size, low, high, unit, meaning };
         let mut rows = match self {
             Self::Twist => vec![
                 field(
@@ -157,11 +150,8 @@ impl Control {
                 UnitQuaternion::from_scaled_axis(three(3) * (ANGULAR_SPEED * CONTROL_PERIOD)),
             )),
             Self::TargetPose | Self::GraspPose => {
-                let [low, high] = if self.decides() {
-                    [DECISION_LOW, DECISION_HIGH]
-                } else {
-                    [WORKSPACE_LOW, WORKSPACE_HIGH]
-                };
+                let [low, high] =
+                    if self.decides() { [DECISION_LOW, DECISION_HIGH] } else { [WORKSPACE_LOW, WORKSPACE_HIGH] };
                 let place = between(&three(0), low, high);
                 let rotation = rotation(&three(3), &three(6)).unwrap_or(last.rotation);
                 Goal::Pose(Isometry3::from_parts(Translation3::from(place), rotation))
@@ -171,14 +161,7 @@ impl Control {
 }
 
 fn pose_table(low: [f64; 3], high: [f64; 3], rotation: &'static str) -> Vec<Field> {
-    let row = |name, size, low, high, unit, meaning| Field {
-        name,
-        size,
-        low,
-        high,
-        unit,
-        meaning,
-    };
+    let row = |name, size, low, high, unit, meaning| Field { name, size, low, high, unit, meaning };
     vec![
         row("x", 1, low[0], high[0], "m", "hand position, world"),
         row("y", 1, low[1], high[1], "m", "hand position, world"),
@@ -226,10 +209,7 @@ pub fn motor_commands(hand: &Hand, values: &[f32], open: bool, preshape: &mut f6
                 if open {
                     *preshape = low + (value + 1.0) / 2.0 * (high - low);
                 }
-                MotorCommand::Position {
-                    target: *preshape,
-                    speed: None,
-                }
+                MotorCommand::Position { target: *preshape, speed: None }
             }
         }
     };

@@ -45,11 +45,7 @@ impl Batch {
     pub fn new(rules: &Rules, rows: usize) -> Self {
         let size = |fields: &[crate::agent::Field]| fields.iter().map(|f| f.size).sum::<usize>();
         Self {
-            observations: rules
-                .tables
-                .iter()
-                .map(|(_, f)| Vec::with_capacity(rows * size(f)))
-                .collect(),
+            observations: rules.tables.iter().map(|(_, f)| Vec::with_capacity(rows * size(f))).collect(),
             images: rules.eyes.blank(rows),
             terms: Vec::with_capacity(rows * TERMS),
             ..Self::default()

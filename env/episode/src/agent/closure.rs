@@ -39,10 +39,8 @@ pub fn epsilon(hand: &Hand, contacts: &[HandContact], center: &Point3<f64>) -> f
         for axis in [axis, -axis] {
             least = least.min(support(&axis, &none)).min(support(&none, &axis));
             for j in 0..3 {
-                let (force, torque) = (
-                    axis * std::f64::consts::FRAC_1_SQRT_2,
-                    Vector3::ith(j, std::f64::consts::FRAC_1_SQRT_2),
-                );
+                let (force, torque) =
+                    (axis * std::f64::consts::FRAC_1_SQRT_2, Vector3::ith(j, std::f64::consts::FRAC_1_SQRT_2));
                 least = least.min(support(&force, &torque)).min(support(&force, &-torque));
             }
         }

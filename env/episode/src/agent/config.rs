@@ -121,63 +121,15 @@ impl AgentConfig {
     pub fn validate(&self) -> Result<(), EpisodeError> {
         let r = &self.randomization;
         let rows = [
-            (
-                "randomization.friction[0]",
-                r.friction[0],
-                0.1,
-                10.0,
-                "between 0.1 and 10",
-            ),
-            (
-                "randomization.friction[1]",
-                r.friction[1],
-                r.friction[0],
-                10.0,
-                "between the first factor and 10",
-            ),
+            ("randomization.friction[0]", r.friction[0], 0.1, 10.0, "between 0.1 and 10"),
+            ("randomization.friction[1]", r.friction[1], r.friction[0], 10.0, "between the first factor and 10"),
             ("randomization.mass[0]", r.mass[0], 0.1, 10.0, "between 0.1 and 10"),
-            (
-                "randomization.mass[1]",
-                r.mass[1],
-                r.mass[0],
-                10.0,
-                "between the first factor and 10",
-            ),
-            (
-                "randomization.object_position",
-                r.object_position,
-                0.0,
-                0.15,
-                "between 0 and 0.15 m",
-            ),
-            (
-                "randomization.hand_position",
-                r.hand_position,
-                0.0,
-                0.05,
-                "between 0 and 0.05 m",
-            ),
-            (
-                "randomization.hand_rotation",
-                r.hand_rotation,
-                0.0,
-                0.5,
-                "between 0 and 0.5 rad",
-            ),
-            (
-                "randomization.camera_position",
-                r.camera_position,
-                0.0,
-                1.0,
-                "between 0 and 1 m",
-            ),
-            (
-                "randomization.camera_rotation",
-                r.camera_rotation,
-                0.0,
-                0.5,
-                "between 0 and 0.5 rad",
-            ),
+            ("randomization.mass[1]", r.mass[1], r.mass[0], 10.0, "between the first factor and 10"),
+            ("randomization.object_position", r.object_position, 0.0, 0.15, "between 0 and 0.15 m"),
+            ("randomization.hand_position", r.hand_position, 0.0, 0.05, "between 0 and 0.05 m"),
+            ("randomization.hand_rotation", r.hand_rotation, 0.0, 0.5, "between 0 and 0.5 rad"),
+            ("randomization.camera_position", r.camera_position, 0.0, 1.0, "between 0 and 1 m"),
+            ("randomization.camera_rotation", r.camera_rotation, 0.0, 0.5, "between 0 and 0.5 rad"),
             ("randomization.light", r.light, 0.0, 1.0, "between 0 and 1"),
             (
                 "frame_skip",
@@ -202,9 +154,7 @@ impl AgentConfig {
         self.trial.validate()?;
         for (i, observation) in self.observations.iter().enumerate() {
             if self.observations[..i].contains(observation) {
-                return Err(EpisodeError::Twice {
-                    name: observation.name().to_owned(),
-                });
+                return Err(EpisodeError::Twice { name: observation.name().to_owned() });
             }
         }
         Ok(())

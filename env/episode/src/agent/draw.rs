@@ -25,10 +25,7 @@ impl Draw {
     /// Where the stream stands.
     pub fn state(&self) -> DrawState {
         let position = self.0.get_word_pos();
-        DrawState {
-            seed: self.0.get_seed(),
-            position: [position as u64, (position >> 64) as u64],
-        }
+        DrawState { seed: self.0.get_seed(), position: [position as u64, (position >> 64) as u64] }
     }
 
     /// The stream as it stood.

@@ -64,38 +64,16 @@ impl Source {
     }
 
     fn read(&self) -> Result<ObjectSpec, EpisodeError> {
-        let mesh_error = |source| EpisodeError::Mesh {
-            object: self.name().to_owned(),
-            source,
-        };
+        let mesh_error = |source| EpisodeError::Mesh { object: self.name().to_owned(), source };
         match self {
             Self::Given(spec) => Ok(ObjectSpec::clone(spec)),
-            Self::File {
-                name,
-                path,
-                scale,
-                mass,
-            } => {
-                let options = LoadOptions {
-                    scale: *scale,
-                    ..LoadOptions::default()
-                };
+            Self::File { name, path, scale, mass } => {
+                let options = LoadOptions { scale: *scale, ..LoadOptions::default() };
                 let mesh = graspbox_mesh::load(path, &options).map_err(mesh_error)?;
                 let (mesh, _) = graspbox_mesh::clean(&mesh, &CleanOptions::default()).map_err(mesh_error)?;
-                Ok(ObjectSpec {
-                    name: name.clone(),
-                    mesh,
-                    mass: *mass,
-                    parts: None,
-                })
+                Ok(ObjectSpec { name: name.clone(), mesh, mass: *mass, parts: None })
             }
-            Self::Procedural {
-                name,
-                family,
-                seed,
-                scale,
-                mass,
-            } => {
+            Self::Procedural { name, family, seed, scale, mass } => {
                 let made = generate(*family, *seed).map_err(mesh_error)?;
                 let grow = |part: Vec<Point3<f64>>| part.iter().map(|p| p * *scale).collect();
                 Ok(ObjectSpec {
@@ -130,10 +108,7 @@ struct Way {
 impl Prepared {
     fn new(spec: &ObjectSpec, cache: Option<&std::path::Path>) -> Result<Self, EpisodeError> {
         let body = Body::prepare(spec, cache)?;
-        let mesh_error = |source| EpisodeError::Mesh {
-            object: spec.name.clone(),
-            source,
-        };
+        let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
         let hull: TriMesh = convex_hull(body.mesh().vertices()).map_err(mesh_error)?;
         let center = body.mass_properties().center_of_mass;
         let poses = resting_poses(&hull, &center, &RestingOptions::default()).map_err(mesh_error)?;
@@ -146,10 +121,7 @@ impl Prepared {
         let aabb = body.mesh().aabb();
         Ok(Self {
             ways: ways.collect(),
-            bounds: [
-                nalgebra::center(&aabb.min, &aabb.max),
-                Point3::from((aabb.max - aabb.min) / 2.0),
-            ],
+            bounds: [nalgebra::center(&aabb.min, &aabb.max), Point3::from((aabb.max - aabb.min) / 2.0)],
             body,
             look: OnceLock::new(),
         })
@@ -168,10 +140,8 @@ impl Prepared {
         if let Some(look) = self.look.get() {
             return Ok(look);
         }
-        let made = Model::new(self.body.mesh()).map_err(|source| EpisodeError::Undrawable {
-            object: self.body.name().to_owned(),
-            source,
-        })?;
+        let made = Model::new(self.body.mesh())
+            .map_err(|source| EpisodeError::Undrawable { object: self.body.name().to_owned(), source })?;
         Ok(self.look.get_or_init(|| made))
     }
 
@@ -222,14 +192,7 @@ impl Objects {
         if sources.is_empty() {
             return Err(EpisodeError::NoObjects);
         }
-        Ok(Self {
-            sources,
-            hand,
-            physics,
-            cache,
-            stage: Arc::default(),
-            shelf: Mutex::default(),
-        })
+        Ok(Self { sources, hand, physics, cache, stage: Arc::default(), shelf: Mutex::default() })
     }
 
     /// Number of objects.
@@ -275,10 +238,7 @@ impl Objects {
         if let Some(found) = self.shelf().take(index) {
             return Ok(found);
         }
-        let source = self.sources.get(index).ok_or(EpisodeError::NoSuchObject {
-            index,
-            count: self.sources.len(),
-        })?;
+        let source = self.sources.get(index).ok_or(EpisodeError::NoSuchObject { index, count: self.sources.len() })?;
         let made = Arc::new(Prepared::new(&source.read()?, self.cache.as_deref())?);
         Ok(self.shelf().keep(index, made))
     }
@@ -294,12 +254,8 @@ impl Objects {
             let scene = match found.scene.get() {
                 Some(scene) => scene,
                 None => {
-                    let made = Scene::new(
-                        &object.body,
-                        Arc::clone(&self.hand),
-                        self.physics,
-                        Some(&found.world_from_object),
-                    );
+                    let made =
+                        Scene::new(&object.body, Arc::clone(&self.hand), self.physics, Some(&found.world_from_object));
                     let made = match made {
                         Ok(scene) => Some(Arc::new(scene)),
                         Err(EpisodeError::NoRest { .. }) => None,

@@ -88,13 +88,8 @@ impl Play {
     /// None that a start which [`start`](crate::agent::start::start) gave would cause.
     pub fn new(start: &Start, rules: &Rules) -> Result<Self, EpisodeError> {
         let factors = [start.friction, start.mass];
-        let episode = Episode::reset_at(
-            &start.scene,
-            &start.world_from_hand,
-            &start.world_from_object,
-            start.preshape,
-            factors,
-        );
+        let episode =
+            Episode::reset_at(&start.scene, &start.world_from_hand, &start.world_from_object, start.preshape, factors);
         let record = Record {
             object: start.object,
             resting: start.resting,
@@ -127,12 +122,7 @@ impl Play {
     }
 
     pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, servo: Servo, record: Record) -> Self {
-        Self {
-            episode,
-            prepared,
-            servo,
-            record,
-        }
+        Self { episode, prepared, servo, record }
     }
 
     pub(crate) fn record(&self) -> &Record {
@@ -187,9 +177,7 @@ impl Play {
         self.record.steps = self.record.steps.saturating_add(1);
         self.record.touched |= self.touches();
         self.record.last_action.clear();
-        self.record
-            .last_action
-            .extend(action.iter().map(|a| a.clamp(-1.0, 1.0)));
+        self.record.last_action.extend(action.iter().map(|a| a.clamp(-1.0, 1.0)));
         let before = self.record.potentials;
         self.record.potentials = Potentials::of(self, rules);
         let terms = terms(&before, &self.record.potentials, &events, self);
@@ -248,11 +236,7 @@ impl Play {
             failure: failure.map_or(0, code),
             lift: if verdict.lift.is_finite() { verdict.lift } else { 0.0 },
             object: self.record.object,
-            resting: if self.record.let_go {
-                -1
-            } else {
-                self.record.resting as i64
-            },
+            resting: if self.record.let_go { -1 } else { self.record.resting as i64 },
             touches,
             protective_stop: self.record.stopped,
         }

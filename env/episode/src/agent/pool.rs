@@ -24,9 +24,7 @@ pub struct Pool {
 /// What a panic said.
 pub fn panic_text(payload: &(dyn Any + Send)) -> String {
     let text = payload.downcast_ref::<&str>().copied();
-    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
-        .unwrap_or("no message")
-        .to_owned()
+    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message").to_owned()
 }
 
 /// What a step of all environments showed.
@@ -45,11 +43,7 @@ impl Pool {
     /// No environment, a setting out of range, or a hand whose kinematics fail.
     pub fn new(objects: Arc<Objects>, config: AgentConfig, count: usize) -> Result<Self, EpisodeError> {
         if count == 0 {
-            return Err(EpisodeError::BadConfig {
-                field: "num_envs",
-                value: 0.0,
-                expected: "at least 1",
-            });
+            return Err(EpisodeError::BadConfig { field: "num_envs", value: 0.0, expected: "at least 1" });
         }
         Ok(Self {
             rules: Rules::new(objects, config)?,
@@ -179,9 +173,7 @@ impl Pool {
         let envs: Vec<usize> = (0..self.len()).collect();
         self.check(&envs, actions)?;
         let size = self.rules.action;
-        self.each(stop, |env, slot| {
-            slot.step(&self.rules, env, &actions[env * size..(env + 1) * size])
-        })?;
+        self.each(stop, |env, slot| slot.step(&self.rules, env, &actions[env * size..(env + 1) * size]))?;
         Ok(self.stepped())
     }
 
@@ -242,10 +234,7 @@ impl Pool {
     }
 
     fn stepped(&self) -> Stepped {
-        let mut stepped = Stepped {
-            now: Batch::new(&self.rules, self.len()),
-            last: Batch::new(&self.rules, 0),
-        };
+        let mut stepped = Stepped { now: Batch::new(&self.rules, self.len()), last: Batch::new(&self.rules, 0) };
         for env in 0..self.len() {
             let slot = self.lock(env);
             stepped.now.push(&self.rules, env, slot.outcome());
@@ -267,10 +256,7 @@ impl Pool {
     }
 
     fn rows(&self, env: usize, slot: &Slot) -> Stepped {
-        let mut stepped = Stepped {
-            now: Batch::new(&self.rules, 1),
-            last: Batch::new(&self.rules, 0),
-        };
+        let mut stepped = Stepped { now: Batch::new(&self.rules, 1), last: Batch::new(&self.rules, 0) };
         stepped.now.push(&self.rules, env, slot.outcome());
         if let Some(last) = slot.last() {
             stepped.last.push(&self.rules, env, last);
@@ -280,11 +266,7 @@ impl Pool {
 
     fn has_length(&self, what: &'static str, found: usize) -> Result<(), EpisodeError> {
         let expected = self.len();
-        if found == expected {
-            Ok(())
-        } else {
-            Err(EpisodeError::BadLength { what, found, expected })
-        }
+        if found == expected { Ok(()) } else { Err(EpisodeError::BadLength { what, found, expected }) }
     }
 
     /// Everything that can be wrong with a step, before anything moves.
@@ -303,10 +285,7 @@ impl Pool {
             let action = &actions[row * size..(row + 1) * size];
             let bad = action.iter().position(|a| !a.is_finite());
             if let (Some(index), false) = (bad, slot.resets_next(&self.rules)) {
-                return Err(EpisodeError::BadAction {
-                    env,
-                    why: format!("holds {} at index {index}", action[index]),
-                });
+                return Err(EpisodeError::BadAction { env, why: format!("holds {} at index {index}", action[index]) });
             }
         }
         Ok(())

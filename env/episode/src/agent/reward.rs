@@ -21,45 +21,15 @@ pub const TERMS: usize = 11;
 
 /// Name, range in a step, and meaning of every term, in order.
 pub const TERM_TABLE: [(&str, f64, f64, &str); TERMS] = [
-    (
-        "reach",
-        -1.0,
-        1.0,
-        "change of 1 - d / 0.4 m, with d the distance from the grasp centre to the object's core",
-    ),
-    (
-        "contact",
-        -1.0,
-        1.0,
-        "change of the mean of the share of fingers that touch and how far two of them oppose",
-    ),
-    (
-        "closure",
-        -1.0,
-        1.0,
-        "change of the epsilon quality of the present contacts",
-    ),
-    (
-        "lift",
-        -1.0,
-        1.0,
-        "change of the share of the lift height, while the hand holds the object off the table",
-    ),
+    ("reach", -1.0, 1.0, "change of 1 - d / 0.4 m, with d the distance from the grasp centre to the object's core"),
+    ("contact", -1.0, 1.0, "change of the mean of the share of fingers that touch and how far two of them oppose"),
+    ("closure", -1.0, 1.0, "change of the epsilon quality of the present contacts"),
+    ("lift", -1.0, 1.0, "change of the share of the lift height, while the hand holds the object off the table"),
     ("hold", -1.0, 1.0, "change of the share of the hold time"),
     ("success", 0.0, 1.0, "1 at success"),
     ("failure", -1.0, 0.0, "-1 where the object is lost for good"),
-    (
-        "effort",
-        -1.0,
-        0.0,
-        "minus the mean square of hand and spool speeds as shares of their limits",
-    ),
-    (
-        "push",
-        -1.0,
-        1.0,
-        "minus the change of how far the object was moved sideways, up to 0.2 m",
-    ),
+    ("effort", -1.0, 0.0, "minus the mean square of hand and spool speeds as shares of their limits"),
+    ("push", -1.0, 1.0, "minus the change of how far the object was moved sideways, up to 0.2 m"),
     ("table", -1.0, 0.0, "-1 while the hand touches the table"),
     ("stop", -1.0, 0.0, "-1 while the protective stop holds the hand"),
 ];
@@ -176,10 +146,7 @@ fn effort(play: &Play) -> f64 {
     let (linear, angular) = play.servo().velocity();
     let world = play.episode().world();
     let hand = world.hand();
-    let spools = hand
-        .fingers
-        .iter()
-        .map(|f| world.motors()[f.motor].velocity / hand.motors[f.motor].max_speed);
+    let spools = hand.fingers.iter().map(|f| world.motors()[f.motor].velocity / hand.motors[f.motor].max_speed);
     let fingers = spools.map(|s| s * s).sum::<f64>() / hand.fingers.len().max(1) as f64;
     let moves = (linear.norm() / LINEAR_SPEED).powi(2) + (angular.norm() / ANGULAR_SPEED).powi(2);
     ((moves + fingers) / 3.0).min(1.0)

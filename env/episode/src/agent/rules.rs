@@ -47,20 +47,12 @@ impl Rules {
         config.validate()?;
         let hand = Arc::clone(objects.hand());
         let action = config.control.size(&hand);
-        let tables = config
-            .observations
-            .iter()
-            .map(|o| (*o, o.table(&hand, config.control)))
-            .collect();
+        let tables = config.observations.iter().map(|o| (*o, o.table(&hand, config.control))).collect();
         Ok(Self {
             reach: reach(&hand)?,
             open: open_hand(&hand, hand.preshape_limits[0])?,
             guard: Guard::new(&hand)?,
-            substeps: if config.control.decides() {
-                0
-            } else {
-                steps_per_control(objects.physics().dt)?
-            },
+            substeps: if config.control.decides() { 0 } else { steps_per_control(objects.physics().dt)? },
             flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
             eyes: Eyes::new(Arc::clone(&hand), config.eyes.clone(), objects.stage())?,
             tables,

@@ -146,14 +146,9 @@ impl Servo {
         self.linear += capped(&(linear - self.linear), LINEAR_ACCELERATION * dt);
         self.angular += capped(&(angular - self.angular), ANGULAR_ACCELERATION * dt);
         self.stop.limit(&mut self.linear, &mut self.angular, dt);
-        let brake = Brake {
-            deceleration: LINEAR_ACCELERATION,
-            dt,
-        };
+        let brake = Brake { deceleration: LINEAR_ACCELERATION, dt };
         // The walls are for the true hand, which a turn moves more than the believed one.
-        let lever = self
-            .angular
-            .cross(&(self.pose.rotation * self.error.translation.vector));
+        let lever = self.angular.cross(&(self.pose.rotation * self.error.translation.vector));
         let mut linear = self.linear + lever;
         guard.limit(&truth, &mut linear, &self.angular, &brake);
         self.linear = linear - lever;
@@ -179,14 +174,8 @@ impl Servo {
                 let ahead = from.translation.vector + path * share - self.pose.translation.vector;
                 let facing = UnitQuaternion::from_scaled_axis(turn * share) * from.rotation;
                 let astray = (facing * self.pose.rotation.inverse()).scaled_axis();
-                let linear_brake = Brake {
-                    deceleration: LINEAR_ACCELERATION,
-                    dt,
-                };
-                let angular_brake = Brake {
-                    deceleration: ANGULAR_ACCELERATION,
-                    dt,
-                };
+                let linear_brake = Brake { deceleration: LINEAR_ACCELERATION, dt };
+                let angular_brake = Brake { deceleration: ANGULAR_ACCELERATION, dt };
                 (
                     capped(&(path / CONTROL_PERIOD), LINEAR_SPEED) + approach(&ahead, &linear_brake),
                     capped(&(turn / CONTROL_PERIOD), ANGULAR_SPEED) + approach(&astray, &angular_brake),
@@ -209,11 +198,7 @@ fn approach(distance: &Vector3<f64>, brake: &Brake) -> Vector3<f64> {
 /// `vector`, no longer than `length`.
 pub(crate) fn capped(vector: &Vector3<f64>, length: f64) -> Vector3<f64> {
     let norm = vector.norm();
-    if norm > length {
-        vector * (length / norm)
-    } else {
-        *vector
-    }
+    if norm > length { vector * (length / norm) } else { *vector }
 }
 
 /// `rotation` turned by `turn` (world axes), of unit length again.

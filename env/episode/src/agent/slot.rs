@@ -167,10 +167,7 @@ impl Slot {
                 break;
             }
         }
-        let truncated = rules
-            .config
-            .max_episode_steps
-            .is_some_and(|most| play.steps().div_ceil(skip) >= most);
+        let truncated = rules.config.max_episode_steps.is_some_and(|most| play.steps().div_ceil(skip) >= most);
         self.outcome = Outcome {
             observations: std::mem::take(&mut self.outcome.observations),
             images: std::mem::take(&mut self.outcome.images),
@@ -217,10 +214,11 @@ impl Slot {
             return Err(EpisodeError::NotReset { env });
         };
         let name = play.prepared().body().name();
-        let world = play.episode().world().snapshot().map_err(|source| EpisodeError::Sim {
-            object: name.to_owned(),
-            source,
-        })?;
+        let world = play
+            .episode()
+            .world()
+            .snapshot()
+            .map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
         let saved = Saved {
             control: rules.config.control,
             frame_skip: rules.config.frame_skip,
@@ -249,9 +247,7 @@ impl Slot {
     /// Bytes of another version, damaged ones, or ones of other objects, another hand, other physics, cameras or another control mode.
     pub fn restore(&mut self, rules: &Rules, bytes: &[u8]) -> Result<(), EpisodeError> {
         let bad = |why: &str| EpisodeError::BadState { why: why.to_owned() };
-        let rest = bytes
-            .strip_prefix(MAGIC)
-            .ok_or_else(|| bad("it is not a state of this version"))?;
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| bad("it is not a state of this version"))?;
         let (sum, body) = rest.split_at_checked(CHECKSUM).ok_or_else(|| bad("it is too short"))?;
         if blake3::hash(body).as_bytes() != sum {
             return Err(bad("its checksum does not match; it was cut off or changed"));
@@ -313,11 +309,7 @@ fn cameras(rules: &Rules) -> Vec<(String, Mount)> {
 /// Begins an episode, and shows it.
 fn begin(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<(Play, Outcome), EpisodeError> {
     let play = Play::new(&start(rules, draw, options)?, rules)?;
-    let mut outcome = Outcome {
-        reset: true,
-        info: play.info(),
-        ..Outcome::default()
-    };
+    let mut outcome = Outcome { reset: true, info: play.info(), ..Outcome::default() };
     outcome.show(&play, rules)?;
     Ok((play, outcome))
 }

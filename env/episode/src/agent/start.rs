@@ -134,11 +134,7 @@ impl Drawn {
             object: draw.index(count),
             resting: draw.unit(),
             place: [draw.within(OBJECT_SPREAD), draw.within(OBJECT_SPREAD), draw.within(PI)],
-            hand: [
-                draw.within(HAND_SPREAD),
-                draw.within(HAND_SPREAD),
-                draw.range(HAND_HEIGHT[0], HAND_HEIGHT[1]),
-            ],
+            hand: [draw.within(HAND_SPREAD), draw.within(HAND_SPREAD), draw.range(HAND_HEIGHT[0], HAND_HEIGHT[1])],
             yaw: draw.within(PI),
             tilt: [draw.within(PI), draw.range(0.0, HAND_TILT)],
             friction: draw.unit(),
@@ -187,11 +183,8 @@ pub fn start(rules: &Rules, draw: &mut Draw, options: &StartOptions) -> Result<S
         Translation3::from(drawn.shift * vary.hand_position),
         UnitQuaternion::from_scaled_axis(drawn.turn * vary.hand_rotation),
     );
-    let seen = Variation {
-        camera_position: vary.camera_position,
-        camera_rotation: vary.camera_rotation,
-        light: vary.light,
-    };
+    let seen =
+        Variation { camera_position: vary.camera_position, camera_rotation: vary.camera_rotation, light: vary.light };
     Ok(Start {
         object,
         resting,
@@ -213,10 +206,9 @@ fn choose_object(rules: &Rules, drawn: &Drawn, options: &StartOptions) -> Result
     let object = match &options.object {
         None => drawn.object,
         Some(ObjectChoice::Index(index)) => *index,
-        Some(ObjectChoice::Name(name)) => objects
-            .names()
-            .position(|n| n == name)
-            .ok_or_else(|| EpisodeError::UnknownObject { name: name.clone() })?,
+        Some(ObjectChoice::Name(name)) => {
+            objects.names().position(|n| n == name).ok_or_else(|| EpisodeError::UnknownObject { name: name.clone() })?
+        }
     };
     Ok((object, objects.prepared(object)?))
 }
@@ -300,27 +292,17 @@ fn settled(
     alone.rest()?;
     let world = alone.world();
     if !world.is_finite() || world.object_center().z < LOST_HEIGHT {
-        return Err(bad_option(
-            "world_from_object",
-            "let go there, the object falls off the table",
-        ));
+        return Err(bad_option("world_from_object", "let go there, the object falls off the table"));
     }
     Ok((world.world_from_object(), world.object_center().z))
 }
 
 fn bad_option(option: &'static str, why: &str) -> EpisodeError {
-    EpisodeError::BadOption {
-        option,
-        why: why.to_owned(),
-    }
+    EpisodeError::BadOption { option, why: why.to_owned() }
 }
 
 fn finite(value: f64, option: &'static str) -> Result<f64, EpisodeError> {
-    if value.is_finite() {
-        Ok(value)
-    } else {
-        Err(bad_option(option, "give finite numbers"))
-    }
+    if value.is_finite() { Ok(value) } else { Err(bad_option(option, "give finite numbers")) }
 }
 
 fn factor(given: Option<f64>, drawn: f64, option: &'static str) -> Result<f64, EpisodeError> {
@@ -347,20 +329,13 @@ fn weighted(share: f64, weights: impl ExactSizeIterator<Item = f64> + Clone) -> 
 
 /// A move on the table: x, y (m), turn about the vertical (rad).
 fn planar(x: f64, y: f64, turn: f64) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        Translation3::new(x, y, 0.0),
-        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn),
-    )
+    Isometry3::from_parts(Translation3::new(x, y, 0.0), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn))
 }
 
 fn given_object(prepared: &Prepared, rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, EpisodeError> {
     let pose = rigid(rows, "world_from_object")?;
     let mesh: &TriMesh = prepared.body().mesh();
-    let lowest = mesh
-        .vertices()
-        .iter()
-        .map(|v| (pose * v).z)
-        .fold(f64::INFINITY, f64::min);
+    let lowest = mesh.vertices().iter().map(|v| (pose * v).z).fold(f64::INFINITY, f64::min);
     if lowest < -SUNK {
         return Err(bad_option(
             "world_from_object",
@@ -401,9 +376,7 @@ impl Room<'_> {
             }
             hand.translation.vector.z += RAISE;
         }
-        Err(EpisodeError::NoStart {
-            object: self.name.to_owned(),
-        })
+        Err(EpisodeError::NoStart { object: self.name.to_owned() })
     }
 
     fn collides(&self, open: &OpenHand, world_from_hand: &Isometry3<f64>) -> bool {
@@ -424,10 +397,7 @@ impl Room<'_> {
             return Err(bad_option("world_from_hand", &why));
         }
         if self.collides(open, &hand) {
-            let why = format!(
-                "the open hand would stand within 1 cm of the table or of object `{}`",
-                self.name
-            );
+            let why = format!("the open hand would stand within 1 cm of the table or of object `{}`", self.name);
             return Err(bad_option("world_from_hand", &why));
         }
         Ok(hand)
@@ -462,8 +432,5 @@ pub(crate) fn rigid(rows: &[[f64; 4]; 4], option: &'static str) -> Result<Isomet
         ));
     }
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-    Ok(Isometry3::from_parts(
-        Translation3::new(rows[0][3], rows[1][3], rows[2][3]),
-        rotation,
-    ))
+    Ok(Isometry3::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation))
 }

@@ -16,15 +16,7 @@ pub fn look_around(
     channels: Channels,
 ) -> Result<Vec<Frame>, EpisodeError> {
     let instances = stage.instances(moment);
-    let job = |camera: &Camera| Job {
-        instances: &instances,
-        camera: *camera,
-        light: *light,
-        channels,
-    };
+    let job = |camera: &Camera| Job { instances: &instances, camera: *camera, light: *light, channels };
     let jobs: Vec<_> = cameras.iter().map(job).collect();
-    render_batch(&jobs, Detail::Auto).map_err(|source| EpisodeError::Camera {
-        name: "a view".into(),
-        source,
-    })
+    render_batch(&jobs, Detail::Auto).map_err(|source| EpisodeError::Camera { name: "a view".into(), source })
 }

@@ -101,10 +101,7 @@ impl CameraConfig {
             let (eye, target) = (Point3::from(self.eye), Point3::from(self.target));
             Camera::look_at(intrinsics, eye, target, Vector3::from(self.up))?.with_range(self.near, self.far)
         };
-        make().map_err(|source| EpisodeError::Camera {
-            name: self.name.clone(),
-            source,
-        })
+        make().map_err(|source| EpisodeError::Camera { name: self.name.clone(), source })
     }
 }
 

@@ -69,9 +69,6 @@ impl Look {
             })?;
             parent_from_camera[index] = rigid(rows, "cameras")?;
         }
-        Ok(Self {
-            parent_from_camera,
-            light,
-        })
+        Ok(Self { parent_from_camera, light })
     }
 }

@@ -27,11 +27,7 @@ pub struct PictureConfig {
 
 impl Default for PictureConfig {
     fn default() -> Self {
-        Self {
-            image_size: [480, 640],
-            samples: 3,
-            camera: CameraConfig::viewer(),
-        }
+        Self { image_size: [480, 640], samples: 3, camera: CameraConfig::viewer() }
     }
 }
 
@@ -67,9 +63,7 @@ impl Eyes {
         let sights = sights.collect::<Result<Vec<_>, _>>()?;
         for (i, sight) in sights.iter().enumerate() {
             if sights[..i].iter().any(|s| s.name == sight.name) {
-                return Err(EpisodeError::Twice {
-                    name: sight.name.clone(),
-                });
+                return Err(EpisodeError::Twice { name: sight.name.clone() });
             }
         }
         let links = hand.links.len();
@@ -121,10 +115,7 @@ impl Eyes {
 
     /// The light before it is varied.
     pub fn light(&self) -> Light {
-        Light {
-            shadows: self.config.shadows,
-            ..Light::default()
-        }
+        Light { shadows: self.config.shadows, ..Light::default() }
     }
 
     /// The models, made at their first use.
@@ -148,17 +139,10 @@ impl Eyes {
 
     /// The cameras of `look` at a moment, in the world.
     pub fn cameras(&self, look: &Look, world_from_hand: &Isometry3<f64>) -> Result<Vec<Camera>, EpisodeError> {
-        let all = self
-            .lenses
-            .iter()
-            .zip(&self.config.cameras)
-            .zip(&look.parent_from_camera);
+        let all = self.lenses.iter().zip(&self.config.cameras).zip(&look.parent_from_camera);
         all.map(|((lens, config), pose)| {
             let pose = world_from_camera(config.mount, pose, world_from_hand);
-            lens.with_pose(pose).map_err(|source| EpisodeError::Camera {
-                name: config.name.clone(),
-                source,
-            })
+            lens.with_pose(pose).map_err(|source| EpisodeError::Camera { name: config.name.clone(), source })
         })
         .collect()
     }
@@ -180,10 +164,7 @@ impl Eyes {
         let mut retina = self.retina();
         let result = self.take(&mut retina, &instances, &cameras, &look.light, images);
         self.retinas().push(retina);
-        result.map_err(|source| EpisodeError::Camera {
-            name: "an image".into(),
-            source,
-        })
+        result.map_err(|source| EpisodeError::Camera { name: "an image".into(), source })
     }
 
     fn take(
@@ -194,11 +175,7 @@ impl Eyes {
         light: &Light,
         images: &mut [Pixels],
     ) -> Result<(), CameraError> {
-        let Retina {
-            renderer,
-            frames,
-            cells,
-        } = retina;
+        let Retina { renderer, frames, cells } = retina;
         frames.resize_with(cameras.len(), Frame::default);
         for ((camera, channels), frame) in cameras.iter().zip(&self.channels).zip(&mut *frames) {
             if let Some(channels) = channels {
@@ -234,20 +211,13 @@ impl Eyes {
             .with_pose(pose)
             .and_then(|camera| retina.renderer.picture(&instances, &camera, light, config.samples));
         self.retinas().push(retina);
-        made.map_err(|source| EpisodeError::Camera {
-            name: config.camera.name.clone(),
-            source,
-        })
+        made.map_err(|source| EpisodeError::Camera { name: config.camera.name.clone(), source })
     }
 
     /// Memory that nobody uses now, or new memory: as many as there are threads come to be.
     fn retina(&self) -> Retina {
         let free = self.retinas().pop();
-        free.unwrap_or_else(|| Retina {
-            renderer: Renderer::new(Detail::Auto),
-            frames: Vec::new(),
-            cells: Vec::new(),
-        })
+        free.unwrap_or_else(|| Retina { renderer: Renderer::new(Detail::Auto), frames: Vec::new(), cells: Vec::new() })
     }
 
     fn retinas(&self) -> std::sync::MutexGuard<'_, Vec<Retina>> {
@@ -268,8 +238,6 @@ fn grid(config: &EyesConfig) -> Result<VoxelFrame, EpisodeError> {
         }
     }
     let origin = Point3::new(-0.5 * side, -0.5 * side, -0.5 * side / n as f64);
-    VoxelFrame::new(n, origin, side).map_err(|source| EpisodeError::Mesh {
-        object: "the cube of voxels".into(),
-        source,
-    })
+    VoxelFrame::new(n, origin, side)
+        .map_err(|source| EpisodeError::Mesh { object: "the cube of voxels".into(), source })
 }

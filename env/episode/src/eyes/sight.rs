@@ -25,14 +25,7 @@ pub enum Kind {
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 6] = [
-        Self::Rgb,
-        Self::Depth,
-        Self::Rgbd,
-        Self::Segmentation,
-        Self::Points,
-        Self::Voxels,
-    ];
+    pub const ALL: [Self; 6] = [Self::Rgb, Self::Depth, Self::Rgbd, Self::Segmentation, Self::Points, Self::Voxels];
 
     /// Its name.
     #[must_use]
@@ -88,11 +81,7 @@ impl Pixels {
     /// None, with room for `size`.
     #[must_use]
     pub fn with_capacity(kind: Kind, size: usize) -> Self {
-        if kind.is_bytes() {
-            Self::Bytes(Vec::with_capacity(size))
-        } else {
-            Self::Floats(Vec::with_capacity(size))
-        }
+        if kind.is_bytes() { Self::Bytes(Vec::with_capacity(size)) } else { Self::Floats(Vec::with_capacity(size)) }
     }
 
     /// Adds numbers of the same type; those of the other are left out.
@@ -142,12 +131,7 @@ impl Sight {
     pub fn read(name: &str, config: &EyesConfig) -> Result<Self, EpisodeError> {
         let unknown = || EpisodeError::UnknownImage {
             name: name.to_owned(),
-            cameras: config
-                .cameras
-                .iter()
-                .map(|c| c.name.as_str())
-                .collect::<Vec<_>>()
-                .join(", "),
+            cameras: config.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", "),
         };
         let (kind, camera) = name.split_once('_').map_or((name, None), |(k, c)| (k, Some(c)));
         let kind = Kind::ALL.into_iter().find(|k| k.name() == kind).ok_or_else(unknown)?;
@@ -155,19 +139,11 @@ impl Sight {
             None if kind == Kind::Voxels => 0..config.cameras.len(),
             None => 0..1,
             Some(camera) => {
-                let at = config
-                    .cameras
-                    .iter()
-                    .position(|c| c.name == camera)
-                    .ok_or_else(unknown)?;
+                let at = config.cameras.iter().position(|c| c.name == camera).ok_or_else(unknown)?;
                 at..at + 1
             }
         };
-        Ok(Self {
-            name: name.to_owned(),
-            kind,
-            cameras,
-        })
+        Ok(Self { name: name.to_owned(), kind, cameras })
     }
 
     /// Rows, columns, channels; or voxels along each axis.
@@ -195,36 +171,15 @@ impl Sight {
         let (low, high) = bounds(self.kind, lens, links);
         let (frame, unit, missing, meaning) = match self.kind {
             Kind::Rgb => ("camera", "1", "the background's colour", "red, green, blue"),
-            Kind::Depth => (
-                "camera",
-                "m",
-                "0",
-                "distance along the optical axis (not along the ray)",
-            ),
-            Kind::Rgbd => (
-                "camera",
-                "1; m",
-                "the background's colour; 0",
-                "red, green, blue in [0, 1], then depth",
-            ),
-            Kind::Segmentation => (
-                "camera",
-                "1",
-                "0",
-                "0 background, 1 table and ground, 2 object, 3 + i link i of the hand",
-            ),
-            Kind::Points => (
-                "camera",
-                "m",
-                "0, 0, 0",
-                "the point seen: x right, y down, z forward from the camera",
-            ),
-            Kind::Voxels => (
-                "world",
-                "1",
-                "0",
-                "0 unseen, 1 free, 2 occupied (by table, object or hand); axes x, y, z",
-            ),
+            Kind::Depth => ("camera", "m", "0", "distance along the optical axis (not along the ray)"),
+            Kind::Rgbd => ("camera", "1; m", "the background's colour; 0", "red, green, blue in [0, 1], then depth"),
+            Kind::Segmentation => {
+                ("camera", "1", "0", "0 background, 1 table and ground, 2 object, 3 + i link i of the hand")
+            }
+            Kind::Points => ("camera", "m", "0, 0, 0", "the point seen: x right, y down, z forward from the camera"),
+            Kind::Voxels => {
+                ("world", "1", "0", "0 unseen, 1 free, 2 occupied (by table, object or hand); axes x, y, z")
+            }
         };
         ImageTable {
             name: self.name.clone(),
@@ -233,10 +188,7 @@ impl Sight {
             dtype: if self.kind.is_bytes() { "uint8" } else { "float32" },
             low,
             high,
-            cameras: config.cameras[self.cameras.clone()]
-                .iter()
-                .map(|c| c.name.clone())
-                .collect(),
+            cameras: config.cameras[self.cameras.clone()].iter().map(|c| c.name.clone()).collect(),
             frame,
             unit,
             missing,
@@ -250,11 +202,7 @@ impl Sight {
         match out {
             Pixels::Bytes(out) => {
                 out.clear();
-                out.extend_from_slice(if self.kind == Kind::Rgb {
-                    &frame.rgb
-                } else {
-                    &frame.segmentation
-                });
+                out.extend_from_slice(if self.kind == Kind::Rgb { &frame.rgb } else { &frame.segmentation });
             }
             Pixels::Floats(out) => {
                 out.clear();
@@ -284,14 +232,7 @@ fn bounds(kind: Kind, lens: &Camera, links: usize) -> (Vec<f64>, Vec<f64>) {
         Kind::Rgbd => (vec![0.0; 4], vec![1.0, 1.0, 1.0, far]),
         Kind::Segmentation => (vec![0.0], vec![(usize::from(FIRST_LINK) + links - 1) as f64]),
         Kind::Points => {
-            let Intrinsics {
-                width,
-                height,
-                fx,
-                fy,
-                cx,
-                cy,
-            } = *lens.intrinsics();
+            let Intrinsics { width, height, fx, fy, cx, cy } = *lens.intrinsics();
             let reach = |size: u32, center: f64, focal: f64| center.max(f64::from(size) - center) / focal * far;
             let (x, y) = (reach(width, cx, fx), reach(height, cy, fy));
             (vec![-x, -y, 0.0], vec![x, y, far])

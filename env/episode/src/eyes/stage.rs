@@ -133,10 +133,7 @@ impl Stage {
             let table = Some(scenery()?);
             Ok(Self { parts, table })
         };
-        make().map_err(|source| EpisodeError::Camera {
-            name: format!("the hand {:?}", hand.name),
-            source,
-        })
+        make().map_err(|source| EpisodeError::Camera { name: format!("the hand {:?}", hand.name), source })
     }
 
     /// A stage without a hand.
@@ -145,14 +142,8 @@ impl Stage {
     /// None.
     pub fn bare(table: bool) -> Result<Self, EpisodeError> {
         let table = table.then(scenery).transpose();
-        let table = table.map_err(|source| EpisodeError::Camera {
-            name: "the table".into(),
-            source,
-        })?;
-        Ok(Self {
-            parts: Vec::new(),
-            table,
-        })
+        let table = table.map_err(|source| EpisodeError::Camera { name: "the table".into(), source })?;
+        Ok(Self { parts: Vec::new(), table })
     }
 
     /// The hand alone; links without a finite place are left out.
@@ -182,18 +173,13 @@ impl Stage {
         };
         let middles = [-TABLE_THICKNESS * 0.5, -TABLE_HEIGHT - TABLE_THICKNESS * 0.5];
         let looks = middles.into_iter().zip([TABLE_COLOR, GROUND_COLOR]);
-        let scenery = self
-            .table
-            .iter()
-            .flatten()
-            .zip(looks)
-            .map(|(model, (z, color))| Instance {
-                model,
-                world_from_model: Isometry3::translation(0.0, 0.0, z),
-                color,
-                label: TABLE,
-                casts_shadow: false,
-            });
+        let scenery = self.table.iter().flatten().zip(looks).map(|(model, (z, color))| Instance {
+            model,
+            world_from_model: Isometry3::translation(0.0, 0.0, z),
+            color,
+            label: TABLE,
+            casts_shadow: false,
+        });
         let mut all = Vec::with_capacity(self.parts.len() + 3);
         // From what is mostly in front to what is mostly behind: less is painted over.
         all.extend(self.hand(&moment.world_from_links));
@@ -256,11 +242,7 @@ fn knuckle(hand: &Hand, link: usize) -> Result<Option<Part>, CameraError> {
     let [width, radius] = KNUCKLE.map(|share| share * half);
     let mesh = shapes::cylinder(radius, width, KNUCKLE_COLUMNS)?;
     let turned = Isometry3::from_parts(Translation3::identity(), along.into());
-    Ok(Some(Part {
-        link,
-        model: Model::new(&mesh.transformed(&turned))?,
-        color: KNUCKLE_COLOR,
-    }))
+    Ok(Some(Part { link, model: Model::new(&mesh.transformed(&turned))?, color: KNUCKLE_COLOR }))
 }
 
 fn solid(collider: &Collider) -> Result<TriMesh, CameraError> {

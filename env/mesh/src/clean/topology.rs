@@ -81,10 +81,8 @@ pub fn check_manifold(mesh: &TriMesh) -> Result<(), Defect> {
     check_watertight(mesh)?;
     let faces = mesh.faces();
     // On a watertight mesh every face corner has one successor around its vertex, so a fan is a cycle.
-    let next: HashMap<(u32, u32), u32> = faces
-        .iter()
-        .flat_map(|&[a, b, c]| [((a, b), c), ((b, c), a), ((c, a), b)])
-        .collect();
+    let next: HashMap<(u32, u32), u32> =
+        faces.iter().flat_map(|&[a, b, c]| [((a, b), c), ((b, c), a), ((c, a), b)]).collect();
     let mut valence = vec![0_u32; mesh.vertices().len()];
     faces.iter().flatten().for_each(|&v| valence[v as usize] += 1);
     let mut seen = vec![false; mesh.vertices().len()];

@@ -43,10 +43,7 @@ pub(super) struct Surface {
 impl Surface {
     pub(super) fn new(mesh: &TriMesh, centre: &Vector3<f64>, samples: usize) -> Result<Self, MeshError> {
         let points = sample_surface(mesh, samples, 0).into_iter();
-        Ok(Self {
-            samples: points.map(|s| to_glam(&(s.point.coords - centre))).collect(),
-            tree: tree(mesh, centre)?,
-        })
+        Ok(Self { samples: points.map(|s| to_glam(&(s.point.coords - centre))).collect(), tree: tree(mesh, centre)? })
     }
 
     pub(super) fn distance(&self, other: &Self) -> Hausdorff {
@@ -69,10 +66,8 @@ impl Surface {
 
 fn tree(mesh: &TriMesh, centre: &Vector3<f64>) -> Result<parry3d::shape::TriMesh, MeshError> {
     let vertices = mesh.vertices().iter().map(|p| to_glam(&(p.coords - centre))).collect();
-    parry3d::shape::TriMesh::new(vertices, mesh.faces().to_vec()).map_err(|e| MeshError::Malformed {
-        format: "mesh",
-        detail: e.to_string(),
-    })
+    parry3d::shape::TriMesh::new(vertices, mesh.faces().to_vec())
+        .map_err(|e| MeshError::Malformed { format: "mesh", detail: e.to_string() })
 }
 
 fn to_glam(v: &Vector3<f64>) -> Vector {

@@ -30,10 +30,7 @@ pub(super) fn quickhull(points: &[Point3<f64>]) -> Option<Vec<[u32; 3]>> {
     let size = (max - min).amax();
     let mut seen = HashSet::with_capacity(points.len());
     let cell = |p: &Point3<f64>| [0, 1, 2].map(|k| ((p[k] - first[k]) / (SAME * size)).round() as i64);
-    let distinct: Vec<u32> = (0..points.len())
-        .filter(|&i| seen.insert(cell(&points[i])))
-        .map(|i| i as u32)
-        .collect();
+    let distinct: Vec<u32> = (0..points.len()).filter(|&i| seen.insert(cell(&points[i]))).map(|i| i as u32).collect();
     let mut faces = JOGGLES.iter().find_map(|share| {
         let place = |&i: &u32| (points[i as usize] - first) + joggle(u64::from(i)) * (share * size);
         let joggled: Vec<Vector3<f64>> = distinct.iter().map(place).collect();
@@ -70,10 +67,7 @@ impl<'a> Builder<'a> {
                 .iter()
                 .map(score)
                 .enumerate()
-                .fold(
-                    (0, f64::NEG_INFINITY),
-                    |best, (i, s)| if s > best.1 { (i, s) } else { best },
-                );
+                .fold((0, f64::NEG_INFINITY), |best, (i, s)| if s > best.1 { (i, s) } else { best });
             (value > least).then_some(best)
         };
         let a = farthest(&|p| p.x + 1e9 * least)?;
@@ -84,21 +78,11 @@ impl<'a> Builder<'a> {
         let d = farthest(&|p| (p - points[a]).dot(&normal).abs())?;
         let [a, b, c, d] = [a, b, c, d].map(|i| i as u32);
         // Seen from outside a, b, c must turn counter-clockwise: d lies below.
-        let (b, c) = if (points[d as usize] - points[a as usize]).dot(&normal) > 0.0 {
-            (c, b)
-        } else {
-            (b, c)
-        };
-        let mut builder = Self {
-            points,
-            faces: Vec::new(),
-        };
-        for (corners, neighbours) in [
-            ([a, b, c], [1, 2, 3]),
-            ([b, a, d], [0, 3, 2]),
-            ([c, b, d], [0, 1, 3]),
-            ([a, c, d], [0, 2, 1]),
-        ] {
+        let (b, c) = if (points[d as usize] - points[a as usize]).dot(&normal) > 0.0 { (c, b) } else { (b, c) };
+        let mut builder = Self { points, faces: Vec::new() };
+        for (corners, neighbours) in
+            [([a, b, c], [1, 2, 3]), ([b, a, d], [0, 3, 2]), ([c, b, d], [0, 1, 3]), ([a, c, d], [0, 2, 1])]
+        {
             builder.push(corners, neighbours);
         }
         let all: Vec<u32> = (0..points.len() as u32).filter(|i| ![a, b, c, d].contains(i)).collect();
@@ -110,14 +94,7 @@ impl<'a> Builder<'a> {
         let [a, b, c] = corners.map(|v| self.points[v as usize]);
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
         let offset = normal.dot(&a);
-        self.faces.push(Face {
-            corners,
-            neighbours,
-            normal,
-            offset,
-            outside: Vec::new(),
-            dead: false,
-        });
+        self.faces.push(Face { corners, neighbours, normal, offset, outside: Vec::new(), dead: false });
     }
 
     fn above(&self, face: usize, point: u32) -> f64 {
@@ -196,11 +173,8 @@ impl<'a> Builder<'a> {
             let side = (0..3).find(|&s| corners[s] == to && corners[(s + 1) % 3] == from)?;
             self.faces[other].neighbours[side] = base + i;
         }
-        let orphans: Vec<u32> = visible
-            .iter()
-            .flat_map(|&f| std::mem::take(&mut self.faces[f].outside))
-            .filter(|&p| p != apex)
-            .collect();
+        let orphans: Vec<u32> =
+            visible.iter().flat_map(|&f| std::mem::take(&mut self.faces[f].outside)).filter(|&p| p != apex).collect();
         self.distribute(&orphans, base);
         Some(())
     }

@@ -7,18 +7,9 @@ use std::io::Cursor;
 
 pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
     check_lines(bytes, options)?;
-    let settings = tobj::LoadOptions {
-        ignore_points: true,
-        ignore_lines: true,
-        ..Default::default()
-    };
-    let (models, _) =
-        tobj::load_obj_buf(&mut Cursor::new(bytes), &settings, |_| Ok(Default::default())).map_err(|e| {
-            MeshError::Malformed {
-                format: "OBJ",
-                detail: e.to_string(),
-            }
-        })?;
+    let settings = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
+    let (models, _) = tobj::load_obj_buf(&mut Cursor::new(bytes), &settings, |_| Ok(Default::default()))
+        .map_err(|e| MeshError::Malformed { format: "OBJ", detail: e.to_string() })?;
     let mut raw = Raw::default();
     let mut face = 0;
     for model in models {
@@ -26,33 +17,18 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
         let base = raw.vertices.len() as u32;
         let (points, rest) = mesh.positions.as_chunks::<3>();
         if !rest.is_empty() {
-            return Err(MeshError::Malformed {
-                format: "OBJ",
-                detail: "a vertex has fewer than 3 coordinates".into(),
-            });
+            return Err(MeshError::Malformed { format: "OBJ", detail: "a vertex has fewer than 3 coordinates".into() });
         }
-        check_count(
-            MeshFormat::Obj,
-            "vertices",
-            (raw.vertices.len() + points.len()) as u64,
-            options.max_vertices,
-        )?;
+        check_count(MeshFormat::Obj, "vertices", (raw.vertices.len() + points.len()) as u64, options.max_vertices)?;
         raw.vertices.extend(points.iter().map(|&p| Point3::from(p)));
         let mut rest = mesh.indices.as_slice();
         let mut corners = Vec::new();
         let triangles_only = mesh.face_arities.is_empty();
         let mut arities = mesh.face_arities.iter();
         while !rest.is_empty() {
-            let arity = if triangles_only {
-                3
-            } else {
-                arities.next().map_or(0, |&a| a as usize)
-            };
+            let arity = if triangles_only { 3 } else { arities.next().map_or(0, |&a| a as usize) };
             let Some((head, tail)) = (arity > 0).then(|| rest.split_at_checked(arity)).flatten() else {
-                return Err(MeshError::Malformed {
-                    format: "OBJ",
-                    detail: "a face lists too few corners".into(),
-                });
+                return Err(MeshError::Malformed { format: "OBJ", detail: "a face lists too few corners".into() });
             };
             corners.clear();
             corners.extend(head.iter().map(|&i| base.saturating_add(i)));

@@ -23,16 +23,10 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
     // The last line may lack its newline.
     let least = (vertices * VERTEX_BYTES + faces * FACE_BYTES).saturating_sub(1);
     if least > bytes.len() as u64 {
-        let detail = format!(
-            "{vertices} vertices and {faces} faces cannot fit into {} bytes",
-            bytes.len()
-        );
+        let detail = format!("{vertices} vertices and {faces} faces cannot fit into {} bytes", bytes.len());
         return Err(MeshError::Truncated { format: "OFF", detail });
     }
-    let mut raw = Raw {
-        vertices: Vec::with_capacity(vertices as usize),
-        faces: Vec::with_capacity(faces as usize),
-    };
+    let mut raw = Raw { vertices: Vec::with_capacity(vertices as usize), faces: Vec::with_capacity(faces as usize) };
     for i in 0..vertices {
         let (n, line) = lines.next().ok_or_else(|| truncated("vertices", i, vertices))?;
         let mut words = line.split_ascii_whitespace();
@@ -63,25 +57,17 @@ fn header<'a>(lines: &mut impl Iterator<Item = (usize, &'a str)>) -> Result<(u64
         .ok_or_else(|| malformed("its first line does not begin with OFF".into()))?
         .trim();
     let (n, counts) = if rest.is_empty() {
-        lines.next().ok_or_else(|| MeshError::Truncated {
-            format: "OFF",
-            detail: "it has no counts".into(),
-        })?
+        lines.next().ok_or_else(|| MeshError::Truncated { format: "OFF", detail: "it has no counts".into() })?
     } else {
         (n, rest)
     };
     let mut words = counts.split_ascii_whitespace();
     // u32, so that no product of a count overflows.
-    Ok((
-        number::<u32>(&mut words, n)?.into(),
-        number::<u32>(&mut words, n)?.into(),
-    ))
+    Ok((number::<u32>(&mut words, n)?.into(), number::<u32>(&mut words, n)?.into()))
 }
 
 fn number<T: FromStr>(words: &mut SplitAsciiWhitespace, line: usize) -> Result<T, MeshError> {
-    let word = words
-        .next()
-        .ok_or_else(|| malformed(format!("line {line} has too few numbers")))?;
+    let word = words.next().ok_or_else(|| malformed(format!("line {line} has too few numbers")))?;
     word.parse().map_err(|_| {
         let shown: String = word.chars().take(40).collect();
         malformed(format!("line {line}: \"{shown}\" is not the number expected there"))
@@ -93,8 +79,5 @@ fn malformed(detail: String) -> MeshError {
 }
 
 fn truncated(what: &str, found: u64, expected: u64) -> MeshError {
-    MeshError::Truncated {
-        format: "OFF",
-        detail: format!("{found} of {expected} {what} are there"),
-    }
+    MeshError::Truncated { format: "OFF", detail: format!("{found} of {expected} {what} are there") }
 }

@@ -45,11 +45,7 @@ fn check_header(header: &Header, bytes: u64, options: &LoadOptions) -> Result<()
             "face" => check_count(MeshFormat::Ply, "faces", count, options.max_faces)?,
             _ => {}
         }
-        let each: u64 = element
-            .properties
-            .iter()
-            .map(|(_, p)| least_bytes(&p.data_type, header.encoding))
-            .sum();
+        let each: u64 = element.properties.iter().map(|(_, p)| least_bytes(&p.data_type, header.encoding)).sum();
         if each == 0 && count > 0 {
             return Err(malformed(format!("element {name} has no properties")));
         }
@@ -88,9 +84,7 @@ fn read_element<E: PropertyAccess>(
     element: &ElementDef,
     header: &Header,
 ) -> Result<Vec<E>, MeshError> {
-    Parser::<E>::new()
-        .read_payload_for_element(reader, element, header)
-        .map_err(explain)
+    Parser::<E>::new().read_payload_for_element(reader, element, header).map_err(explain)
 }
 
 fn read_vertices(

@@ -13,18 +13,11 @@ const RECORD: u64 = 50;
 const ASCII_RECORD: u64 = 80;
 
 pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
-    let claimed = bytes
-        .get(80..HEADER)
-        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let claimed = bytes.get(80..HEADER).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let body = (bytes.len() as u64).saturating_sub(HEADER as u64);
     let fits = claimed.is_some_and(|n| u64::from(n) * RECORD == body);
     if !fits && looks_like_text(bytes) {
-        check_count(
-            MeshFormat::Stl,
-            "triangles",
-            bytes.len() as u64 / ASCII_RECORD,
-            options.max_faces,
-        )?;
+        check_count(MeshFormat::Stl, "triangles", bytes.len() as u64 / ASCII_RECORD, options.max_faces)?;
         let text = ascii_bytes(bytes);
         return collect(&text);
     }
@@ -35,10 +28,7 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
     check_count(MeshFormat::Stl, "triangles", u64::from(count), options.max_faces)?;
     // Trailing bytes are harmless (some writers append a note); missing ones are not.
     if u64::from(count) * RECORD > body {
-        let detail = format!(
-            "its header names {count} triangles, but there is room for only {}",
-            body / RECORD
-        );
+        let detail = format!("its header names {count} triangles, but there is room for only {}", body / RECORD);
         return Err(MeshError::Truncated { format: "STL", detail });
     }
     let mut binary = bytes.to_vec();
@@ -62,18 +52,12 @@ fn ascii_bytes(bytes: &[u8]) -> Vec<u8> {
 
 fn collect(bytes: &[u8]) -> Result<Raw, MeshError> {
     let mut cursor = Cursor::new(bytes);
-    let mesh = stl_io::create_stl_reader(&mut cursor)
-        .and_then(|mut reader| reader.as_indexed_triangles())
-        .map_err(|e| match e.kind() {
-            std::io::ErrorKind::UnexpectedEof => MeshError::Truncated {
-                format: "STL",
-                detail: e.to_string(),
-            },
-            _ => MeshError::Malformed {
-                format: "STL",
-                detail: e.to_string(),
-            },
-        })?;
+    let mesh = stl_io::create_stl_reader(&mut cursor).and_then(|mut reader| reader.as_indexed_triangles()).map_err(
+        |e| match e.kind() {
+            std::io::ErrorKind::UnexpectedEof => MeshError::Truncated { format: "STL", detail: e.to_string() },
+            _ => MeshError::Malformed { format: "STL", detail: e.to_string() },
+        },
+    )?;
     let vertices = mesh.vertices.iter().map(|v| Point3::from(v.0.map(f64::from))).collect();
     // Below 2^32 by the size limits that were checked before.
     let faces = mesh.faces.iter().map(|f| f.vertices.map(|v| v as u32)).collect();

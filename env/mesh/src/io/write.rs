@@ -14,17 +14,13 @@ pub fn write_stl(path: &Path, mesh: &TriMesh) -> Result<(), MeshError> {
         let normal = mesh.face_area_vector(face).try_normalize(0.0).unwrap_or_default();
         stl_io::Triangle {
             normal: stl_io::Normal::new(normal.map(|x| x as f32).into()),
-            vertices: mesh
-                .triangle(face)
-                .map(|p| stl_io::Vertex::new(p.coords.map(|x| x as f32).into())),
+            vertices: mesh.triangle(face).map(|p| stl_io::Vertex::new(p.coords.map(|x| x as f32).into())),
         }
     };
     let triangles: Vec<_> = (0..mesh.faces().len()).map(triangle).collect();
     let mut bytes = Vec::with_capacity(84 + 50 * triangles.len());
-    stl_io::write_stl(&mut bytes, triangles.iter()).map_err(|source| MeshError::Write {
-        path: path.to_path_buf(),
-        source,
-    })?;
+    stl_io::write_stl(&mut bytes, triangles.iter())
+        .map_err(|source| MeshError::Write { path: path.to_path_buf(), source })?;
     write_atomic(path, &bytes)
 }
 
@@ -46,18 +42,12 @@ pub fn write_obj(path: &Path, mesh: &TriMesh) -> Result<(), MeshError> {
 
 /// Writes `bytes` to a temporary file in the same folder and renames it to `path`.
 pub(crate) fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), MeshError> {
-    let folder = path
-        .parent()
-        .filter(|p| !p.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let write = || {
         let mut file = tempfile::NamedTempFile::new_in(folder)?;
         file.write_all(bytes)?;
         file.persist(path).map_err(|e| e.error)?;
         Ok(())
     };
-    write().map_err(|source| MeshError::Write {
-        path: path.to_path_buf(),
-        source,
-    })
+    write().map_err(|source| MeshError::Write { path: path.to_path_buf(), source })
 }

@@ -17,11 +17,7 @@ const CHECKSUM: usize = 32;
 
 /// Where the entry of this mesh and these parameters lies.
 pub(super) fn entry(folder: &Path, mesh: &TriMesh, params: &PartsParams) -> PathBuf {
-    let PartsParams {
-        max_error,
-        max_parts,
-        max_points,
-    } = params;
+    let PartsParams { max_error, max_parts, max_points } = params;
     let mut hasher = blake3::Hasher::new();
     hasher.update(&VERSION.to_le_bytes());
     hasher.update(&mesh.content_hash());
@@ -37,10 +33,7 @@ pub(super) fn read(path: &Path) -> Option<ConvexParts> {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
         Err(e) => {
-            tracing::warn!(
-                "cannot read the cached parts {}: {e}; they are made again",
-                path.display()
-            );
+            tracing::warn!("cannot read the cached parts {}: {e}; they are made again", path.display());
             return None;
         }
     };
@@ -55,10 +48,7 @@ pub(super) fn read(path: &Path) -> Option<ConvexParts> {
 pub(super) fn write(path: &Path, parts: &ConvexParts) {
     let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
     if let Err(e) = made {
-        tracing::warn!(
-            "cannot make the folder of {}: {e}; the parts are not cached",
-            path.display()
-        );
+        tracing::warn!("cannot make the folder of {}: {e}; the parts are not cached", path.display());
     } else if let Err(e) = write_atomic(path, &encode(parts)) {
         tracing::warn!("{e}; the parts are not cached");
     }
@@ -68,24 +58,14 @@ fn encode(parts: &ConvexParts) -> Vec<u8> {
     let report = &parts.report;
     let mut body = Vec::new();
     let mut number = |x: f64| body.extend(x.to_bits().to_le_bytes());
-    [
-        report.volume,
-        report.overfill_max,
-        report.overfill_mean,
-        report.underfill_max,
-        report.underfill_mean,
-    ]
-    .into_iter()
-    .for_each(&mut number);
+    [report.volume, report.overfill_max, report.overfill_mean, report.underfill_max, report.underfill_mean]
+        .into_iter()
+        .for_each(&mut number);
     body.extend((parts.parts.len() as u32).to_le_bytes());
     for part in &parts.parts {
         body.extend((part.vertices().len() as u32).to_le_bytes());
         body.extend((part.faces().len() as u32).to_le_bytes());
-        body.extend(
-            part.vertices()
-                .iter()
-                .flat_map(|p| p.coords.iter().flat_map(|x| x.to_bits().to_le_bytes())),
-        );
+        body.extend(part.vertices().iter().flat_map(|p| p.coords.iter().flat_map(|x| x.to_bits().to_le_bytes())));
         body.extend(part.faces().iter().flatten().flat_map(|v| v.to_le_bytes()));
     }
     let mut bytes = blake3::hash(&body).as_bytes().to_vec();
@@ -99,23 +79,15 @@ fn decode(bytes: &[u8]) -> Option<ConvexParts> {
         return None;
     }
     let mut reader = Reader(body);
-    let [volume, overfill_max, overfill_mean, underfill_max, underfill_mean] = [
-        reader.f64()?,
-        reader.f64()?,
-        reader.f64()?,
-        reader.f64()?,
-        reader.f64()?,
-    ];
+    let [volume, overfill_max, overfill_mean, underfill_max, underfill_mean] =
+        [reader.f64()?, reader.f64()?, reader.f64()?, reader.f64()?, reader.f64()?];
     let mut parts = Vec::new();
     for _ in 0..reader.u32()? {
         let (vertices, faces) = (reader.u32()?, reader.u32()?);
         // Collected one by one: a count that lies runs out of bytes before it runs out of memory.
-        let vertices: Option<Vec<_>> = (0..vertices)
-            .map(|_| Some(Point3::new(reader.f64()?, reader.f64()?, reader.f64()?)))
-            .collect();
-        let faces: Option<Vec<_>> = (0..faces)
-            .map(|_| Some([reader.u32()?, reader.u32()?, reader.u32()?]))
-            .collect();
+        let vertices: Option<Vec<_>> =
+            (0..vertices).map(|_| Some(Point3::new(reader.f64()?, reader.f64()?, reader.f64()?))).collect();
+        let faces: Option<Vec<_>> = (0..faces).map(|_| Some([reader.u32()?, reader.u32()?, reader.u32()?])).collect();
         parts.push(TriMesh::new(vertices?, faces?).ok()?);
     }
     let report = PartsReport {

@@ -138,19 +138,14 @@ pub(super) fn supports(points: &[Point3<f64>], directions: &[Vector3<f64>]) -> V
 /// Every point and its six neighbours `by` metres along the axes: flat points then have a hull.
 pub(super) fn thicken(points: &[Point3<f64>], by: f64) -> Vec<Point3<f64>> {
     let sides = [Vector3::x(), Vector3::y(), Vector3::z()];
-    points
-        .iter()
-        .flat_map(|p| sides.iter().flat_map(move |s| [p + s * by, p - s * by]))
-        .collect()
+    points.iter().flat_map(|p| sides.iter().flat_map(move |s| [p + s * by, p - s * by])).collect()
 }
 
 /// The hull of `points`; `None` when they are flat.
 pub(super) fn hull_of(points: &[Point3<f64>]) -> Option<Hull> {
     let (points, faces) = hull_indexed(points)?;
     let volume = volume(&points, &faces);
-    let (min, max) = points
-        .iter()
-        .fold((points[0], points[0]), |(a, b), p| (a.inf(p), b.sup(p)));
+    let (min, max) = points.iter().fold((points[0], points[0]), |(a, b), p| (a.inf(p), b.sup(p)));
     let size = (max - min).amax();
     // Flatter than this the f32 of the physics engine cannot tell inside from outside.
     (volume > 1e-6 * size.powi(3)).then_some(Hull { points, faces, volume })

@@ -121,10 +121,7 @@ impl Sorted {
 
     /// The plane at this share of the width.
     fn at(&self, share: f64) -> Plane {
-        Plane {
-            normal: self.normal,
-            offset: self.points[0].0 + share * self.width(),
-        }
+        Plane { normal: self.normal, offset: self.points[0].0 + share * self.width() }
     }
 
     /// Cheapest of evenly spaced places, refined twice by halving the space; no slab is thinner than `thinnest` metres, or a wavy

@@ -26,10 +26,7 @@ pub(super) fn decompose(
     convex_hull(mesh.vertices())?;
     let (mut pool, faces) = refine(mesh, centre, LONGEST_EDGE * mesh.extent());
     pool.extend(inner_nodes(fit).iter().map(|p| p - centre));
-    let whole = Cell {
-        faces,
-        points: (0..pool.len() as u32).collect(),
-    };
+    let whole = Cell { faces, points: (0..pool.len() as u32).collect() };
     let most = params.max_parts.saturating_mul(PIECES_PER_PART);
     let pieces = cut_down(whole, &mut pool, fit, params.max_error, most);
     let pieces = merge(pieces, fit, params.max_error, params.max_parts);

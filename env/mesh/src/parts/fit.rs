@@ -37,12 +37,7 @@ impl<'a> Fit<'a> {
     pub fn new(mesh: &'a TriMesh, centre: Vector3<f64>, max_error: f64) -> Self {
         let field = DistanceField::new(mesh, 0.25 * max_error);
         let spacing = (2.0 * field.step()).max(max_error);
-        Self {
-            field,
-            centre,
-            spacing,
-            max_error,
-        }
+        Self { field, centre, spacing, max_error }
     }
 
     pub fn field(&self) -> &DistanceField<'a> {
@@ -104,10 +99,7 @@ impl<'a> Fit<'a> {
                 });
             }
         }
-        Errors {
-            greatest,
-            mean: if area > 0.0 { sum / area } else { 0.0 },
-        }
+        Errors { greatest, mean: if area > 0.0 { sum / area } else { 0.0 } }
     }
 
     /// How far the mesh stands out of the parts: greatest and mean over samples of its surface.
@@ -118,18 +110,13 @@ impl<'a> Fit<'a> {
         for s in &samples {
             // Highest plane of a part: its distance near a face, a little less beyond an edge.
             let above = |part: &Vec<(Vector3<f64>, f64)>| {
-                part.iter()
-                    .map(|(n, d)| n.dot(&s.point.coords) - d)
-                    .fold(f64::NEG_INFINITY, f64::max)
+                part.iter().map(|(n, d)| n.dot(&s.point.coords) - d).fold(f64::NEG_INFINITY, f64::max)
             };
             let d = planes.iter().map(above).fold(f64::INFINITY, f64::min).max(0.0);
             greatest = greatest.max(d);
             sum += d;
         }
-        Errors {
-            greatest,
-            mean: sum / samples.len().max(1) as f64,
-        }
+        Errors { greatest, mean: sum / samples.len().max(1) as f64 }
     }
 }
 
@@ -153,10 +140,7 @@ fn each_sample([a, b, c]: [Point3<f64>; 3], spacing: f64, visit: &mut impl FnMut
 fn quantile(distances: &mut [f64]) -> f64 {
     distances.sort_by(f64::total_cmp);
     let last = distances.len().saturating_sub(1);
-    distances
-        .get((last as f64 * (1.0 - SPARED)).floor() as usize)
-        .copied()
-        .unwrap_or(0.0)
+    distances.get((last as f64 * (1.0 - SPARED)).floor() as usize).copied().unwrap_or(0.0)
 }
 
 /// Barycentric coordinates of an evenly spread sequence: the R2 sequence (of the plastic number), folded onto the triangle.

@@ -34,10 +34,7 @@ pub(super) fn merge(pieces: Vec<Piece>, fit: &Fit, max_error: f64, most: usize) 
             continue;
         };
         alive -= 1;
-        let cell = Cell {
-            faces: Vec::new(),
-            points: union(first.cell.points, &second.cell.points),
-        };
+        let cell = Cell { faces: Vec::new(), points: union(first.cell.points, &second.cell.points) };
         let new = slots.len();
         slots.push(Some(Piece { cell, hull, error }));
         pairs.extend((0..new).filter_map(|other| pair(&slots, other, new, fit)));
@@ -49,17 +46,11 @@ pub(super) fn merge(pieces: Vec<Piece>, fit: &Fit, max_error: f64, most: usize) 
 /// stands out least. The older one of equals.
 fn best(pairs: &[Pair], max_error: f64) -> Option<usize> {
     let key = |p: &Pair| {
-        if p.error <= max_error {
-            (0.0, p.added)
-        } else {
-            (p.error, p.added)
-        }
+        if p.error <= max_error { (0.0, p.added) } else { (p.error, p.added) }
     };
     let order = |p: &Pair, q: &Pair| {
         let (a, b) = (key(p), key(q));
-        a.0.total_cmp(&b.0)
-            .then(a.1.total_cmp(&b.1))
-            .then((p.b, p.a).cmp(&(q.b, q.a)))
+        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)).then((p.b, p.a).cmp(&(q.b, q.a)))
     };
     (0..pairs.len()).min_by(|&i, &j| order(&pairs[i], &pairs[j]))
 }
@@ -73,13 +64,7 @@ fn pair(slots: &[Option<Piece>], a: usize, b: usize, fit: &Fit) -> Option<Pair> 
     let hull = hull_of(&points)?;
     let error = fit.error(&hull);
     let added = hull.volume - first.hull.volume - second.hull.volume;
-    Some(Pair {
-        a,
-        b,
-        hull,
-        error,
-        added,
-    })
+    Some(Pair { a, b, hull, error, added })
 }
 
 /// Whether the bounds come within `gap`.

@@ -28,9 +28,7 @@ pub(super) fn reduce(hull: &TriMesh, max_points: usize) -> TriMesh {
     }
     let aabb = inner.aabb();
     let centre = nalgebra::center(&aabb.min, &aabb.max).coords;
-    let scaled = inner
-        .transformed(&Translation3::from(-centre).into())
-        .scaled(ratio.cbrt());
+    let scaled = inner.transformed(&Translation3::from(-centre).into()).scaled(ratio.cbrt());
     scaled.transformed(&Translation3::from(centre).into())
 }
 
@@ -68,9 +66,7 @@ fn grow(hull: &TriMesh, max_points: usize) -> TriMesh {
 fn spread(corners: &[Point3<f64>], outside: &[(usize, f64)], room: usize, chosen: &mut Vec<usize>) {
     let first = chosen.len();
     for &(i, distance) in outside {
-        let apart = chosen[first..]
-            .iter()
-            .all(|&j| (corners[i] - corners[j]).norm() > 4.0 * distance);
+        let apart = chosen[first..].iter().all(|&j| (corners[i] - corners[j]).norm() > 4.0 * distance);
         if apart {
             chosen.push(i);
         }
@@ -82,10 +78,7 @@ fn spread(corners: &[Point3<f64>], outside: &[(usize, f64)], room: usize, chosen
 
 /// Greatest distance of `p` above a plane.
 fn stands_out(planes: &[(Vector3<f64>, f64)], p: &Point3<f64>) -> f64 {
-    planes
-        .iter()
-        .map(|(n, d)| n.dot(&p.coords) - d)
-        .fold(f64::NEG_INFINITY, f64::max)
+    planes.iter().map(|(n, d)| n.dot(&p.coords) - d).fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// Drops corners that the others make superfluous: they would only give the hull slivers.

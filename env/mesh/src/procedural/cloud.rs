@@ -44,16 +44,9 @@ pub(crate) fn convex_cloud(vertices: &[P3]) -> Result<Vec<P3>, MeshError> {
     let mut gap;
     loop {
         let planes = hull_planes(&chosen.iter().map(|&i| vertices[i]).collect::<Vec<_>>())?;
-        let outside = |p: &P3| {
-            planes
-                .iter()
-                .map(|(n, offset)| n.dot(&p.coords) - offset)
-                .fold(0.0, f64::max)
-        };
+        let outside = |p: &P3| planes.iter().map(|(n, offset)| n.dot(&p.coords) - offset).fold(0.0, f64::max);
         let depths: Vec<f64> = vertices.iter().map(outside).collect();
-        let deepest = (0..vertices.len())
-            .max_by(|&i, &j| depths[i].total_cmp(&depths[j]))
-            .unwrap_or(0);
+        let deepest = (0..vertices.len()).max_by(|&i, &j| depths[i].total_cmp(&depths[j])).unwrap_or(0);
         gap = depths[deepest];
         // A tenth of a millimetre is finer than any contact.
         if gap < 1e-4 || chosen.len() == PART_POINTS || chosen.contains(&deepest) {
@@ -72,8 +65,5 @@ fn hull_planes(cloud: &[P3]) -> Result<Vec<(Vector3<f64>, f64)>, MeshError> {
         let normal = hull.face_area_vector(f).normalize();
         (normal, normal.dot(&hull.triangle(f)[0].coords))
     };
-    Ok((0..hull.faces().len())
-        .map(plane)
-        .filter(|(n, _)| n.x.is_finite())
-        .collect())
+    Ok((0..hull.faces().len()).map(plane).filter(|(n, _)| n.x.is_finite()).collect())
 }

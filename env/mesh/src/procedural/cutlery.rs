@@ -20,12 +20,7 @@ fn bent(solid: &Solid, step: [f64; 3], density: f64, lift: impl Fn(f64, f64) -> 
         p.z += lift(p.x, p.y);
     }
     let mass = surface.volume() * density;
-    Ok(Draft {
-        surface,
-        parts,
-        mass,
-        rest: Rest::Lies,
-    })
+    Ok(Draft { surface, parts, mass, rest: Rest::Lies })
 }
 
 /// Smooth rise from 0 to 1 while `x` goes from `from` to `to`.
@@ -42,24 +37,13 @@ fn material(draw: &mut Draw) -> f64 {
 pub(crate) fn fork(draw: &mut Draw) -> Result<Draft, MeshError> {
     let (handle, half) = (draw.range(0.1, 0.13), draw.range(0.0012, 0.0016));
     let (end, neck) = (draw.range(0.008, 0.011), draw.range(0.0035, 0.0045));
-    let (count, tine, gap) = (
-        draw.pick([3usize, 4]),
-        draw.range(0.0028, 0.0036),
-        draw.range(0.003, 0.0038),
-    );
+    let (count, tine, gap) = (draw.pick([3usize, 4]), draw.range(0.0028, 0.0036), draw.range(0.003, 0.0038));
     let (palm, tines) = (draw.range(0.016, 0.022), draw.range(0.038, 0.05));
     let wide = (count as f64 * tine + (count - 1) as f64 * gap) / 2.0;
     let root = handle + 0.012;
     let mut pieces = vec![
         Piece::prism(
-            &[
-                [0.0, -end * 0.7],
-                [0.01, -end],
-                [root, -neck],
-                [root, neck],
-                [0.01, end],
-                [0.0, end * 0.7],
-            ],
+            &[[0.0, -end * 0.7], [0.01, -end], [root, -neck], [root, neck], [0.01, end], [0.0, end * 0.7]],
             half,
             0.0007,
         )
@@ -82,12 +66,7 @@ pub(crate) fn fork(draw: &mut Draw) -> Result<Draft, MeshError> {
     for k in 0..count {
         let y = (k as f64 - (count - 1) as f64 / 2.0) * (tine + gap);
         let (from, to) = (root + palm - 0.003, root + palm + tines);
-        let outline = [
-            [from, y - tine / 2.0],
-            [to, y - tine * 0.38],
-            [to, y + tine * 0.38],
-            [from, y + tine / 2.0],
-        ];
+        let outline = [[from, y - tine / 2.0], [to, y - tine * 0.38], [to, y + tine * 0.38], [from, y + tine / 2.0]];
         pieces.push(Piece::prism(&outline, half, 0.0007).cells(3, 1).blend(0.001));
     }
     let (arch, curl) = (draw.range(0.006, 0.012), draw.range(0.008, 0.014));
@@ -115,14 +94,7 @@ pub(crate) fn spoon(draw: &mut Draw) -> Result<Draft, MeshError> {
     let root = handle + 0.008;
     let solid = Solid::new(vec![
         Piece::prism(
-            &[
-                [0.0, -end * 0.7],
-                [0.012, -end],
-                [root, -neck],
-                [root, neck],
-                [0.012, end],
-                [0.0, end * 0.7],
-            ],
+            &[[0.0, -end * 0.7], [0.012, -end], [root, -neck], [root, neck], [0.012, end], [0.0, end * 0.7]],
             half,
             0.0007,
         )
@@ -165,11 +137,7 @@ pub(crate) fn scissors(draw: &mut Draw) -> Result<Draft, MeshError> {
             outline.reverse();
             outline.iter_mut().for_each(|p| p[1] = -p[1]);
         }
-        pieces.push(
-            Piece::prism(&outline, half + 0.0002, 0.0008)
-                .at(turn(side * half))
-                .blend(0.001),
-        );
+        pieces.push(Piece::prism(&outline, half + 0.0002, 0.0008).at(turn(side * half)).blend(0.001));
         let from = Point3::new(-0.01, 0.0, side * half * 0.6);
         let ring = Point3::new(-shank - long, -side * (bow + rod) * 1.1, 0.0);
         let joint = ring + Vector3::new(long * 0.85, side * bow * 0.5, 0.0);

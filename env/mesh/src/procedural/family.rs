@@ -297,8 +297,6 @@ impl FromStr for Family {
 
     fn from_str(name: &str) -> Result<Self, UnknownFamily> {
         let known = FACTS.iter().find(|facts| facts.name == name);
-        known
-            .map(|facts| facts.family)
-            .ok_or_else(|| UnknownFamily(name.to_owned()))
+        known.map(|facts| facts.family).ok_or_else(|| UnknownFamily(name.to_owned()))
     }
 }

@@ -10,34 +10,20 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Turns a piece made along z so that it runs along x.
 pub(crate) fn along_x(at: Vector3<f64>) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        at.into(),
-        UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2),
-    )
+    Isometry3::from_parts(at.into(), UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2))
 }
 
 /// Turns a piece made along z so that it runs along y.
 pub(crate) fn along_y(at: Vector3<f64>) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        at.into(),
-        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2),
-    )
+    Isometry3::from_parts(at.into(), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2))
 }
 
 /// The form of a piece in its own frame.
 enum Form {
     /// A convex polygon (counter-clockwise, drawn in by `round`) swept over `|z| <= half - round`, then rounded.
-    Prism {
-        core: Vec<Point2<f64>>,
-        half: f64,
-        round: f64,
-    },
+    Prism { core: Vec<Point2<f64>>, half: f64, round: f64 },
     /// A convex half outline `(r, z)` turned about z; `core` is the closed outline drawn in by `round`.
-    Turned {
-        outline: Vec<Rz>,
-        core: Vec<Point2<f64>>,
-        round: f64,
-    },
+    Turned { outline: Vec<Rz>, core: Vec<Point2<f64>>, round: f64 },
     /// Round rods from point to point.
     Tube { line: Vec<P3>, radius: f64 },
 }
@@ -56,23 +42,13 @@ pub(crate) struct Piece {
 
 impl Piece {
     fn new(form: Form) -> Self {
-        Self {
-            form,
-            object_from_piece: Isometry3::identity(),
-            blend: 0.0015,
-            cells: [1, 1],
-            ball: (P3::origin(), 0.0),
-        }
+        Self { form, object_from_piece: Isometry3::identity(), blend: 0.0015, cells: [1, 1], ball: (P3::origin(), 0.0) }
     }
 
     /// A plate over the convex polygon `outline` (counter-clockwise), `2 half` thick, with rounded edges.
     pub(crate) fn prism(outline: &[[f64; 2]], half: f64, round: f64) -> Self {
         let outline: Vec<Point2<f64>> = outline.iter().map(|p| Point2::new(p[0], p[1])).collect();
-        Self::new(Form::Prism {
-            core: draw_in(&outline, round),
-            half,
-            round,
-        })
+        Self::new(Form::Prism { core: draw_in(&outline, round), half, round })
     }
 
     /// A block of the given half extents.
@@ -86,11 +62,7 @@ impl Piece {
         let outline: Vec<Rz> = outline.iter().map(|p| Rz::new(p[0], p[1])).collect();
         let mut whole = outline.clone();
         whole.extend(outline.iter().rev().map(|p| Rz::new(-p.x, p.y)));
-        Self::new(Form::Turned {
-            core: draw_in(&whole, round),
-            outline,
-            round,
-        })
+        Self::new(Form::Turned { core: draw_in(&whole, round), outline, round })
     }
 
     /// Rods along `line`; repeat the first point at the end to close it.
@@ -129,10 +101,9 @@ impl Piece {
 
     fn parts(&self) -> Parts {
         let mut parts = match &self.form {
-            Form::Prism { core, half, round } => cut(core, self.cells)
-                .iter()
-                .map(|cell| prism_cloud(cell, core, *half, *round))
-                .collect(),
+            Form::Prism { core, half, round } => {
+                cut(core, self.cells).iter().map(|cell| prism_cloud(cell, core, *half, *round)).collect()
+            }
             Form::Turned { outline, round, .. } => lathe::solid_parts(&broken_edges(outline, *round), lathe::round),
             Form::Tube { line, radius } => tube_parts(line, *radius),
         };
@@ -164,11 +135,7 @@ impl Solid {
                 continue;
             }
             let other = piece.distance(p);
-            let share = if piece.blend > 0.0 {
-                (1.0 - (d - other).abs() / piece.blend).max(0.0)
-            } else {
-                0.0
-            };
+            let share = if piece.blend > 0.0 { (1.0 - (d - other).abs() / piece.blend).max(0.0) } else { 0.0 };
             d = d.min(other) - share * share * piece.blend / 4.0;
         }
         d
@@ -188,10 +155,7 @@ impl Solid {
 
 fn bounds(parts: &Parts) -> (P3, P3) {
     let first = parts.iter().flatten().next().copied().unwrap_or_default();
-    parts
-        .iter()
-        .flatten()
-        .fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)))
+    parts.iter().flatten().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)))
 }
 
 fn rod(p: &P3, a: P3, b: P3) -> f64 {
@@ -249,18 +213,10 @@ fn cut(polygon: &[Point2<f64>], cells: [usize; 2]) -> Vec<Vec<Point2<f64>>> {
         let slab = |piece: &Vec<Point2<f64>>, k: usize| {
             let below = |p: &Point2<f64>| p[axis] - edge(k + 1);
             let above = |p: &Point2<f64>| edge(k) - p[axis];
-            let lower = if k + 1 < cells[axis] {
-                clip(piece, below)
-            } else {
-                piece.clone()
-            };
+            let lower = if k + 1 < cells[axis] { clip(piece, below) } else { piece.clone() };
             if k > 0 { clip(&lower, above) } else { lower }
         };
-        pieces = pieces
-            .iter()
-            .flat_map(|p| (0..cells[axis]).map(move |k| (p, k)))
-            .map(|(p, k)| slab(p, k))
-            .collect();
+        pieces = pieces.iter().flat_map(|p| (0..cells[axis]).map(move |k| (p, k))).map(|(p, k)| slab(p, k)).collect();
         pieces.retain(|p| p.len() >= 3);
     }
     pieces
@@ -320,13 +276,7 @@ fn tube_parts(line: &[P3], radius: f64) -> Parts {
             last
         };
         let along = (line[after] - line[before]).normalize();
-        let side = along
-            .cross(&if along.z.abs() > 0.8 {
-                Vector3::x()
-            } else {
-                Vector3::z()
-            })
-            .normalize();
+        let side = along.cross(&if along.z.abs() > 0.8 { Vector3::x() } else { Vector3::z() }).normalize();
         let up = along.cross(&side);
         // Half inside, half outside of the circle.
         let around = move |k: u32, share: f64| {

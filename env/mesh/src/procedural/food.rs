@@ -81,11 +81,7 @@ pub(crate) fn fruit(draw: &mut Draw) -> Result<Draft, MeshError> {
             let (surface, parts) = apple(draw);
             (surface, Some(parts), Rest::Stands)
         }
-        1 => (
-            egg(draw.range(0.031, 0.042), draw.range(0.9, 1.0), 0.0),
-            None,
-            Rest::Stands,
-        ),
+        1 => (egg(draw.range(0.031, 0.042), draw.range(0.9, 1.0), 0.0), None, Rest::Stands),
         2 => {
             let mut lemon = egg(draw.range(0.022, 0.029), draw.range(1.1, 1.25), draw.range(0.08, 0.15));
             for p in &mut lemon.vertices {
@@ -97,23 +93,14 @@ pub(crate) fn fruit(draw: &mut Draw) -> Result<Draft, MeshError> {
             let (surface, parts) = pear(draw);
             (surface, Some(parts), Rest::Stands)
         }
-        _ => (
-            egg(draw.range(0.027, 0.037), draw.range(0.93, 1.05), 0.0),
-            None,
-            Rest::Stands,
-        ),
+        _ => (egg(draw.range(0.027, 0.037), draw.range(0.93, 1.05), 0.0), None, Rest::Stands),
     };
     let mass = surface.volume() * draw.range(820.0, 1000.0);
     let parts = match parts {
         Some(parts) => parts,
         None => vec![convex_cloud(&surface.vertices)?],
     };
-    Ok(Draft {
-        surface,
-        parts,
-        mass,
-        rest,
-    })
+    Ok(Draft { surface, parts, mass, rest })
 }
 
 /// Banana: a rounded five-sided section along a bow, with its stalk.
@@ -142,19 +129,11 @@ pub(crate) fn banana(draw: &mut Draw) -> Result<Draft, MeshError> {
     let middle = |r: &[P3]| Point3::from(r.iter().map(|p| p.coords).sum::<Vector3<f64>>() / r.len() as f64);
     let surface = Surface::skin(&rings, middle(&rings[0]), middle(&rings[48]));
     let part = |from: usize, to: usize| -> Vec<P3> {
-        [from, (from + to) / 2, to]
-            .iter()
-            .flat_map(|&i| rings[i].iter().step_by(2).copied())
-            .collect()
+        [from, (from + to) / 2, to].iter().flat_map(|&i| rings[i].iter().step_by(2).copied()).collect()
     };
     // Shorter parts at the stalk, where the outline is hollow.
     let mut parts: Parts = (0..9).map(|k| part(k * 4, k * 4 + 4)).collect();
     parts.extend((18..24).map(|k| part(k * 2, k * 2 + 2)));
     let mass = surface.volume() * draw.range(900.0, 1000.0);
-    Ok(Draft {
-        surface,
-        parts,
-        mass,
-        rest: Rest::Stands,
-    })
+    Ok(Draft { surface, parts, mass, rest: Rest::Stands })
 }

@@ -15,10 +15,7 @@ fn rings(line: &[Vector2<f64>], half: impl Fn(f64) -> Vector2<f64>, section: &[V
         let along = (line[(i + 1).min(last)] - line[i.saturating_sub(1)]).normalize();
         let (up, size) = (Vector3::new(-along.y, 0.0, along.x), half(i as f64 / last as f64));
         let centre = Point3::new(line[i].x, 0.0, line[i].y);
-        section
-            .iter()
-            .map(|s| centre + Vector3::y() * (s.x * size.x) + up * (s.y * size.y))
-            .collect()
+        section.iter().map(|s| centre + Vector3::y() * (s.x * size.x) + up * (s.y * size.y)).collect()
     };
     (0..=last).map(ring).collect()
 }
@@ -41,9 +38,7 @@ fn tube_parts(rings: &[Vec<P3>], stride: usize) -> Parts {
 fn rows_between(profile: &[Rz], low: f64, high: f64) -> (usize, usize) {
     let near = |z: f64| {
         let outside = profile.windows(2).take_while(|w| w[1].y >= w[0].y).count();
-        (0..=outside)
-            .min_by(|&i, &j| (profile[i].y - z).abs().total_cmp(&(profile[j].y - z).abs()))
-            .unwrap_or(0)
+        (0..=outside).min_by(|&i, &j| (profile[i].y - z).abs().total_cmp(&(profile[j].y - z).abs())).unwrap_or(0)
     };
     (near(low), near(high))
 }
@@ -56,10 +51,7 @@ pub(crate) fn mug(draw: &mut Draw) -> Draft {
     let (thickness, floor) = (draw.range(0.003, 0.0045), draw.range(0.004, 0.007));
     let radius = move |t: f64| rim * (taper + (1.0 - taper) * t + bulge * 4.0 * t * (1.0 - t));
     let walls = upright_walls(radius, height, thickness, floor);
-    let vessel = Vessel {
-        foot: vec![Rz::new(radius(0.0) - floor * 0.4, 0.0)],
-        walls,
-    };
+    let vessel = Vessel { foot: vec![Rz::new(radius(0.0) - floor * 0.4, 0.0)], walls };
     let profile = outside_rows(&vessel, height);
     let columns = 60;
     let mut surface = lathe::revolve(&profile, columns, lathe::round);
@@ -89,21 +81,13 @@ pub(crate) fn mug(draw: &mut Draw) -> Draft {
     surface.cut(columns, &[upper, lower]);
     let (from, to) = (upper.outward(columns), lower.inward(columns));
     let corners = |hole: &[u32]| hole.iter().map(|&v| surface.vertices[v as usize]).collect::<Vec<_>>();
-    let (root, end) = (
-        [corners(&from), rings[0].clone()],
-        [rings[rings.len() - 1].clone(), corners(&to)],
-    );
+    let (root, end) = ([corners(&from), rings[0].clone()], [rings[rings.len() - 1].clone(), corners(&to)]);
     surface.sew(&from, &rings, Some(&to));
     let mut parts = vessel.parts();
     parts.extend([root.concat(), end.concat()]);
     parts.extend(tube_parts(&rings, 3));
     let mass = surface.volume() * if draw.chance(0.8) { CERAMIC } else { PLASTIC };
-    Draft {
-        surface,
-        parts,
-        mass,
-        rest: Rest::Stands,
-    }
+    Draft { surface, parts, mass, rest: Rest::Stands }
 }
 
 /// Profile of an upright vessel with rows of 4.5 mm outside, where handles are sewn on, and coarser ones inside.

@@ -32,11 +32,7 @@ pub(crate) fn kettle(draw: &mut Draw) -> Result<Draft, MeshError> {
     let (spout, reach) = spout(draw, radius, neck, waist);
     let solid = Solid::new(vec![
         Piece::turned(&body, 0.004).blend(0.0),
-        Piece::turned(
-            &[[knob * 0.7, height - 0.004], [knob, lid - 0.003], [knob * 0.9, lid]],
-            0.0035,
-        )
-        .blend(0.002),
+        Piece::turned(&[[knob * 0.7, height - 0.004], [knob, lid - 0.003], [knob * 0.9, lid]], 0.0035).blend(0.002),
         spout.blend(0.0012),
         Piece::tube(line.clone(), rod).blend(0.0012),
         Piece::tube(grip.clone(), rod + GRIP_WALL).blend(0.0015),
@@ -68,10 +64,7 @@ fn skin_of(solid: &Solid, step: f64) -> Result<Surface, MeshError> {
         let mesh = surface.clone().into_mesh()?;
         let slim = |f: usize| {
             let [a, b, c] = mesh.triangle(f);
-            let longest = (b - a)
-                .norm_squared()
-                .max((c - b).norm_squared())
-                .max((a - c).norm_squared());
+            let longest = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
             2.0 * mesh.face_area_vector(f).norm() < SLIMMEST * longest
         };
         if !(0..mesh.faces().len()).any(slim) {

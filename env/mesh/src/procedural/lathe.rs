@@ -28,11 +28,7 @@ pub(crate) fn round(p: Rz, angle: f64) -> P3 {
 ///
 /// The profile runs from the lower end of the axis along the outside to the other end, so that faces look outward.
 pub(crate) fn revolve(profile: &[Rz], columns: usize, place: impl Fn(Rz, f64) -> P3) -> Surface {
-    let ring = |p: &Rz| {
-        (0..columns)
-            .map(|j| place(*p, TAU * j as f64 / columns as f64))
-            .collect()
-    };
+    let ring = |p: &Rz| (0..columns).map(|j| place(*p, TAU * j as f64 / columns as f64)).collect();
     let rings: Vec<Vec<P3>> = profile.iter().map(ring).collect();
     let pole = |p: &Rz| place(Rz::new(0.0, p.y), 0.0);
     Surface::skin(&rings, pole(&profile[0]), pole(&profile[profile.len() - 1]))
@@ -84,11 +80,7 @@ fn band_hull(band: &[Rz]) -> Vec<Rz> {
 /// Largest distance of a band's points from its hull, metres.
 fn gap_to_hull(band: &[Rz]) -> f64 {
     let hull = band_hull(band);
-    let distance = |p: &Rz| {
-        hull.windows(2)
-            .map(|w| to_segment(*p, w[0], w[1]))
-            .fold(f64::INFINITY, f64::min)
-    };
+    let distance = |p: &Rz| hull.windows(2).map(|w| to_segment(*p, w[0], w[1])).fold(f64::INFINITY, f64::min);
     band.iter().map(distance).fold(0.0, f64::max)
 }
 
@@ -96,11 +88,7 @@ fn gap_to_hull(band: &[Rz]) -> f64 {
 pub(crate) fn to_segment(p: Rz, a: Rz, b: Rz) -> f64 {
     let (ab, ap) = (b - a, p - a);
     let length = ab.norm_squared();
-    let t = if length > 0.0 {
-        (ap.dot(&ab) / length).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
+    let t = if length > 0.0 { (ap.dot(&ab) / length).clamp(0.0, 1.0) } else { 0.0 };
     (ap - ab * t).norm()
 }
 
@@ -176,11 +164,7 @@ fn wall_gap(band: &[Wall]) -> f64 {
 }
 
 fn ring_segments(band: &[Wall]) -> Parts {
-    let widest = band
-        .iter()
-        .map(|w| w.inner.x)
-        .fold(0.0, f64::max)
-        .max(WALL_SAGITTA * 2.0);
+    let widest = band.iter().map(|w| w.inner.x).fold(0.0, f64::max).max(WALL_SAGITTA * 2.0);
     let count = (PI / (1.0 - WALL_SAGITTA / widest).acos()).ceil().max(6.0);
     let half = PI / count;
     // The inner chord is pushed out by half of its sagitta.

@@ -47,11 +47,7 @@ const LOOSE: f64 = 0.01;
 
 /// The net without loose bits; `None` when more than crumbs would go.
 fn in_one_piece(mut net: Surface) -> Option<Surface> {
-    let corners: Vec<[u32; 3]> = net
-        .quads
-        .iter()
-        .flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]])
-        .collect();
+    let corners: Vec<[u32; 3]> = net.quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     let (labels, count) = components(&corners);
     let mut sizes = vec![0usize; count];
     labels.iter().for_each(|&l| sizes[l] += 1);
@@ -99,13 +95,7 @@ struct Net<'a, F> {
 impl<'a, F: Fn(&P3) -> f64> Net<'a, F> {
     fn new(distance: &'a F, origin: P3, high: P3, step: Vector3<f64>) -> Self {
         let count = [0, 1, 2].map(|axis| ((high[axis] - origin[axis]) / step[axis]).ceil() as usize + 2);
-        let mut net = Self {
-            distance,
-            origin,
-            step,
-            count,
-            values: Vec::new(),
-        };
+        let mut net = Self { distance, origin, step, count, values: Vec::new() };
         net.values.reserve(count.iter().product());
         for i in 0..count[0] {
             for j in 0..count[1] {

@@ -43,41 +43,23 @@ pub(crate) fn grocery_box(draw: &mut Draw) -> Draft {
     let wide = thick * draw.range(1.2, 2.6);
     let high = wide * draw.range(0.8, 1.6);
     let half = Vector3::new(wide, thick, high) / 2.0;
-    let half = if draw.chance(0.6) {
-        half
-    } else {
-        Vector3::new(half.z, half.x, half.y)
-    };
+    let half = if draw.chance(0.6) { half } else { Vector3::new(half.z, half.x, half.y) };
     // Cardboard folds with an edge radius of about half a millimetre.
     let cells = half.map(|h| (h / 0.006).round().clamp(6.0, 24.0) as usize + 2);
     let (surface, cloud) = rounded_box(half, 0.0005, cells.into(), 1);
     let mass = surface.volume() * draw.range(200.0, 850.0);
-    Draft {
-        surface,
-        parts: vec![cloud],
-        mass,
-        rest: Rest::Stands,
-    }
+    Draft { surface, parts: vec![cloud], mass, rest: Rest::Stands }
 }
 
 /// Wooden toy block with broken edges.
 pub(crate) fn wood_block(draw: &mut Draw) -> Draft {
     let size = draw.range(0.022, 0.055);
-    let half = Vector3::new(
-        size * draw.pick([1.0, 1.0, 1.5, 2.0]),
-        size,
-        size * draw.range(0.6, 1.0),
-    ) / 2.0;
+    let half = Vector3::new(size * draw.pick([1.0, 1.0, 1.5, 2.0]), size, size * draw.range(0.6, 1.0)) / 2.0;
     let radius = draw.range(0.0015, 0.003);
     let cells = half.map(|h| (h / 0.0025).round().clamp(5.0, 16.0) as usize + 4);
     let (surface, cloud) = rounded_box(half, radius, cells.into(), 2);
     let mass = surface.volume() * draw.range(450.0, 750.0);
-    Draft {
-        surface,
-        parts: vec![cloud],
-        mass,
-        rest: Rest::Stands,
-    }
+    Draft { surface, parts: vec![cloud], mass, rest: Rest::Stands }
 }
 
 /// Full food can with seamed rims.
@@ -86,17 +68,8 @@ pub(crate) fn can(draw: &mut Draw) -> Draft {
     let h = r * draw.range(0.8, 3.2);
     // The lid lies 1.2 mm below its seam (a real one 3 to 5 mm), so that one convex part is exact enough.
     let (sink, neck) = (0.0012, r - draw.range(0.0003, 0.0005));
-    let mut profile = vec![
-        Rz::new(r * 0.5, sink),
-        Rz::new(r - 0.004, sink),
-        Rz::new(r - 0.0025, 0.0),
-    ];
-    profile.extend([
-        Rz::new(r - 0.0008, 0.0),
-        Rz::new(r, 0.0008),
-        Rz::new(r, 0.0025),
-        Rz::new(neck, 0.0035),
-    ]);
+    let mut profile = vec![Rz::new(r * 0.5, sink), Rz::new(r - 0.004, sink), Rz::new(r - 0.0025, 0.0)];
+    profile.extend([Rz::new(r - 0.0008, 0.0), Rz::new(r, 0.0008), Rz::new(r, 0.0025), Rz::new(neck, 0.0035)]);
     let beads = if draw.chance(0.5) { (h / 0.02) as usize * 2 } else { 0 };
     for bead in 0..beads {
         let z = h * (0.3 + 0.4 * (bead as f64 + 0.5) / beads as f64);
@@ -107,18 +80,9 @@ pub(crate) fn can(draw: &mut Draw) -> Draft {
     let outline: Vec<Rz> = profile[2..profile.len() - 2].to_vec();
     let surface = lathe::revolve(&lathe::refine(&profile, 0.006), 48, lathe::round);
     // Wide cans hold coffee or powder, the others food in water (YCB: 360 and 910 to 1010 kg/m3).
-    let density = if r > 0.047 {
-        draw.range(330.0, 450.0)
-    } else {
-        draw.range(850.0, 1050.0)
-    };
+    let density = if r > 0.047 { draw.range(330.0, 450.0) } else { draw.range(850.0, 1050.0) };
     let mass = surface.volume() * density;
-    Draft {
-        surface,
-        parts: vec![lathe::band_cloud(&outline, &lathe::round)],
-        mass,
-        rest: Rest::Stands,
-    }
+    Draft { surface, parts: vec![lathe::band_cloud(&outline, &lathe::round)], mass, rest: Rest::Stands }
 }
 
 /// Full bottle, jar or shampoo bottle with its cap on: body, shoulder, neck, cap; the body may be oval or squarish.
@@ -131,11 +95,7 @@ pub(crate) fn bottle(draw: &mut Draw) -> Draft {
     let (cap_r, cap) = (neck_r + draw.range(0.001, 0.002), draw.range(0.012, 0.024));
     let foot = draw.range(0.002, 0.005);
     let (squeeze, corner) = (draw.pick([1.0, 1.0, 0.85, 0.65]), draw.pick([2.0, 2.0, 3.5]));
-    let mut profile = vec![
-        Rz::new(r * 0.5, 0.0),
-        Rz::new(r - foot, 0.0),
-        Rz::new(r - foot * 0.3, foot * 0.3),
-    ];
+    let mut profile = vec![Rz::new(r * 0.5, 0.0), Rz::new(r - foot, 0.0), Rz::new(r - foot * 0.3, foot * 0.3)];
     profile.extend([Rz::new(r, foot), Rz::new(r, body)]);
     for k in 1..8 {
         // A smooth step from body to neck.
@@ -143,11 +103,7 @@ pub(crate) fn bottle(draw: &mut Draw) -> Draft {
         profile.push(Rz::new(r + (neck_r - r) * t * t * (3.0 - 2.0 * t), body + shoulder * t));
     }
     let top = body + shoulder + neck;
-    profile.extend([
-        Rz::new(neck_r, body + shoulder),
-        Rz::new(neck_r, top),
-        Rz::new(cap_r, top + 0.0008),
-    ]);
+    profile.extend([Rz::new(neck_r, body + shoulder), Rz::new(neck_r, top), Rz::new(cap_r, top + 0.0008)]);
     profile.extend([Rz::new(cap_r, top + cap - 0.001), Rz::new(cap_r - 0.001, top + cap)]);
     let outline = profile[1..].to_vec();
     profile.push(Rz::new(cap_r * 0.5, top + cap));
@@ -156,19 +112,11 @@ pub(crate) fn bottle(draw: &mut Draw) -> Draft {
         let blend = ((body + shoulder - p.y) / shoulder).clamp(0.0, 1.0);
         let (sin, cos) = angle.sin_cos();
         let power = 2.0 + (corner - 2.0) * blend;
-        let (x, y) = (
-            cos.abs().powf(2.0 / power).copysign(cos),
-            sin.abs().powf(2.0 / power).copysign(sin),
-        );
+        let (x, y) = (cos.abs().powf(2.0 / power).copysign(cos), sin.abs().powf(2.0 / power).copysign(sin));
         let flat = 1.0 - (1.0 - squeeze) * blend;
         Point3::new(p.x * x, p.x * y * flat, p.y)
     };
     let surface = lathe::revolve(&lathe::refine(&profile, 0.007), 48, place);
     let mass = surface.volume() * draw.range(850.0, 1100.0);
-    Draft {
-        surface,
-        parts: lathe::solid_parts(&outline, place),
-        mass,
-        rest: Rest::Stands,
-    }
+    Draft { surface, parts: lathe::solid_parts(&outline, place), mass, rest: Rest::Stands }
 }

@@ -27,12 +27,7 @@ pub(crate) fn ball(draw: &mut Draw) -> Result<Draft, MeshError> {
     let mass = draw.range(m0, m1);
     let surface = cube_grid([14; 3], |q| Point3::from(direction(q) * radius));
     let parts = vec![convex_cloud(&surface.vertices)?];
-    Ok(Draft {
-        surface,
-        parts,
-        mass,
-        rest: Rest::Stands,
-    })
+    Ok(Draft { surface, parts, mass, rest: Rest::Stands })
 }
 
 /// Superquadric: |x/a|, |y/b|, |z/c| under two exponents; a block, ball, cylinder or lens in between.
@@ -49,10 +44,5 @@ pub(crate) fn superquadric(draw: &mut Draw) -> Result<Draft, MeshError> {
     });
     let mass = surface.volume() * draw.range(300.0, 1100.0);
     let parts = vec![convex_cloud(&surface.vertices)?];
-    Ok(Draft {
-        surface,
-        parts,
-        mass,
-        rest: Rest::Stands,
-    })
+    Ok(Draft { surface, parts, mass, rest: Rest::Stands })
 }

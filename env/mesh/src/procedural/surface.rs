@@ -41,19 +41,13 @@ impl Patch {
 
     /// Vertices of the hole's rim for a tube that leaves here.
     pub(crate) fn outward(&self, columns: usize) -> Vec<u32> {
-        self.rim()
-            .iter()
-            .map(|(r, c)| (r * columns + c % columns) as u32)
-            .collect()
+        self.rim().iter().map(|(r, c)| (r * columns + c % columns) as u32).collect()
     }
 
     /// Vertices of the hole's rim for a tube that comes in after a turn by pi in the plane of axis and rows.
     pub(crate) fn inward(&self, columns: usize) -> Vec<u32> {
         let flip = self.rows.0 + self.rows.1;
-        self.rim()
-            .iter()
-            .map(|(r, c)| ((flip - r) * columns + c % columns) as u32)
-            .collect()
+        self.rim().iter().map(|(r, c)| ((flip - r) * columns + c % columns) as u32).collect()
     }
 
     /// Section of the tube: for each rim vertex a point of the circle, x along the columns, y along the rows.
@@ -82,11 +76,7 @@ impl Surface {
         vertices.extend([first_pole, last_pole]);
         let mut triangles: Vec<[u32; 3]> = (0..n).map(|j| [south, id(0, j + 1), id(0, j)]).collect();
         triangles.extend((0..n).map(|j| [north, id(last, j), id(last, j + 1)]));
-        Self {
-            vertices,
-            triangles,
-            quads,
-        }
+        Self { vertices, triangles, quads }
     }
 
     /// Takes the quads of `patches` out of a skin with `columns` points a ring.
@@ -108,21 +98,18 @@ impl Surface {
             let base = self.vertices.len() as u32;
             self.vertices.extend(ring);
             let next: Vec<u32> = (base..base + n as u32).collect();
-            self.quads
-                .extend((0..n).map(|j| [last[j], last[(j + 1) % n], next[(j + 1) % n], next[j]]));
+            self.quads.extend((0..n).map(|j| [last[j], last[(j + 1) % n], next[(j + 1) % n], next[j]]));
             last = next;
         }
         match to {
             Some(hole) => {
-                self.quads
-                    .extend((0..n).map(|j| [last[j], last[(j + 1) % n], hole[(j + 1) % n], hole[j]]));
+                self.quads.extend((0..n).map(|j| [last[j], last[(j + 1) % n], hole[(j + 1) % n], hole[j]]));
             }
             None => {
                 let sum: Vector3<f64> = last.iter().map(|&v| self.vertices[v as usize].coords).sum();
                 let pole = self.vertices.len() as u32;
                 self.vertices.push(P3::from(sum / n as f64));
-                self.triangles
-                    .extend((0..n).map(|j| [pole, last[j], last[(j + 1) % n]]));
+                self.triangles.extend((0..n).map(|j| [pole, last[j], last[(j + 1) % n]]));
             }
         }
     }
@@ -138,11 +125,7 @@ impl Surface {
         for f in self.split() {
             let v = self.signed_tetrahedron(&f);
             volume += v;
-            moment += f
-                .iter()
-                .map(|&i| self.vertices[i as usize].coords)
-                .sum::<Vector3<f64>>()
-                * (v / 4.0);
+            moment += f.iter().map(|&i| self.vertices[i as usize].coords).sum::<Vector3<f64>>() * (v / 4.0);
         }
         P3::from(moment / volume)
     }

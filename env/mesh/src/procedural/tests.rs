@@ -46,31 +46,17 @@ fn check_promises(object: &ProceduralObject) {
     let size = bounds.max - bounds.min;
     for axis in 0..3 {
         let range = facts.least[axis]..=facts.greatest[axis];
-        assert!(
-            range.contains(&size[axis]),
-            "{}: extent {axis} is {} not in {range:?}",
-            object.name,
-            size[axis]
-        );
+        assert!(range.contains(&size[axis]), "{}: extent {axis} is {} not in {range:?}", object.name, size[axis]);
     }
     let masses = facts.mass[0]..=facts.mass[1];
-    assert!(
-        masses.contains(&object.mass),
-        "{}: {} kg not in {masses:?}",
-        object.name,
-        object.mass
-    );
+    assert!(masses.contains(&object.mass), "{}: {} kg not in {masses:?}", object.name, object.mass);
     let faces = object.mesh.faces().len();
     assert!((500..=8000).contains(&faces), "{}: {faces} faces", object.name);
     assert!(bounds.min.z.abs() < 1e-12 && (bounds.min.x + bounds.max.x).abs() < 1e-12);
     assert!((bounds.min.y + bounds.max.y).abs() < 1e-12);
     let (least, flattest) = smallest_face(object);
     assert!(least > 1e-10, "{}: a face of {least} m2", object.name);
-    assert!(
-        flattest > 1e-3,
-        "{}: a needle of a face, height over length {flattest}",
-        object.name
-    );
+    assert!(flattest > 1e-3, "{}: a needle of a face, height over length {flattest}", object.name);
 }
 
 /// Least area, and least height over longest edge, of all faces.
@@ -118,9 +104,7 @@ impl Hull {
         }
         let triangle = |t: &[Point3<f64>; 3]| {
             let [a, b, c] = [glam(&t[0]), glam(&t[1]), glam(&t[2])];
-            let near = parry3d::shape::Triangle::new(a, b, c)
-                .project_local_point(glam(p), false)
-                .point;
+            let near = parry3d::shape::Triangle::new(a, b, c).project_local_point(glam(p), false).point;
             f64::from((near - glam(p)).length())
         };
         self.corners.iter().map(triangle).fold(f64::INFINITY, f64::min)
@@ -142,11 +126,7 @@ fn winding_number(object: &ProceduralObject, p: &Point3<f64>) -> f64 {
 fn part_errors(object: &ProceduralObject, samples: usize) -> (f64, f64) {
     let parts = object.parts.as_ref().unwrap();
     assert!(parts.len() <= 64, "{}: {} parts", object.name, parts.len());
-    assert!(
-        parts.iter().all(|p| p.len() <= 64),
-        "{}: a part of more than 64 points",
-        object.name
-    );
+    assert!(parts.iter().all(|p| p.len() <= 64), "{}: a part of more than 64 points", object.name);
     let vertices = object.mesh.vertices().iter().map(glam).collect();
     let mesh = ParryMesh::with_flags(vertices, object.mesh.faces().to_vec(), TriMeshFlags::ORIENTED).unwrap();
     let hulls: Vec<Hull> = parts.iter().map(|p| Hull::new(p)).collect();
@@ -178,16 +158,8 @@ fn part_errors(object: &ProceduralObject, samples: usize) -> (f64, f64) {
 
 fn check_parts(object: &ProceduralObject) {
     let (outside, uncovered) = part_errors(object, 300);
-    assert!(
-        outside <= TOLERANCE,
-        "{}: a part lies {outside} m outside the mesh",
-        object.name
-    );
-    assert!(
-        uncovered <= TOLERANCE,
-        "{}: the surface lies {uncovered} m outside the parts",
-        object.name
-    );
+    assert!(outside <= TOLERANCE, "{}: a part lies {outside} m outside the mesh", object.name);
+    assert!(uncovered <= TOLERANCE, "{}: the surface lies {uncovered} m outside the parts", object.name);
 }
 
 #[test]
@@ -239,24 +211,16 @@ fn names_round_trip_and_a_wrong_one_lists_the_right_ones() {
         assert_eq!(family.to_string().parse::<Family>(), Ok(family));
     }
     let message = "spaceship".parse::<Family>().unwrap_err().to_string();
-    assert!(
-        message.contains("spaceship") && message.contains("wood_block"),
-        "{message}"
-    );
+    assert!(message.contains("spaceship") && message.contains("wood_block"), "{message}");
 }
 
 /// Prints what the families make: run with `--ignored --nocapture`; `GRASPBOX_OBJ_DIR` also writes OBJ files there.
 #[test]
 #[ignore = "a report, not a check"]
 fn report() {
-    let seeds = std::env::var("GRASPBOX_SEEDS")
-        .ok()
-        .and_then(|s| s.parse().ok())
-        .unwrap_or(40);
+    let seeds = std::env::var("GRASPBOX_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(40);
     let only = std::env::var("GRASPBOX_FAMILIES").unwrap_or_default();
-    let chosen = Family::ALL
-        .into_iter()
-        .filter(|f| only.is_empty() || only.split(',').any(|o| o == f.name()));
+    let chosen = Family::ALL.into_iter().filter(|f| only.is_empty() || only.split(',').any(|o| o == f.name()));
     for family in chosen {
         let (mut low, mut high) = ([f64::INFINITY; 3], [0f64; 3]);
         let (mut mass, mut faces, mut parts) = ([f64::INFINITY, 0.0], [usize::MAX, 0], [usize::MAX, 0]);
@@ -298,9 +262,8 @@ fn every_object_can_rest() {
         for seed in 0..6 {
             let object = generate(family, seed).unwrap();
             let hull = crate::convex_hull(object.mesh.vertices()).unwrap();
-            let center = crate::mass_properties(&object.mesh, crate::Mass::Kilograms(object.mass))
-                .unwrap()
-                .center_of_mass;
+            let center =
+                crate::mass_properties(&object.mesh, crate::Mass::Kilograms(object.mass)).unwrap().center_of_mass;
             let poses = crate::resting_poses(&hull, &center, &crate::RestingOptions::default()).unwrap();
             assert!(poses[0].margin >= 0.0 && poses[0].height > 0.0, "{family:?} {seed}");
         }

@@ -21,56 +21,28 @@ pub(crate) fn hammer(draw: &mut Draw) -> Result<Draft, MeshError> {
     let head = draw.range(0.085, 0.125);
     let half = head * draw.range(0.1, 0.13);
     let grip = draw.range(0.012, 0.0155);
-    let (neck, face) = (
-        (grip * draw.range(0.72, 0.85)).min(half * 0.95),
-        half * draw.range(1.0, 1.2),
-    );
-    let handle = [
-        [grip * 0.8, 0.0],
-        [grip, 0.02],
-        [grip, length * 0.4],
-        [neck, length - half],
-    ];
+    let (neck, face) = ((grip * draw.range(0.72, 0.85)).min(half * 0.95), half * draw.range(1.0, 1.2));
+    let handle = [[grip * 0.8, 0.0], [grip, 0.02], [grip, length * 0.4], [neck, length - half]];
     let (eye, reach) = (half * 1.1, head / 2.0);
     let at_head = |y: f64| Vector3::new(length, y, 0.0);
     let (root, edge) = (half * 0.94, half * 0.35);
-    let wedge = [
-        [-root, -0.006],
-        [root, -0.006],
-        [root, 0.0],
-        [edge, reach - eye],
-        [-edge, reach - eye],
-        [-root, 0.0],
-    ];
+    let wedge = [[-root, -0.006], [root, -0.006], [root, 0.0], [edge, reach - eye], [-edge, reach - eye], [-root, 0.0]];
     // The wedge is drawn in (z, y) and swept along x.
     let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2)
         * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
     let solid = Solid::new(vec![
         Piece::turned(&handle, 0.004).at(along_x(Vector3::zeros())),
-        Piece::block([half * 1.05, eye + 0.002, half], 0.0025)
-            .at(Isometry3::translation(length, 0.0, 0.0))
-            .blend(0.0),
-        Piece::prism(&wedge, half, 0.0023)
-            .at(Isometry3::from_parts(at_head(-eye).into(), turn))
-            .blend(0.0),
+        Piece::block([half * 1.05, eye + 0.002, half], 0.0025).at(Isometry3::translation(length, 0.0, 0.0)).blend(0.0),
+        Piece::prism(&wedge, half, 0.0023).at(Isometry3::from_parts(at_head(-eye).into(), turn)).blend(0.0),
         Piece::turned(&[[half * 0.85, 0.0], [half * 0.85, (reach - eye) * 0.45]], 0.001)
             .at(along_y(at_head(eye - 0.001))),
         Piece::turned(&[[face * 0.9, 0.0], [face, 0.002], [face, (reach - eye) * 0.6]], 0.0025)
             .at(along_y(at_head(eye + (reach - eye) * 0.4))),
     ]);
-    let surface = nets::surface(
-        |p| solid.distance(p),
-        solid.bounds(),
-        Vector3::new(0.0036, 0.003, 0.003),
-    )?;
+    let surface = nets::surface(|p| solid.distance(p), solid.bounds(), Vector3::new(0.0036, 0.003, 0.003))?;
     let steel = 4.0 * half * half * (2.0 * eye + 0.62 * (reach - eye)) + PI * face * face * (reach - eye) * 0.85;
     let mass = steel * STEEL + (surface.volume() - steel).max(0.0) * WOOD;
-    Ok(Draft {
-        surface,
-        parts: solid.parts(),
-        mass,
-        rest: Rest::Lies,
-    })
+    Ok(Draft { surface, parts: solid.parts(), mass, rest: Rest::Lies })
 }
 
 /// Slotted or cross-head screwdriver: fluted handle, collar, blade.
@@ -100,23 +72,14 @@ pub(crate) fn screwdriver(draw: &mut Draw) -> Result<Draft, MeshError> {
         let (sin, cos) = angle.sin_cos();
         let gripped = ((handle * 0.75 - p.y) / 0.02).clamp(0.0, 1.0) * (p.y / 0.01).clamp(0.0, 1.0);
         let r = p.x * (1.0 + 0.035 * gripped * (flutes * angle).cos());
-        let flat = if slotted {
-            ((tip - 0.004 - p.y) / 0.01).clamp(0.2, 1.0)
-        } else {
-            1.0
-        };
+        let flat = if slotted { ((tip - 0.004 - p.y) / 0.01).clamp(0.2, 1.0) } else { 1.0 };
         Point3::new(p.y, r * cos, r * sin * flat)
     };
     let surface = lathe::revolve(&lathe::refine(&profile, 0.006), 32, place);
     // The blade's steel runs half way into the plastic handle.
     let steel = PI * blade_r * blade_r * (blade + handle / 2.0);
     let mass = steel * STEEL + (surface.volume() - PI * blade_r * blade_r * blade) * 1100.0;
-    Ok(Draft {
-        surface,
-        parts: lathe::solid_parts(&profile, place),
-        mass,
-        rest: Rest::Lies,
-    })
+    Ok(Draft { surface, parts: lathe::solid_parts(&profile, place), mass, rest: Rest::Lies })
 }
 
 /// C-clamp lying on its side: frame, screw with its pad, sliding bar.
@@ -128,9 +91,7 @@ pub(crate) fn clamp(draw: &mut Draw) -> Result<Draft, MeshError> {
     let out = draw.range(0.02, 0.035);
     let line = |points: &[[f64; 2]]| points.iter().map(|p| Point3::new(p[0], p[1], 0.0)).collect::<Vec<P3>>();
     let block = |x: f64, y: f64, hx: f64, hy: f64| {
-        Piece::block([hx, hy, half], 0.0015)
-            .at(Isometry3::translation(x, y, 0.0))
-            .blend(0.003)
+        Piece::block([hx, hy, half], 0.0015).at(Isometry3::translation(x, y, 0.0)).blend(0.003)
     };
     // The frame's back runs along x at y = 0; its arms reach to y = throat, where the screw runs along x.
     let (left, right) = (-bar, opening + bar);
@@ -145,18 +106,9 @@ pub(crate) fn clamp(draw: &mut Draw) -> Result<Draft, MeshError> {
             .at(along_x(Vector3::new(open, throat, 0.0))),
         Piece::tube(line(&[[end, throat - 0.026], [end, throat + 0.026]]), 0.003).blend(0.002),
     ]);
-    let surface = nets::surface(
-        |p| solid.distance(p),
-        solid.bounds(),
-        Vector3::new(0.0024, 0.0024, 0.002),
-    )?;
+    let surface = nets::surface(|p| solid.distance(p), solid.bounds(), Vector3::new(0.0024, 0.0024, 0.002))?;
     let mass = surface.volume() * if draw.chance(0.7) { 7200.0 } else { 2700.0 };
-    Ok(Draft {
-        surface,
-        parts: solid.parts(),
-        mass,
-        rest: Rest::Stands,
-    })
+    Ok(Draft { surface, parts: solid.parts(), mass, rest: Rest::Stands })
 }
 
 /// A closed round line in the plane of `across`: two half circles of radius `bend` joined by straights along x.
@@ -164,11 +116,7 @@ fn link(centre: f64, straight: f64, bend: f64, across: Vector3<f64>) -> Vec<P3> 
     let point = |k: usize| {
         let angle = TAU * k as f64 / 16.0;
         let (sin, cos) = angle.sin_cos();
-        let side = if k % 16 == 4 || k % 16 == 12 {
-            0.0
-        } else {
-            straight.copysign(cos)
-        };
+        let side = if k % 16 == 4 || k % 16 == 12 { 0.0 } else { straight.copysign(cos) };
         Point3::from(Vector3::x() * (centre + side + bend * cos) + across * (bend * sin))
     };
     let mut line: Vec<P3> = (0..=16).map(point).collect();
@@ -194,12 +142,7 @@ pub(crate) fn chain(draw: &mut Draw) -> Result<Draft, MeshError> {
     let solid = Solid::new((0..count).map(piece).collect());
     let surface = nets::surface(|p| solid.distance(p), solid.bounds(), Vector3::repeat(wire * 0.5))?;
     let mass = surface.volume() * if draw.chance(0.6) { 1000.0 } else { STEEL };
-    Ok(Draft {
-        surface,
-        parts: solid.parts(),
-        mass,
-        rest: Rest::Stands,
-    })
+    Ok(Draft { surface, parts: solid.parts(), mass, rest: Rest::Stands })
 }
 
 /// Ring or roll of tape lying flat, or a toy ring of round section.
@@ -213,10 +156,5 @@ pub(crate) fn ring(draw: &mut Draw) -> Result<Draft, MeshError> {
     let solid = Solid::new(vec![Piece::tube((0..=32).map(point).collect(), tube)]);
     let surface = nets::surface(|p| solid.distance(p), solid.bounds(), Vector3::repeat(tube * 0.4))?;
     let mass = surface.volume() * draw.range(300.0, 1200.0);
-    Ok(Draft {
-        surface,
-        parts: solid.parts(),
-        mass,
-        rest: Rest::Stands,
-    })
+    Ok(Draft { surface, parts: solid.parts(), mass, rest: Rest::Stands })
 }

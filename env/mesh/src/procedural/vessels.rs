@@ -28,10 +28,7 @@ impl Vessel {
         // The rim is rounded over, 0.28 times as high as it is thick.
         let rim = self.walls[self.walls.len() - 1];
         let across = rim.inner - rim.outer;
-        profile.extend([
-            rim.outer + across * 0.2 + self.rim_rise(),
-            rim.outer + across * 0.8 + self.rim_rise(),
-        ]);
+        profile.extend([rim.outer + across * 0.2 + self.rim_rise(), rim.outer + across * 0.8 + self.rim_rise()]);
         profile.extend(self.walls.iter().rev().map(|w| w.inner));
         let floor = self.walls[0].inner;
         let mut profile = lathe::refine(&profile, step);
@@ -64,12 +61,7 @@ impl Vessel {
     fn into_draft(self, columns: usize, step: f64, density: f64) -> Draft {
         let surface = lathe::revolve(&self.profile(step), columns, lathe::round);
         let mass = surface.volume() * density;
-        Draft {
-            surface,
-            parts: self.parts(),
-            mass,
-            rest: Rest::Stands,
-        }
+        Draft { surface, parts: self.parts(), mass, rest: Rest::Stands }
     }
 }
 
@@ -80,12 +72,7 @@ pub(crate) fn shell(outer: &[Rz], thickness: f64) -> Vec<Wall> {
         let along = (outer[(i + 1).min(last)] - outer[i.saturating_sub(1)]).normalize();
         outer[i] + Vector2::new(-along.y, along.x) * thickness
     };
-    (0..=last)
-        .map(|i| Wall {
-            outer: outer[i],
-            inner: inner(i),
-        })
-        .collect()
+    (0..=last).map(|i| Wall { outer: outer[i], inner: inner(i) }).collect()
 }
 
 /// Walls of a tumbler or mug: `radius` of the height's share in [0, 1]; the floor is as thick as said.
@@ -94,10 +81,7 @@ pub(crate) fn upright_walls(radius: impl Fn(f64) -> f64, height: f64, thickness:
         let share = k as f64 / 8.0;
         let z = height * share;
         let inside = (floor + (height - floor) * share) / height;
-        Wall {
-            outer: Rz::new(radius(share), z),
-            inner: Rz::new(radius(inside) - thickness, inside * height),
-        }
+        Wall { outer: Rz::new(radius(share), z), inner: Rz::new(radius(inside) - thickness, inside * height) }
     };
     let mut walls: Vec<Wall> = (0..=8).map(station).collect();
     // The wall starts above the floor's underside, which has a broken edge.
@@ -113,11 +97,7 @@ pub(crate) fn cup(draw: &mut Draw) -> Draft {
     let (taper, bulge) = (draw.range(0.7, 1.0), draw.range(0.0, 0.04));
     let glass = draw.chance(0.5);
     let thickness = draw.range(0.002, 0.0035);
-    let floor = if glass {
-        draw.range(0.004, 0.008)
-    } else {
-        draw.range(0.002, 0.004)
-    };
+    let floor = if glass { draw.range(0.004, 0.008) } else { draw.range(0.002, 0.004) };
     let radius = |t: f64| rim * (taper + (1.0 - taper) * t + bulge * 4.0 * t * (1.0 - t));
     let walls = upright_walls(radius, height, thickness, floor);
     let foot = vec![Rz::new(radius(0.0) - floor * 0.4, 0.0)];
@@ -135,10 +115,7 @@ pub(crate) fn bowl(draw: &mut Draw) -> Draft {
     let side = |k: usize| {
         let (sin, cos) = (FRAC_PI_2 * flare * k as f64 / 12.0).sin_cos();
         let (s1, c1) = (FRAC_PI_2 * flare).sin_cos();
-        Rz::new(
-            foot_r + (rim - foot_r) * sin / s1,
-            foot_h + (height - foot_h) * (1.0 - cos) / (1.0 - c1),
-        )
+        Rz::new(foot_r + (rim - foot_r) * sin / s1, foot_h + (height - foot_h) * (1.0 - cos) / (1.0 - c1))
     };
     let walls = shell(&(0..=12).map(side).collect::<Vec<_>>(), thickness);
     let foot = vec![Rz::new(foot_r - 0.001, 0.0), Rz::new(foot_r, 0.001)];
@@ -157,11 +134,11 @@ pub(crate) fn plate(draw: &mut Draw) -> Draft {
     };
     let outer: Vec<Rz> = (0..=8).map(side).collect();
     let foot = vec![Rz::new(foot_r, 0.0)];
-    Vessel {
-        foot,
-        walls: shell(&outer, thickness),
-    }
-    .into_draft(72, 0.007, if draw.chance(0.8) { CERAMIC } else { PLASTIC })
+    Vessel { foot, walls: shell(&outer, thickness) }.into_draft(
+        72,
+        0.007,
+        if draw.chance(0.8) { CERAMIC } else { PLASTIC },
+    )
 }
 
 /// Stemmed glass of glass or, as YCB's wine cup, of plastic.

@@ -26,10 +26,7 @@ const DATA: &[u8] = b"data";
 /// # Errors
 /// [`MeshError::Io`], and everything that [`parse_binvox`] says.
 pub fn load_binvox(path: &Path) -> Result<VoxelGrid, MeshError> {
-    let io = |source| MeshError::Io {
-        path: path.to_path_buf(),
-        source,
-    };
+    let io = |source| MeshError::Io { path: path.to_path_buf(), source };
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(io)?;
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
@@ -60,9 +57,7 @@ pub fn parse_binvox(bytes: &[u8]) -> Result<VoxelGrid, MeshError> {
         }
         if length == 0 || columns.len() + usize::from(length) > frame.len() {
             let rest = frame.len() - columns.len();
-            return Err(malformed(format!(
-                "run {run} has {length} voxels where 1 to {rest} were expected"
-            )));
+            return Err(malformed(format!("run {run} has {length} voxels where 1 to {rest} were expected")));
         }
         columns.resize(columns.len() + usize::from(length), value != 0);
     }
@@ -174,15 +169,9 @@ fn numbers<'a, T: std::str::FromStr, const N: usize>(
 }
 
 fn malformed(detail: String) -> MeshError {
-    MeshError::Malformed {
-        format: "binvox",
-        detail,
-    }
+    MeshError::Malformed { format: "binvox", detail }
 }
 
 fn truncated(n: usize, runs: usize) -> MeshError {
-    MeshError::Truncated {
-        format: "binvox",
-        detail: format!("its {runs} runs do not fill {n} x {n} x {n} voxels"),
-    }
+    MeshError::Truncated { format: "binvox", detail: format!("its {runs} runs do not fill {n} x {n} x {n} voxels") }
 }

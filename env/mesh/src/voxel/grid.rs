@@ -42,11 +42,7 @@ impl VoxelFrame {
                 rule: "it must be positive; a mesh that is a single point has no voxels",
             });
         }
-        Ok(Self {
-            resolution,
-            origin,
-            side,
-        })
+        Ok(Self { resolution, origin, side })
     }
 
     /// Voxels along each side.
@@ -150,10 +146,7 @@ impl VoxelGrid {
     /// The grid of half the resolution; a voxel is set where at least `min_parts` of its eight parts are.
     pub(super) fn halved(&self, min_parts: u8) -> Result<Self, MeshError> {
         let n = self.frame.resolution;
-        let frame = VoxelFrame {
-            resolution: n / 2,
-            ..self.frame
-        };
+        let frame = VoxelFrame { resolution: n / 2, ..self.frame };
         let mut parts = vec![0_u8; frame.len()];
         for (row, cells) in self.set.chunks_exact(n).enumerate() {
             let start = frame.index([row / n / 2, row % n / 2, 0]);

@@ -79,11 +79,7 @@ fn rule(faces: &[[u32; 3]], vertices: usize) -> FillRule {
 /// The first voxel whose centre lies beyond `x`; n if there is none.
 fn first(x: f64, n: usize) -> usize {
     let above = x - 0.5;
-    if above < 0.0 {
-        0
-    } else {
-        (above.min(n as f64) as usize + 1).min(n)
-    }
+    if above < 0.0 { 0 } else { (above.min(n as f64) as usize + 1).min(n) }
 }
 
 /// Calls `visit` for each voxel with its flat index and how often the surface turns around its centre, seen along `axis` from below
@@ -163,10 +159,6 @@ fn cross(up: &Cut, down: &Cut, n: usize, crossings: &mut Vec<Crossing>) {
     for line in ends.0.min(ends.1)..ends.0.max(ends.1) {
         let share = ((line as f64 + 0.5 - up.across) / (down.across - up.across)).clamp(0.0, 1.0);
         let along = first(up.along + share * (down.along - up.along), n);
-        crossings.push(Crossing {
-            along: along as u16,
-            line: line as u16,
-            turn,
-        });
+        crossings.push(Crossing { along: along as u16, line: line as u16, turn });
     }
 }

@@ -11,14 +11,7 @@ pub fn cuboid(size: Vector3<f64>) -> TriMesh {
         let side = |bit: u32| f64::from((i >> bit) & 1) - 0.5;
         Point3::from(Vector3::new(side(0), side(1), side(2)).component_mul(&size))
     };
-    let quads = [
-        [0, 2, 3, 1],
-        [4, 5, 7, 6],
-        [0, 1, 5, 4],
-        [2, 6, 7, 3],
-        [0, 4, 6, 2],
-        [1, 3, 7, 5],
-    ];
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let faces = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     TriMesh::new((0..8).map(corner).collect(), faces).unwrap()
 }
@@ -64,12 +57,7 @@ pub fn torus(big: f64, small: f64, n: u32) -> TriMesh {
 
 /// A cup open at the top: outer radius, height, wall (and bottom) thickness.
 pub fn cup(radius: f64, height: f64, wall: f64, n: u32) -> TriMesh {
-    let profile = [
-        (radius, 0.0),
-        (radius, height),
-        (radius - wall, height),
-        (radius - wall, wall),
-    ];
+    let profile = [(radius, 0.0), (radius, height), (radius - wall, height), (radius - wall, wall)];
     let mut vertices: Vec<_> = (0..n)
         .flat_map(|i| {
             let (s, c) = (TAU * f64::from(i) / f64::from(n)).sin_cos();
@@ -95,12 +83,7 @@ fn tube(vertices: Vec<Point3<f64>>, n: u32) -> TriMesh {
     let at = |i: u32, j: u32| (i % n) * n + j % n;
     let faces = (0..n * n)
         .map(|k| (k / n, k % n))
-        .flat_map(|(i, j)| {
-            [
-                [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
-                [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
-            ]
-        })
+        .flat_map(|(i, j)| [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]])
         .collect();
     TriMesh::new(vertices, faces).unwrap()
 }

@@ -39,11 +39,7 @@ impl Calipers {
         if n < 3 {
             return segment(hull);
         }
-        let mut best = Rectangle {
-            side: [1.0, 0.0],
-            length: f64::INFINITY,
-            width: f64::INFINITY,
-        };
+        let mut best = Rectangle { side: [1.0, 0.0], length: f64::INFINITY, width: f64::INFINITY };
         let mut least = f64::INFINITY;
         let (mut right, mut top, mut left) = (1, 1, 1);
         for i in 0..n {
@@ -59,11 +55,7 @@ impl Calipers {
             let area = (extent + pad) * (height + pad);
             if area < least * BETTER {
                 least = area;
-                best = Rectangle {
-                    side: u,
-                    length: extent,
-                    width: height,
-                };
+                best = Rectangle { side: u, length: extent, width: height };
             }
         }
         best
@@ -106,24 +98,12 @@ fn segment(hull: &[[f64; 2]]) -> Rectangle {
     let (a, b) = match hull {
         [a, .., b] => (*a, *b),
         _ => {
-            return Rectangle {
-                side: [1.0, 0.0],
-                length: 0.0,
-                width: 0.0,
-            };
+            return Rectangle { side: [1.0, 0.0], length: 0.0, width: 0.0 };
         }
     };
     let length = (b[0] - a[0]).hypot(b[1] - a[1]);
     if length == 0.0 {
-        return Rectangle {
-            side: [1.0, 0.0],
-            length: 0.0,
-            width: 0.0,
-        };
+        return Rectangle { side: [1.0, 0.0], length: 0.0, width: 0.0 };
     }
-    Rectangle {
-        side: [(b[0] - a[0]) / length, (b[1] - a[1]) / length],
-        length,
-        width: 0.0,
-    }
+    Rectangle { side: [(b[0] - a[0]) / length, (b[1] - a[1]) / length], length, width: 0.0 }
 }

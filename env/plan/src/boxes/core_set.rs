@@ -37,13 +37,7 @@ impl CoreSet {
         let y: Vec<f64> = points.clone().map(|p| p.y).collect();
         let z: Vec<f64> = points.map(|p| p.z).collect();
         let inside = vec![false; x.len()];
-        let mut set = Self {
-            x,
-            y,
-            z,
-            inside,
-            core: Vec::with_capacity(2 * FIRST_AXES),
-        };
+        let mut set = Self { x, y, z, inside, core: Vec::with_capacity(2 * FIRST_AXES) };
         for axis in half_sphere(FIRST_AXES) {
             let extremes = set.extremes(&axis);
             set.add(extremes.least.1);
@@ -73,8 +67,7 @@ impl CoreSet {
     fn add(&mut self, index: usize) -> bool {
         let new = !std::mem::replace(&mut self.inside[index], true);
         if new {
-            self.core
-                .push(Vector3::new(self.x[index], self.y[index], self.z[index]));
+            self.core.push(Vector3::new(self.x[index], self.y[index], self.z[index]));
         }
         new
     }
@@ -85,11 +78,7 @@ impl CoreSet {
         let value = |i: usize| axis.x * self.x[i] + axis.y * self.y[i] + axis.z * self.z[i];
         let mut low = [f64::INFINITY; LANES];
         let mut high = [f64::NEG_INFINITY; LANES];
-        let rows = self
-            .x
-            .chunks_exact(LANES)
-            .zip(self.y.chunks_exact(LANES))
-            .zip(self.z.chunks_exact(LANES));
+        let rows = self.x.chunks_exact(LANES).zip(self.y.chunks_exact(LANES)).zip(self.z.chunks_exact(LANES));
         for ((x, y), z) in rows {
             for k in 0..LANES {
                 let v = axis.x * x[k] + axis.y * y[k] + axis.z * z[k];
@@ -101,10 +90,7 @@ impl CoreSet {
         let least = tail.clone().map(value).chain(low).fold(f64::INFINITY, f64::min);
         let greatest = tail.map(value).chain(high).fold(f64::NEG_INFINITY, f64::max);
         let first = |hit: &dyn Fn(f64) -> bool| (0..self.x.len()).find(|&i| hit(value(i))).unwrap_or(0);
-        Extremes {
-            least: (least, first(&|v| v <= least + TIE)),
-            greatest: (greatest, first(&|v| v >= greatest - TIE)),
-        }
+        Extremes { least: (least, first(&|v| v <= least + TIE)), greatest: (greatest, first(&|v| v >= greatest - TIE)) }
     }
 }
 

@@ -56,26 +56,11 @@ impl DecomposeParams {
             false => Err(PlanError::OutOfRange { name, value, range }),
         };
         let gain = self.volume_gain.unwrap_or(1.0);
-        check(
-            self.area_gain > 0.0 && self.area_gain <= 1.0,
-            "area_gain",
-            self.area_gain,
-            "(0, 1]",
-        )?;
-        check(
-            self.min_volume >= 0.0 && self.min_volume.is_finite(),
-            "min_volume",
-            self.min_volume,
-            "[0, inf)",
-        )?;
+        check(self.area_gain > 0.0 && self.area_gain <= 1.0, "area_gain", self.area_gain, "(0, 1]")?;
+        check(self.min_volume >= 0.0 && self.min_volume.is_finite(), "min_volume", self.min_volume, "[0, inf)")?;
         check(gain > 0.0 && gain <= 2.0, "volume_gain", gain, "(0, 2]")?;
         check(self.max_boxes >= 1, "max_boxes", self.max_boxes as f64, "[1, inf)")?;
-        check(
-            (16..=1_000_000).contains(&self.samples),
-            "samples",
-            self.samples as f64,
-            "[16, 1000000]",
-        )
+        check((16..=1_000_000).contains(&self.samples), "samples", self.samples as f64, "[16, 1000000]")
     }
 }
 
@@ -105,13 +90,7 @@ pub fn decompose(mesh: &TriMesh, params: &DecomposeParams) -> Result<BoxTree, Pl
 pub fn decompose_points(points: &[Point3<f64>], params: &DecomposeParams) -> Result<BoxTree, PlanError> {
     params.validate()?;
     check_cloud(points)?;
-    Ok(grow(
-        Piece {
-            samples: points.to_vec(),
-            surface: Surface::default(),
-        },
-        params,
-    ))
+    Ok(grow(Piece { samples: points.to_vec(), surface: Surface::default() }, params))
 }
 
 /// A part of the object.
@@ -128,16 +107,7 @@ impl Piece {
     fn cut(&self, bounds: &OrientedBox, split: &Split) -> [Self; 2] {
         let (low, high) = self.samples.iter().partition(|p| split.side(bounds, p) < 0.0);
         let [below, above] = self.surface.cut(|p| split.side(bounds, p));
-        [
-            Self {
-                samples: low,
-                surface: below,
-            },
-            Self {
-                samples: high,
-                surface: above,
-            },
-        ]
+        [Self { samples: low, surface: below }, Self { samples: high, surface: above }]
     }
 }
 
@@ -151,11 +121,7 @@ struct Growing {
 
 fn grow(root: Piece, params: &DecomposeParams) -> BoxTree {
     let bounds = root.fit(params.fit);
-    let mut nodes = vec![Growing {
-        bounds,
-        cut: None,
-        piece: Some(root),
-    }];
+    let mut nodes = vec![Growing { bounds, cut: None, piece: Some(root) }];
     let mut leaves = 1;
     while leaves < params.max_boxes {
         let open = nodes.iter().enumerate().filter(|(_, node)| node.piece.is_some());
@@ -168,9 +134,7 @@ fn grow(root: Piece, params: &DecomposeParams) -> BoxTree {
             leaves += 1;
         }
     }
-    let mut tree = BoxTree {
-        nodes: Vec::with_capacity(nodes.len()),
-    };
+    let mut tree = BoxTree { nodes: Vec::with_capacity(nodes.len()) };
     lay_out(&nodes, 0, 0, &mut tree);
     tree
 }
@@ -188,22 +152,14 @@ fn try_cut(piece: &Piece, bounds: &OrientedBox, params: &DecomposeParams) -> Opt
     let (va, vb) = (a.volume(), b.volume());
     let large = va > params.min_volume && vb > params.min_volume;
     let pays = params.volume_gain.is_none_or(|gain| va + vb < gain * bounds.volume());
-    let node = |bounds, piece| Growing {
-        bounds,
-        cut: None,
-        piece: Some(piece),
-    };
+    let node = |bounds, piece| Growing { bounds, cut: None, piece: Some(piece) };
     (large && pays).then(|| (split, [node(a, low), node(b, high)]))
 }
 
 /// Appends the subtree of `node` depth first; returns its index in `tree`.
 fn lay_out(nodes: &[Growing], node: usize, depth: usize, tree: &mut BoxTree) -> usize {
     let at = tree.nodes.len();
-    tree.nodes.push(BoxNode {
-        bounds: nodes[node].bounds,
-        cut: None,
-        depth,
-    });
+    tree.nodes.push(BoxNode { bounds: nodes[node].bounds, cut: None, depth });
     if let Some((split, [low, high])) = nodes[node].cut {
         let low = lay_out(nodes, low, depth + 1, tree);
         let high = lay_out(nodes, high, depth + 1, tree);

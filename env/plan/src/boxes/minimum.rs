@@ -59,11 +59,7 @@ pub(crate) fn least_volume_axes(samples: &[Point3<f64>], more: &[Point3<f64>]) -
         return frame.axes;
     }
     let local = all.map(|p| frame.axes.tr_mul(&(p - frame.origin)) / size);
-    let mut search = Search {
-        cloud: CoreSet::new(local),
-        calipers: Calipers::default(),
-        flat: Vec::new(),
-    };
+    let mut search = Search { cloud: CoreSet::new(local), calipers: Calipers::default(), flat: Vec::new() };
     frame.axes * search.run()
 }
 
@@ -80,10 +76,7 @@ impl Search {
             *candidate = self.refine_on_cloud(*candidate, FIRST_STEP, ROUGH_STEP, 2);
         }
         found.sort_by_key(Candidate::rank);
-        let mut best = Candidate {
-            axes: Matrix3::identity(),
-            volume: f64::INFINITY,
-        };
+        let mut best = Candidate { axes: Matrix3::identity(), volume: f64::INFINITY };
         for candidate in found.into_iter().take(FINALISTS) {
             let refined = self.refine_on_cloud(candidate, ROUGH_STEP, LAST_STEP, MAX_ROUNDS);
             if refined.volume < best.volume * BETTER {
@@ -96,11 +89,8 @@ impl Search {
     /// The boxes of the lattice with the least lower bounds, each unlike the others.
     fn starts(&mut self) -> Vec<Candidate> {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
-        let mut all: Vec<Candidate> = axes
-            .into_iter()
-            .chain(half_sphere(DIRECTIONS))
-            .map(|axis| self.best_about(&axis))
-            .collect();
+        let mut all: Vec<Candidate> =
+            axes.into_iter().chain(half_sphere(DIRECTIONS)).map(|axis| self.best_about(&axis)).collect();
         all.sort_by_key(Candidate::rank);
         let mut picked: Vec<Candidate> = Vec::with_capacity(STARTS);
         for candidate in all {
@@ -195,10 +185,7 @@ impl Search {
 
     /// Refines on the core set, grows it by what sticks out, and repeats; the volume returned is that around the whole cloud.
     fn refine_on_cloud(&mut self, start: Candidate, first: f64, last: f64, rounds: usize) -> Candidate {
-        let mut best = Candidate {
-            volume: f64::INFINITY,
-            ..start
-        };
+        let mut best = Candidate { volume: f64::INFINITY, ..start };
         let mut current = start;
         let mut step = first;
         for _ in 0..rounds {

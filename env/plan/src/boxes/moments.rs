@@ -25,10 +25,7 @@ impl CloudFrame {
         order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
         let [x, y] = [0, 1].map(|i| eigen.eigenvectors.column(order[i]).normalize());
         let axes = Matrix3::from_columns(&[x, y, x.cross(&y)]);
-        Self {
-            origin,
-            axes: with_invariant_signs(&axes, &origin, points),
-        }
+        Self { origin, axes: with_invariant_signs(&axes, &origin, points) }
     }
 }
 
@@ -40,10 +37,7 @@ pub(crate) fn mean(points: &[Point3<f64>]) -> Point3<f64> {
 
 /// Turns the first two `axes` so that the cloud's third moment along them is not negative; the third completes a right-handed frame.
 pub(crate) fn with_invariant_signs(axes: &Matrix3<f64>, origin: &Point3<f64>, points: &[Point3<f64>]) -> Matrix3<f64> {
-    let skew: Vector3<f64> = points
-        .iter()
-        .map(|p| axes.tr_mul(&(p - origin)).map(|x| x * x * x))
-        .sum();
+    let skew: Vector3<f64> = points.iter().map(|p| axes.tr_mul(&(p - origin)).map(|x| x * x * x)).sum();
     let sign = |moment: f64| if moment < 0.0 { -1.0 } else { 1.0 };
     let [x, y] = [0, 1].map(|i| axes.column(i) * sign(skew[i]));
     Matrix3::from_columns(&[x, y, x.cross(&y)])

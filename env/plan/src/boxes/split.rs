@@ -84,10 +84,7 @@ struct Span {
 }
 
 impl Span {
-    const EMPTY: Self = Self {
-        low: f64::INFINITY,
-        high: f64::NEG_INFINITY,
-    };
+    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     fn add(&mut self, x: f64) {
         self.low = if x < self.low { x } else { self.low };
@@ -145,13 +142,7 @@ impl Sweep {
             let total = (end - start) * whole[face].length();
             let (area, position) = least[face];
             if total > 0.0 && area.is_finite() {
-                visit(Split {
-                    axis,
-                    across: others[face],
-                    position,
-                    area,
-                    share: area / total,
-                });
+                visit(Split { axis, across: others[face], position, area, share: area / total });
             }
         }
     }

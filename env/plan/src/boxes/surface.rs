@@ -66,12 +66,10 @@ impl Surface {
                 self.vertices.push(corners[i]);
             }
             if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
-                self.vertices
-                    .push(corners[i] + (corners[j] - corners[i]) * (a / (a - b)));
+                self.vertices.push(corners[i] + (corners[j] - corners[i]) * (a / (a - b)));
             }
         }
         let end = self.vertices.len() as u32;
-        self.triangles
-            .extend((first + 2..end).map(|last| [first, last - 1, last]));
+        self.triangles.extend((first + 2..end).map(|last| [first, last - 1, last]));
     }
 }

@@ -28,10 +28,7 @@ pub struct BoxTree {
 impl BoxTree {
     /// The leaves' boxes, depth first.
     pub fn leaves(&self) -> impl Iterator<Item = &OrientedBox> {
-        self.nodes
-            .iter()
-            .filter(|node| node.cut.is_none())
-            .map(|node| &node.bounds)
+        self.nodes.iter().filter(|node| node.cut.is_none()).map(|node| &node.bounds)
     }
 
     /// The leaves' boxes, depth first, as a list.
@@ -92,11 +89,7 @@ pub fn check_box_tree(tree: &BoxTree, samples: &[Point3<f64>], tolerance: f64) -
 
 /// Index of the node after the subtree of `node`.
 fn check_subtree(tree: &BoxTree, node: usize, depth: usize) -> Result<usize, BoxTreeFault> {
-    let found = tree
-        .nodes
-        .get(node)
-        .filter(|n| n.depth == depth)
-        .ok_or(BoxTreeFault::Structure { node })?;
+    let found = tree.nodes.get(node).filter(|n| n.depth == depth).ok_or(BoxTreeFault::Structure { node })?;
     if !is_proper(&found.bounds) {
         return Err(BoxTreeFault::Box { node });
     }

@@ -42,11 +42,7 @@ fn meets_triangle(half: Vector, corners: [Vector; 3]) -> bool {
         let reach = axis.abs().dot(half);
         least > reach || most < -reach
     };
-    !edges.into_iter().any(|e| {
-        [Vector::X, Vector::Y, Vector::Z]
-            .into_iter()
-            .any(|axis| separates(axis.cross(e)))
-    })
+    !edges.into_iter().any(|e| [Vector::X, Vector::Y, Vector::Z].into_iter().any(|axis| separates(axis.cross(e))))
 }
 
 #[cfg(test)]

@@ -26,16 +26,8 @@ impl Rect {
 fn around(rects: &[Rect]) -> Rect {
     let none = [f64::INFINITY, f64::NEG_INFINITY];
     let join = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-    let empty = Rect {
-        x: none,
-        z: none,
-        pad: false,
-    };
-    rects.iter().fold(empty, |all, r| Rect {
-        x: join(all.x, r.x),
-        z: join(all.z, r.z),
-        pad: false,
-    })
+    let empty = Rect { x: none, z: none, pad: false };
+    rects.iter().fold(empty, |all, r| Rect { x: join(all.x, r.x), z: join(all.z, r.z), pad: false })
 }
 
 /// A finger at one preshape.
@@ -103,17 +95,10 @@ impl FingerModel {
     /// # Errors
     /// [`PlanError::UnsupportedHand`] where the kinematics refuse the preshape.
     pub fn all(hand: &Hand, preshape: f64) -> Result<Vec<Self>, PlanError> {
-        let links =
-            hand.hand_from_links(&hand.open_configuration(preshape))
-                .map_err(|_| PlanError::UnsupportedHand {
-                    name: hand.name.clone(),
-                    reason: "does not take this preshape",
-                })?;
-        Ok(hand
-            .fingers
-            .iter()
-            .map(|finger| Self::new(hand, finger, &links))
-            .collect())
+        let links = hand.hand_from_links(&hand.open_configuration(preshape)).map_err(|_| {
+            PlanError::UnsupportedHand { name: hand.name.clone(), reason: "does not take this preshape" }
+        })?;
+        Ok(hand.fingers.iter().map(|finger| Self::new(hand, finger, &links)).collect())
     }
 
     fn new(hand: &Hand, finger: &graspbox_hand::Finger, links: &[Isometry3<f64>]) -> Self {
@@ -135,11 +120,7 @@ impl FingerModel {
                 half_width = half_width.max(half.y);
                 let middle = place.translation.vector - origin;
                 let side = |i: usize| [middle[i] - half[i], middle[i] + half[i]];
-                Rect {
-                    x: side(0),
-                    z: side(2),
-                    pad: c.material == Material::Pad,
-                }
+                Rect { x: side(0), z: side(2), pad: c.material == Material::Pad }
             };
             hand.links[link].colliders.iter().map(collider).collect()
         };
@@ -170,13 +151,7 @@ impl FingerModel {
         let [rp, rd] = self.arms;
         // The tip curls while the proximal joint opens by `give` of it, as long as the tendon still shortens.
         let most = 0.95 * rd / rp;
-        let moves = [
-            [1.0, 0.0],
-            [0.0, 1.0],
-            [-most / 3.0, 1.0],
-            [-most * 2.0 / 3.0, 1.0],
-            [-most, 1.0],
-        ];
+        let moves = [[1.0, 0.0], [0.0, 1.0], [-most / 3.0, 1.0], [-most * 2.0 / 3.0, 1.0], [-most, 1.0]];
         // A curl of 2.7 rad takes 27 steps, a closing proximal joint as many.
         for _ in 0..80 {
             let mut moved = false;
@@ -194,12 +169,7 @@ impl FingerModel {
             }
         }
         let touched = self.touched(at, points);
-        ClosedFinger {
-            proximal: at[0],
-            distal: at[1],
-            touched,
-            met_table,
-        }
+        ClosedFinger { proximal: at[0], distal: at[1], touched, met_table }
     }
 
     /// One step along `direction`, shortened by halving until it is free.
@@ -245,11 +215,7 @@ impl FingerModel {
                 self.bounds[link].holds(x, z) && self.links[link].iter().any(|r| r.holds(x, z))
             })
         };
-        if points.iter().any(hit) {
-            Block::Object
-        } else {
-            Block::Free
-        }
+        if points.iter().any(hit) { Block::Object } else { Block::Free }
     }
 
     fn touched(&self, q: [f64; 2], points: &[PlanePoint]) -> [Vec<(u32, bool)>; 2] {
@@ -290,10 +256,7 @@ impl Frame {
     }
 
     fn outward(&self, x: f64, z: f64) -> [f64; 2] {
-        [
-            self.at[0] + self.cos * x - self.sin * z,
-            self.at[1] + self.sin * x + self.cos * z,
-        ]
+        [self.at[0] + self.cos * x - self.sin * z, self.at[1] + self.sin * x + self.cos * z]
     }
 
     fn inward(&self, x: f64, z: f64) -> (f64, f64) {
@@ -322,10 +285,7 @@ mod tests {
     }
 
     /// No table: far below.
-    const NO_TABLE: PlaneTable = PlaneTable {
-        normal: [0.0, 1.0],
-        offset: -10.0,
-    };
+    const NO_TABLE: PlaneTable = PlaneTable { normal: [0.0, 1.0], offset: -10.0 };
 
     #[test]
     fn a_free_finger_closes_to_its_stops() {
@@ -343,11 +303,7 @@ mod tests {
         let (x, z) = (0.0, 0.040);
         let closed = finger.close(&[PlanePoint { x, z, index: 7 }], &NO_TABLE);
         let expected = std::f64::consts::FRAC_PI_2 - (0.0154_f64 / z).asin();
-        assert!(
-            (closed.proximal - expected).abs() < 0.02,
-            "{} against {expected}",
-            closed.proximal
-        );
+        assert!((closed.proximal - expected).abs() < 0.02, "{} against {expected}", closed.proximal);
         assert!(closed.distal > 1.0, "the tip goes on: {}", closed.distal);
         assert_eq!(closed.touched[0], vec![(7, true)]);
     }
@@ -356,13 +312,7 @@ mod tests {
     fn the_table_makes_a_finger_curl() {
         let finger = finger_3();
         // The closing side points down, at a table 6 cm below the joint.
-        let closed = finger.close(
-            &[],
-            &PlaneTable {
-                normal: [0.0, -1.0],
-                offset: -0.06,
-            },
-        );
+        let closed = finger.close(&[], &PlaneTable { normal: [0.0, -1.0], offset: -0.06 });
         assert!(closed.met_table);
         for frame in finger.frames([closed.proximal, closed.distal]) {
             assert!(frame.at[1] < 0.06);

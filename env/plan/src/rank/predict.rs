@@ -76,20 +76,13 @@ const LINK_CONTACTS: usize = 4;
 pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand: &Isometry3<f64>) -> Prediction {
     let hand_from_object = object_from_hand.inverse();
     let local: Vec<Point3<f64>> = target.samples.iter().map(|s| hand_from_object * s.point).collect();
-    let closed: Vec<ClosedFinger> = hand
-        .fingers
-        .iter()
-        .map(|finger| close_one(target, finger, &local, object_from_hand))
-        .collect();
+    let closed: Vec<ClosedFinger> =
+        hand.fingers.iter().map(|finger| close_one(target, finger, &local, object_from_hand)).collect();
     let contacts = contacts(target, hand, &closed);
     let com = hand_from_object * target.center_of_mass;
     let mut p = Prediction {
         fingers: closed.iter().filter(|f| touches(f)).count() as f64,
-        pads: closed
-            .iter()
-            .flat_map(|f| &f.touched)
-            .filter(|t| t.iter().any(|&(_, pad)| pad))
-            .count() as f64,
+        pads: closed.iter().flat_map(|f| &f.touched).filter(|t| t.iter().any(|&(_, pad)| pad)).count() as f64,
         depth: com.z,
         offset: (com.coords - hand.center).xy().norm(),
         on_table: closed.iter().filter(|f| f.met_table).count() as f64,
@@ -135,13 +128,7 @@ fn close_one(
     let origin = target.scene.height(&Point3::from(object_from_plane.translation.vector));
     // The finger is as wide as it is: its lower edge counts.
     let offset = up.y.abs() * finger.half_width - origin;
-    finger.close(
-        &points,
-        &PlaneTable {
-            normal: [up.x, up.z],
-            offset,
-        },
-    )
+    finger.close(&points, &PlaneTable { normal: [up.x, up.z], offset })
 }
 
 fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedFinger]) -> Vec<Contact> {
@@ -164,9 +151,7 @@ fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedFinger]) ->
 }
 
 fn palm_gap(local: &[Point3<f64>]) -> f64 {
-    let in_front = local
-        .iter()
-        .filter(|p| p.x.abs() < PALM[0] && p.y.abs() < PALM[1] && p.z > 0.0);
+    let in_front = local.iter().filter(|p| p.x.abs() < PALM[0] && p.y.abs() < PALM[1] && p.z > 0.0);
     in_front.map(|p| p.z).fold(NO_PALM, f64::min)
 }
 

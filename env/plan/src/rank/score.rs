@@ -43,9 +43,7 @@ const TERMS: [Term; RANK_TERMS] = [
     ("uneven", -0.09, |p, _| p.uneven),
     ("on_table", -0.02, |p, _| p.on_table),
     ("span", -0.45, |p, _| p.span / UNIT),
-    ("tripod", 0.36, |_, preshape| {
-        indicator(preshape > TRIPOD && preshape < PINCH)
-    }),
+    ("tripod", 0.36, |_, preshape| indicator(preshape > TRIPOD && preshape < PINCH)),
     ("pinch", 0.74, |_, preshape| indicator(preshape >= PINCH)),
     ("down", -0.18, |p, _| p.down),
 ];
@@ -66,8 +64,5 @@ pub fn rank_features(prediction: &Prediction, preshape: f64) -> [f64; RANK_TERMS
 
 /// The score of a grasp at `preshape` radians; higher is better, comparable within an object.
 pub(crate) fn score(prediction: &Prediction, preshape: f64) -> f64 {
-    TERMS
-        .iter()
-        .map(|(_, weight, read)| weight * read(prediction, preshape))
-        .sum()
+    TERMS.iter().map(|(_, weight, read)| weight * read(prediction, preshape)).sum()
 }

@@ -54,9 +54,7 @@ impl WrenchSpace {
     /// "Planning optimal grasps", 1992) for forces bounded finger by finger.
     pub fn epsilon(&self) -> f64 {
         let both_ways = |d: &Vector6<f64>| self.support(d).min(self.support(&-d));
-        let mut least = (0..6)
-            .map(|i| both_ways(&Vector6::ith(i, 1.0)))
-            .fold(f64::INFINITY, f64::min);
+        let mut least = (0..6).map(|i| both_ways(&Vector6::ith(i, 1.0))).fold(f64::INFINITY, f64::min);
         let halves = half_sphere(DIRECTIONS).zip(half_sphere(DIRECTIONS).collect::<Vec<_>>().into_iter().rev());
         for (f, t) in halves {
             let mixed = std::f64::consts::FRAC_1_SQRT_2;
@@ -81,12 +79,8 @@ mod tests {
             finger,
         };
         // Two fingers, each with a contact line, face to face.
-        let contacts = [
-            contact(0.03, -0.02, 0),
-            contact(0.03, 0.02, 0),
-            contact(-0.03, -0.02, 1),
-            contact(-0.03, 0.02, 1),
-        ];
+        let contacts =
+            [contact(0.03, -0.02, 0), contact(0.03, 0.02, 0), contact(-0.03, -0.02, 1), contact(-0.03, 0.02, 1)];
         WrenchSpace::new(&contacts, 2, &Point3::origin())
     }
 
@@ -107,12 +101,7 @@ mod tests {
 
     #[test]
     fn one_sided_contacts_close_nothing() {
-        let contact = Contact {
-            point: Point3::new(0.03, 0.0, 0.0),
-            inward: -Vector3::x(),
-            friction: 1.0,
-            finger: 0,
-        };
+        let contact = Contact { point: Point3::new(0.03, 0.0, 0.0), inward: -Vector3::x(), friction: 1.0, finger: 0 };
         assert_eq!(WrenchSpace::new(&[contact], 1, &Point3::origin()).epsilon(), 0.0);
     }
 }

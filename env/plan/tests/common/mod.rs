@@ -31,9 +31,7 @@ pub fn random_motion(rng: &mut ChaCha8Rng) -> Isometry3<f64> {
 
 pub fn cloud(count: usize, size: Vector3<f64>, seed: u64) -> Vec<Point3<f64>> {
     let mut rng = rng(seed);
-    (0..count)
-        .map(|_| Point3::from(Vector3::from_fn(|i, _| size[i] * uniform(&mut rng))))
-        .collect()
+    (0..count).map(|_| Point3::from(Vector3::from_fn(|i, _| size[i] * uniform(&mut rng)))).collect()
 }
 
 /// Several cuboids (centre, half extents) as one mesh.
@@ -46,30 +44,15 @@ pub fn cuboids(parts: &[([f64; 3], [f64; 3])]) -> TriMesh {
             let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
             vertices.push(Point3::from(Vector3::from_fn(|k, _| center[k] + sign(k) * half[k])));
         }
-        let quads = [
-            [0, 2, 3, 1],
-            [4, 5, 7, 6],
-            [0, 1, 5, 4],
-            [2, 6, 7, 3],
-            [0, 4, 6, 2],
-            [1, 3, 7, 5],
-        ];
-        faces.extend(
-            quads
-                .iter()
-                .flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]])
-                .map(|f| f.map(|v| v + base)),
-        );
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        faces.extend(quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).map(|f| f.map(|v| v + base)));
     }
     TriMesh::new(vertices, faces).unwrap()
 }
 
 /// A hammer lying along x: a handle and a head across, of unlike sizes so that no symmetry is left.
 pub fn hammer() -> TriMesh {
-    cuboids(&[
-        ([0.0, 0.0, 0.015], [0.12, 0.012, 0.009]),
-        ([0.135, 0.012, 0.018], [0.015, 0.06, 0.018]),
-    ])
+    cuboids(&[([0.0, 0.0, 0.015], [0.12, 0.012, 0.009]), ([0.135, 0.012, 0.018], [0.015, 0.06, 0.018])])
 }
 
 /// A surface of revolution about z from a profile of (radius, height), closed at both ends.
@@ -87,11 +70,7 @@ pub fn lathe(profile: &[(f64, f64)], columns: u32) -> TriMesh {
     let mut faces = Vec::new();
     for j in 0..columns {
         faces.push([0, at(0, j + 1), at(0, j)]);
-        faces.push([
-            top,
-            at(profile.len() as u32 - 1, j),
-            at(profile.len() as u32 - 1, j + 1),
-        ]);
+        faces.push([top, at(profile.len() as u32 - 1, j), at(profile.len() as u32 - 1, j + 1)]);
         for ring in 0..profile.len() as u32 - 1 {
             faces.push([at(ring, j), at(ring, j + 1), at(ring + 1, j)]);
             faces.push([at(ring, j + 1), at(ring + 1, j + 1), at(ring + 1, j)]);
@@ -103,9 +82,7 @@ pub fn lathe(profile: &[(f64, f64)], columns: u32) -> TriMesh {
 /// Random points on the faces of a mesh, by area.
 pub fn surface_points(mesh: &TriMesh, count: usize, seed: u64) -> Vec<Point3<f64>> {
     let mut rng = rng(seed);
-    let areas: Vec<f64> = (0..mesh.faces().len())
-        .map(|f| mesh.face_area_vector(f).norm())
-        .collect();
+    let areas: Vec<f64> = (0..mesh.faces().len()).map(|f| mesh.face_area_vector(f).norm()).collect();
     let total: f64 = areas.iter().sum();
     (0..count)
         .map(|_| {

@@ -59,11 +59,7 @@ impl Play {
         let highest = self.episode.judge().highest() / LIFT_HEIGHT;
         *after = Potentials {
             reach: after.reach,
-            lift: if highest.is_finite() {
-                highest.clamp(0.0, 1.0)
-            } else {
-                0.0
-            },
+            lift: if highest.is_finite() { highest.clamp(0.0, 1.0) } else { 0.0 },
             hold: lifted.hold,
             ..closed
         };
@@ -96,10 +92,7 @@ impl Play {
         rules: &Rules,
     ) -> Result<bool, EpisodeError> {
         let (scene, body) = (self.episode.scene(), self.prepared.body());
-        let pose = GraspPose {
-            object_from_hand: world_from_object.inverse() * world_from_hand,
-            preshape,
-        };
+        let pose = GraspPose { object_from_hand: world_from_object.inverse() * world_from_hand, preshape };
         let moved = world_from_object * scene.world_from_object().inverse();
         let up: Unit<Vector3<f64>> = Vector3::z_axis();
         let same = (moved * up).angle(&up) < SAME_WAY && moved.translation.vector.z.abs() < SAME_WAY;
