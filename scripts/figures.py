@@ -9,7 +9,7 @@ from pathlib import Path
 
 from graspbox import Scene, object_sets, pictures, plan
 from graspbox.configs import TrialConfig
-from graspbox.evaluation import evaluate_set
+from graspbox.planner_trials import try_set
 
 #: One with parts to tell apart, whose plan holds firm and failed grasps alike.
 PLANNED = "ycb:035_power_drill"
@@ -48,7 +48,7 @@ pictures.save_stages(args.out / "stages.png", scene, [firm, failed])
 
 pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
 
-result = evaluate_set(
+result = try_set(
     object_sets.load(pictures.study_objects()), poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True)
 )
 comparison = pictures.Comparison.of(result)

@@ -27,9 +27,9 @@ from rich.table import Table
 
 import graspbox
 from graspbox.errors import GraspboxError
-from graspbox.journal import Journal
 from graspbox.object_sets import ObjectSpec
 from graspbox.planning import rank_weights
+from graspbox.resume_log import ResumeLog
 
 Array = NDArray[np.float64]
 
@@ -156,14 +156,14 @@ def main(
     """Try poses, fit the weights of the ranking, and print them with their held-out figures."""
     try:
         terms = list(rank_weights())
-        journal = Journal(log, {"top": top, "others": others, "seed": seed, "terms": terms})
+        log = ResumeLog(log, {"top": top, "others": others, "seed": seed, "terms": terms})
         specs = graspbox.object_sets.load(objects, split="train")
-        known = {row["name"] for row in journal.rows}
+        known = {row["name"] for row in log.rows}
         missing = [spec for spec in specs if spec.name not in known]
         for spec in track(missing, description="trying poses", console=Console(stderr=True)):
-            journal.append(collect(spec, top, others, seed))
+            log.append(collect(spec, top, others, seed))
         names = set(specs.names)
-        facts = report([row for row in journal.rows if row["name"] in names], ridge, seed)
+        facts = report([row for row in log.rows if row["name"] in names], ridge, seed)
     except GraspboxError as error:
         print(f"fit_ranking: {error}", file=sys.stderr)
         raise typer.Exit(2) from None

@@ -24,8 +24,8 @@ from rich.progress import Progress
 import graspbox
 from graspbox.configs import PlanConfig, PoseConfig
 from graspbox.errors import GraspboxError
-from graspbox.journal import Journal
 from graspbox.object_sets import ObjectSpec
+from graspbox.resume_log import ResumeLog
 
 #: Poses without a success after which an object counts as not graspable.
 ENOUGH = 2000
@@ -122,18 +122,18 @@ def main(
     """Sweep a set and write the list of its graspable objects."""
     errors = Console(stderr=True)
     try:
-        journal = Journal(log, {"poses": ENOUGH, "plans": MOST_PLANS})
+        log = ResumeLog(log, {"poses": ENOUGH, "plans": MOST_PLANS})
         specs = graspbox.object_sets.load(objects)
-        known = {row["name"] for row in journal.rows}
+        known = {row["name"] for row in log.rows}
         missing = [spec for spec in specs if spec.name not in known]
         with Progress(console=errors) as progress:
             for spec in progress.track(missing, description="objects"):
-                journal.append(sweep(spec, progress))
+                log.append(sweep(spec, progress))
     except GraspboxError as error:
         print(f"sweep_graspable: {error}", file=sys.stderr)
         raise typer.Exit(2) from None
     names = set(specs.names)
-    rows = sorted((row for row in journal.rows if row["name"] in names), key=lambda row: str(row["name"]))
+    rows = sorted((row for row in log.rows if row["name"] in names), key=lambda row: str(row["name"]))
     write_list(list_file, rows)
     if as_json:
         print(json.dumps(rows))

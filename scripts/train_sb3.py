@@ -33,7 +33,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.journal import Journal
+from graspbox.resume_log import ResumeLog
 from graspbox.sb3 import Extractor
 from graspbox.sb3.demonstrations import DemonstratedBuffer, clone, demonstrate
 from graspbox.sb3.references import references
@@ -188,8 +188,8 @@ def checkpointed(folder: Path) -> bool:
     """Tell whether a folder holds a run that can go on."""
     if any((folder / name).exists() for name in ("checkpoint", "checkpoint.old")):
         return True
-    journal = folder / "evaluations.jsonl"
-    if journal.exists() and len(journal.read_text().splitlines()) > 1:
+    log = folder / "evaluations.jsonl"
+    if log.exists() and len(log.read_text().splitlines()) > 1:
         raise ConfigError(f"{str(folder)!r} holds evaluations but no checkpoint to go on from; name another folder")
     return False
 
@@ -207,7 +207,7 @@ def train(settings: Settings) -> int:
     if not begun:
         # What a run leaves that was interrupted before its first checkpoint.
         path.unlink(missing_ok=True)
-    journal = Journal(path, what)
+    log = ResumeLog(path, what)
     torch.set_num_threads(settings.torch_threads)
 
     scale = {"gamma": float(parameters.model.get("gamma", 0.99)), **parameters.normalize}
@@ -233,7 +233,7 @@ def train(settings: Settings) -> int:
         run = Run(
             settings.folder,
             test,
-            journal,
+            log,
             every=parameters.every,
             episodes=settings.episodes,
             seed=EVALUATION_SEED,

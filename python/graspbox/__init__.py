@@ -13,9 +13,9 @@ from graspbox import errors, object_sets
 from graspbox._core import __version__
 from graspbox.configs import (
     CameraConfig,
+    CamerasConfig,
     CleanConfig,
     DecomposeConfig,
-    EyesConfig,
     FrictionConfig,
     LoadConfig,
     PhysicsConfig,
@@ -30,16 +30,16 @@ from graspbox.errors import GraspboxError
 from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
 from graspbox.planning import Box, BoxTree, Plan, decompose, plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace, load_hand, simulate
-from graspbox.viewpoints import ViewPlan, Views, depth_millimetres, occupancy, views
+from graspbox.views import ViewPlan, Views, depth_millimetres, occupancy, views
 from graspbox.voxels import Voxels, load_binvox, save_binvox, voxelize
 
 __all__ = [
     "Box",
     "BoxTree",
     "CameraConfig",
+    "CamerasConfig",
     "CleanConfig",
     "DecomposeConfig",
-    "EyesConfig",
     "FrictionConfig",
     "GraspboxError",
     "Hand",

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "EnvPool",
     "Hand",
     "Mesh",
     "Objects",
-    "Pool",
     "Scene",
     "__version__",
     "_config",
@@ -24,7 +24,6 @@ __all__ = [
     "_time_reset",
     "agent_tables",
     "decompose",
-    "draw",
     "image_tables",
     "load_binvox",
     "num_threads",
@@ -35,6 +34,7 @@ __all__ = [
     "procedural",
     "procedural_families",
     "rank_weights",
+    "render",
     "save_binvox",
     "views",
     "voxelize",
@@ -196,10 +196,10 @@ class Objects:
     def prepare(self, index: int) -> int: ...
 
 @final
-class Pool:
+class EnvPool:
     """Environments side by side, stepped in one call."""
 
-    def __new__(cls, objects: Objects, config: str, num_envs: int, num_threads: int | None) -> Pool: ...
+    def __new__(cls, objects: Objects, config: str, num_envs: int, num_threads: int | None) -> EnvPool: ...
     @property
     def num_envs(self) -> int: ...
     def reset(
@@ -255,7 +255,7 @@ class ViewArrays(TypedDict):
     world_from_camera: NDArray[np.float64]
     camera_from_object: NDArray[np.float64]
 
-def draw(
+def render(
     meshes: Sequence[Mesh],
     world_from_mesh: NDArray[np.float64],
     colors: NDArray[np.float64],
@@ -272,9 +272,9 @@ def draw(
     and proximal and distal angles (f,), radians. Camera frames have x right, y down, z forward.
     """
 
-def image_tables(hand: Hand, eyes: str) -> str: ...
-def pictures(pool: Pool, envs: Sequence[int], picture: str) -> NDArray[np.uint8]: ...
-def poses_of_cameras(pool: Pool) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
+def image_tables(hand: Hand, cameras: str) -> str: ...
+def pictures(pool: EnvPool, envs: Sequence[int], picture: str) -> NDArray[np.uint8]: ...
+def poses_of_cameras(pool: EnvPool) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
 def views(
     mesh: Mesh,
     config: str,
@@ -292,4 +292,4 @@ def occupancy(
     far: float,
     nothing_is_free: bool,
 ) -> NDArray[np.uint8]: ...
-def _time_images(pool: Pool, env: int, eyes: str, repeats: int) -> NDArray[np.float64]: ...
+def _time_images(pool: EnvPool, env: int, cameras: str, repeats: int) -> NDArray[np.float64]: ...

@@ -9,9 +9,9 @@ from typing import Literal, Self
 __all__ = [
     "AgentConfig",
     "CameraConfig",
+    "CamerasConfig",
     "CleanConfig",
     "DecomposeConfig",
-    "EyesConfig",
     "FrictionConfig",
     "LoadConfig",
     "PhysicsConfig",
@@ -254,7 +254,7 @@ VIEWER = CameraConfig("viewer", eye=(-0.45, -0.6, 0.45), target=(0.0, 0.0, 0.187
 
 
 @dataclass(frozen=True)
-class EyesConfig:
+class CamerasConfig:
     """What environments see.
 
     Attributes
@@ -391,7 +391,7 @@ class AgentConfig:
         What is observed, in this order.
     randomization : Randomization
         What varies.
-    eyes : EyesConfig
+    cameras : CamerasConfig
         What is seen.
     trial : TrialConfig
         The trial that follows a decision.
@@ -403,5 +403,5 @@ class AgentConfig:
     max_episode_steps: int | None = None
     observations: tuple[str, ...] = ("proprio", "tactile", "state")
     randomization: Randomization = field(default_factory=Randomization)
-    eyes: EyesConfig = field(default_factory=EyesConfig)
+    cameras: CamerasConfig = field(default_factory=CamerasConfig)
     trial: TrialConfig = field(default_factory=TrialConfig)

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import object_sets, planning
-from graspbox.configs import EyesConfig
+from graspbox.configs import CamerasConfig
 from graspbox.envs.expert import Expert, planned
-from graspbox.envs.grasp_pose import action_for, lying
+from graspbox.envs.grasp_pose import encode_action, object_pose
 
 #: Objects whose convex parts are known exactly: they are ready within milliseconds.
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
 #: Small images; 36 pixels are the least that Stable-Baselines3 takes without a warning.
-EYES = EyesConfig(image_size=(36, 40), voxels=16)
+CAMERAS = CamerasConfig(image_size=(36, 40), voxels=16)
 
 
 def pressing(steps: int, count: int, seed: int = 0, motors: int = 3) -> NDArray[np.float32]:
@@ -61,5 +61,5 @@ class Experts:
 
 def best_grasp(objects: object_sets.ObjectSet, name: str, state: NDArray[np.float32]) -> NDArray[np.float32]:
     """Name the planner's first pose as an action of GraspPose-v0, for an object as its state says that it lies."""
-    plan = planning.plan(objects[objects.names.index(name)].load(), world_from_object=lying(state))
-    return action_for(lying(state) @ plan.poses[0], plan.preshape[0])
+    plan = planning.plan(objects[objects.names.index(name)].load(), world_from_object=object_pose(state))
+    return encode_action(object_pose(state) @ plan.poses[0], plan.preshape[0])

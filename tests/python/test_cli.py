@@ -10,7 +10,7 @@ import pytest
 
 import graspbox
 from graspbox import _core, object_sets
-from graspbox.evaluation import ObjectResult, SetResult
+from graspbox.planner_trials import ObjectResult, SetResult
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:

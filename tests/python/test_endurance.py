@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AsyncVectorEnv
 
-from acting import EYES, OBJECTS, pressing
+from acting import CAMERAS, OBJECTS, pressing
 
 ID = "graspbox/Grasp-v0"
 
@@ -49,7 +49,7 @@ def test_random_steps_stay_within_bounds_and_memory(steps: int, obs: tuple[str, 
         num_envs=count,
         objects=[*OBJECTS, "procedural:mug:0"],
         obs=obs,
-        eyes=EYES,
+        cameras=CAMERAS,
         reward="dense",
         randomization="standard",
         max_episode_steps=50,

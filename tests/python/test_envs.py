@@ -9,9 +9,9 @@ import pytest
 
 import graspbox
 from graspbox import errors
-from graspbox.configs import FRONT, CameraConfig, EyesConfig
+from graspbox.configs import FRONT, CameraConfig, CamerasConfig
 from graspbox.envs import grasp_pose, spaces
-from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, action_for, lying, rotation_from_columns
+from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, encode_action, object_pose, rotation_from_columns
 
 
 def test_make_with_the_module_prefix() -> None:
@@ -38,7 +38,7 @@ def test_a_planned_grasp_gives_the_reward_that_simulate_promises() -> None:
             continue
         pose, preshape = plan.poses[0], plan.preshape[0]
         promised = scene.simulate(pose[None], [preshape])
-        _, reward, terminated, truncated, info = env.step(action_for(lies @ pose, preshape))
+        _, reward, terminated, truncated, info = env.step(encode_action(lies @ pose, preshape))
         assert terminated
         assert not truncated
         assert reward == float(info["is_success"])
@@ -54,7 +54,7 @@ def good_grasp(env: Any) -> np.ndarray:
     """Take the planner's first pose for the object as it lies."""
     mesh = env.objects[0].load()
     plan = graspbox.plan(mesh, world_from_object=where(env))
-    return action_for(where(env) @ plan.poses[0], plan.preshape[0])
+    return encode_action(where(env) @ plan.poses[0], plan.preshape[0])
 
 
 def test_the_dense_reward_rises_from_nowhere_to_a_held_object() -> None:
@@ -103,7 +103,7 @@ def test_an_object_comes_to_rest_from_where_it_is_let_go() -> None:
     state, _ = env.reset(seed=0, options={"world_from_object": tipped})
     lies = where(env)
     assert lies[2, 3] < 0.25
-    np.testing.assert_allclose(lying(state), lies, atol=1e-6)
+    np.testing.assert_allclose(object_pose(state), lies, atol=1e-6)
     settled = graspbox.Scene(env.objects[0].load(), world_from_object=lies).world_from_object
     np.testing.assert_allclose(settled[:3, :3], lies[:3, :3], atol=5e-3)
     assert not env.step(good_grasp(env))[4]["infeasible"]
@@ -130,7 +130,10 @@ def test_the_hand_waits_where_it_is_asked_to() -> None:
     obs = ("proprio", "tactile", "segmentation", "segmentation_overhead", "segmentation_wrist")
     overhead = CameraConfig("overhead", eye=(0.0, 0.0, 0.8), target=(0.0, 0.0, 0.0), up=(1.0, 0.0, 0.0), fov=0.6)
     wrist = CameraConfig("wrist", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.6), up=(-1.0, 0.0, 0.0), fov=1.2)
-    settings: dict[str, Any] = {"objects": "procedural:box:0-4", "eyes": EyesConfig(cameras=(FRONT, overhead, wrist))}
+    settings: dict[str, Any] = {
+        "objects": "procedural:box:0-4",
+        "cameras": CamerasConfig(cameras=(FRONT, overhead, wrist)),
+    }
     env: Any = gymnasium.make("graspbox/GraspPose-v0", obs=obs, **settings).unwrapped
     above: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:box:0-4", obs="proprio").unwrapped
     # Table 1, object 2, then the hand.

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import data_equivalence
 import graspbox
 from acting import OBJECTS, expert_actions, pressing
 from graspbox import errors
-from graspbox.configs import EyesConfig, Randomization
+from graspbox.configs import CamerasConfig, Randomization
 from graspbox.envs import grasp, reward, spaces, vector
 from graspbox.envs.expert import object_pose
 
@@ -34,7 +34,7 @@ def test_documentation_is_that_of_the_core() -> None:
     assert spaces.observation_table("twist", found) in text
     assert spaces.vector_table("twist", found) in text
     assert spaces.keyword_table(grasp.GraspEnv, vector.GraspVectorEnv) in text
-    images = spaces.images(graspbox.load_hand(), EyesConfig(images=spaces.IMAGES))
+    images = spaces.images(graspbox.load_hand(), CamerasConfig(images=spaces.IMAGES))
     assert spaces.image_table(images) in text
     for term in found["terms"]:
         assert f"| {term['name']} | {term['low']:g} | {term['high']:g} | {term['meaning']} |" in text

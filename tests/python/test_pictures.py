@@ -12,7 +12,7 @@ import pytest
 import graspbox
 from graspbox import _core, errors, object_sets
 from graspbox.configs import PictureConfig
-from graspbox.evaluation import ObjectResult, SetResult
+from graspbox.planner_trials import ObjectResult, SetResult
 from graspbox.planning import Box
 
 pytest.importorskip("matplotlib")
@@ -145,7 +145,7 @@ def test_wrong_scenes_are_refused() -> None:
     config = json.dumps({"image_size": (32, 32), "samples": 1, "near": 0.01, "far": 10.0, "light": {}})
 
     def draw(poses: Any, colors: Any, config: str = config) -> Any:
-        return _core.draw(
+        return _core.render(
             [CUBE.mesh], poses, colors, [True], None, lens.intrinsics, lens.world_from_camera, config, None
         )
 

@@ -24,8 +24,8 @@ def objects() -> _core.Objects:
     return _core.Objects(sources, _core.Hand.reflex(), "{}", None)
 
 
-def make(objects: _core.Objects, num_envs: int = NUM_ENVS, **config: Any) -> _core.Pool:
-    return _core.Pool(objects, json.dumps(config), num_envs, None)
+def make(objects: _core.Objects, num_envs: int = NUM_ENVS, **config: Any) -> _core.EnvPool:
+    return _core.EnvPool(objects, json.dumps(config), num_envs, None)
 
 
 def actions(seed: int, num_envs: int = NUM_ENVS, size: int = 10) -> Iterator[np.ndarray[Any, Any]]:

@@ -12,7 +12,7 @@ from moviepy import VideoFileClip
 
 from acting import OBJECTS, pressing
 from graspbox import errors
-from graspbox.configs import PALM, CameraConfig, EyesConfig, PictureConfig
+from graspbox.configs import PALM, CameraConfig, CamerasConfig, PictureConfig
 from graspbox.envs.grasp import GraspEnv
 
 ID = "graspbox/Grasp-v0"
@@ -81,8 +81,8 @@ def test_a_palm_camera_can_take_the_pictures() -> None:
 
 def test_images_come_in_the_size_and_from_the_cameras_that_were_asked() -> None:
     above = CameraConfig("above", eye=(0.0, 0.0, 0.8), up=(1.0, 0.0, 0.0), target=(0.0, 0.0, 0.0))
-    eyes = EyesConfig(cameras=(above, PALM), voxels=16)
-    env = make(obs=("depth", "rgb_palm", "voxels", "proprio"), image_size=(24, 40), eyes=eyes)
+    cameras = CamerasConfig(cameras=(above, PALM), voxels=16)
+    env = make(obs=("depth", "rgb_palm", "voxels", "proprio"), image_size=(24, 40), cameras=cameras)
     observation, _ = env.reset(seed=1)
     shapes = {name: array.shape for name, array in observation.items()}
     assert list(shapes) == list(env.observation_space)
@@ -95,7 +95,7 @@ def test_images_come_in_the_size_and_from_the_cameras_that_were_asked() -> None:
     with pytest.raises(errors.ConfigError, match="back"):
         make(obs="depth_back")
     with pytest.raises(errors.ConfigError, match="name images in obs"):
-        make(eyes=EyesConfig(images=("rgb",)))
+        make(cameras=CamerasConfig(images=("rgb",)))
 
 
 def test_views_into_buffers_hold_images_too() -> None:

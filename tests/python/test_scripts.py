@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from graspbox.errors import ConfigError
-from graspbox.journal import Journal
+from graspbox.resume_log import ResumeLog
 
 typer = pytest.importorskip("typer", reason="the scripts need typer, from the extra 'cli'")
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -27,16 +27,16 @@ def script(name: str) -> ModuleType:
 
 def test_a_journal_goes_on_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
     path = tmp_path / "new" / "journal.jsonl"
-    journal = Journal(path, {"poses": 3})
+    journal = ResumeLog(path, {"poses": 3})
     journal.append({"name": "a"})
     journal.append({"name": "b"})
     path.write_bytes(path.read_bytes()[:-4])
-    again = Journal(path, {"poses": 3})
+    again = ResumeLog(path, {"poses": 3})
     assert again.rows == [{"name": "a"}]
     again.append({"name": "c"})
-    assert Journal(path, {"poses": 3}).rows == [{"name": "a"}, {"name": "c"}]
+    assert ResumeLog(path, {"poses": 3}).rows == [{"name": "a"}, {"name": "c"}]
     with pytest.raises(ConfigError, match=r"begun with other settings, \{.poses.: 3\}"):
-        Journal(path, {"poses": 4})
+        ResumeLog(path, {"poses": 4})
 
 
 @pytest.mark.parametrize("content", ["hello\n", "[1]\n", '{"name": "a"}\n'])
@@ -44,7 +44,7 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path: Path, content: str) -
     path = tmp_path / "precious.txt"
     path.write_text(content)
     with pytest.raises(ConfigError, match="not a journal"):
-        Journal(path, {})
+        ResumeLog(path, {})
     assert path.read_text() == content
 
 

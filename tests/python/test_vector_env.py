@@ -12,7 +12,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import graspbox
-from acting import EYES, OBJECTS, Experts, best_grasp, pressing
+from acting import CAMERAS, OBJECTS, Experts, best_grasp, pressing
 from graspbox import errors
 from graspbox.envs import spaces
 
@@ -23,7 +23,7 @@ OBSERVATIONS = {"array": "state", "all": (*spaces.IMAGES, *VECTORS, "rgb_palm")}
 
 
 def make(num_envs: int = 3, **settings: Any) -> Any:
-    defaults = {"objects": OBJECTS, "reward": "dense", "eyes": EYES}
+    defaults = {"objects": OBJECTS, "reward": "dense", "cameras": CAMERAS}
     return gymnasium.make_vec(ID, num_envs=num_envs, **{**defaults, **settings})
 
 

@@ -4,14 +4,14 @@
 //! fixed.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_episode::EpisodeError;
-use graspbox_episode::agent::pool::Stepped;
-use graspbox_episode::agent::start::ObjectChoice;
-use graspbox_episode::agent::{
-    AgentConfig, Autoreset, Batch, Control, Objects, Observation, Pool, Randomization, StartOptions,
+use graspbox_agent::env_pool::Stepped;
+use graspbox_agent::initial_state::ObjectChoice;
+use graspbox_agent::{
+    AgentConfig, AgentError, Autoreset, Batch, Control, EnvPool, Objects, Observation, Randomization, ResetOptions,
 };
+use graspbox_episode::EpisodeError;
 use graspbox_hand::Hand;
-use graspbox_mesh::procedural::Family;
+use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
 use graspbox_tests::agent::{batch_bits, objects, pool, seeds};
 use std::path::Path;
@@ -40,13 +40,13 @@ fn action(size: usize, env: usize, step: usize) -> Vec<f32> {
     action
 }
 
-fn actions(pool: &Pool, step: usize) -> Vec<f32> {
-    let size = pool.rules().action;
+fn actions(pool: &EnvPool, step: usize) -> Vec<f32> {
+    let size = pool.spec().action;
     (0..pool.len()).flat_map(|env| action(size, env, step)).collect()
 }
 
-fn configured(objects: &Arc<Objects>, config: AgentConfig, count: usize) -> Arc<Pool> {
-    Arc::new(Pool::new(Arc::clone(objects), config, count).unwrap())
+fn configured(objects: &Arc<Objects>, config: AgentConfig, count: usize) -> Arc<EnvPool> {
+    Arc::new(EnvPool::new(Arc::clone(objects), config, count).unwrap())
 }
 
 fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -55,7 +55,7 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 }
 
 /// Row `row` of a batch, as bits.
-fn row(pool: &Pool, batch: &Batch, row: usize) -> Vec<u32> {
+fn row(pool: &EnvPool, batch: &Batch, row: usize) -> Vec<u32> {
     let count = batch.len();
     let cut = |array: &Vec<f32>| {
         let size = array.len() / count;
@@ -78,13 +78,13 @@ fn row(pool: &Pool, batch: &Batch, row: usize) -> Vec<u32> {
         touches: vec![batch.touches[row]],
         protective_stop: vec![batch.protective_stop[row]],
     };
-    assert_eq!(one.observations.len(), pool.rules().tables.len());
+    assert_eq!(one.observations.len(), pool.spec().tables.len());
     batch_bits(&one)
 }
 
 /// Resets and steps; the bits of every environment, step by step.
-fn run(pool: &Pool, steps: usize) -> Vec<Vec<Vec<u32>>> {
-    let first = pool.reset(&seeds(pool), None, &StartOptions::default()).unwrap();
+fn run(pool: &EnvPool, steps: usize) -> Vec<Vec<Vec<u32>>> {
+    let first = pool.reset(&seeds(pool), None, &ResetOptions::default()).unwrap();
     let rows = |batch: &Batch| (0..pool.len()).map(|i| row(pool, batch, i)).collect();
     let mut bits = vec![rows(&first)];
     bits.extend((0..steps).map(|step| rows(&pool.step(&actions(pool, step)).unwrap().now)));
@@ -105,10 +105,10 @@ fn results_depend_on_neither_threads_nor_neighbours() {
     assert_eq!(bits, in_pool(1, || run(&again, 70)));
     assert!(bits.iter().flatten().any(|row| row != &bits[0][0]));
     for env in [0, 4] {
-        let alone = configured(&again.rules().objects, config(), 1);
-        alone.reset(&[Some(env as u64)], None, &StartOptions::default()).unwrap();
+        let alone = configured(&again.spec().objects, config(), 1);
+        alone.reset(&[Some(env as u64)], None, &ResetOptions::default()).unwrap();
         for (step, all) in bits[1..].iter().enumerate() {
-            let now = alone.step(&action(alone.rules().action, env, step)).unwrap().now;
+            let now = alone.step(&action(alone.spec().action, env, step)).unwrap().now;
             assert_eq!(all[env], row(&alone, &now, 0), "environment {env} at step {step}");
         }
     }
@@ -117,9 +117,9 @@ fn results_depend_on_neither_threads_nor_neighbours() {
 #[test]
 fn starts_vary_and_an_unseeded_reset_continues_the_stream() {
     let pool = pool(&objects(&FAMILIES), Control::Twist, 4);
-    let options = StartOptions::default();
+    let options = ResetOptions::default();
     let none = vec![None; 4];
-    assert!(matches!(pool.reset(&none, None, &options), Err(EpisodeError::NotSeeded { env: 0 })));
+    assert!(matches!(pool.reset(&none, None, &options), Err(AgentError::NotSeeded { env: 0 })));
     let first = pool.reset(&seeds(&pool), None, &options).unwrap();
     let second = pool.reset(&none, None, &options).unwrap();
     let rows: Vec<_> = (0..4).map(|i| row(&pool, &first, i)).chain((0..4).map(|i| row(&pool, &second, i))).collect();
@@ -147,11 +147,11 @@ fn every_autoreset_mode_does_what_it_says() {
     let make = |autoreset| {
         let config = AgentConfig { autoreset, max_episode_steps: Some(LIMIT), ..AgentConfig::default() };
         let pool = configured(&objects, config, 2);
-        pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+        pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
         pool
     };
     let (next, same, disabled) = (make(Autoreset::NextStep), make(Autoreset::SameStep), make(Autoreset::Disabled));
-    let step = |pool: &Pool, i: usize| -> Result<Stepped, EpisodeError> { pool.step(&actions(pool, i)) };
+    let step = |pool: &EnvPool, i: usize| -> Result<Stepped, AgentError> { pool.step(&actions(pool, i)) };
     for episode in 0..3 {
         for i in 0..LIMIT as usize {
             let (a, b, c) = (step(&next, i).unwrap(), step(&same, i).unwrap(), step(&disabled, i).unwrap());
@@ -172,8 +172,8 @@ fn every_autoreset_mode_does_what_it_says() {
                 assert_eq!((&anew.reset, &anew.truncated), (&vec![true; 2], &vec![false; 2]));
                 assert!(anew.terms.iter().all(|t| *t == 0.0));
                 assert_eq!(anew.observations, b.now.observations);
-                assert!(matches!(step(&disabled, i), Err(EpisodeError::Over { env: 0 })));
-                let fresh = disabled.reset(&[None; 2], None, &StartOptions::default()).unwrap();
+                assert!(matches!(step(&disabled, i), Err(AgentError::Over { env: 0 })));
+                let fresh = disabled.reset(&[None; 2], None, &ResetOptions::default()).unwrap();
                 assert_eq!(fresh.observations, anew.observations);
             }
         }
@@ -186,27 +186,27 @@ fn a_saved_state_goes_on_bit_for_bit() {
     let config =
         AgentConfig { max_episode_steps: Some(40), randomization: Randomization::standard(), ..AgentConfig::default() };
     let pool = configured(&objects, config.clone(), 2);
-    pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+    pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
     for step in 0..25 {
         pool.step(&actions(&pool, step)).unwrap();
     }
-    let states: Vec<Vec<u8>> = (0..2).map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap()).collect();
+    let states: Vec<Vec<u8>> = (0..2).map(|env| pool.slot(env).unwrap().save(pool.spec(), env).unwrap()).collect();
     let seen = pool.now();
     let go_on =
-        |pool: &Pool| -> Vec<Stepped> { (25..60).map(|step| pool.step(&actions(pool, step)).unwrap()).collect() };
+        |pool: &EnvPool| -> Vec<Stepped> { (25..60).map(|step| pool.step(&actions(pool, step)).unwrap()).collect() };
     let expected = go_on(&pool);
     assert!(expected.iter().any(|s| s.now.reset[0]), "no autoreset on the way");
     assert!(expected.iter().any(|s| s.now.touches.contains(&true)), "no contact on the way");
     let other = configured(&objects, config.clone(), 2);
     for (env, state) in states.iter().enumerate() {
-        other.slot(env).unwrap().restore(other.rules(), state).unwrap();
-        assert_eq!(other.slot(env).unwrap().save(other.rules(), env).unwrap(), *state);
+        other.slot(env).unwrap().restore(other.spec(), state).unwrap();
+        assert_eq!(other.slot(env).unwrap().save(other.spec(), env).unwrap(), *state);
     }
     assert_eq!(other.now().observations, seen.observations);
     assert_eq!(expected, go_on(&other));
     // Damage, other objects, another control mode.
-    let refuse = |pool: &Pool, bytes: &[u8]| {
-        let refused = pool.slot(0).unwrap().restore(pool.rules(), bytes);
+    let refuse = |pool: &EnvPool, bytes: &[u8]| {
+        let refused = pool.slot(0).unwrap().restore(pool.spec(), bytes);
         assert!(refused.is_err());
     };
     for cut in [0, 4, 40, states[0].len() - 1] {
@@ -229,9 +229,9 @@ fn a_saved_state_goes_on_bit_for_bit() {
 fn sent_environments_arrive_as_if_stepped_together() {
     let objects = objects(&FAMILIES);
     let (whole, apart) = (pool(&objects, Control::Twist, 4), pool(&objects, Control::Twist, 4));
-    whole.reset(&seeds(&whole), None, &StartOptions::default()).unwrap();
-    apart.reset(&seeds(&apart), None, &StartOptions::default()).unwrap();
-    let size = apart.rules().action;
+    whole.reset(&seeds(&whole), None, &ResetOptions::default()).unwrap();
+    apart.reset(&seeds(&apart), None, &ResetOptions::default()).unwrap();
+    let size = apart.spec().action;
     for step in 0..12 {
         let expected = whole.step(&actions(&whole, step)).unwrap().now;
         let (sender, arrivals) = channel();
@@ -240,8 +240,8 @@ fn sent_environments_arrive_as_if_stepped_together() {
             let sender = sender.clone();
             apart.send(&envs, &rows, move |env, result| sender.send((env, result)).unwrap()).unwrap();
         }
-        assert!(matches!(apart.step(&actions(&apart, step)), Err(EpisodeError::Busy { .. })));
-        assert!(matches!(apart.slot(1).map(|_| ()), Err(EpisodeError::Busy { env: 1 })));
+        assert!(matches!(apart.step(&actions(&apart, step)), Err(AgentError::Busy { .. })));
+        assert!(matches!(apart.slot(1).map(|_| ()), Err(AgentError::Busy { env: 1 })));
         for _ in 0..4 {
             let (env, result) = arrivals.recv().unwrap();
             apart.arrived(env);
@@ -254,7 +254,7 @@ fn sent_environments_arrive_as_if_stepped_together() {
         assert_eq!(apart.away(), 0);
     }
     let twice = apart.send(&[1, 1], &actions(&apart, 0)[..2 * size], |_, _| ());
-    assert!(matches!(twice, Err(EpisodeError::Busy { env: 1 })));
+    assert!(matches!(twice, Err(AgentError::Busy { env: 1 })));
     assert_eq!(apart.away(), 0, "nothing was sent");
 }
 
@@ -263,12 +263,15 @@ fn sent_environments_arrive_as_if_stepped_together() {
 fn a_stopped_call_leaves_environments_as_they_are() {
     let pool = pool(&objects(&[Family::Can, Family::Box]), Control::Twist, 4);
     let stop = AtomicBool::new(true);
-    let (begin, all) = (StartOptions::default(), seeds(&pool));
-    assert!(matches!(pool.reset_until(&stop, &all, None, &begin), Err(EpisodeError::Cancelled { done: 0, total: 4 })));
+    let (begin, all) = (ResetOptions::default(), seeds(&pool));
+    assert!(matches!(
+        pool.reset_until(&stop, &all, None, &begin),
+        Err(AgentError::Episode(EpisodeError::Cancelled { done: 0, total: 4 }))
+    ));
     assert!(pool.step(&actions(&pool, 0)).is_err());
     let first = pool.reset(&all, None, &begin).unwrap();
     let stopped = pool.step_until(&stop, &actions(&pool, 0));
-    assert!(matches!(stopped, Err(EpisodeError::Cancelled { done: 0, total: 4 })));
+    assert!(matches!(stopped, Err(AgentError::Episode(EpisodeError::Cancelled { done: 0, total: 4 }))));
     assert_eq!(batch_bits(&pool.now()), batch_bits(&first));
     let other = pool_of_same(&pool);
     let [ours, theirs] = [&pool, &other].map(|p| p.step(&actions(p, 0)).unwrap());
@@ -276,9 +279,9 @@ fn a_stopped_call_leaves_environments_as_they_are() {
 }
 
 /// Another pool of the same objects that begins the same episodes.
-fn pool_of_same(pool: &Pool) -> Arc<Pool> {
-    let other = configured(&pool.rules().objects, pool.rules().config.clone(), pool.len());
-    other.reset(&seeds(pool), None, &StartOptions::default()).unwrap();
+fn pool_of_same(pool: &EnvPool) -> Arc<EnvPool> {
+    let other = configured(&pool.spec().objects, pool.spec().config.clone(), pool.len());
+    other.reset(&seeds(pool), None, &ResetOptions::default()).unwrap();
     other
 }
 
@@ -286,26 +289,26 @@ fn pool_of_same(pool: &Pool) -> Arc<Pool> {
 #[test]
 fn bad_actions_are_refused_before_anything_moves() {
     let pool = pool(&objects(&[Family::Box]), Control::DeltaPose, 3);
-    assert!(matches!(pool.step(&actions(&pool, 0)), Err(EpisodeError::NotReset { env: 0 })));
-    pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
-    let before: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap()).collect();
+    assert!(matches!(pool.step(&actions(&pool, 0)), Err(AgentError::NotReset { env: 0 })));
+    pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
+    let before: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.spec(), env).unwrap()).collect();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut wrong = actions(&pool, 0);
-        wrong[2 * pool.rules().action + 4] = bad;
+        wrong[2 * pool.spec().action + 4] = bad;
         let error = pool.step(&wrong).unwrap_err();
-        assert!(matches!(error, EpisodeError::BadAction { env: 2, .. }), "{error}");
+        assert!(matches!(error, AgentError::BadAction { env: 2, .. }), "{error}");
         assert!(error.to_string().contains("environment 2"), "{error}");
     }
     let short = pool.step(&actions(&pool, 0)[1..]);
-    assert!(matches!(short, Err(EpisodeError::BadLength { .. })));
-    let after: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.rules(), env).unwrap()).collect();
+    assert!(matches!(short, Err(AgentError::BadLength { .. })));
+    let after: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.spec(), env).unwrap()).collect();
     assert_eq!(before, after);
     // Beyond [-1, 1] counts as the bound.
     let far: Vec<f32> = actions(&pool, 0).iter().map(|a| a.signum() * 7.0).collect();
     let near: Vec<f32> = far.iter().map(|a| a.clamp(-1.0, 1.0)).collect();
     let one = pool.step(&far).unwrap();
     for (env, state) in before.iter().enumerate() {
-        pool.slot(env).unwrap().restore(pool.rules(), state).unwrap();
+        pool.slot(env).unwrap().restore(pool.spec(), state).unwrap();
     }
     assert_eq!(one, pool.step(&near).unwrap());
 }
@@ -313,29 +316,29 @@ fn bad_actions_are_refused_before_anything_moves() {
 #[test]
 fn options_fix_what_they_name_and_nothing_else() {
     let pool = pool(&objects(&FAMILIES), Control::Twist, 1);
-    let start = |options: &StartOptions| {
+    let start = |options: &ResetOptions| {
         pool.reset(&[Some(3)], None, options)?;
         let slot = pool.slot(0)?;
         let play = slot.play().unwrap();
         let world = play.episode().world();
-        Ok::<_, EpisodeError>((slot.outcome().info.object, world.world_from_object(), world.world_from_hand()))
+        Ok::<_, AgentError>((slot.outcome().info.object, world.world_from_object(), world.world_from_hand()))
     };
-    let drawn = start(&StartOptions::default()).unwrap();
-    let heavier = StartOptions { mass: Some(2.0), friction: Some(0.5), ..StartOptions::default() };
+    let drawn = start(&ResetOptions::default()).unwrap();
+    let heavier = ResetOptions { mass: Some(2.0), friction: Some(0.5), ..ResetOptions::default() };
     assert_eq!(start(&heavier).unwrap(), drawn);
-    let placed = StartOptions {
+    let placed = ResetOptions {
         object: Some(ObjectChoice::Name("can".into())),
         place: Some([0.02, -0.03, 0.0]),
-        ..StartOptions::default()
+        ..ResetOptions::default()
     };
     let (object, pose, hand) = start(&placed).unwrap();
     assert_eq!((object, hand), (1, drawn.2));
     assert!((pose.translation.vector.xy() - nalgebra::Vector2::new(0.02, -0.03)).norm() < 2e-3);
     let rows = |z: f64| Some([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, z], [0.0, 0.0, 0.0, 1.0]]);
-    let posed = StartOptions { world_from_hand: rows(0.4), preshape: Some(0.7), ..StartOptions::default() };
+    let posed = ResetOptions { world_from_hand: rows(0.4), preshape: Some(0.7), ..ResetOptions::default() };
     assert!((start(&posed).unwrap().2.translation.z - 0.4).abs() < 1e-12);
-    let wrong = |change: fn(&mut StartOptions)| {
-        let mut options = StartOptions::default();
+    let wrong = |change: fn(&mut ResetOptions)| {
+        let mut options = ResetOptions::default();
         change(&mut options);
         start(&options).unwrap_err().to_string()
     };
@@ -365,7 +368,7 @@ fn settings_out_of_range_are_refused() {
     let refused = |change: fn(&mut AgentConfig)| {
         let mut config = AgentConfig::default();
         change(&mut config);
-        Pool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string()
+        EnvPool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string()
     };
     for (message, part) in [
         (refused(|c| c.max_episode_steps = Some(0)), "max_episode_steps"),
@@ -375,11 +378,11 @@ fn settings_out_of_range_are_refused() {
     ] {
         assert!(message.contains(part), "{message}");
     }
-    assert!(Pool::new(Arc::clone(&objects), AgentConfig::default(), 0).is_err());
+    assert!(EnvPool::new(Arc::clone(&objects), AgentConfig::default(), 0).is_err());
     let physics = PhysicsConfig { dt: 0.003, ..PhysicsConfig::default() };
     let hand = Arc::clone(objects.hand());
     let odd = Objects::new(vec![objects.source(0).unwrap().clone()], hand, physics, None).unwrap();
-    let message = Pool::new(Arc::new(odd), AgentConfig::default(), 1).map(|_| ()).unwrap_err().to_string();
+    let message = EnvPool::new(Arc::new(odd), AgentConfig::default(), 1).map(|_| ()).unwrap_err().to_string();
     assert!(message.contains("physics.dt"), "{message}");
 }
 
@@ -393,12 +396,12 @@ fn another_hand_acts_as_well() {
     let objects = Arc::new(Objects::new(sources, Arc::new(hand), PhysicsConfig::default(), None).unwrap());
     for control in Control::CLOSED_LOOP {
         let pool = pool(&objects, control, 2);
-        assert_eq!(pool.rules().action, control.hand_size() + motors);
-        pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+        assert_eq!(pool.spec().action, control.hand_size() + motors);
+        pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
         for step in 0..20 {
             let batch = pool.step(&actions(&pool, step)).unwrap().now;
             assert_eq!(batch.observations[1].len(), 2 * sensors);
-            let proprio: usize = pool.rules().tables[0].1.iter().map(|f| f.size).sum();
+            let proprio: usize = pool.spec().tables[0].1.iter().map(|f| f.size).sum();
             assert_eq!((proprio, batch.observations[0].len()), (16 + 4 * fingers, 2 * proprio));
         }
     }

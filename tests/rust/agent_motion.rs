@@ -3,17 +3,17 @@
 //! A bug here: a hand that jerks what it holds, that is driven into the table or crushes an object; an ending that is missed.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_episode::agent::action::PRESHAPE_SPOOL;
-use graspbox_episode::agent::config::CONTROL_PERIOD;
-use graspbox_episode::agent::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
-use graspbox_episode::agent::play::FAILURES;
-use graspbox_episode::agent::reward::TERM_TABLE;
-use graspbox_episode::agent::servo::{
-    ANGULAR_ACCELERATION, ANGULAR_SPEED, Goal, LINEAR_ACCELERATION, LINEAR_SPEED, Servo,
+use graspbox_agent::action::PRESHAPE_SPOOL;
+use graspbox_agent::agent_episode::FAILURES;
+use graspbox_agent::arm_controller::{
+    ANGULAR_ACCELERATION, ANGULAR_SPEED, ArmController, Goal, LINEAR_ACCELERATION, LINEAR_SPEED,
 };
-use graspbox_episode::agent::start::ObjectChoice;
-use graspbox_episode::agent::{Control, Observation, Pool, StartOptions};
-use graspbox_mesh::procedural::Family;
+use graspbox_agent::config::CONTROL_PERIOD;
+use graspbox_agent::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_agent::initial_state::ObjectChoice;
+use graspbox_agent::reward::TERM_TABLE;
+use graspbox_agent::{Control, EnvPool, Observation, ResetOptions};
+use graspbox_objects::Family;
 use graspbox_sim::{Geometry, HandLoad, PhysicsConfig};
 use graspbox_tests::agent::{follow, objects, pool, seeds};
 use graspbox_tests::bench::{at, palm_down, reflex, template, turn_rate};
@@ -33,7 +33,7 @@ struct Worst {
 }
 
 /// Drives a servo through `goals`, one a control period, and measures every step.
-fn drive(servo: &mut Servo, guard: &Guard, goals: impl Iterator<Item = Goal>) -> Worst {
+fn drive(servo: &mut ArmController, guard: &Guard, goals: impl Iterator<Item = Goal>) -> Worst {
     let mut worst = Worst { lowest: f64::INFINITY, ..Worst::default() };
     let mut before = (Vector3::zeros(), Vector3::zeros());
     for goal in goals {
@@ -85,7 +85,7 @@ fn the_servo_keeps_its_limits() {
     let guard = Guard::new(&reflex()).unwrap();
     let high = palm_down(0.0, 0.0, 0.4);
     for seed in 0..20 {
-        let mut servo = Servo::new(&high, &Isometry3::identity());
+        let mut servo = ArmController::new(&high, &Isometry3::identity());
         let free = random_goals(seed).map(|goal| match goal {
             Goal::Pose(pose) => Goal::Pose(Isometry3::from_parts(
                 Translation3::from(pose.translation.vector * 0.2 + Vector3::new(0.0, 0.0, 0.34)),
@@ -109,7 +109,7 @@ fn the_palm_never_meets_the_table() {
     let mut lowest = f64::INFINITY;
     for seed in 0..40 {
         let error = Isometry3::new(Vector3::new(0.005, -0.005, 0.005), Vector3::new(0.03, 0.02, -0.03));
-        let mut servo = Servo::new(&palm_down(0.1, 0.0, 0.2), &error);
+        let mut servo = ArmController::new(&palm_down(0.1, 0.0, 0.2), &error);
         let sinking = random_goals(seed).map(|goal| match goal {
             Goal::Pose(mut pose) => {
                 pose.translation.vector.z -= 0.3;
@@ -130,7 +130,7 @@ fn the_palm_never_meets_the_table() {
 fn goals_are_reached_and_followed() {
     let guard = Guard::new(&reflex()).unwrap();
     let start = palm_down(0.0, 0.0, 0.2);
-    let mut servo = Servo::new(&start, &Isometry3::identity());
+    let mut servo = ArmController::new(&start, &Isometry3::identity());
     for i in 1..=20 {
         let s = f64::from(i) * CONTROL_PERIOD;
         let rise = 0.2 * s * s * s * (10.0 + s * (6.0 * s - 15.0));
@@ -157,8 +157,8 @@ fn goals_are_reached_and_followed() {
 }
 
 /// An action of a pool in twist mode: velocity along z of the world at full speed, the fingers as they are.
-fn vertical(pool: &Pool, up: f32) -> Vec<f32> {
-    let mut action = vec![0.0; pool.rules().action];
+fn vertical(pool: &EnvPool, up: f32) -> Vec<f32> {
+    let mut action = vec![0.0; pool.spec().action];
     // The palm faces down: hand z is against the world's.
     action[2] = -up;
     action
@@ -170,12 +170,12 @@ fn an_object_under_the_palm_is_not_crushed() {
     let pool = pool(&objects(&[Family::Box, Family::Can, Family::Kettle]), Control::Twist, 1);
     for (object, resting) in [(0, 0), (1, 0), (2, 0)] {
         let hand = palm_down(0.0, 0.0, 0.45).to_homogeneous();
-        let options = StartOptions {
+        let options = ResetOptions {
             object: Some(ObjectChoice::Index(object)),
             resting: Some(resting),
             place: Some([0.0, 0.0, 0.4]),
             world_from_hand: Some(std::array::from_fn(|i| std::array::from_fn(|j| hand[(i, j)]))),
-            ..StartOptions::default()
+            ..ResetOptions::default()
         };
         pool.reset(&[Some(1)], None, &options).unwrap();
         let (mut stopped, mut pressed, mut peak, mut late, mut deepest) = (0, 0, 0.0_f64, 0.0_f64, 0.0_f64);
@@ -187,13 +187,13 @@ fn an_object_under_the_palm_is_not_crushed() {
             stopped += usize::from(batch.protective_stop[0]);
             let slot = pool.slot(0).unwrap();
             let play = slot.play().unwrap();
-            let force = play.servo().stop.force();
+            let force = play.arm().stop.force();
             peak = peak.max(force);
             pressed += usize::from(force > STOP_FORCE);
             deepest = deepest.max(play.episode().world().contacts().hand_depth);
             late = if i >= 60 { late.max(force) } else { late };
         }
-        let low = pool.slot(0).unwrap().play().unwrap().servo().believed().translation.z;
+        let low = pool.slot(0).unwrap().play().unwrap().arm().believed().translation.z;
         println!(
             "object {object}: stopped in {stopped} steps, force {peak:.0} N at most, {late:.0} N late, depth {deepest:.4} m, hand at {low:.3} m"
         );
@@ -204,7 +204,7 @@ fn an_object_under_the_palm_is_not_crushed() {
         for _ in 0..10 {
             pool.step(&vertical(&pool, 1.0)).unwrap();
         }
-        let high = pool.slot(0).unwrap().play().unwrap().servo().believed().translation.z;
+        let high = pool.slot(0).unwrap().play().unwrap().arm().believed().translation.z;
         assert!(high > low + 0.1, "the hand is caught at {high}");
     }
 }
@@ -216,7 +216,7 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
         let objects = objects(&[family]);
         let pool = pool(&objects, Control::TargetPose, 1);
         let (_, scene) = objects.scene(&objects.prepared(0).unwrap(), 0).unwrap();
-        let options = StartOptions { resting: Some(0), ..StartOptions::default() };
+        let options = ResetOptions { resting: Some(0), ..ResetOptions::default() };
         for (seed, grasp) in planned(&procedural(family, 0), &scene, 2, 0).iter().enumerate() {
             let driven = follow(&pool, &options, seed as u64, grasp);
             assert!(driven.success, "{family:?} {seed}: {driven:?}");
@@ -239,14 +239,14 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
 fn a_lost_object_ends_the_episode() {
     let pool = pool(&objects(&[Family::Ball]), Control::Twist, 1);
     for place in [[0.52, 0.0, 0.0], [0.0, 0.58, 0.0]] {
-        let options = StartOptions { place: Some(place), ..StartOptions::default() };
+        let options = ResetOptions { place: Some(place), ..ResetOptions::default() };
         pool.reset(&[Some(0)], None, &options).unwrap();
         let batch = pool.step(&vertical(&pool, 0.0)).unwrap().now;
         assert!(batch.terminated[0] && !batch.is_success[0]);
         assert_eq!(FAILURES[usize::from(batch.failure[0])], "no_contact");
     }
     // Nothing is lost where nobody moves anything.
-    pool.reset(&[Some(0)], None, &StartOptions::default()).unwrap();
+    pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
     for _ in 0..40 {
         assert!(!pool.step(&vertical(&pool, 0.0)).unwrap().now.terminated[0]);
     }
@@ -257,12 +257,12 @@ fn a_lost_object_ends_the_episode() {
 fn observations_and_terms_stay_in_their_bounds() {
     for control in Control::CLOSED_LOOP {
         let pool = pool(&objects(&[Family::Ball, Family::Bottle, Family::Hammer]), control, 4);
-        pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+        pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
         let mut unit = noise(9);
         for _ in 0..120 {
-            let actions: Vec<f32> = (0..4 * pool.rules().action).map(|_| (2.0 * unit()) as f32).collect();
+            let actions: Vec<f32> = (0..4 * pool.spec().action).map(|_| (2.0 * unit()) as f32).collect();
             let batch = pool.step(&actions).unwrap().now;
-            for ((observation, fields), values) in pool.rules().tables.iter().zip(&batch.observations) {
+            for ((observation, fields), values) in pool.spec().tables.iter().zip(&batch.observations) {
                 let bounds: Vec<(f32, f32)> =
                     fields.iter().flat_map(|f| std::iter::repeat_n((f.low as f32, f.high as f32), f.size)).collect();
                 assert_eq!(values.len(), 4 * bounds.len());
@@ -319,10 +319,10 @@ fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
     let pool = pool(&objects, Control::Twist, 1);
     let seen = |object: usize, place: [f64; 3]| {
         let options =
-            StartOptions { object: Some(ObjectChoice::Index(object)), place: Some(place), ..StartOptions::default() };
+            ResetOptions { object: Some(ObjectChoice::Index(object)), place: Some(place), ..ResetOptions::default() };
         pool.reset(&[Some(5)], None, &options).unwrap();
         let moved = pool.step(&vertical(&pool, 0.3)).unwrap().now;
-        let of = |name| pool.rules().tables.iter().position(|(o, _)| *o == name).unwrap();
+        let of = |name| pool.spec().tables.iter().position(|(o, _)| *o == name).unwrap();
         [Observation::Proprio, Observation::Tactile, Observation::State]
             .map(|name| moved.observations[of(name)].clone())
     };
@@ -353,11 +353,11 @@ fn a_hand_that_stops_turning_leaves_the_object_alone() {
 #[test]
 fn closed_fingers_keep_the_preshape() {
     let pool = pool(&objects(&[Family::Can]), Control::Twist, 1);
-    let rows = Control::Twist.table(pool.rules().hand());
+    let rows = Control::Twist.table(pool.spec().hand());
     assert!(rows[5].meaning.ends_with(&format!("beyond {PRESHAPE_SPOOL} rad")));
-    pool.reset(&[Some(0)], None, &StartOptions::default()).unwrap();
+    pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
     let act = |spool: f32, preshape: f32, steps: usize| {
-        let mut action = vec![0.0; pool.rules().action];
+        let mut action = vec![0.0; pool.spec().action];
         action[6..9].fill(spool);
         action[9] = preshape;
         for _ in 0..steps {

@@ -1,13 +1,11 @@
 //! One decision an episode: the environment gives the verdicts of a batch of trials, whoever runs beside it.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_episode::agent::action::pose_and_preshape;
-use graspbox_episode::agent::{
-    AgentConfig, Autoreset, Control, Objects, Observation, Pool, Randomization, StartOptions,
-};
+use graspbox_agent::action::pose_and_preshape;
+use graspbox_agent::{AgentConfig, Autoreset, Control, EnvPool, Objects, Observation, Randomization, ResetOptions};
 use graspbox_episode::{Progress, Scene, TrialConfig, run_trials};
 use graspbox_hand::GraspPose;
-use graspbox_mesh::procedural::Family;
+use graspbox_objects::Family;
 use graspbox_tests::agent::{batch_bits, objects, seeds};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use std::sync::Arc;
@@ -15,9 +13,9 @@ use std::sync::Arc;
 const FAMILIES: [Family; 3] = [Family::Box, Family::Can, Family::Ball];
 /// Index of a reward term.
 const REACH: usize = 0;
-const TERMS: usize = graspbox_episode::agent::reward::TERMS;
+const TERMS: usize = graspbox_agent::reward::TERMS;
 
-fn decisions(objects: &Arc<Objects>, count: usize, randomization: Randomization) -> Pool {
+fn decisions(objects: &Arc<Objects>, count: usize, randomization: Randomization) -> EnvPool {
     let config = AgentConfig {
         control: Control::GraspPose,
         autoreset: Autoreset::SameStep,
@@ -25,7 +23,7 @@ fn decisions(objects: &Arc<Objects>, count: usize, randomization: Randomization)
         randomization,
         ..AgentConfig::default()
     };
-    Pool::new(Arc::clone(objects), config, count).unwrap()
+    EnvPool::new(Arc::clone(objects), config, count).unwrap()
 }
 
 /// Poses around and above the middle of the table, the palm down but for some tilt.
@@ -41,7 +39,7 @@ fn action(seed: usize) -> Vec<f32> {
     numbers.into_iter().map(|x| x as f32).collect()
 }
 
-fn actions(pool: &Pool, step: usize) -> Vec<f32> {
+fn actions(pool: &EnvPool, step: usize) -> Vec<f32> {
     (0..pool.len()).flat_map(|env| action(100 * step + env)).collect()
 }
 
@@ -51,7 +49,7 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 }
 
 /// Scene and object pose of an environment.
-fn lies(pool: &Pool, env: usize) -> (Arc<Scene>, Isometry3<f64>) {
+fn lies(pool: &EnvPool, env: usize) -> (Arc<Scene>, Isometry3<f64>) {
     let slot = pool.slot(env).unwrap();
     let episode = slot.play().unwrap().episode();
     (Arc::clone(episode.scene()), episode.world().world_from_object())
@@ -62,7 +60,7 @@ fn lies(pool: &Pool, env: usize) -> (Arc<Scene>, Isometry3<f64>) {
 #[test]
 fn a_decision_is_a_trial() {
     let pool = decisions(&objects(&FAMILIES), 12, Randomization::default());
-    pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+    pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
     let (mut same, mut total, mut kinds) = (0, 0, [0; 6]);
     for step in 0..4 {
         let before: Vec<_> = (0..pool.len()).map(|env| lies(&pool, env)).collect();
@@ -72,7 +70,7 @@ fn a_decision_is_a_trial() {
         for (env, (scene, object)) in before.iter().enumerate() {
             let row = last.envs.iter().position(|e| *e == env).unwrap();
             let action = action(100 * step + env);
-            let (hand, preshape) = pose_and_preshape(&action, pool.rules().hand()).unwrap();
+            let (hand, preshape) = pose_and_preshape(&action, pool.spec().hand()).unwrap();
             let object_from_hand = object.inverse() * hand;
             let grasp = GraspPose { object_from_hand, preshape };
             let trial = &run_trials(scene, &[grasp], TrialConfig::default(), &Progress::default()).unwrap()[0];
@@ -94,7 +92,7 @@ fn results_depend_neither_on_neighbours_nor_on_threads() {
     let run = |count: usize, threads: usize| -> Vec<Vec<u32>> {
         in_pool(threads, || {
             let pool = decisions(&objects, count, Randomization::standard());
-            let first = pool.reset(&seeds(&pool), None, &StartOptions::default()).unwrap();
+            let first = pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
             let mut bits = vec![batch_bits(&first)];
             bits.extend((0..2).map(|step| batch_bits(&pool.step(&actions(&pool, step)).unwrap().last)));
             bits
@@ -103,8 +101,8 @@ fn results_depend_neither_on_neighbours_nor_on_threads() {
     assert_eq!(run(4, 1), run(4, 3));
     let alone = decisions(&objects, 1, Randomization::standard());
     let beside = decisions(&objects, 4, Randomization::standard());
-    let first = alone.reset(&[Some(3)], None, &StartOptions::default()).unwrap();
-    let all = beside.reset(&seeds(&beside), None, &StartOptions::default()).unwrap();
+    let first = alone.reset(&[Some(3)], None, &ResetOptions::default()).unwrap();
+    let all = beside.reset(&seeds(&beside), None, &ResetOptions::default()).unwrap();
     let size = first.observations[0].len();
     assert_eq!(first.observations[0], all.observations[0][3 * size..]);
     let one = alone.step(&action(3)).unwrap();
@@ -118,11 +116,11 @@ fn a_saved_state_goes_on_with_the_same_bits() {
     let objects = objects(&FAMILIES);
     let (pool, other) =
         (decisions(&objects, 1, Randomization::standard()), decisions(&objects, 1, Randomization::standard()));
-    pool.reset(&[Some(5)], None, &StartOptions::default()).unwrap();
-    other.reset(&[Some(6)], None, &StartOptions::default()).unwrap();
+    pool.reset(&[Some(5)], None, &ResetOptions::default()).unwrap();
+    other.reset(&[Some(6)], None, &ResetOptions::default()).unwrap();
     for step in 0..2 {
-        let state = pool.slot(0).unwrap().save(pool.rules(), 0).unwrap();
-        other.slot(0).unwrap().restore(other.rules(), &state).unwrap();
+        let state = pool.slot(0).unwrap().save(pool.spec(), 0).unwrap();
+        other.slot(0).unwrap().restore(other.spec(), &state).unwrap();
         assert_eq!(pool.now().observations, other.now().observations);
         let [ours, theirs] = [&pool, &other].map(|p| p.step(&action(step + 40)).unwrap());
         assert_eq!(batch_bits(&ours.last), batch_bits(&theirs.last));
@@ -130,12 +128,12 @@ fn a_saved_state_goes_on_with_the_same_bits() {
     }
 }
 
-/// The hand never reaches further than the rules say, however it closes.
+/// The hand never reaches further than the spec say, however it closes.
 #[test]
 fn the_reach_of_the_hand_holds_every_part_of_it() {
     let pool = decisions(&objects(&FAMILIES), 1, Randomization::default());
-    let hand = pool.rules().hand();
-    let reach = pool.rules().reach;
+    let hand = pool.spec().hand();
+    let reach = pool.spec().reach;
     assert!((0.1..0.3).contains(&reach), "{reach}");
     let [low, high] = hand.preshape_limits;
     for i in 0..40 {
@@ -156,13 +154,14 @@ fn the_reach_of_the_hand_holds_every_part_of_it() {
 fn what_a_decision_cannot_be_is_refused() {
     let objects = objects(&FAMILIES);
     let config = AgentConfig { control: Control::GraspPose, ..AgentConfig::default() };
-    let message = |config: AgentConfig| Pool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string();
+    let message =
+        |config: AgentConfig| EnvPool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string();
     let skipping = AgentConfig { observations: vec![Observation::State], frame_skip: 2, ..config };
     assert!(message(skipping).contains("frame_skip"));
     let pool = decisions(&objects, 1, Randomization::default());
-    let options = StartOptions { preshape: Some(9.0), ..StartOptions::default() };
+    let options = ResetOptions { preshape: Some(9.0), ..ResetOptions::default() };
     assert!(pool.reset(&[Some(0)], None, &options).unwrap_err().to_string().contains("preshape"));
-    pool.reset(&[Some(0)], None, &StartOptions::default()).unwrap();
+    pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
     let degenerate = pool.step(&[0.0; 10]).unwrap();
     assert_eq!((degenerate.now.terms[REACH], degenerate.last.failure[0]), (0.0, 1));
 }

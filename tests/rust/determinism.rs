@@ -6,7 +6,7 @@
 
 use graspbox_episode::{Progress, Sample, Scene, Trial, TrialConfig, TrialOutcome, run_trials};
 use graspbox_hand::{GraspPose, MotorCommand};
-use graspbox_mesh::procedural::Family;
+use graspbox_objects::Family;
 use graspbox_sim::{Geometry, PhysicsConfig, SimError, Template, World};
 use graspbox_tests::bench::{at, bits, closing, palm_down, reflex, template};
 use graspbox_tests::scenes::{planned, procedural, scene};

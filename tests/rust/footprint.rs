@@ -2,7 +2,7 @@
 //! goals are printed beside them.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_mesh::procedural::Family;
+use graspbox_objects::Family;
 use graspbox_sim::{PhysicsConfig, World};
 use graspbox_tests::bench::{closing, palm_down, run};
 use graspbox_tests::scenes::{procedural, scene};

@@ -7,7 +7,7 @@
 
 use graspbox_episode::{Body, Episode, Progress, Scene, TrialConfig, run_trials};
 use graspbox_hand::GraspPose;
-use graspbox_mesh::procedural::Family;
+use graspbox_objects::Family;
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig};
 use graspbox_tests::bench::{at, closing, palm_down, reflex};
 use graspbox_tests::scenes::{from_file, planned, procedural, scene};

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::{Progress, TrialConfig, TrialOutcome, run_trials};
-use graspbox_mesh::procedural::Family;
+use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
 use graspbox_tests::scenes::{planned, procedural, scene};
 

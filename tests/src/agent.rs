@@ -1,11 +1,12 @@
 //! Environments of procedural objects, and a driver that follows a planned grasp by ordinary actions.
 
-use graspbox_episode::agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
-use graspbox_episode::agent::reward::TERMS;
-use graspbox_episode::agent::{AgentConfig, Batch, Control, Objects, Pool, Source, StartOptions};
-use graspbox_episode::{TrialConfig, agent::config::CONTROL_PERIOD};
+use graspbox_agent::config::CONTROL_PERIOD;
+use graspbox_agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_agent::reward::TERMS;
+use graspbox_agent::{AgentConfig, Batch, Control, EnvPool, Objects, ResetOptions, Source};
+use graspbox_episode::TrialConfig;
 use graspbox_hand::{GraspPose, Hand, MotorKind};
-use graspbox_mesh::procedural::Family;
+use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
 use nalgebra::{Isometry3, Translation3};
 use std::sync::Arc;
@@ -25,13 +26,13 @@ pub fn objects(families: &[Family]) -> Arc<Objects> {
 }
 
 /// Environments with a given control mode.
-pub fn pool(objects: &Arc<Objects>, control: Control, count: usize) -> Arc<Pool> {
+pub fn pool(objects: &Arc<Objects>, control: Control, count: usize) -> Arc<EnvPool> {
     let config = AgentConfig { control, ..AgentConfig::default() };
-    Arc::new(Pool::new(Arc::clone(objects), config, count).unwrap())
+    Arc::new(EnvPool::new(Arc::clone(objects), config, count).unwrap())
 }
 
 /// Seeds 0, 1, ... for a pool.
-pub fn seeds(pool: &Pool) -> Vec<Option<u64>> {
+pub fn seeds(pool: &EnvPool) -> Vec<Option<u64>> {
     (0..pool.len() as u64).map(Some).collect()
 }
 
@@ -88,9 +89,9 @@ pub struct Driven {
 }
 
 /// Follows `grasp` in environment 0 of a pool of one in `target_pose` mode: over the object, to the standoff, down, close, lift, hold.
-pub fn follow(pool: &Pool, options: &StartOptions, seed: u64, grasp: &GraspPose) -> Driven {
+pub fn follow(pool: &EnvPool, options: &ResetOptions, seed: u64, grasp: &GraspPose) -> Driven {
     pool.reset(&[Some(seed)], None, options).unwrap();
-    let hand = Arc::clone(pool.rules().hand());
+    let hand = Arc::clone(pool.spec().hand());
     let trial = TrialConfig::default();
     let (start, object) = {
         let slot = pool.slot(0).unwrap();
@@ -117,8 +118,8 @@ pub fn follow(pool: &Pool, options: &StartOptions, seed: u64, grasp: &GraspPose)
     };
     let near = |pose: &Isometry3<f64>| {
         let slot = pool.slot(0).unwrap();
-        let at = *slot.play().unwrap().servo().believed();
-        let still = slot.play().unwrap().servo().velocity().0.norm() < 0.005;
+        let at = *slot.play().unwrap().arm().believed();
+        let still = slot.play().unwrap().arm().velocity().0.norm() < 0.005;
         still
             && (at.translation.vector - pose.translation.vector).norm() < 5e-4
             && at.rotation.angle_to(&pose.rotation) < 5e-3

@@ -2,7 +2,7 @@
 
 use graspbox_episode::{Body, ObjectSpec, Scene};
 use graspbox_hand::GraspPose;
-use graspbox_mesh::procedural::{Family, generate};
+use graspbox_objects::{Family, generate};
 use graspbox_plan::{PlanObject, PlanParams, plan};
 use graspbox_sim::PhysicsConfig;
 use std::path::Path;

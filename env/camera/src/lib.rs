@@ -10,7 +10,7 @@
 //! | [`frame`](mod@frame) | depth, rgb, segmentation; millimetres and points made of them |
 //! | [`views`](mod@views) | cameras around an object by a plan |
 //! | [`occupancy`](mod@occupancy) | depth images to voxels: occupied, free, unseen |
-//! | `draw`, `raster` | transform, cull, clip; then scanlines into a buffer of inverse depths |
+//! | `rasterize`, `raster` | transform, cull, clip; then scanlines into a buffer of inverse depths |
 //! | `shade`, `shadow` | colour of each pixel, and the map of what the light sees |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
@@ -21,13 +21,13 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod camera;
-mod draw;
 pub mod error;
 pub mod frame;
 pub mod model;
 mod normals;
 pub mod occupancy;
 mod raster;
+mod rasterize;
 pub mod renderer;
 pub mod scene;
 mod shade;

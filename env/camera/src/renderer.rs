@@ -1,8 +1,8 @@
 //! A scene and a camera to images.
 
-use crate::draw::{Cull, Piece, Scratch, View, draw};
 use crate::error::{CameraError, in_range};
 use crate::raster::Raster;
+use crate::rasterize::{Cull, Piece, Scratch, View, rasterize};
 use crate::scene::check_instances;
 use crate::shade::{Facet, Shader, shown};
 use crate::shadow::ShadowMap;
@@ -110,8 +110,8 @@ impl Renderer {
         frame.rgb.clear();
         if channels.rgb {
             light.check()?;
-            self.shadow.draw(instances, light, self.detail);
-            self.draw_colored(instances, camera);
+            self.shadow.rasterize(instances, light, self.detail);
+            self.rasterize_colored(instances, camera);
             frame.rgb.resize(3 * camera.intrinsics().pixels(), 0);
             let mut pixels = frame.rgb.chunks_exact_mut(3);
             self.shader(instances, camera, light).rows(|[red, green, blue]| {
@@ -120,7 +120,7 @@ impl Renderer {
                 }
             });
         } else {
-            self.draw_plain(instances, camera, channels.segmentation);
+            self.rasterize_plain(instances, camera, channels.segmentation);
         }
         frame.camera = Some(*camera);
         let nothing = nothing(camera);
@@ -149,7 +149,7 @@ impl Renderer {
         in_range("samples", f64::from(samples), 1.0, 8.0, "1 to 8")?;
         check_instances(instances)?;
         light.check()?;
-        self.shadow.draw(instances, light, self.detail);
+        self.shadow.rasterize(instances, light, self.detail);
         let mut sums = vec![Vector3::zeros(); camera.intrinsics().pixels()];
         for sample in 0..samples * samples {
             let shift = |k: u32| (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
@@ -157,7 +157,7 @@ impl Renderer {
             intrinsics.cx -= shift(sample % samples);
             intrinsics.cy -= shift(sample / samples);
             let moved = camera.with_intrinsics(intrinsics);
-            self.draw_colored(instances, &moved);
+            self.rasterize_colored(instances, &moved);
             let mut pixels = sums.iter_mut();
             self.shader(instances, &moved, light).rows(|[red, green, blue]| {
                 for (((r, g), b), sum) in red.iter().zip(green).zip(blue).zip(&mut pixels) {
@@ -170,7 +170,7 @@ impl Renderer {
     }
 
     /// Depth, and the instance at each pixel if wanted.
-    fn draw_plain(&mut self, instances: &[Instance], camera: &Camera, keep_ids: bool) {
+    fn rasterize_plain(&mut self, instances: &[Instance], camera: &Camera, keep_ids: bool) {
         let view = View::of_camera(camera, self.detail);
         self.clear(camera, keep_ids);
         for instance in instances {
@@ -178,15 +178,15 @@ impl Renderer {
             self.labels.push(instance.label);
             let (raster, scratch, sink) = (&mut self.raster, &mut self.scratch, &mut |_: &Piece| id);
             if keep_ids {
-                draw::<true>(raster, scratch, &view, Cull::Back, instance, id, sink);
+                rasterize::<true>(raster, scratch, &view, Cull::Back, instance, id, sink);
             } else {
-                draw::<false>(raster, scratch, &view, Cull::Back, instance, id, sink);
+                rasterize::<false>(raster, scratch, &view, Cull::Back, instance, id, sink);
             }
         }
     }
 
     /// Depth, and the facet at each pixel.
-    fn draw_colored(&mut self, instances: &[Instance], camera: &Camera) {
+    fn rasterize_colored(&mut self, instances: &[Instance], camera: &Camera) {
         let view = View::of_camera(camera, self.detail);
         self.clear(camera, true);
         for (index, instance) in instances.iter().enumerate() {
@@ -203,7 +203,7 @@ impl Renderer {
                 labels.push(instance.label);
                 labels.len() as u32
             };
-            draw::<true>(&mut self.raster, &mut self.scratch, &view, Cull::Back, instance, id, &mut sink);
+            rasterize::<true>(&mut self.raster, &mut self.scratch, &view, Cull::Back, instance, id, &mut sink);
         }
     }
 

@@ -2,8 +2,8 @@
 //!
 //! Colours are squares of what is shown, so that light adds up; a square root brings them back.
 
-use crate::draw::Piece;
 use crate::raster::Raster;
+use crate::rasterize::Piece;
 use crate::shadow::ShadowMap;
 use crate::{Camera, Instance, Light};
 use nalgebra::{Matrix3, Vector3};

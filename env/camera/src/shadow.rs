@@ -2,8 +2,8 @@
 //!
 //! Closed models are drawn by the sides that face away from the lamp: lit surfaces then do not shade themselves.
 
-use crate::draw::{Cull, Lens, Scratch, View, draw};
 use crate::raster::Raster;
+use crate::rasterize::{Cull, Lens, Scratch, View, rasterize};
 use crate::{Detail, Instance, Light};
 use nalgebra::{Affine3, Isometry3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 
@@ -45,7 +45,7 @@ impl ShadowMap {
     }
 
     /// Draws the casters as the lamp sees them.
-    pub(crate) fn draw(&mut self, instances: &[Instance], light: &Light, detail: Detail) {
+    pub(crate) fn rasterize(&mut self, instances: &[Instance], light: &Light, detail: Detail) {
         let way = light.direction.normalize();
         let side = if way.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
         let light_from_world = UnitQuaternion::from_rotation_matrix(&Rotation3::face_towards(&way, &side)).inverse();
@@ -84,7 +84,7 @@ impl ShadowMap {
                 caster.world_from_model.translation.vector += way * (SETBACK * self.texel);
             }
             let (raster, scratch) = (&mut self.raster, &mut self.scratch);
-            draw::<false>(raster, scratch, &view, Cull::Front, &caster, 0, &mut |_| 0);
+            rasterize::<false>(raster, scratch, &view, Cull::Front, &caster, 0, &mut |_| 0);
         }
         self.summarise();
         let scale = Matrix4::new_nonuniform_scaling(&Vector3::new(per_metre, per_metre, -1.0));

@@ -6,7 +6,7 @@ mod common;
 use common::instance;
 use graspbox_camera::{Camera, Channels, Detail, Frame, Intrinsics, Light, Model, Renderer, shapes};
 use graspbox_mesh::TriMesh;
-use graspbox_mesh::procedural::{Family, generate};
+use graspbox_objects::{Family, generate};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Distance from a point to a triangle.

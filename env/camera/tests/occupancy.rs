@@ -100,7 +100,7 @@ fn one_view_leaves_a_shadow() {
     assert_eq!(column(1, 1), [Occupancy::Free; 20], "beside it, nothing up to the far end");
 }
 
-/// A flat image at 0.5 m, and an empty one: the rules at their borders, and what lies out of sight.
+/// A flat image at 0.5 m, and an empty one: the spec at their borders, and what lies out of sight.
 #[test]
 fn rules_hold_to_the_border() {
     let lens = Intrinsics { width: 4, height: 4, fx: 4.0, fy: 4.0, cx: 2.0, cy: 2.0 };

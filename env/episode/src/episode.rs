@@ -76,8 +76,8 @@ impl Episode {
     }
 
     /// Tells the judge at which height of its centre of mass (m) the object, which was let go, rests.
-    pub fn let_go(&mut self, resting_height: f64) {
-        self.judge.let_go(&self.world, resting_height);
+    pub fn dropped(&mut self, resting_height: f64) {
+        self.judge.dropped(&self.world, resting_height);
     }
 
     /// Tells the judge that lifting begins now.

@@ -110,7 +110,7 @@ impl Judge {
     }
 
     /// The object was let go where it is, or was before it came to rest; its centre of mass rests at `resting_height`, metres.
-    pub fn let_go(&mut self, world: &World, resting_height: f64) {
+    pub fn dropped(&mut self, world: &World, resting_height: f64) {
         self.resting_height = resting_height;
         self.highest = 0.0;
         self.was_on_scenery = world.object_on_scenery();

@@ -7,16 +7,12 @@
 //! | [`episode`] | the state machine: reset, advance, observe, verdict |
 //! | [`judge`] | the one definition of success, and every number that describes a grasp |
 //! | [`trial`] | the scripted driver: close, lift, hold |
-//! | [`agent`] | the other driver: actions at 20 Hz, many environments at once |
-//! | [`eyes`] | what is to be seen of an episode: cameras, images by name, pictures |
 //! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one traced |
 
-pub mod agent;
 pub mod batch;
 pub mod body;
 pub mod episode;
 mod error;
-pub mod eyes;
 pub mod judge;
 pub mod scene;
 pub mod trial;

@@ -14,7 +14,7 @@ const REST_STEPS: usize = 50;
 /// Longest time to settle, seconds. A ball that still rolls then is stopped where it is.
 pub(crate) const SETTLE_TIME: f64 = 3.0;
 /// The hand waits this high above the table while the object settles, metres.
-pub(crate) const OUT_OF_THE_WAY: f64 = 2.0;
+pub const OUT_OF_THE_WAY: f64 = 2.0;
 
 /// An object at rest on the table, with everything that its episodes share.
 pub struct Scene {

@@ -9,24 +9,22 @@
 //! | [`sample`] | surface samples, uniform by area |
 //! | [`mass`] | volume, centre of mass, inertia |
 //! | [`hull`] | convex hull |
-//! | [`field`] | signed distance on a grid |
+//! | [`distance_grid`] | signed distance on a grid |
 //! | [`parts`] | convex parts: the collision geometry |
 //! | [`resting`] | stable poses on a table |
 //! | [`voxel`] | solid and surface voxels, binvox files |
-//! | [`procedural`] | household objects made from a seed, with masses and exact convex parts |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
 //! Units are metres and kilograms; a mesh keeps the frame of its file.
 
 pub mod clean;
 pub mod decimate;
+pub mod distance_grid;
 pub mod error;
-pub mod field;
 pub mod hull;
 pub mod io;
 pub mod mass;
 pub mod parts;
-pub mod procedural;
 pub mod resting;
 pub mod sample;
 pub mod trimesh;
@@ -34,8 +32,8 @@ pub mod voxel;
 
 pub use clean::{CleanOptions, CleanReport, Defect, check_manifold, check_watertight, clean};
 pub use decimate::{Decimated, Hausdorff, decimate, decimate_levels, hausdorff};
+pub use distance_grid::DistanceGrid;
 pub use error::MeshError;
-pub use field::DistanceField;
 pub use hull::convex_hull;
 pub use io::{LoadOptions, MeshFormat, load, parse, write_obj, write_stl};
 pub use mass::{Mass, MassMethod, MassProperties, mass_properties, mass_properties_of_parts};

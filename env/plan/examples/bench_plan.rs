@@ -1,8 +1,8 @@
 //! Prints how long boxes, filter and plan take: the median of several runs.
 
 use graspbox_hand::Hand;
-use graspbox_mesh::procedural::{Family, generate};
 use graspbox_mesh::{Mass, TriMesh, default_pose, mass_properties};
+use graspbox_objects::{Family, generate};
 use graspbox_plan::{
     CollisionScene, DecomposeParams, Feasibility, Fit, OpenHand, PlanObject, PlanParams, SplitCost, best_split,
     decompose, decompose_points, fit_box, plan,

@@ -1,4 +1,4 @@
-//! Filtered poses do not collide, tested by other means; candidates are what the rules say; plans repeat bit by bit.
+//! Filtered poses do not collide, tested by other means; candidates are what the spec say; plans repeat bit by bit.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;

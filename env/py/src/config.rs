@@ -2,12 +2,12 @@
 
 use crate::convert::{config, json};
 use crate::errors::CoreError;
+use graspbox_agent::{AgentConfig, ResetOptions};
 use graspbox_episode::TrialConfig;
-use graspbox_episode::agent::{AgentConfig, StartOptions};
-use graspbox_episode::eyes::{CameraConfig, EyesConfig, PictureConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
 use graspbox_sim::PhysicsConfig;
+use graspbox_vision::{CameraConfig, CamerasConfig, PictureConfig};
 use pyo3::prelude::*;
 
 /// Reads the JSON of the config `name` as the core does, and writes it again with every field.
@@ -19,9 +19,9 @@ use pyo3::prelude::*;
 pub fn config_again(name: &str, text: &str) -> PyResult<String> {
     Ok(match name {
         "AgentConfig" => json(&config::<AgentConfig>(text, name)?),
-        "StartOptions" => json(&config::<StartOptions>(text, name)?),
+        "ResetOptions" => json(&config::<ResetOptions>(text, name)?),
         "CameraConfig" => json(&config::<CameraConfig>(text, name)?),
-        "EyesConfig" => json(&config::<EyesConfig>(text, name)?),
+        "CamerasConfig" => json(&config::<CamerasConfig>(text, name)?),
         "PictureConfig" => json(&config::<PictureConfig>(text, name)?),
         "CleanConfig" => json(&config::<CleanOptions>(text, name)?),
         "DecomposeConfig" => json(&config::<DecomposeParams>(text, name)?),

@@ -2,12 +2,14 @@
 //!
 //! The classes themselves live in `graspbox.errors`, because Rust cannot give an exception two bases.
 
+use graspbox_agent::AgentError;
 use graspbox_camera::CameraError;
 use graspbox_episode::EpisodeError;
 use graspbox_hand::HandError;
 use graspbox_mesh::MeshError;
 use graspbox_plan::PlanError;
 use graspbox_sim::SimError;
+use graspbox_vision::VisionError;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -120,32 +122,36 @@ impl From<CameraError> for CoreError {
 impl From<EpisodeError> for CoreError {
     fn from(error: EpisodeError) -> Self {
         match error {
-            EpisodeError::BadConfig { .. }
-            | EpisodeError::NoObjects
-            | EpisodeError::Twice { .. }
-            | EpisodeError::UnknownImage { .. }
-            | EpisodeError::CameraName { .. }
-            | EpisodeError::Camera { .. }
-            | EpisodeError::NoSuchObject { .. }
-            | EpisodeError::UnknownObject { .. }
-            | EpisodeError::BadOption { .. }
-            | EpisodeError::BadAction { .. }
-            | EpisodeError::BadLength { .. }
-            | EpisodeError::NoSuchEnv { .. }
-            | EpisodeError::NotReset { .. }
-            | EpisodeError::NotSeeded { .. }
-            | EpisodeError::Over { .. }
-            | EpisodeError::Busy { .. }
-            | EpisodeError::BadState { .. } => Self::Config(error.to_string()),
-            EpisodeError::Broken { .. } => Self::Internal(error.to_string()),
-            EpisodeError::BadHand { source } => source.into(),
-            EpisodeError::Unusable { source } => source.into(),
+            EpisodeError::BadConfig { .. } => Self::Config(error.to_string()),
             EpisodeError::Cancelled { .. } => Self::Interrupted,
             EpisodeError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
-            EpisodeError::Undrawable { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Plan { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Sim { source: source @ SimError::BadConfig { .. }, .. } => source.into(),
             _ => Self::Simulation(error.to_string()),
+        }
+    }
+}
+
+impl From<VisionError> for CoreError {
+    fn from(error: VisionError) -> Self {
+        match error {
+            VisionError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
+            _ => Self::Config(error.to_string()),
+        }
+    }
+}
+
+impl From<AgentError> for CoreError {
+    fn from(error: AgentError) -> Self {
+        match error {
+            AgentError::Episode(source) => source.into(),
+            AgentError::Vision(source) => source.into(),
+            AgentError::Broken { .. } => Self::Internal(error.to_string()),
+            AgentError::BadHand { source } => source.into(),
+            AgentError::Unusable { source } => source.into(),
+            AgentError::Undrawable { object, source } => Self::from(source).about(&format!("object `{object}`")),
+            AgentError::NoStart { .. } => Self::Simulation(error.to_string()),
+            _ => Self::Config(error.to_string()),
         }
     }
 }

@@ -4,7 +4,7 @@
 //! Ctrl-C it asks the work to stop, gives it `GRACE` to return, and leaves it behind if it does not.
 
 use crate::errors::CoreError;
-use graspbox_episode::agent::panic_text;
+use graspbox_agent::panic_text;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;

@@ -5,16 +5,16 @@
 //! | [`mod@bench`] | what is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
 //! | [`convert`] | arrays and configs, with every check of a shape or a number |
-//! | [`mod@draw`] | pictures of any meshes and a hand, from any camera |
+//! | [`mod@render`] | pictures of any meshes and a hand, from any camera |
 //! | [`errors`] | one error type, and the Python exception of each error |
-//! | [`eyes`] | images of environments and objects, pictures, cameras |
+//! | [`vision`] | images of environments and objects, pictures, cameras |
 //! | [`gil`] | releases the GIL, keeps panics inside, listens for Ctrl-C, owns the thread pools |
 //! | [`episode`] | an object at rest, and trials on it |
 //! | [`hand`] | the handle on a hand |
 //! | [`mesh`] | the handle on a mesh |
 //! | [`plan`] | box trees and plans |
-//! | [`procedural`] | objects by family and seed |
-//! | [`vector`] | many environments in one call |
+//! | [`objects`] | objects by family and seed |
+//! | [`env_pool`] | many environments in one call |
 //! | [`voxel`] | voxels, and their files |
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
@@ -22,16 +22,16 @@
 pub mod bench;
 pub mod config;
 pub mod convert;
-pub mod draw;
+pub mod env_pool;
 pub mod episode;
 pub mod errors;
-pub mod eyes;
 pub mod gil;
 pub mod hand;
 pub mod mesh;
+pub mod objects;
 pub mod plan;
-pub mod procedural;
-pub mod vector;
+pub mod render;
+pub mod vision;
 pub mod voxel;
 
 use pyo3::prelude::*;
@@ -45,11 +45,9 @@ mod _core {
     #[pymodule_export]
     use crate::config::config_again;
     #[pymodule_export]
-    use crate::draw::draw;
+    use crate::env_pool::{EnvPool, Objects, agent_tables};
     #[pymodule_export]
     use crate::episode::Scene;
-    #[pymodule_export]
-    use crate::eyes::{image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]
     use crate::gil::{num_threads, spin};
     #[pymodule_export]
@@ -57,11 +55,13 @@ mod _core {
     #[pymodule_export]
     use crate::mesh::Mesh;
     #[pymodule_export]
+    use crate::objects::{procedural, procedural_families};
+    #[pymodule_export]
     use crate::plan::{decompose, plan, rank_weights};
     #[pymodule_export]
-    use crate::procedural::{procedural, procedural_families};
+    use crate::render::render;
     #[pymodule_export]
-    use crate::vector::{Objects, Pool, agent_tables};
+    use crate::vision::{image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]
     use crate::voxel::{load_binvox, save_binvox, voxelize};
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.configs import EyesConfig
+from graspbox.configs import CamerasConfig
 from graspbox.envs.expert import Expert, planned
 from graspbox.envs.vector import GraspVectorEnv
 from graspbox.meshes import to_json
@@ -35,8 +35,8 @@ def frames(threads: int | None) -> list[Row]:
     rows: list[Row] = []
     for image in ("depth", "rgb"):
         for size in _SIZES:
-            eyes = to_json(EyesConfig(images=(image,), image_size=(size, size)))
-            seconds = _core._time_images(env._core.pool, 0, eyes, _FRAMES)
+            cameras = to_json(CamerasConfig(images=(image,), image_size=(size, size)))
+            seconds = _core._time_images(env._core.pool, 0, cameras, _FRAMES)
             rows.append(
                 (f"{image} frames, {size} x {size}, one thread ({shares})", 1 / float(np.median(seconds)), "1/s")
             )

@@ -7,8 +7,8 @@ import typer
 
 from graspbox.cli.common import Json, Scale, Seed, Split, Threads, console, find, print_json, print_table, progress
 from graspbox.configs import TrialConfig
-from graspbox.evaluation import ObjectResult, SetResult, evaluate_set
 from graspbox.object_sets import ObjectSet
+from graspbox.planner_trials import ObjectResult, SetResult, try_set
 
 
 def run(objects: ObjectSet, **settings: Any) -> SetResult:
@@ -21,7 +21,7 @@ def run(objects: ObjectSet, **settings: Any) -> SetResult:
             if result.error:
                 console.print(f"{result.name}: {result.error}", style="red", markup=False, highlight=False)
 
-        return evaluate_set(objects, done=done, **settings)
+        return try_set(objects, done=done, **settings)
 
 
 def table_rows(table: dict[str, Any]) -> list[tuple[str, ...]]:

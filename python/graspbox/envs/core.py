@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
-from graspbox.configs import AgentConfig, EyesConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
+from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
 from graspbox.errors import ConfigError
@@ -97,7 +97,7 @@ class GraspCore:
         reward: Reward,
         reward_weights: Mapping[str, float] | None,
         image_size: int | tuple[int, int] | None,
-        eyes: EyesConfig,
+        cameras: CamerasConfig,
         picture: PictureConfig,
         control: Control | Literal["grasp_pose"],
         randomization: Literal["standard"] | Randomization | None,
@@ -112,7 +112,7 @@ class GraspCore:
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
-        eyes = completed(eyes, spaces.image_names(obs), image_size)
+        cameras = completed(cameras, spaces.image_names(obs), image_size)
         self.object_set = object_sets.load(objects, split=split)
         # Kept, so that environments made later find it.
         self.handle, self.hand = load_objects(self.object_set, hand, physics)
@@ -121,7 +121,7 @@ class GraspCore:
             raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(self.tables['actions'])}")
         self.action_space = spaces.action_space(control, self.tables)
         self.action_size = spaces.size(spaces.fields_of(control, self.tables)[0])
-        seen = spaces.images(self.hand, eyes)
+        seen = spaces.images(self.hand, cameras)
         self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
         # A space sorts its names.
         self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
@@ -132,13 +132,13 @@ class GraspCore:
             autoreset=autoreset,
             frame_skip=frame_skip,
             max_episode_steps=max_episode_steps,
-            observations=tuple(name for name in names if name not in eyes.images),
+            observations=tuple(name for name in names if name not in cameras.images),
             randomization=_randomization(randomization),
-            eyes=eyes,
+            cameras=cameras,
             trial=trial or TrialConfig(),
         )
         self.config = config
-        self.pool = _core.Pool(self.handle, to_json(config), num_envs, num_threads)
+        self.pool = _core.EnvPool(self.handle, to_json(config), num_envs, num_threads)
         self._picture = to_json(picture)
         self._decides = trial is not None
         self._terms = [term["name"] for term in self.tables["terms"]]
@@ -207,15 +207,17 @@ def _randomization(given: Literal["standard"] | Randomization | None) -> Randomi
     raise ConfigError(f"randomization is {given!r}; give None, 'standard' or a Randomization")
 
 
-def completed(eyes: EyesConfig, images: tuple[str, ...], image_size: int | tuple[int, int] | None) -> EyesConfig:
-    """Complete the eyes by what `obs` and `image_size` ask for."""
-    if eyes.images:
-        raise ConfigError(f"eyes.images is {eyes.images!r}; name images in obs")
-    size = eyes.image_size if image_size is None else image_size
+def completed(
+    cameras: CamerasConfig, images: tuple[str, ...], image_size: int | tuple[int, int] | None
+) -> CamerasConfig:
+    """Complete the cameras by what `obs` and `image_size` ask for."""
+    if cameras.images:
+        raise ConfigError(f"cameras.images is {cameras.images!r}; name images in obs")
+    size = cameras.image_size if image_size is None else image_size
     height, width = (size, size) if isinstance(size, int | np.integer) else size
     if not all(16 <= side <= 1024 for side in (height, width)):
         raise ConfigError(f"image_size is {size!r}; sides must be between 16 and 1024 pixels")
-    return replace(eyes, images=images, image_size=(int(height), int(width)))
+    return replace(cameras, images=images, image_size=(int(height), int(width)))
 
 
 def row(columns: dict[str, Any], index: int) -> dict[str, Any]:

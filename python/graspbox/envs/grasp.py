@@ -33,7 +33,7 @@ with the classes. ``gymnasium.make`` and ``make_vec`` take ``max_episode_steps``
 | num_threads | None | both |
 | physics | PhysicsConfig() | both |
 | hand | 'reflex' | both |
-| eyes | EyesConfig() | both |
+| cameras | CamerasConfig() | both |
 | picture | PictureConfig() | both |
 
 Action
@@ -124,7 +124,7 @@ an action. Values beyond their range are clipped. ``state`` is **privileged**: n
 | last_action |  | 78-87 |  | -1 | 1 | 1 | the last action; zeros after a reset |
 | tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
 
-Images are taken by the first camera of ``eyes``, ``front`` by default, in front of the workspace; ``depth_palm`` by the
+Images are taken by the first camera of ``cameras``, ``front`` by default, in front of the workspace; ``depth_palm`` by the
 camera ``palm``, on the palm; so for every kind and camera. ``voxels`` is made of the depth images of all cameras, for a
 cube of 0.4 m over the table's middle, whose lowest layer has the table's top in its middle; ``voxels_front`` of one. A
 camera's frame has z forward, x right, y down; ``cameras()`` tells where the cameras are. At the default size of 64 x 64
@@ -201,7 +201,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox.configs import EyesConfig, PhysicsConfig, PictureConfig, Randomization
+from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization
 from graspbox.envs.core import (
     FPS,
     Control,
@@ -232,7 +232,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     reward_weights : mapping of str to float, optional
         Weights of reward terms, instead of those of the same name in `reward`.
     image_size : int or pair of int, optional
-        Rows and columns of the images, 16 to 1024; by default those of `eyes`.
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     control : {"twist", "delta_pose", "target_pose"}
         What an action means.
     frame_skip : int
@@ -248,7 +248,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         The engine; its time step must divide 0.05 s.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
-    eyes : EyesConfig
+    cameras : CamerasConfig
         Cameras, shadows, voxels; `obs` names the images.
     picture : PictureConfig
         Size, smoothness and camera of the pictures that `render` gives.
@@ -277,7 +277,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         num_threads: int | None = None,
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         hand: HandArgument = "reflex",
-        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
+        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         core = GraspCore(
@@ -288,7 +288,7 @@ class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
-            eyes=eyes,
+            cameras=cameras,
             picture=picture,
             control=control,
             frame_skip=frame_skip,

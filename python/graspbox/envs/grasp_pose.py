@@ -26,7 +26,7 @@ hand closes, lifts and holds. ``max_episode_steps`` is there for tools that give
 | num_threads | None | both |
 | render_mode | None | both |
 | image_size | None | both |
-| eyes | EyesConfig() | both |
+| cameras | CamerasConfig() | both |
 | picture | PictureConfig() | both |
 
 Action
@@ -79,7 +79,7 @@ in `graspbox.envs.grasp`. ``state`` is **privileged**; it tells of the object al
 Before the decision the hand waits, open, where ``Grasp-v0`` would begin but 0.35 m higher, and all of that tipped by 50
 degrees about the table's middle towards +y: its palm faces the object from 0.5 to 0.65 m, and neither the camera
 ``front`` nor one overhead sees it. ``proprio`` and ``tactile`` are its own. The camera ``palm`` looks between the
-fingers, often past an object so far away; an eye in hand that sees it from there is, in ``eyes``,
+fingers, often past an object so far away; an eye in hand that sees it from there is, in ``cameras``,
 ``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)``.
 
 Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``, and those of single cameras, as
@@ -128,7 +128,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox.configs import EyesConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
+from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
 from graspbox.envs.core import GraspCore, HandArgument, ObjectsArgument, RenderMode, Reward
 from graspbox.envs.grasp import GraspEnv
 from graspbox.envs.vector import AUTORESET, GraspVectorEnv, autoreset
@@ -138,8 +138,8 @@ __all__ = [
     "POSITION_LOW",
     "GraspPoseEnv",
     "GraspPoseVectorEnv",
-    "action_for",
-    "lying",
+    "encode_action",
+    "object_pose",
     "rotation_from_columns",
 ]
 
@@ -165,7 +165,7 @@ def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def lying(state: NDArray[np.float32]) -> NDArray[np.float64]:
+def object_pose(state: NDArray[np.float32]) -> NDArray[np.float64]:
     """Read the object's pose in the world, (4, 4), from a state."""
     pose = np.eye(4)
     first, second = state[3:6].astype(np.float64), state[6:9].astype(np.float64)
@@ -177,7 +177,7 @@ def lying(state: NDArray[np.float32]) -> NDArray[np.float64]:
     return pose
 
 
-def action_for(
+def encode_action(
     world_from_hand: NDArray[np.float64], preshape: float, limits: tuple[float, float] = (0.0, np.pi / 2)
 ) -> NDArray[np.float32]:
     """Write a pose as an action.
@@ -230,8 +230,8 @@ class GraspPoseEnv(GraspEnv):
     render_mode : "rgb_array", optional
         Whether `render` gives pictures: of the object, and after a step of what the attempt left.
     image_size : int or pair of int, optional
-        Rows and columns of the images, 16 to 1024; by default those of `eyes`.
-    eyes : EyesConfig
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
+    cameras : CamerasConfig
         Cameras, shadows, voxels; `obs` names the images.
     picture : PictureConfig
         Size, smoothness and camera of the pictures that `render` gives.
@@ -259,7 +259,7 @@ class GraspPoseEnv(GraspEnv):
         num_threads: int | None = None,
         render_mode: RenderMode = None,
         image_size: int | tuple[int, int] | None = None,
-        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
+        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         core = GraspCore(
@@ -270,7 +270,7 @@ class GraspPoseEnv(GraspEnv):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
-            eyes=eyes,
+            cameras=cameras,
             picture=picture,
             control="grasp_pose",
             randomization=randomization,
@@ -302,7 +302,7 @@ class GraspPoseVectorEnv(GraspVectorEnv):
         Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
     objects, split, obs, reward, reward_weights, hand, trial, physics, randomization, num_threads, render_mode
         As `GraspPoseEnv`.
-    image_size, eyes, picture
+    image_size, cameras, picture
         As `GraspPoseEnv`.
 
     Raises
@@ -330,7 +330,7 @@ class GraspPoseVectorEnv(GraspVectorEnv):
         num_threads: int | None = None,
         render_mode: RenderMode = None,
         image_size: int | tuple[int, int] | None = None,
-        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
+        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         mode = autoreset(autoreset_mode)
@@ -342,7 +342,7 @@ class GraspPoseVectorEnv(GraspVectorEnv):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
-            eyes=eyes,
+            cameras=cameras,
             picture=picture,
             control="grasp_pose",
             randomization=randomization,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox._core import Hand
-from graspbox.configs import EyesConfig
+from graspbox.configs import CamerasConfig
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
 
@@ -120,7 +120,7 @@ def image_names(obs: str | Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name.split("_")[0] in IMAGES)
 
 
-def images(hand: Hand, eyes: EyesConfig) -> list[Image]:
+def images(hand: Hand, cameras: CamerasConfig) -> list[Image]:
     """Rows of the images of a config.
 
     Raises
@@ -128,7 +128,7 @@ def images(hand: Hand, eyes: EyesConfig) -> list[Image]:
     ConfigError
         For an image or a camera that cannot be.
     """
-    rows: list[Image] = json.loads(_core.image_tables(hand, to_json(eyes)))
+    rows: list[Image] = json.loads(_core.image_tables(hand, to_json(cameras)))
     return rows
 
 

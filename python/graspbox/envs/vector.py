@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space, create_empty_array
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox.configs import EyesConfig, PhysicsConfig, PictureConfig, Randomization
+from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization
 from graspbox.envs.core import (
     FPS,
     Control,
@@ -84,7 +84,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         num_threads: int | None = None,
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         hand: HandArgument = "reflex",
-        eyes: EyesConfig = EyesConfig(),  # noqa: B008 (frozen)
+        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
         picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
     ) -> None:
         mode = autoreset(autoreset_mode)
@@ -96,7 +96,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             reward=reward,
             reward_weights=reward_weights,
             image_size=image_size,
-            eyes=eyes,
+            cameras=cameras,
             picture=picture,
             control=control,
             frame_skip=frame_skip,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from graspbox.evaluation import SetResult
 from graspbox.pictures.view import write
+from graspbox.planner_trials import SetResult
 
 #: Why the study's cups are these two: YCB's ten nested cups run from a (smallest) to j (largest), the first of which
 #: the study would call 1. So 7 is g and 9 is i: a guess, for the study numbers its cups without a size.

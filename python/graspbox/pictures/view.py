@@ -230,7 +230,7 @@ class View:
             "far": 2 * _GROUND,
             "light": {**_LIGHT, "direction": lamp.tolist()},
         }
-        return _core.draw(
+        return _core.render(
             [s.mesh for s in solids],
             np.array([s.world_from_mesh for s in solids]),
             np.array([to_rgb(s.color) for s in solids]),

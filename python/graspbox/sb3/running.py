@@ -4,7 +4,7 @@
 
 | file | what |
 |---|---|
-| ``evaluations.jsonl`` | the settings, then a row for each evaluation (a `graspbox.journal.Journal`) |
+| ``evaluations.jsonl`` | the settings, then a row for each evaluation (a `graspbox.resume_log.ResumeLog`) |
 | ``references.json`` | what random actions, zero actions and the planner reach in the same episodes |
 | ``checkpoint/`` | model, replay buffer, statistics of `VecNormalize`, time: all that a resumed run needs |
 | ``best/`` | the model of the best evaluation, without the replay buffer |
@@ -29,7 +29,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from graspbox.errors import ConfigError
-from graspbox.journal import Journal
+from graspbox.resume_log import ResumeLog
 from graspbox.sb3.ppo import PPO
 from graspbox.sb3.vec_env import VecEnv
 
@@ -165,7 +165,7 @@ class Run(BaseCallback):  # type: ignore[misc]
         The run's folder.
     env : VecEnv
         Held-out episodes: what `make_env` made, wrapped by `normalized` if the model's environment is.
-    journal : Journal
+    log : ResumeLog
         Takes a row for each evaluation.
     every, episodes : int
         Steps between two evaluations, and their length. Every evaluation goes with a checkpoint.
@@ -186,7 +186,7 @@ class Run(BaseCallback):  # type: ignore[misc]
         self,
         folder: Path,
         env: Any,
-        journal: Journal,
+        log: ResumeLog,
         *,
         every: int,
         episodes: int,
@@ -198,7 +198,7 @@ class Run(BaseCallback):  # type: ignore[misc]
     ) -> None:
         super().__init__()
         self.values_first = values_first
-        self.folder, self.env, self.journal = folder, env, journal
+        self.folder, self.env, self.log = folder, env, log
         self.every, self.episodes, self.seed, self.minutes = every, episodes, seed, minutes
         self.interrupted, self._evaluation = False, 0.0
         self._before, self._began, self._step = seconds, time.monotonic(), step
@@ -211,12 +211,12 @@ class Run(BaseCallback):  # type: ignore[misc]
     @property
     def last(self) -> dict[str, Any] | None:
         """The last evaluation."""
-        return self.journal.rows[-1] if self.journal.rows else None
+        return self.log.rows[-1] if self.log.rows else None
 
     @property
     def best(self) -> float:
         """Best share of successes so far."""
-        return max((row["success"] for row in self.journal.rows), default=-1.0)
+        return max((row["success"] for row in self.log.rows), default=-1.0)
 
     def interrupt(self, *_: Any) -> None:
         """End the run after this step; a signal handler."""
@@ -238,7 +238,7 @@ class Run(BaseCallback):  # type: ignore[misc]
             save(self.model, self.folder / "best", self.seconds, buffer=False)
         self.save()
         # A row tells of a checkpoint that exists: a resumed run does not write it again.
-        self.journal.append(row)
+        self.log.append(row)
         for name in ("success", "secure", "return", "length"):
             self.logger.record(f"eval/{name}", found[name])
         self.logger.dump(self.model.num_timesteps)

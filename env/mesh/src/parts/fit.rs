@@ -1,7 +1,7 @@
 //! How well hulls fit the mesh.
 
 use super::cell::Hull;
-use crate::field::DistanceField;
+use crate::distance_grid::DistanceGrid;
 use crate::hull::planes;
 use crate::{TriMesh, sample_surface};
 use nalgebra::{Point3, Vector3};
@@ -19,7 +19,7 @@ const SPARED: f64 = 0.02;
 
 /// Measures hulls against one mesh.
 pub(super) struct Fit<'a> {
-    field: DistanceField<'a>,
+    field: DistanceGrid<'a>,
     centre: Vector3<f64>,
     /// Distance between samples on a hull, metres.
     spacing: f64,
@@ -35,12 +35,12 @@ pub(super) struct Errors {
 impl<'a> Fit<'a> {
     /// * `centre`: the hulls' origin in the mesh's frame.
     pub fn new(mesh: &'a TriMesh, centre: Vector3<f64>, max_error: f64) -> Self {
-        let field = DistanceField::new(mesh, 0.25 * max_error);
+        let field = DistanceGrid::new(mesh, 0.25 * max_error);
         let spacing = (2.0 * field.step()).max(max_error);
         Self { field, centre, spacing, max_error }
     }
 
-    pub fn field(&self) -> &DistanceField<'a> {
+    pub fn field(&self) -> &DistanceGrid<'a> {
         &self.field
     }
 

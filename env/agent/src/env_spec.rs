@@ -1,0 +1,131 @@
+//! What every environment of a pool shares and none changes.
+
+use crate::AgentError;
+use crate::config::{AgentConfig, steps_per_control};
+use crate::guard::Guard;
+use crate::objects::Objects;
+use crate::observation_spec::{Field, Observation};
+use graspbox_hand::{Hand, Shape};
+use graspbox_plan::OpenHand;
+use graspbox_vision::Observer;
+use nalgebra::Vector3;
+use std::sync::Arc;
+
+/// Room around the open hand where an episode begins, metres.
+const START_CLEARANCE: f64 = 0.01;
+
+/// What every environment of a pool shares and none changes.
+pub struct EnvSpec {
+    /// How it is steered.
+    pub config: AgentConfig,
+    /// What there is to grasp.
+    pub objects: Arc<Objects>,
+    /// What keeps the hand off the table.
+    pub guard: Guard,
+    /// The tables of the observations that were asked for.
+    pub tables: Vec<(Observation, Vec<Field>)>,
+    /// What it sees with.
+    pub observer: Observer,
+    /// Physics steps between two actions; 0 where there is one decision an episode.
+    pub substeps: u32,
+    /// Numbers of an action.
+    pub action: usize,
+    /// The open hand at its least preshape, where episodes begin unless they are told otherwise.
+    pub open: OpenHand,
+    /// No part of the hand is ever further from the grasp frame than this, metres.
+    pub reach: f64,
+    /// For each link, the place of its contact flag: proximal and distal of each finger, then the palm.
+    pub flags: Vec<usize>,
+}
+
+impl EnvSpec {
+    /// Checks a config against objects and hand.
+    ///
+    /// # Errors
+    /// A setting out of range, a time step that does not divide the control period, or a hand whose kinematics fail.
+    pub fn new(objects: Arc<Objects>, config: AgentConfig) -> Result<Self, AgentError> {
+        config.validate()?;
+        let hand = Arc::clone(objects.hand());
+        let action = config.control.size(&hand);
+        let tables = config.observations.iter().map(|o| (*o, o.table(&hand, config.control))).collect();
+        Ok(Self {
+            reach: reach(&hand)?,
+            open: open_hand(&hand, hand.preshape_limits[0])?,
+            guard: Guard::new(&hand)?,
+            substeps: if config.control.decides() { 0 } else { steps_per_control(objects.physics().dt)? },
+            flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
+            observer: Observer::new(Arc::clone(&hand), config.cameras.clone(), objects.visual_models())?,
+            tables,
+            action,
+            objects,
+            config,
+        })
+    }
+
+    /// The hand.
+    pub fn hand(&self) -> &Arc<Hand> {
+        self.objects.hand()
+    }
+
+    /// Numbers of all observations together.
+    pub fn observed(&self) -> usize {
+        self.tables.iter().flat_map(|(_, fields)| fields).map(|f| f.size).sum()
+    }
+}
+
+/// Distance from the grasp frame that no part of a hand exceeds, metres, however its fingers stand: the sum of the ways from joint to
+/// joint, and the furthest shape.
+///
+/// # Errors
+/// A hand whose kinematics fail.
+fn reach(hand: &Hand) -> Result<f64, AgentError> {
+    let bad = |source| AgentError::BadHand { source };
+    let open = hand.open_configuration(hand.preshape_limits[0]);
+    let links = hand.hand_from_links(&open).map_err(bad)?;
+    let shapes = hand.shapes_at(&open).map_err(bad)?;
+    let mut most = 0.0_f64;
+    for shape in &shapes {
+        let size = match shape.collider.shape {
+            Shape::Cuboid(half) => half.norm(),
+            Shape::Cylinder { radius, half_length } => radius.hypot(half_length),
+            Shape::Sphere { radius } => radius,
+        };
+        let at = shape.hand_from_shape.translation.vector;
+        let chain = hand.finger_of_link(shape.link).map_or_else(Vec::new, |finger| {
+            let own = (0..hand.links.len()).filter(|link| hand.finger_of_link(*link) == Some(finger));
+            own.filter(|link| *link <= shape.link).collect()
+        });
+        let (mut from, mut way) = (Vector3::zeros(), 0.0);
+        for link in chain {
+            let joint = links[link].translation.vector;
+            way += (joint - from).norm();
+            from = joint;
+        }
+        most = most.max(way + (at - from).norm() + size);
+    }
+    Ok(most)
+}
+
+/// The open hand at `preshape`, with the room that it needs to begin.
+///
+/// # Errors
+/// A preshape that the hand does not take.
+pub fn open_hand(hand: &Hand, preshape: f64) -> Result<OpenHand, AgentError> {
+    OpenHand::new(hand, preshape, START_CLEARANCE, 0.0).map_err(|source| AgentError::Unusable { source })
+}
+
+/// Place of a link's contact flag.
+fn flag(hand: &Hand, link: usize) -> usize {
+    let Some(finger) = hand.finger_of_link(link) else {
+        return 2 * hand.fingers.len();
+    };
+    let distal = hand.fingers[finger].distal;
+    let mut at = link;
+    while let Some(joint) = at.checked_sub(1) {
+        if joint == distal {
+            return 2 * finger + 1;
+        }
+        at = hand.joints[joint].parent;
+    }
+    2 * finger
+}

@@ -1,0 +1,164 @@
+//! What can be wrong with environments and what they are given; each variant is a sentence about the input.
+
+/// What can be wrong with environments and what they are given.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum AgentError {
+    /// A setting is out of its range.
+    #[error("`{field}` is {value}, but it must be {expected}")]
+    BadConfig {
+        /// Name of the setting.
+        field: &'static str,
+        /// What was given.
+        value: f64,
+        /// What would be accepted.
+        expected: &'static str,
+    },
+    /// An observation is asked for twice.
+    #[error("the observation `{name}` is named twice; name it once")]
+    Twice {
+        /// Its name.
+        name: String,
+    },
+    /// An object cannot be drawn.
+    #[error("object `{object}`: {source}")]
+    Undrawable {
+        /// Name of the object.
+        object: String,
+        /// What the renderer said.
+        source: graspbox_camera::CameraError,
+    },
+    /// There is nothing to grasp.
+    #[error("the list of objects is empty; give at least one")]
+    NoObjects,
+    /// There is no object of that index.
+    #[error("there is no object {index}: there are {count}, counted from 0")]
+    NoSuchObject {
+        /// What was given.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// There is no object of that name.
+    #[error("there is no object {name:?} in this set")]
+    UnknownObject {
+        /// What was given.
+        name: String,
+    },
+    /// The hand's kinematics fail.
+    #[error("the hand cannot be used: {source}")]
+    BadHand {
+        /// What the hand said.
+        source: graspbox_hand::HandError,
+    },
+    /// The hand has no collision shapes that can be used.
+    #[error("the hand cannot be used: {source}")]
+    Unusable {
+        /// What the planner said.
+        source: graspbox_plan::PlanError,
+    },
+    /// An option of a reset is wrong.
+    #[error("reset option `{option}`: {why}")]
+    BadOption {
+        /// Name of the option.
+        option: &'static str,
+        /// What is wrong, and what would be accepted.
+        why: String,
+    },
+    /// No room for the open hand over the object.
+    #[error(
+        "object `{object}` leaves the open hand no room inside the workspace to begin; take a smaller object or give world_from_hand"
+    )]
+    NoStart {
+        /// Name of the object.
+        object: String,
+    },
+    /// An action is wrong.
+    #[error("the action of environment {env} {why}; nothing was moved")]
+    BadAction {
+        /// Index of the environment.
+        env: usize,
+        /// What is wrong.
+        why: String,
+    },
+    /// An array has the wrong length.
+    #[error("{what} has {found} entries; give {expected}")]
+    BadLength {
+        /// Name of the array.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The right one.
+        expected: usize,
+    },
+    /// There is no environment of that index.
+    #[error("there is no environment {env}: there are {count}, counted from 0")]
+    NoSuchEnv {
+        /// What was given.
+        env: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// The environment has no episode yet.
+    #[error("environment {env} has no episode yet; reset it before the first step")]
+    NotReset {
+        /// Index of the environment.
+        env: usize,
+    },
+    /// The first reset needs a seed.
+    #[error("environment {env} was never seeded; give a seed at its first reset")]
+    NotSeeded {
+        /// Index of the environment.
+        env: usize,
+    },
+    /// The episode is over, and nothing resets it by itself.
+    #[error("the episode of environment {env} is over; reset it before the next step")]
+    Over {
+        /// Index of the environment.
+        env: usize,
+    },
+    /// An environment is still on its way.
+    #[error("environment {env} is still stepping; receive its result first")]
+    Busy {
+        /// Index of the environment.
+        env: usize,
+    },
+    /// A step of one environment panicked.
+    #[error("environment {env} broke down ({why}); this is an error of graspbox: report it, and reset the environment")]
+    Broken {
+        /// Index of the environment.
+        env: usize,
+        /// What the panic said.
+        why: String,
+    },
+    /// A saved state does not fit.
+    #[error("the state cannot be restored: {why}")]
+    BadState {
+        /// The reason.
+        why: String,
+    },
+    /// The object, its scene or its trial.
+    #[error(transparent)]
+    Episode(#[from] graspbox_episode::EpisodeError),
+    /// The cameras or an image.
+    #[error(transparent)]
+    Vision(#[from] graspbox_vision::VisionError),
+}
+
+impl AgentError {
+    /// True if this object cannot be used but another one might.
+    pub fn is_of_an_object(&self) -> bool {
+        use graspbox_episode::EpisodeError;
+        match self {
+            Self::Episode(error) => matches!(
+                error,
+                EpisodeError::Sim { .. }
+                    | EpisodeError::Mesh { .. }
+                    | EpisodeError::Plan { .. }
+                    | EpisodeError::NoRest { .. }
+            ),
+            Self::NoStart { .. } | Self::Undrawable { .. } => true,
+            _ => false,
+        }
+    }
+}

@@ -1,0 +1,306 @@
+//! Objects that are prepared at their first use and shared by every environment that draws from them.
+//!
+//! Preparing an object (reading, convex parts, mass) and settling it in a resting pose take up to seconds; what comes of it depends on
+//! the object alone. So it is kept until room is needed, and dropping it costs time, never a different result. No lock is held
+//! while an object is prepared: threads that want the same one at the same time do the work twice and keep the first.
+
+use crate::AgentError;
+use graspbox_camera::Model;
+use graspbox_episode::EpisodeError;
+use graspbox_episode::{Body, ObjectSpec, Scene};
+use graspbox_hand::Hand;
+use graspbox_mesh::{CleanOptions, LoadOptions, RestingOptions, TriMesh, convex_hull, resting_poses};
+use graspbox_objects::{Family, generate};
+use graspbox_sim::PhysicsConfig;
+use graspbox_vision::VisualModels;
+use nalgebra::{Isometry3, Point3};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+/// Objects kept ready; one takes 1 to 4 MB with its resting poses. A set with more of them prepares one anew in many a reset.
+const KEPT: usize = 512;
+/// Resting poses less probable than this are left out, unless none is more probable.
+const LEAST_PROBABILITY: f64 = 0.05;
+/// Resting poses that are kept for an object, the most probable ones.
+const MOST_POSES: usize = 6;
+
+/// Where an object comes from.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// An object in memory.
+    Given(Arc<ObjectSpec>),
+    /// A mesh file.
+    File {
+        /// Name of the object.
+        name: String,
+        /// The file.
+        path: PathBuf,
+        /// Metres in one unit of the file.
+        scale: f64,
+        /// Mass, kg.
+        mass: Option<f64>,
+    },
+    /// A procedural object.
+    Procedural {
+        /// Name of the object.
+        name: String,
+        /// Its family.
+        family: Family,
+        /// Its seed.
+        seed: u64,
+        /// Factor on its size.
+        scale: f64,
+        /// Mass, kg; by default the family's times `scale` cubed.
+        mass: Option<f64>,
+    },
+}
+
+impl Source {
+    /// Name of the object.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Given(spec) => &spec.name,
+            Self::File { name, .. } | Self::Procedural { name, .. } => name,
+        }
+    }
+
+    fn read(&self) -> Result<ObjectSpec, AgentError> {
+        let mesh_error = |source| EpisodeError::Mesh { object: self.name().to_owned(), source };
+        match self {
+            Self::Given(spec) => Ok(ObjectSpec::clone(spec)),
+            Self::File { name, path, scale, mass } => {
+                let options = LoadOptions { scale: *scale, ..LoadOptions::default() };
+                let mesh = graspbox_mesh::load(path, &options).map_err(mesh_error)?;
+                let (mesh, _) = graspbox_mesh::clean(&mesh, &CleanOptions::default()).map_err(mesh_error)?;
+                Ok(ObjectSpec { name: name.clone(), mesh, mass: *mass, parts: None })
+            }
+            Self::Procedural { name, family, seed, scale, mass } => {
+                let made = generate(*family, *seed).map_err(mesh_error)?;
+                let grow = |part: Vec<Point3<f64>>| part.iter().map(|p| p * *scale).collect();
+                Ok(ObjectSpec {
+                    name: name.clone(),
+                    mesh: made.mesh.scaled(*scale),
+                    mass: Some(mass.unwrap_or(made.mass * scale.powi(3))),
+                    parts: made.parts.map(|parts| parts.into_iter().map(grow).collect()),
+                })
+            }
+        }
+    }
+}
+
+/// An object ready to be drawn, with the resting_poses in which it can lie.
+pub struct Prepared {
+    body: Body,
+    resting_poses: Vec<RestingPose>,
+    /// Middle and half sides of the bounds along the object's axes, metres.
+    bounds: [Point3<f64>; 2],
+    /// How it looks; made when it is first seen.
+    model: OnceLock<Model>,
+}
+
+/// One resting pose on the table; settled at its first use.
+struct RestingPose {
+    world_from_object: Isometry3<f64>,
+    probability: f64,
+    /// None where the object does not come to rest.
+    scene: OnceLock<Option<Arc<Scene>>>,
+}
+
+impl Prepared {
+    fn new(spec: &ObjectSpec, cache: Option<&std::path::Path>) -> Result<Self, AgentError> {
+        let body = Body::prepare(spec, cache)?;
+        let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
+        let hull: TriMesh = convex_hull(body.mesh().vertices()).map_err(mesh_error)?;
+        let center = body.mass_properties().center_of_mass;
+        let poses = resting_poses(&hull, &center, &RestingOptions::default()).map_err(mesh_error)?;
+        let likely = poses.iter().take_while(|p| p.probability >= LEAST_PROBABILITY).count();
+        let resting_poses = poses.iter().take(likely.clamp(1, MOST_POSES)).map(|pose| RestingPose {
+            world_from_object: pose.world_from_object,
+            probability: pose.probability,
+            scene: OnceLock::new(),
+        });
+        let aabb = body.mesh().aabb();
+        Ok(Self {
+            resting_poses: resting_poses.collect(),
+            bounds: [nalgebra::center(&aabb.min, &aabb.max), Point3::from((aabb.max - aabb.min) / 2.0)],
+            body,
+            model: OnceLock::new(),
+        })
+    }
+
+    /// The object itself.
+    pub fn body(&self) -> &Body {
+        &self.body
+    }
+
+    /// The object as the renderer takes it, made at its first use.
+    ///
+    /// # Errors
+    /// A mesh that cannot be drawn.
+    pub fn model(&self) -> Result<&Model, AgentError> {
+        if let Some(model) = self.model.get() {
+            return Ok(model);
+        }
+        let made = Model::new(self.body.mesh())
+            .map_err(|source| AgentError::Undrawable { object: self.body.name().to_owned(), source })?;
+        Ok(self.model.get_or_init(|| made))
+    }
+
+    /// Chances of the resting poses, in order.
+    pub fn probabilities(&self) -> impl ExactSizeIterator<Item = f64> + Clone {
+        self.resting_poses.iter().map(|resting| resting.probability)
+    }
+
+    /// Middle of the bounds along the object's axes, object frame, metres.
+    pub fn bounds_center(&self) -> Point3<f64> {
+        self.bounds[0]
+    }
+
+    /// Half sides of the bounds along the object's axes, metres.
+    pub fn half_extents(&self) -> nalgebra::Vector3<f64> {
+        self.bounds[1].coords
+    }
+}
+
+/// A list of objects, a hand and a physics setting, with everything that was prepared so far.
+pub struct Objects {
+    sources: Vec<Source>,
+    hand: Arc<Hand>,
+    physics: PhysicsConfig,
+    cache: Option<PathBuf>,
+    visual_models: Arc<OnceLock<VisualModels>>,
+    cache_lock: Mutex<Cache>,
+}
+
+#[derive(Default)]
+struct Cache {
+    /// When each object was asked for last, and the object.
+    kept: BTreeMap<usize, (u64, Arc<Prepared>)>,
+    clock: u64,
+}
+
+impl Objects {
+    /// Takes a list of objects; convex parts are kept in the folder `cache`, if given.
+    ///
+    /// # Errors
+    /// [`AgentError::NoObjects`] for an empty list.
+    pub fn new(
+        sources: Vec<Source>,
+        hand: Arc<Hand>,
+        physics: PhysicsConfig,
+        cache: Option<PathBuf>,
+    ) -> Result<Self, AgentError> {
+        if sources.is_empty() {
+            return Err(AgentError::NoObjects);
+        }
+        Ok(Self { sources, hand, physics, cache, visual_models: Arc::default(), cache_lock: Mutex::default() })
+    }
+
+    /// Number of objects.
+    pub fn len(&self) -> usize {
+        self.sources.len()
+    }
+
+    /// Never true: an empty list is refused.
+    pub fn is_empty(&self) -> bool {
+        self.sources.is_empty()
+    }
+
+    /// Names of the objects, in order.
+    pub fn names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.sources.iter().map(Source::name)
+    }
+
+    /// Where object `index` comes from.
+    pub fn source(&self, index: usize) -> Option<&Source> {
+        self.sources.get(index)
+    }
+
+    /// The hand of every scene.
+    pub fn hand(&self) -> &Arc<Hand> {
+        &self.hand
+    }
+
+    /// The models of the hand, made when it is first seen.
+    pub fn visual_models(&self) -> Arc<OnceLock<VisualModels>> {
+        Arc::clone(&self.visual_models)
+    }
+
+    /// The physics of every scene.
+    pub fn physics(&self) -> &PhysicsConfig {
+        &self.physics
+    }
+
+    /// Object `index`, prepared now if it was not.
+    ///
+    /// # Errors
+    /// An index that does not exist, a file that cannot be read, or an object that cannot be simulated.
+    pub fn prepared(&self, index: usize) -> Result<Arc<Prepared>, AgentError> {
+        if let Some(found) = self.cache_lock().take(index) {
+            return Ok(found);
+        }
+        let source = self.sources.get(index).ok_or(AgentError::NoSuchObject { index, count: self.sources.len() })?;
+        let made = Arc::new(Prepared::new(&source.read()?, self.cache.as_deref())?);
+        Ok(self.cache_lock().keep(index, made))
+    }
+
+    /// Resting pose `resting` of an object, or the next one that comes to rest; with the index of the one that was taken.
+    ///
+    /// # Errors
+    /// [`AgentError::NoRest`] if none does.
+    pub fn scene(&self, object: &Prepared, resting: usize) -> Result<(usize, Arc<Scene>), AgentError> {
+        let count = object.resting_poses.len();
+        for i in (0..count).map(|i| (resting + i) % count) {
+            let found = &object.resting_poses[i];
+            let scene = match found.scene.get() {
+                Some(scene) => scene,
+                None => {
+                    let made =
+                        Scene::new(&object.body, Arc::clone(&self.hand), self.physics, Some(&found.world_from_object));
+                    let made = match made {
+                        Ok(scene) => Some(Arc::new(scene)),
+                        Err(EpisodeError::NoRest { .. }) => None,
+                        Err(error) => return Err(error.into()),
+                    };
+                    found.scene.get_or_init(|| made)
+                }
+            };
+            if let Some(scene) = scene {
+                return Ok((i, Arc::clone(scene)));
+            }
+        }
+        Err(EpisodeError::NoRest {
+            object: object.body.name().to_owned(),
+            why: "it leaves the table from every resting pose",
+        }
+        .into())
+    }
+
+    fn cache_lock(&self) -> std::sync::MutexGuard<'_, Cache> {
+        // Nothing inside the lock can leave the cache_lock half changed.
+        self.cache_lock.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Cache {
+    fn take(&mut self, index: usize) -> Option<Arc<Prepared>> {
+        self.clock += 1;
+        let (used, object) = self.kept.get_mut(&index)?;
+        *used = self.clock;
+        Some(Arc::clone(object))
+    }
+
+    /// Keeps `made`, unless another thread was faster, and makes room.
+    fn keep(&mut self, index: usize, made: Arc<Prepared>) -> Arc<Prepared> {
+        self.clock += 1;
+        let kept = Arc::clone(&self.kept.entry(index).or_insert((self.clock, made)).1);
+        while self.kept.len() > KEPT {
+            let oldest = self.kept.iter().min_by_key(|(_, (used, _))| *used).map(|(i, _)| *i);
+            if let Some(oldest) = oldest {
+                self.kept.remove(&oldest);
+            }
+        }
+        kept
+    }
+}

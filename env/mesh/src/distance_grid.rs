@@ -1,0 +1,327 @@
+//! Distance from any point to a mesh, with sign, on a grid.
+//!
+//! Every node knows its closest face (rasterised near the surface, passed on from node to node elsewhere) and whether it lies
+//! inside. Inside is a vote of three scan directions over signed crossings, so a mesh with a few holes or overlapping shells
+//! still has an inside. A query near the surface measures the faces that its cell's corners know; so walls thinner than the
+//! grid keep their place.
+
+use crate::TriMesh;
+use nalgebra::{Point3, Vector3};
+
+/// Nodes around the bounds, so that points just outside are on the grid.
+const PAD: usize = 3;
+/// Most nodes: memory (17 bytes each) and time (about 0.15 us each) follow.
+const MAX_NODES: f64 = 600_000.0;
+/// Most nodes along one side.
+const MAX_SIDE: f64 = 256.0;
+
+/// A signed distance field of a mesh on a grid: negative inside.
+pub struct DistanceGrid<'a> {
+    mesh: &'a TriMesh,
+    origin: Point3<f64>,
+    step: f64,
+    size: [usize; 3],
+    /// Closest face of each node.
+    face: Vec<u32>,
+    /// Closest point of that face.
+    closest: Vec<[f32; 3]>,
+    inside: Vec<bool>,
+}
+
+impl<'a> DistanceGrid<'a> {
+    /// Builds the field of `mesh` on a grid as fine as half a million nodes allow, but no finer than `min_step` metres.
+    pub fn new(mesh: &'a TriMesh, min_step: f64) -> Self {
+        let aabb = mesh.aabb();
+        let sides = aabb.max - aabb.min;
+        let longest = sides.amax();
+        // A thin object still has a padding of PAD nodes.
+        let volume: f64 = sides.iter().map(|s| s.max(longest / 32.0)).product();
+        let step = (volume / MAX_NODES).cbrt().max(longest / MAX_SIDE).max(min_step);
+        let size = [0, 1, 2].map(|k| (sides[k] / step).ceil() as usize + 1 + 2 * PAD);
+        let origin = aabb.min - Vector3::repeat(PAD as f64 * step);
+        let nodes = size.iter().product();
+        let mut field = Self {
+            mesh,
+            origin,
+            step,
+            size,
+            face: vec![u32::MAX; nodes],
+            closest: vec![[f32::INFINITY; 3]; nodes],
+            inside: vec![false; nodes],
+        };
+        field.rasterise();
+        field.propagate();
+        field.vote();
+        field
+    }
+
+    /// Distance between two nodes, metres.
+    pub fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// The nodes inside the mesh, every `stride`-th along each axis.
+    pub fn inside_nodes(&self, stride: usize) -> Vec<Point3<f64>> {
+        let mut nodes = Vec::new();
+        for z in (PAD..self.size[2]).step_by(stride) {
+            for y in (PAD..self.size[1]).step_by(stride) {
+                for x in (PAD..self.size[0]).step_by(stride) {
+                    if self.inside[self.index([x, y, z])] {
+                        nodes.push(self.node([x, y, z]));
+                    }
+                }
+            }
+        }
+        nodes
+    }
+
+    /// Distance of `p` outside the mesh, metres; 0 inside and on the surface.
+    ///
+    /// Within about two steps of the surface the error is a small part of a step; farther away up to a step. Points beyond the grid are
+    /// measured from its edge.
+    pub fn outside(&self, p: &Point3<f64>) -> f64 {
+        let mut base = [0; 3];
+        let mut fraction = [0.0; 3];
+        for k in 0..3 {
+            let u = ((p[k] - self.origin[k]) / self.step).clamp(0.0, (self.size[k] - 1) as f64 - 1e-9);
+            base[k] = u as usize;
+            fraction[k] = u - base[k] as f64;
+        }
+        let (mut signed, mut faces) = (0.0, [u32::MAX; 8]);
+        for (corner, face) in faces.iter_mut().enumerate() {
+            let offset = [corner & 1, (corner >> 1) & 1, corner >> 2];
+            let weight: f64 = (0..3).map(|k| if offset[k] == 1 { fraction[k] } else { 1.0 - fraction[k] }).product();
+            let i = self.index([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]]);
+            let at = self.node([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]]);
+            let distance = (at.map(|x| x as f32) - Point3::from(self.closest[i])).norm();
+            signed += weight * f64::from(if self.inside[i] { -distance } else { distance });
+            *face = self.face[i];
+        }
+        if signed < -2.0 * self.step {
+            return 0.0;
+        }
+        if signed > 2.0 * self.step {
+            return signed;
+        }
+        self.near(p, signed, &mut faces)
+    }
+
+    /// Distance to the nearest of `faces`; the sign is the grid's beyond half a step and that of the face within.
+    fn near(&self, p: &Point3<f64>, signed: f64, faces: &mut [u32; 8]) -> f64 {
+        faces.sort_unstable();
+        let (mut best, mut side, mut last) = (f64::INFINITY, 1.0_f64, u32::MAX);
+        for &face in faces.iter() {
+            if face == last || face == u32::MAX {
+                continue;
+            }
+            last = face;
+            let corners = self.mesh.triangle(face as usize);
+            let d = p - closest_point(p, &corners);
+            let s = d.dot(&self.mesh.face_area_vector(face as usize).try_normalize(0.0).unwrap_or_default());
+            let distance = d.norm();
+            // At an edge two faces are equally near; the one that faces the point more decides.
+            let tie = distance < best + 1e-9 && s.abs() > side.abs();
+            if distance < best - 1e-9 || tie {
+                (best, side) = (distance.min(best), s);
+            }
+        }
+        let within = if best > 0.5 * self.step { signed < 0.0 } else { side < 0.0 };
+        // The nearest face may be known to none of the corners (beside an edge); the grid's own value is then the smaller one.
+        if within { 0.0 } else { best.min(signed.max(0.0)) }
+    }
+
+    fn index(&self, at: [usize; 3]) -> usize {
+        (at[2] * self.size[1] + at[1]) * self.size[0] + at[0]
+    }
+
+    fn node(&self, at: [usize; 3]) -> Point3<f64> {
+        self.origin + Vector3::new(at[0] as f64, at[1] as f64, at[2] as f64) * self.step
+    }
+
+    /// Squared distance that node `i` at `p` knows so far.
+    fn known(&self, i: usize, p: &Point3<f32>) -> f32 {
+        (p - Point3::from(self.closest[i])).norm_squared()
+    }
+
+    /// Tells the nodes around each face about it. Large faces are cut up, so that only nodes near them are visited.
+    fn rasterise(&mut self) {
+        let mut stack = Vec::new();
+        for face in 0..self.mesh.faces().len() {
+            let whole = self.mesh.triangle(face);
+            stack.push(whole);
+            while let Some(piece) = stack.pop() {
+                let [a, b, c] = piece;
+                let edges = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
+                let longest = (0..3).max_by(|&i, &j| edges[i].total_cmp(&edges[j])).unwrap_or(0);
+                if edges[longest] > 4.0 * self.step {
+                    let (i, j, k) = (longest, (longest + 1) % 3, (longest + 2) % 3);
+                    let middle = nalgebra::center(&piece[i], &piece[j]);
+                    stack.push([piece[i], middle, piece[k]]);
+                    stack.push([middle, piece[j], piece[k]]);
+                } else {
+                    self.tell(face as u32, &whole, &piece);
+                }
+            }
+        }
+    }
+
+    fn tell(&mut self, face: u32, whole: &[Point3<f64>; 3], [a, b, c]: &[Point3<f64>; 3]) {
+        let (least, greatest) = (a.inf(b).inf(c), a.sup(b).sup(c));
+        let low = [0, 1, 2].map(|k| (((least[k] - self.origin[k]) / self.step) - 1.0).floor().max(0.0) as usize);
+        let high = [0, 1, 2]
+            .map(|k| ((((greatest[k] - self.origin[k]) / self.step) + 1.0).ceil() as usize).min(self.size[k] - 1));
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    let i = self.index([x, y, z]);
+                    let node = self.node([x, y, z]);
+                    let closest = closest_point(&node, whole);
+                    let node = node.map(|x| x as f32);
+                    let closest = closest.map(|x| x as f32);
+                    if (node - closest).norm_squared() < self.known(i, &node) {
+                        self.closest[i] = closest.into();
+                        self.face[i] = face;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Two scans, there and back, in which every node asks the 13 neighbours that it has passed.
+    fn propagate(&mut self) {
+        let before: Vec<[isize; 3]> = (-1..=1)
+            .flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [x, y, z])))
+            .filter(|&[x, y, z]| (z, y, x) < (0, 0, 0))
+            .collect();
+        let nodes = self.face.len();
+        for back in [false, true] {
+            for k in 0..nodes {
+                let i = if back { nodes - 1 - k } else { k };
+                let at = [i % self.size[0], i / self.size[0] % self.size[1], i / (self.size[0] * self.size[1])];
+                let p = self.node(at).map(|x| x as f32);
+                let mut best = self.known(i, &p);
+                // Rasterised nodes are right already.
+                if best <= (self.step * self.step) as f32 {
+                    continue;
+                }
+                for d in &before {
+                    let turned = if back { d.map(|x| -x) } else { *d };
+                    let Some(other) = self.neighbour(at, turned) else {
+                        continue;
+                    };
+                    let distance = self.known(other, &p);
+                    if distance < best {
+                        best = distance;
+                        self.closest[i] = self.closest[other];
+                        self.face[i] = self.face[other];
+                    }
+                }
+            }
+        }
+    }
+
+    fn neighbour(&self, at: [usize; 3], d: [isize; 3]) -> Option<usize> {
+        let mut to = [0; 3];
+        for k in 0..3 {
+            to[k] = at[k].checked_add_signed(d[k]).filter(|&v| v < self.size[k])?;
+        }
+        Some(self.index(to))
+    }
+
+    /// Inside is what at least two of three scan directions call inside.
+    fn vote(&mut self) {
+        let mut votes = vec![0_u8; self.inside.len()];
+        for axis in 0..3 {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let lines = self.crossings(axis);
+            for (line, mut hits) in lines.into_iter().enumerate() {
+                hits.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let mut at = [0; 3];
+                (at[u], at[v]) = (line % self.size[u], line / self.size[u]);
+                let (mut winding, mut next) = (0, 0);
+                for along in 0..self.size[axis] {
+                    let height = self.origin[axis] + along as f64 * self.step;
+                    while hits.get(next).is_some_and(|h| h.0 < height) {
+                        winding += i32::from(hits[next].1);
+                        next += 1;
+                    }
+                    at[axis] = along;
+                    votes[self.index(at)] += u8::from(winding != 0);
+                }
+            }
+        }
+        self.inside.iter_mut().zip(&votes).for_each(|(inside, votes)| *inside = *votes >= 2);
+    }
+
+    /// Where each grid line along `axis` crosses the mesh, and which way.
+    fn crossings(&self, axis: usize) -> Vec<Vec<(f64, i8)>> {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut lines = vec![Vec::new(); self.size[u] * self.size[v]];
+        // The lines pass a little beside the nodes: modelled objects have edges in grid planes.
+        let (du, dv) = (self.step * 1.234_567e-4, self.step * 2.345_678e-4);
+        for face in 0..self.mesh.faces().len() {
+            let [a, b, c] = self.mesh.triangle(face);
+            let twice_area = (b[u] - a[u]) * (c[v] - a[v]) - (b[v] - a[v]) * (c[u] - a[u]);
+            if twice_area == 0.0 {
+                continue;
+            }
+            let range = |k: usize, d: f64| {
+                let least = (a[k].min(b[k]).min(c[k]) - d - self.origin[k]) / self.step;
+                let greatest = (a[k].max(b[k]).max(c[k]) - d - self.origin[k]) / self.step;
+                least.ceil() as usize..=(greatest.floor() as usize).min(self.size[k] - 1)
+            };
+            for j in range(v, dv) {
+                for i in range(u, du) {
+                    let (x, y) =
+                        (self.origin[u] + i as f64 * self.step + du, self.origin[v] + j as f64 * self.step + dv);
+                    let weight = |p: &Point3<f64>, q: &Point3<f64>| {
+                        ((q[u] - p[u]) * (y - p[v]) - (q[v] - p[v]) * (x - p[u])) / twice_area
+                    };
+                    let (wa, wb, wc) = (weight(&b, &c), weight(&c, &a), weight(&a, &b));
+                    if wa >= 0.0 && wb >= 0.0 && wc >= 0.0 {
+                        let height = wa * a[axis] + wb * b[axis] + wc * c[axis];
+                        lines[j * self.size[u] + i].push((height, if twice_area > 0.0 { 1 } else { -1 }));
+                    }
+                }
+            }
+        }
+        lines
+    }
+}
+
+/// Closest point of a triangle: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+fn closest_point(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Point3<f64> {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return *a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return *b;
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 && d1 != d3 {
+        return a + ab * (d1 / (d1 - d3));
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return *c;
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 && d2 != d6 {
+        return a + ac * (d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 && (d4 - d3) + (d5 - d6) > 0.0 {
+        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let sum = va + vb + vc;
+    if sum == 0.0 {
+        // A sliver without area; its corners are closer than rounding to everything between them.
+        return *a;
+    }
+    a + ab * (vb / sum) + ac * (vc / sum)
+}

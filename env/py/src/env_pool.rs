@@ -1,0 +1,394 @@
+//! `graspbox._core.EnvPool`: many environments in one call; `Objects`: what they draw from.
+
+use crate::convert::{Array, array, config, entries};
+use crate::errors::CoreError;
+use crate::gil::{awaited, detached, interruptible};
+use crate::hand::Hand;
+use crate::mesh::Mesh;
+use graspbox_agent::{self as agent, AgentConfig, AgentError, Batch, Control, Observation, ResetOptions, Source};
+use graspbox_agent::{EnvSpec, env_pool::Stepped, reward};
+use graspbox_sim::PhysicsConfig;
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use serde::Deserialize;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// float32 arrays, as they come in.
+type Singles<'py> = PyReadonlyArrayDyn<'py, f32>;
+
+/// An object that is read or made at its first use, as `graspbox.object_sets.ObjectSpec` describes it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Described {
+    name: String,
+    #[serde(default)]
+    path: Option<PathBuf>,
+    #[serde(default)]
+    family: Option<String>,
+    #[serde(default)]
+    seed: Option<u64>,
+    #[serde(default = "unscaled")]
+    scale: f64,
+    #[serde(default)]
+    mass: Option<f64>,
+}
+
+fn unscaled() -> f64 {
+    1.0
+}
+
+impl Described {
+    fn source(self) -> Result<Source, CoreError> {
+        let Self { name, scale, mass, .. } = self;
+        if !(scale.is_finite() && scale > 0.0) {
+            return Err(CoreError::Config(format!("object {name:?}: scale is {scale}; give a positive factor")));
+        }
+        match (self.path, self.family, self.seed) {
+            (Some(path), None, None) => Ok(Source::File { name, path, scale, mass }),
+            (None, Some(family), Some(seed)) => {
+                Ok(Source::Procedural { name, family: crate::objects::family(&family)?, seed, scale, mass })
+            }
+            _ => Err(CoreError::Config(format!("object {name:?} needs either a path, or a family and a seed"))),
+        }
+    }
+}
+
+#[derive(FromPyObject)]
+enum Given<'py> {
+    Mesh(PyRef<'py, Mesh>),
+    Json(String),
+}
+
+/// A handle on objects that environments share; each is prepared at its first use.
+#[pyclass(frozen, weakref, module = "graspbox._core")]
+pub struct Objects(Arc<agent::Objects>);
+
+#[pymethods]
+impl Objects {
+    /// Takes meshes, or descriptions as JSON (`name`, and `path` or `family` and `seed`; `scale`, `mass`); `physics` is JSON.
+    #[new]
+    #[pyo3(signature = (sources, hand, physics, cache))]
+    fn new(sources: Vec<Given<'_>>, hand: &Hand, physics: &str, cache: Option<PathBuf>) -> PyResult<Self> {
+        let physics: PhysicsConfig = config(physics, "PhysicsConfig")?;
+        let source = |given: Given<'_>| match given {
+            Given::Mesh(mesh) => Ok(Source::Given(Arc::new(mesh.0.spec.clone()))),
+            Given::Json(text) => config::<Described>(&text, "an object")?.source(),
+        };
+        let sources = sources.into_iter().map(source).collect::<Result<Vec<_>, CoreError>>()?;
+        let objects = agent::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
+        Ok(Self(Arc::new(objects)))
+    }
+
+    #[getter]
+    fn names(&self) -> Vec<&str> {
+        self.0.names().collect()
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Prepares object `index` in every resting pose now; returns how many there are.
+    fn prepare(&self, py: Python<'_>, index: usize) -> PyResult<usize> {
+        let objects = Arc::clone(&self.0);
+        detached(py, None, move || {
+            let prepared = objects.prepared(index)?;
+            let ways = prepared.probabilities().len();
+            for way in 0..ways {
+                objects.scene(&prepared, way)?;
+            }
+            Ok::<_, CoreError>(ways)
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Objects({} objects)", self.0.len())
+    }
+}
+
+/// An environment that comes back, with what its step showed.
+type Arrival = (usize, Result<Stepped, CoreError>);
+
+/// Environments side by side.
+#[pyclass(frozen, module = "graspbox._core")]
+pub struct EnvPool {
+    pub(crate) core: Arc<agent::EnvPool>,
+    pub(crate) num_threads: Option<usize>,
+    sender: Mutex<Sender<Arrival>>,
+    arrivals: Mutex<Receiver<Arrival>>,
+}
+
+/// What a call gives back: arrays of every environment; and of the ended episodes, where any ended and began anew in the call.
+type Rows<'py> = (Bound<'py, PyDict>, Option<Bound<'py, PyDict>>);
+
+#[pymethods]
+impl EnvPool {
+    #[new]
+    #[pyo3(signature = (objects, config, num_envs, num_threads))]
+    fn new(objects: &Objects, config: &str, num_envs: usize, num_threads: Option<usize>) -> PyResult<Self> {
+        let config: AgentConfig = crate::convert::config(config, "AgentConfig")?;
+        let core = agent::EnvPool::new(Arc::clone(&objects.0), config, num_envs).map_err(CoreError::from)?;
+        crate::gil::thread_count(num_threads)?;
+        let (sender, arrivals) = channel();
+        Ok(Self { core: Arc::new(core), num_threads, sender: Mutex::new(sender), arrivals: Mutex::new(arrivals) })
+    }
+
+    #[getter]
+    fn num_envs(&self) -> usize {
+        self.core.len()
+    }
+
+    /// Begins new episodes where `mask` says so; `options` is JSON.
+    #[pyo3(signature = (seeds=None, mask=None, options=None, out=None))]
+    fn reset<'py>(
+        &self,
+        py: Python<'py>,
+        seeds: Option<Vec<Option<u64>>>,
+        mask: Option<PyReadonlyArrayDyn<'py, bool>>,
+        options: Option<&str>,
+        out: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let count = self.core.len();
+        let seeds = seeds.unwrap_or_else(|| vec![None; count]);
+        let mask = mask.map(|m| entries(&m, "the reset mask", &[Some(count)]).map(<[bool]>::to_vec));
+        let mask = mask.transpose()?;
+        let options: ResetOptions =
+            options.map_or(Ok(ResetOptions::default()), |text| config(text, "reset options"))?;
+        let core = Arc::clone(&self.core);
+        let (stopped, stop) = stopper();
+        let batch = interruptible(py, self.num_threads, stop, move || {
+            core.reset_until(&stopped, &seeds, mask.as_deref(), &options)
+        })?;
+        arrays(py, self.core.spec(), batch, out)
+    }
+
+    /// One step of every environment; `actions` is (num_envs, action) float32.
+    #[pyo3(signature = (actions, out=None))]
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        actions: Singles<'py>,
+        out: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Rows<'py>> {
+        let actions = self.actions(&actions, self.core.len())?;
+        let core = Arc::clone(&self.core);
+        let (stopped, stop) = stopper();
+        let stepped = interruptible(py, self.num_threads, stop, move || core.step_until(&stopped, &actions))?;
+        self.rows(py, stepped, out)
+    }
+
+    /// Sends environments off to step; `recv` gives them back in the order in which they arrive.
+    fn send(&self, py: Python<'_>, actions: Singles<'_>, envs: Vec<usize>) -> PyResult<()> {
+        let actions = self.actions(&actions, envs.len())?;
+        let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let core = Arc::clone(&self.core);
+        detached(py, self.num_threads, move || {
+            core.send(&envs, &actions, move |env, result| {
+                // Nobody listens any more once the pool was dropped.
+                drop(sender.send((env, result.map_err(CoreError::from))));
+            })
+        })
+    }
+
+    /// The next `count` environments that arrive, as [`EnvPool::step`] gives them; the array `env` tells which they are.
+    #[pyo3(signature = (count))]
+    fn recv<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Rows<'py>> {
+        let away = self.core.away();
+        if count == 0 || count > away {
+            return Err(CoreError::Config(format!("count is {count}; {away} environments are on their way")).into());
+        }
+        let spec = self.core.spec();
+        let mut arrived = Vec::with_capacity(count);
+        while arrived.len() < count {
+            let error = match awaited(py, &self.arrivals) {
+                Ok((env, Ok(stepped))) => {
+                    arrived.push((env, stepped));
+                    continue;
+                }
+                Ok((env, Err(error))) => {
+                    self.core.arrived(env);
+                    error.into()
+                }
+                Err(error) => error,
+            };
+            // Those that arrived before are there for the next call.
+            let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
+            for (env, stepped) in arrived {
+                drop(sender.send((env, Ok(stepped))));
+            }
+            return Err(error);
+        }
+        let (mut now, mut last) = (Batch::new(spec, count), Batch::new(spec, 0));
+        for (env, stepped) in arrived {
+            self.core.arrived(env);
+            now.append(stepped.now);
+            last.append(stepped.last);
+        }
+        self.rows(py, Stepped { now, last }, None)
+    }
+
+    /// Every environment as it stands.
+    fn now<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        arrays(py, self.core.spec(), self.core.now(), None)
+    }
+
+    /// Everything that the future of an environment depends on.
+    fn get_state<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyBytes>> {
+        let core = Arc::clone(&self.core);
+        let bytes = detached(py, self.num_threads, move || core.slot(env)?.save(core.spec(), env))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Takes up a state that `get_state` gave; arrays of that environment alone.
+    fn set_state<'py>(&self, py: Python<'py>, env: usize, state: &[u8]) -> PyResult<Bound<'py, PyDict>> {
+        let (core, state) = (Arc::clone(&self.core), state.to_vec());
+        let batch = detached(py, self.num_threads, move || core.restore(env, &state))?;
+        arrays(py, self.core.spec(), batch, None)
+    }
+
+    /// Object (world_from_object), hand (world_from_hand) and what the arm believes of the hand, (num_envs, 4, 4) each.
+    fn poses<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py, f64>; 3]> {
+        let mut poses = [const { Vec::new() }; 3];
+        for env in 0..self.core.len() {
+            let slot = self.core.slot(env).map_err(CoreError::from)?;
+            let play = slot.play().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+            let world = play.episode().world();
+            poses[0].push(world.world_from_object());
+            poses[1].push(world.world_from_hand());
+            poses[2].push(*play.arm().believed());
+        }
+        let [object, hand, believed] = poses.map(|p| crate::convert::matrices(py, p.into_iter()));
+        Ok([object?, hand?, believed?])
+    }
+
+    fn __repr__(&self) -> String {
+        format!("EnvPool({} environments)", self.core.len())
+    }
+}
+
+/// A flag for one call, and what sets it after a signal: environments that the call has not come to by then stay as they are.
+fn stopper() -> (Arc<AtomicBool>, impl FnOnce()) {
+    let flag = Arc::new(AtomicBool::new(false));
+    let set = Arc::clone(&flag);
+    (flag, move || set.store(true, Ordering::Release))
+}
+
+impl EnvPool {
+    fn actions(&self, actions: &Singles<'_>, rows: usize) -> Result<Vec<f32>, CoreError> {
+        let shape = [Some(rows), Some(self.core.spec().action)];
+        entries(actions, "actions", &shape).map(<[f32]>::to_vec)
+    }
+
+    fn rows<'py>(&self, py: Python<'py>, stepped: Stepped, out: Option<&Bound<'py, PyDict>>) -> PyResult<Rows<'py>> {
+        let spec = self.core.spec();
+        let last = (!stepped.last.is_empty()).then(|| arrays(py, spec, stepped.last, None));
+        Ok((arrays(py, spec, stepped.now, out)?, last.transpose()?))
+    }
+}
+
+/// A batch as arrays by name; observations go into the arrays of `out` where it has them.
+fn arrays<'py>(
+    py: Python<'py>,
+    spec: &EnvSpec,
+    batch: Batch,
+    out: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let rows = batch.len();
+    let dict = PyDict::new(py);
+    for ((observation, _), values) in spec.tables.iter().zip(batch.observations) {
+        let name = observation.name();
+        let given = out.map(|out| out.get_item(name)).transpose()?.flatten();
+        let found = match given {
+            Some(given) => filled(given.cast_into::<PyArrayDyn<f32>>()?, name, &values, rows)?,
+            None => {
+                let size = values.len() / rows.max(1);
+                array(py, values, &[rows, size])?
+            }
+        };
+        dict.set_item(name, found)?;
+    }
+    crate::vision::images(py, spec, batch.images, rows, &dict, out)?;
+    dict.set_item("terms", array(py, batch.terms, &[rows, reward::TERMS])?)?;
+    let flags = [
+        ("terminated", batch.terminated),
+        ("truncated", batch.truncated),
+        ("reset", batch.reset),
+        ("is_success", batch.is_success),
+        ("is_secure", batch.is_secure),
+        ("touches", batch.touches),
+        ("protective_stop", batch.protective_stop),
+    ];
+    for (name, values) in flags {
+        dict.set_item(name, array(py, values, &[rows])?)?;
+    }
+    let indices = batch.envs.iter().map(|env| *env as i64).collect();
+    for (name, values) in [("env", indices), ("object", batch.object), ("resting", batch.resting)] {
+        dict.set_item(name, array::<i64>(py, values, &[rows])?)?;
+    }
+    dict.set_item("failure", array(py, batch.failure, &[rows])?)?;
+    dict.set_item("lift", array(py, batch.lift, &[rows])?)?;
+    Ok(dict)
+}
+
+/// Writes `values` into the caller's array.
+pub(crate) fn filled<'py, T: Element + Copy>(
+    given: Bound<'py, PyArrayDyn<T>>,
+    name: &str,
+    values: &[T],
+    rows: usize,
+) -> PyResult<Array<'py, T>> {
+    let wrong = || {
+        let size = values.len() / rows.max(1);
+        CoreError::Config(format!(
+            "out[{name:?}] has shape {:?}; give a writeable C-contiguous array of {rows} rows of {size} numbers",
+            given.shape()
+        ))
+    };
+    let mut target = given.try_readwrite().map_err(|_| wrong())?;
+    match target.as_slice_mut() {
+        Ok(slice) if slice.len() == values.len() && given.is_c_contiguous() => slice.copy_from_slice(values),
+        _ => return Err(wrong().into()),
+    }
+    drop(target);
+    Ok(given)
+}
+
+/// Names, sizes, bounds, units and meanings of everything that the environments take and give, as JSON.
+#[pyfunction]
+pub fn agent_tables(hand: &Hand) -> PyResult<String> {
+    let hand = &hand.0;
+    // The state holds the last action, whose length is the control's.
+    let observations = |control: Control| -> serde_json::Map<_, _> {
+        let rows = Observation::ALL.iter();
+        rows.map(|o| (o.name().to_owned(), serde_json::json!(o.table(hand, control)))).collect()
+    };
+    let by_name = |make: &dyn Fn(Control) -> serde_json::Value| -> serde_json::Map<_, _> {
+        let controls = Control::CLOSED_LOOP.iter();
+        controls.map(|c| (c.name().to_owned(), make(*c))).collect()
+    };
+    let terms: Vec<_> = reward::TERM_TABLE
+        .iter()
+        .map(|(name, low, high, meaning)| serde_json::json!({"name": name, "low": low, "high": high, "meaning": meaning}))
+        .collect();
+    let privileged: Vec<_> = Observation::ALL.iter().filter(|o| o.privileged()).map(|o| o.name()).collect();
+    let tables = serde_json::json!({
+        "actions": by_name(&|c| serde_json::json!(c.table(hand))),
+        "observations": by_name(&|c| observations(c).into()),
+        "decision": {
+            "actions": Control::GraspPose.table(hand),
+            "observations": observations(Control::GraspPose),
+        },
+        "privileged": privileged,
+        "terms": terms,
+        "failures": agent::agent_episode::FAILURES,
+        "control_period": agent::config::CONTROL_PERIOD,
+        "workspace": [agent::guard::WORKSPACE_LOW, agent::guard::WORKSPACE_HIGH],
+        "stop_force": agent::guard::STOP_FORCE,
+        "randomization": {"standard": agent::Randomization::standard()},
+    });
+    Ok(tables.to_string())
+}

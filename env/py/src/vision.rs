@@ -1,0 +1,270 @@
+//! Images of environments and objects, pictures, cameras.
+
+use crate::convert::{Array, Floats, array, config, isometries, isometry, matrices, point};
+use crate::env_pool::{EnvPool, filled};
+use crate::errors::CoreError;
+use crate::gil::detached;
+use crate::hand::Hand;
+use crate::mesh::{Mesh, MeshData};
+use graspbox_agent::{AgentError, EnvSpec};
+use graspbox_camera::{Camera, Channels, DepthView, Frame, Intrinsics, Light, ViewPlan};
+use graspbox_mesh::VoxelFrame;
+use graspbox_vision::visual_models::object_color;
+use graspbox_vision::{CamerasConfig, Observer, PictureConfig, Pixels, ScenePose, VisualModels, render_views};
+use nalgebra::{Isometry3, Point3};
+use numpy::{Element, PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+use serde::Deserialize;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config, as JSON.
+#[pyfunction]
+pub fn image_tables(hand: &Hand, cameras: &str) -> PyResult<String> {
+    let config: CamerasConfig = config(cameras, "CamerasConfig")?;
+    let observer = Observer::new(Arc::clone(&hand.0), config, Arc::default()).map_err(CoreError::from)?;
+    Ok(serde_json::json!(observer.tables()).to_string())
+}
+
+/// Puts images as arrays by name into `dict`; into the arrays of `out` where it has them.
+pub(crate) fn images<'py>(
+    py: Python<'py>,
+    spec: &EnvSpec,
+    images: Vec<Pixels>,
+    rows: usize,
+    dict: &Bound<'py, PyDict>,
+    out: Option<&Bound<'py, PyDict>>,
+) -> PyResult<()> {
+    for (table, pixels) in spec.observer.tables().iter().zip(images) {
+        let [a, b, c] = table.shape;
+        let shape = [rows, a, b, c];
+        match pixels {
+            Pixels::Bytes(values) => put(py, dict, out, &table.name, values, shape)?,
+            Pixels::Floats(values) => put(py, dict, out, &table.name, values, shape)?,
+        }
+    }
+    Ok(())
+}
+
+fn put<'py, T: Element + Copy>(
+    py: Python<'py>,
+    dict: &Bound<'py, PyDict>,
+    out: Option<&Bound<'py, PyDict>>,
+    name: &str,
+    values: Vec<T>,
+    shape: [usize; 4],
+) -> PyResult<()> {
+    let given = out.map(|out| out.get_item(name)).transpose()?.flatten();
+    let found = match given {
+        Some(given) => filled(given.cast_into::<PyArrayDyn<T>>()?, name, &values, shape[0])?,
+        None => array(py, values, &shape)?,
+    };
+    dict.set_item(name, found)
+}
+
+/// Pictures (n, H, W, 3) uint8 of environments `envs` as they stand; `picture` is JSON.
+#[pyfunction]
+#[pyo3(signature = (pool, envs, picture))]
+pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture: &str) -> PyResult<Array<'py, u8>> {
+    let picture: PictureConfig = config(picture, "PictureConfig")?;
+    let [height, width] = picture.image_size.map(|n| n as usize);
+    let (core, count) = (Arc::clone(&pool.core), envs.len());
+    let pixels = detached(py, pool.num_threads, move || {
+        let made = envs.par_iter().map(|&env| {
+            let slot = core.slot(env)?;
+            let play = slot.play().ok_or(AgentError::NotReset { env })?;
+            Ok(core.spec().observer.picture(&play.scene_pose()?, &play.viewpoint().light, &picture)?)
+        });
+        let made: Vec<_> = made.collect();
+        made.into_iter().collect::<Result<Vec<_>, AgentError>>()
+    })?;
+    array(py, pixels.concat(), &[count, height, width, 3])
+}
+
+/// By the camera's name: its intrinsics (3, 3), and where it is now in every environment, `world_from_camera` (num_envs, 4, 4).
+#[pyfunction]
+pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &EnvPool) -> PyResult<Bound<'py, PyDict>> {
+    let (core, dict) = (&pool.core, PyDict::new(py));
+    let observer = &core.spec().observer;
+    let mut poses = vec![Vec::new(); observer.lenses().len()];
+    for env in 0..core.len() {
+        let slot = core.slot(env).map_err(CoreError::from)?;
+        let play = slot.play().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+        let hand = play.episode().world().world_from_hand();
+        let cameras = observer.cameras(play.viewpoint(), &hand).map_err(CoreError::from)?;
+        for (poses, camera) in poses.iter_mut().zip(cameras) {
+            poses.push(*camera.world_from_camera());
+        }
+    }
+    for ((camera, lens), poses) in observer.config().cameras.iter().zip(observer.lenses()).zip(poses) {
+        let intrinsics = array(py, lens_matrix(lens.intrinsics()).to_vec(), &[3, 3])?;
+        dict.set_item(&camera.name, (intrinsics, matrices(py, poses.into_iter())?))?;
+    }
+    Ok(dict)
+}
+
+/// Rows of the matrix that takes a camera-frame point to homogeneous image positions.
+fn lens_matrix(k: &Intrinsics) -> [f64; 9] {
+    [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0]
+}
+
+/// The lens of a matrix (3, 3).
+///
+/// # Errors
+/// Another shape.
+pub(crate) fn lens(matrix: &Floats, height: u32, width: u32) -> Result<Intrinsics, CoreError> {
+    let k = crate::convert::entries(matrix, "intrinsics", &[Some(3), Some(3)])?;
+    Ok(Intrinsics { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5] })
+}
+
+/// What [`views`] takes beside mesh and poses.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewsConfig {
+    plan: ViewPlan,
+    count: usize,
+    seed: u64,
+    image_size: [u32; 2],
+    fov: f64,
+    near: f64,
+    far: f64,
+    rgb: bool,
+    segmentation: bool,
+    table: bool,
+}
+
+/// Renders an object from many sides.
+///
+/// `depth` (n, H, W) float32, `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 where asked for, `intrinsics` (3, 3),
+/// `world_from_camera` and `camera_from_object` (n, 4, 4).
+#[pyfunction]
+#[pyo3(signature = (mesh, config, world_from_object, target, num_threads))]
+pub fn views<'py>(
+    py: Python<'py>,
+    mesh: &Mesh,
+    config: &str,
+    world_from_object: Option<Floats<'py>>,
+    target: Option<Floats<'py>>,
+    num_threads: Option<usize>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let config: ViewsConfig = crate::convert::config(config, "views")?;
+    let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
+    let pose = pose.unwrap_or_else(|| graspbox_mesh::default_pose(&mesh.0.spec.mesh));
+    let bounds = mesh.0.spec.mesh.transformed(&pose).aabb();
+    let target = target.map(|p| point(&p, "target")).transpose()?;
+    let target = target.unwrap_or_else(|| nalgebra::center(&bounds.min, &bounds.max));
+    let [height, width] = config.image_size;
+    let lens = Intrinsics::from_fov(width, height, config.fov).map_err(CoreError::from)?;
+    let (data, count) = (Arc::clone(&mesh.0), config.count);
+    let (rgb, segmentation) = (config.rgb, config.segmentation);
+    let (cameras, frames) = detached(py, num_threads, move || {
+        let around = graspbox_camera::views(&config.plan, lens, target, count, config.seed)?;
+        let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
+        let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
+        let moment = still(&data, pose, Isometry3::identity(), Vec::new())?;
+        let stage = VisualModels::bare(config.table)?;
+        let channels = Channels { rgb, segmentation };
+        let frames = render_views(&stage, &moment, &cameras, &Light::default(), channels)?;
+        Ok::<_, CoreError>((cameras, frames))
+    })?;
+    let (height, width) = (height as usize, width as usize);
+    let shape = [count, height, width];
+    let dict = PyDict::new(py);
+    let joined = |get: fn(&Frame) -> &[u8]| frames.iter().map(get).collect::<Vec<_>>().concat();
+    let depth = frames.iter().map(|f| f.depth.as_slice()).collect::<Vec<_>>().concat();
+    dict.set_item("depth", array(py, depth, &shape)?)?;
+    if rgb {
+        let colors = joined(|f| &f.rgb);
+        dict.set_item("rgb", array(py, colors, &[count, height, width, 3])?)?;
+    }
+    if segmentation {
+        dict.set_item("segmentation", array(py, joined(|f| &f.segmentation), &shape)?)?;
+    }
+    dict.set_item("intrinsics", array(py, lens_matrix(&lens).to_vec(), &[3, 3])?)?;
+    let world_from_camera = cameras.iter().map(|c| *c.world_from_camera());
+    dict.set_item("world_from_camera", matrices(py, world_from_camera)?)?;
+    let camera_from_object = cameras.iter().map(|c| c.camera_from_object(&pose));
+    dict.set_item("camera_from_object", matrices(py, camera_from_object)?)?;
+    Ok(dict)
+}
+
+/// What depth images (n, H, W) tell of a cube of voxels: (N, N, N) uint8, 0 unseen, 1 free, 2 occupied.
+///
+/// `frame_from_camera` (n, 4, 4) poses the cameras in the frame of the cube; `intrinsics` is (3, 3).
+#[pyfunction]
+#[pyo3(signature = (depth, intrinsics, frame_from_camera, resolution, origin, side, far, nothing_is_free))]
+#[expect(clippy::too_many_arguments, reason = "every array of the views crosses by itself")]
+pub fn occupancy<'py>(
+    py: Python<'py>,
+    depth: PyReadonlyArrayDyn<'py, f32>,
+    intrinsics: Floats<'py>,
+    frame_from_camera: Floats<'py>,
+    resolution: usize,
+    origin: Floats<'py>,
+    side: f64,
+    far: f64,
+    nothing_is_free: bool,
+) -> PyResult<Array<'py, u8>> {
+    let poses = isometries(&frame_from_camera, "frame_from_camera")?;
+    let values = crate::convert::entries(&depth, "depth", &[Some(poses.len()), None, None])?.to_vec();
+    let [height, width] = [1, 2].map(|axis| depth.shape()[axis]);
+    let lens = lens(&intrinsics, height as u32, width as u32)?;
+    let origin: Point3<f64> = point(&origin, "origin")?;
+    let cells = detached(py, None, move || {
+        let grid = VoxelFrame::new(resolution, origin, side)?;
+        let cameras = poses.iter().map(|pose| Camera::new(lens, *pose)?.with_range(1e-4, far));
+        let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
+        let images = values.chunks_exact((height * width).max(1));
+        let views: Vec<_> =
+            cameras.into_iter().zip(images).map(|(camera, depth)| DepthView { camera, depth }).collect();
+        Ok::<_, CoreError>(graspbox_camera::occupancy(&grid, &Isometry3::identity(), &views, nothing_is_free)?)
+    })?;
+    let cells = cells.into_iter().map(|cell| cell as u8).collect();
+    array(py, cells, &[resolution; 3])
+}
+
+/// Times the images of `observer` (JSON) in an environment as it stands, on one thread; seconds (repeats,).
+#[pyfunction]
+#[pyo3(name = "_time_images")]
+pub fn time_images<'py>(
+    py: Python<'py>,
+    pool: &EnvPool,
+    env: usize,
+    cameras: &str,
+    repeats: usize,
+) -> PyResult<Array<'py, f64>> {
+    let config: CamerasConfig = config(cameras, "CamerasConfig")?;
+    let core = Arc::clone(&pool.core);
+    let seconds = detached(py, Some(1), move || {
+        let observer = Observer::new(Arc::clone(core.spec().hand()), config, core.spec().objects.visual_models())?;
+        let slot = core.slot(env)?;
+        let play = slot.play().ok_or(AgentError::NotReset { env })?;
+        let mut images = Vec::new();
+        let mut seconds = Vec::with_capacity(repeats);
+        for _ in 0..repeats {
+            let started = Instant::now();
+            observer.see(&play.scene_pose()?, play.viewpoint(), &mut images)?;
+            seconds.push(started.elapsed().as_secs_f64());
+        }
+        Ok::<_, AgentError>(seconds)
+    })?;
+    array(py, seconds, &[repeats])
+}
+
+/// An object where it rests.
+fn still(
+    data: &MeshData,
+    world_from_object: Isometry3<f64>,
+    world_from_hand: Isometry3<f64>,
+    world_from_links: Vec<Isometry3<f64>>,
+) -> Result<ScenePose<'_>, CoreError> {
+    Ok(ScenePose {
+        object: data.look()?,
+        color: object_color(&data.spec.name),
+        world_from_object,
+        world_from_hand,
+        world_from_links,
+    })
+}

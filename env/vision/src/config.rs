@@ -1,0 +1,172 @@
+//! The cameras, and which images are taken.
+
+use crate::VisionError;
+use graspbox_camera::{Camera, Intrinsics};
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// What carries a camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mount {
+    /// It stands still in the world.
+    #[default]
+    World,
+    /// It moves with the palm; its frame is the grasp frame (z out of the palm).
+    Hand,
+}
+
+/// One camera; lengths in metres, in the frame of what carries it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraConfig {
+    /// Small letters and digits, as in `depth_palm`.
+    pub name: String,
+    /// What carries it.
+    pub mount: Mount,
+    /// Where it is.
+    pub eye: [f64; 3],
+    /// What is in the middle of its image.
+    pub target: [f64; 3],
+    /// Upward in its image.
+    pub up: [f64; 3],
+    /// Angle from the upper to the lower border, radians, in [0.01, 3].
+    pub fov: f64,
+    /// Least depth that it sees, metres.
+    pub near: f64,
+    /// Greatest depth that it sees, metres.
+    pub far: f64,
+}
+
+impl Default for CameraConfig {
+    /// The camera `front`.
+    fn default() -> Self {
+        Self::front()
+    }
+}
+
+impl CameraConfig {
+    /// In front of the workspace, 0.55 m from its middle, looking down at 40 degrees.
+    #[must_use]
+    pub fn front() -> Self {
+        Self {
+            name: "front".into(),
+            mount: Mount::World,
+            eye: [-0.421, 0.0, 0.413],
+            target: [0.0, 0.0, 0.06],
+            up: [0.0, 0.0, 1.0],
+            fov: 0.5,
+            near: 0.02,
+            far: 2.0,
+        }
+    }
+
+    /// On a bracket beside the palm, looking between the fingers at what they hold.
+    #[must_use]
+    pub fn palm() -> Self {
+        Self {
+            name: "palm".into(),
+            mount: Mount::Hand,
+            eye: [0.0, 0.075, 0.0],
+            target: [0.0, 0.0, 0.09],
+            up: [-1.0, 0.0, 0.0],
+            fov: 1.3,
+            near: 0.02,
+            far: 2.0,
+        }
+    }
+
+    /// For pictures: from the side, the whole scene.
+    #[must_use]
+    pub fn viewer() -> Self {
+        Self {
+            name: "viewer".into(),
+            mount: Mount::World,
+            eye: [-0.45, -0.6, 0.45],
+            target: [0.0, 0.0, 0.1875],
+            up: [0.0, 0.0, 1.0],
+            fov: 0.6,
+            near: 0.02,
+            far: 30.0,
+        }
+    }
+
+    /// Its pose in the frame of what carries it, and its lens.
+    ///
+    /// # Errors
+    /// [`VisionError::Camera`] for what no camera can be.
+    pub fn camera(&self, height: u32, width: u32) -> Result<Camera, VisionError> {
+        let make = || {
+            let intrinsics = Intrinsics::from_fov(width, height, self.fov)?;
+            let (eye, target) = (Point3::from(self.eye), Point3::from(self.target));
+            Camera::look_at(intrinsics, eye, target, Vector3::from(self.up))?.with_range(self.near, self.far)
+        };
+        make().map_err(|source| VisionError::Camera { name: self.name.clone(), source })
+    }
+}
+
+/// What every environment sees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CamerasConfig {
+    /// Names of the images, `kind` or `kind_camera`: see [`ImageSpec`](crate::ImageSpec).
+    pub images: Vec<String>,
+    /// Rows and columns of every image.
+    pub image_size: [u32; 2],
+    /// The cameras; the first one takes the images that name none.
+    pub cameras: Vec<CameraConfig>,
+    /// Whether hand and object throw shadows in colour images.
+    pub shadows: bool,
+    /// Voxels along each side of the cube of `voxels`.
+    pub voxels: usize,
+    /// Side of that cube, metres: it stands over the table's middle, the table's top in the middle of its lowest layer.
+    pub voxel_side: f64,
+}
+
+impl Default for CamerasConfig {
+    fn default() -> Self {
+        Self {
+            images: Vec::new(),
+            image_size: [64, 64],
+            cameras: vec![CameraConfig::front(), CameraConfig::palm()],
+            shadows: true,
+            voxels: 32,
+            voxel_side: 0.4,
+        }
+    }
+}
+
+impl CamerasConfig {
+    /// Poses of the cameras in what carries them, with their lenses.
+    ///
+    /// # Errors
+    /// A camera that cannot be, a name that is used twice or cannot be told from others, no camera, or more than 16.
+    pub fn lenses(&self) -> Result<Vec<Camera>, VisionError> {
+        let count = self.cameras.len();
+        if !(1..=16).contains(&count) {
+            return Err(VisionError::BadConfig {
+                field: "the number of cameras",
+                value: count as f64,
+                expected: "1 to 16",
+            });
+        }
+        for (i, camera) in self.cameras.iter().enumerate() {
+            let name = &camera.name;
+            let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
+            if name.is_empty() || !name.chars().all(plain) || self.cameras[..i].iter().any(|c| c.name == *name) {
+                return Err(VisionError::CameraName { name: name.clone() });
+            }
+        }
+        let [height, width] = self.image_size;
+        self.cameras.iter().map(|c| c.camera(height, width)).collect()
+    }
+}
+
+/// Where `camera`, given in the frame of what carries it, is in the world.
+#[must_use]
+pub fn world_from_camera(mount: Mount, parent_from_camera: &Isometry3<f64>, hand: &Isometry3<f64>) -> Isometry3<f64> {
+    match mount {
+        Mount::World => *parent_from_camera,
+        Mount::Hand => hand * parent_from_camera,
+    }
+}

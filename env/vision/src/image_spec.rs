@@ -1,0 +1,246 @@
+//! One image by name: its table row, and how a frame becomes its numbers.
+
+use crate::VisionError;
+use crate::config::CamerasConfig;
+use crate::visual_models::FIRST_LINK;
+use graspbox_camera::{Camera, Frame, Intrinsics};
+use serde::Serialize;
+
+/// What an image shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImageKind {
+    /// (H, W, 3) uint8.
+    Rgb,
+    /// (H, W, 1) float32: metres along the optical axis.
+    Depth,
+    /// (H, W, 4) float32: red, green, blue in [0, 1], then depth.
+    Rgbd,
+    /// (H, W, 1) uint8: labels.
+    Segmentation,
+    /// (H, W, 3) float32: the point that each pixel sees, in the camera's frame.
+    Points,
+    /// (N, N, N) uint8: unseen, free or occupied space.
+    Voxels,
+}
+
+impl ImageKind {
+    /// Every kind.
+    pub const ALL: [Self; 6] = [Self::Rgb, Self::Depth, Self::Rgbd, Self::Segmentation, Self::Points, Self::Voxels];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rgb => "rgb",
+            Self::Depth => "depth",
+            Self::Rgbd => "rgbd",
+            Self::Segmentation => "segmentation",
+            Self::Points => "points",
+            Self::Voxels => "voxels",
+        }
+    }
+
+    /// Numbers of a pixel; of a voxel.
+    fn channels(self) -> usize {
+        match self {
+            Self::Rgb | Self::Points => 3,
+            Self::Rgbd => 4,
+            Self::Depth | Self::Segmentation | Self::Voxels => 1,
+        }
+    }
+
+    fn is_bytes(self) -> bool {
+        matches!(self, Self::Rgb | Self::Segmentation | Self::Voxels)
+    }
+}
+
+/// One image: what it shows, and who takes it.
+///
+/// `depth` is taken by the first camera, `depth_palm` by the camera `palm`; so with every kind but `voxels`, which is made of what all
+/// cameras see together, and `voxels_palm` of what `palm` sees.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageSpec {
+    /// The name.
+    pub name: String,
+    /// What it shows.
+    pub kind: ImageKind,
+    /// Which cameras take it; several for voxels alone.
+    pub cameras: std::ops::Range<usize>,
+}
+
+/// Rows of numbers of one type.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Pixels {
+    /// uint8.
+    Bytes(Vec<u8>),
+    /// float32.
+    Floats(Vec<f32>),
+}
+
+impl Pixels {
+    /// None, with room for `size`.
+    #[must_use]
+    pub fn with_capacity(kind: ImageKind, size: usize) -> Self {
+        if kind.is_bytes() { Self::Bytes(Vec::with_capacity(size)) } else { Self::Floats(Vec::with_capacity(size)) }
+    }
+
+    /// Adds numbers of the same type; those of the other are left out.
+    pub fn extend(&mut self, more: &Self) {
+        match (self, more) {
+            (Self::Bytes(own), Self::Bytes(more)) => own.extend_from_slice(more),
+            (Self::Floats(own), Self::Floats(more)) => own.extend_from_slice(more),
+            (Self::Bytes(_), Self::Floats(_)) | (Self::Floats(_), Self::Bytes(_)) => {}
+        }
+    }
+}
+
+/// A row of the table of images.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImageTable {
+    /// The name.
+    pub name: String,
+    /// What it shows.
+    pub kind: &'static str,
+    /// (H, W, C), or (N, N, N) for voxels.
+    pub shape: [usize; 3],
+    /// `uint8` or `float32`.
+    pub dtype: &'static str,
+    /// Least value of each channel, or one for all.
+    pub low: Vec<f64>,
+    /// Greatest value of each channel, or one for all.
+    pub high: Vec<f64>,
+    /// Names of the cameras.
+    pub cameras: Vec<String>,
+    /// Frame of its numbers.
+    pub frame: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// What stands where nothing was seen.
+    pub missing: &'static str,
+    /// What it means.
+    pub meaning: &'static str,
+    /// True where no sensor of a real robot gives it: labels come from the simulation, though they hold no pose.
+    pub privileged: bool,
+}
+
+impl ImageSpec {
+    /// Reads a name.
+    ///
+    /// # Errors
+    /// [`VisionError::UnknownImage`].
+    pub fn read(name: &str, config: &CamerasConfig) -> Result<Self, VisionError> {
+        let unknown = || VisionError::UnknownImage {
+            name: name.to_owned(),
+            cameras: config.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", "),
+        };
+        let (kind, camera) = name.split_once('_').map_or((name, None), |(k, c)| (k, Some(c)));
+        let kind = ImageKind::ALL.into_iter().find(|k| k.name() == kind).ok_or_else(unknown)?;
+        let cameras = match camera {
+            None if kind == ImageKind::Voxels => 0..config.cameras.len(),
+            None => 0..1,
+            Some(camera) => {
+                let at = config.cameras.iter().position(|c| c.name == camera).ok_or_else(unknown)?;
+                at..at + 1
+            }
+        };
+        Ok(Self { name: name.to_owned(), kind, cameras })
+    }
+
+    /// Rows, columns, channels; or voxels along each axis.
+    #[must_use]
+    pub fn shape(&self, config: &CamerasConfig) -> [usize; 3] {
+        let [height, width] = config.image_size.map(|n| n as usize);
+        match self.kind {
+            ImageKind::Voxels => [config.voxels; 3],
+            kind => [height, width, kind.channels()],
+        }
+    }
+
+    /// How many numbers.
+    #[must_use]
+    pub fn size(&self, config: &CamerasConfig) -> usize {
+        self.shape(config).iter().product()
+    }
+
+    /// Its row.
+    ///
+    /// * `links`: number of the hand's links.
+    #[must_use]
+    pub fn table(&self, config: &CamerasConfig, lenses: &[Camera], links: usize) -> ImageTable {
+        let lens = &lenses[self.cameras.start];
+        let (low, high) = bounds(self.kind, lens, links);
+        let (frame, unit, missing, meaning) = match self.kind {
+            ImageKind::Rgb => ("camera", "1", "the background's colour", "red, green, blue"),
+            ImageKind::Depth => ("camera", "m", "0", "distance along the optical axis (not along the ray)"),
+            ImageKind::Rgbd => {
+                ("camera", "1; m", "the background's colour; 0", "red, green, blue in [0, 1], then depth")
+            }
+            ImageKind::Segmentation => {
+                ("camera", "1", "0", "0 background, 1 table and ground, 2 object, 3 + i link i of the hand")
+            }
+            ImageKind::Points => {
+                ("camera", "m", "0, 0, 0", "the point seen: x right, y down, z forward from the camera")
+            }
+            ImageKind::Voxels => {
+                ("world", "1", "0", "0 unseen, 1 free, 2 occupied (by table, object or hand); axes x, y, z")
+            }
+        };
+        ImageTable {
+            name: self.name.clone(),
+            kind: self.kind.name(),
+            shape: self.shape(config),
+            dtype: if self.kind.is_bytes() { "uint8" } else { "float32" },
+            low,
+            high,
+            cameras: config.cameras[self.cameras.clone()].iter().map(|c| c.name.clone()).collect(),
+            frame,
+            unit,
+            missing,
+            meaning,
+            privileged: self.kind == ImageKind::Segmentation,
+        }
+    }
+
+    /// Writes what `frame` shows; voxels are made elsewhere.
+    pub(crate) fn fill(&self, frame: &Frame, out: &mut Pixels) {
+        match out {
+            Pixels::Bytes(out) => {
+                out.clear();
+                out.extend_from_slice(if self.kind == ImageKind::Rgb { &frame.rgb } else { &frame.segmentation });
+            }
+            Pixels::Floats(out) => {
+                out.clear();
+                match self.kind {
+                    ImageKind::Points => out.extend(frame.points().flatten()),
+                    ImageKind::Rgbd => {
+                        let colors = frame.rgb.as_chunks::<3>().0.iter();
+                        let pixel = |([r, g, b], z): (&[u8; 3], &f32)| {
+                            let share = |c: &u8| f32::from(*c) / 255.0;
+                            [share(r), share(g), share(b), *z]
+                        };
+                        out.extend(colors.zip(&frame.depth).flat_map(pixel));
+                    }
+                    _ => out.extend_from_slice(&frame.depth),
+                }
+            }
+        }
+    }
+}
+
+/// Least and greatest value of each channel.
+fn bounds(kind: ImageKind, lens: &Camera, links: usize) -> (Vec<f64>, Vec<f64>) {
+    let far = lens.far();
+    match kind {
+        ImageKind::Rgb => (vec![0.0], vec![255.0]),
+        ImageKind::Depth => (vec![0.0], vec![far]),
+        ImageKind::Rgbd => (vec![0.0; 4], vec![1.0, 1.0, 1.0, far]),
+        ImageKind::Segmentation => (vec![0.0], vec![(usize::from(FIRST_LINK) + links - 1) as f64]),
+        ImageKind::Points => {
+            let Intrinsics { width, height, fx, fy, cx, cy } = *lens.intrinsics();
+            let reach = |size: u32, center: f64, focal: f64| center.max(f64::from(size) - center) / focal * far;
+            let (x, y) = (reach(width, cx, fx), reach(height, cy, fy));
+            (vec![-x, -y, 0.0], vec![x, y, far])
+        }
+        ImageKind::Voxels => (vec![0.0], vec![2.0]),
+    }
+}

@@ -1,0 +1,22 @@
+//! An object from many sides, without a hand.
+
+use crate::VisionError;
+use crate::visual_models::{ScenePose, VisualModels};
+use graspbox_camera::{Camera, Channels, Detail, Frame, Job, Light, render_batch};
+
+/// What each camera sees of the scene_pose; frames in the order of the cameras.
+///
+/// # Errors
+/// None for a scene_pose whose poses are finite.
+pub fn render_views(
+    models: &VisualModels,
+    scene_pose: &ScenePose,
+    cameras: &[Camera],
+    light: &Light,
+    channels: Channels,
+) -> Result<Vec<Frame>, VisionError> {
+    let instances = models.instances(scene_pose);
+    let job = |camera: &Camera| Job { instances: &instances, camera: *camera, light: *light, channels };
+    let jobs: Vec<_> = cameras.iter().map(job).collect();
+    render_batch(&jobs, Detail::Auto).map_err(|source| VisionError::Camera { name: "a view".into(), source })
+}

@@ -1,0 +1,266 @@
+//! Models and colours of hand, table and ground; the scene at one moment.
+
+use crate::VisionError;
+use graspbox_camera::{CameraError, Instance, Model, shapes};
+use graspbox_hand::{Collider, Hand, HandConfiguration, Material, Shape};
+use graspbox_mesh::TriMesh;
+use graspbox_sim::World;
+use graspbox_sim::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
+use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
+
+/// Label of pixels that see nothing.
+pub const BACKGROUND: u8 = 0;
+/// Label of the table and the ground below it.
+pub const TABLE: u8 = 1;
+/// Label of the object.
+pub const OBJECT: u8 = 2;
+/// Label of the hand's link 0, the base; link i has this plus i.
+pub const FIRST_LINK: u8 = 3;
+
+/// Edges of the hand's boxes are cut by this share of the least half side, at most [`MOST_BEVEL`].
+const BEVEL_SHARE: f64 = 0.3;
+/// Metres.
+const MOST_BEVEL: f64 = 0.006;
+/// Half the width of a knuckle, and its radius, as shares of the least half side of the link that it carries.
+const KNUCKLE: [f64; 2] = [0.85, 0.8];
+/// Sides of a knuckle.
+const KNUCKLE_COLUMNS: usize = 16;
+/// Sides of a cylinder or ball of the hand.
+const COLUMNS: usize = 32;
+
+const TABLE_COLOR: [f32; 3] = [0.80, 0.75, 0.68];
+const GROUND_COLOR: [f32; 3] = [0.78, 0.79, 0.81];
+const BASE_COLOR: [f32; 3] = [0.36, 0.39, 0.44];
+const PALM_COLOR: [f32; 3] = [0.13, 0.36, 0.46];
+const PROXIMAL_COLOR: [f32; 3] = [0.80, 0.82, 0.85];
+const KNUCKLE_COLOR: [f32; 3] = [0.30, 0.32, 0.36];
+const DISTAL_COLOR: [f32; 3] = [0.66, 0.69, 0.74];
+const PAD_COLOR: [f32; 3] = [0.15, 0.48, 0.60];
+/// Colours of objects.
+const OBJECT_COLORS: [[f32; 3]; 8] = [
+    [0.86, 0.33, 0.24],
+    [0.93, 0.62, 0.20],
+    [0.95, 0.80, 0.30],
+    [0.45, 0.66, 0.33],
+    [0.74, 0.45, 0.66],
+    [0.90, 0.50, 0.45],
+    [0.60, 0.42, 0.30],
+    [0.55, 0.50, 0.80],
+];
+
+/// The colour of the object of that name; the same everywhere and always.
+#[must_use]
+pub fn object_color(name: &str) -> [f32; 3] {
+    // FNV-1a.
+    let mix = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+    let hash = name.bytes().fold(0xcbf2_9ce4_8422_2325, mix);
+    OBJECT_COLORS[((hash >> 32) % OBJECT_COLORS.len() as u64) as usize]
+}
+
+/// A part of a link that has one colour.
+struct Part {
+    link: usize,
+    model: Model,
+    color: [f32; 3],
+}
+
+/// Models of everything but the object; built once.
+pub struct VisualModels {
+    parts: Vec<Part>,
+    /// Top, and the ground.
+    table: Option<[Model; 2]>,
+}
+
+/// Where everything is at one scene_pose.
+#[derive(Clone, Debug)]
+pub struct ScenePose<'a> {
+    /// The object.
+    pub object: &'a Model,
+    /// Its colour.
+    pub color: [f32; 3],
+    /// Where it is.
+    pub world_from_object: Isometry3<f64>,
+    /// The grasp frame.
+    pub world_from_hand: Isometry3<f64>,
+    /// The hand's links; empty to leave the hand out.
+    pub world_from_links: Vec<Isometry3<f64>>,
+}
+
+impl<'a> ScenePose<'a> {
+    /// The present of `world`. What has no finite place (in a world that broke) is left out.
+    #[must_use]
+    pub fn of(world: &World, object: &'a Model, color: [f32; 3]) -> Self {
+        let hand = world.hand();
+        let fingers = || (0..hand.fingers.len()).map(|i| world.finger(i));
+        let configuration = HandConfiguration {
+            preshape: world.preshape(),
+            proximal: fingers().map(|f| f.proximal).collect(),
+            distal: fingers().map(|f| f.distal).collect(),
+        };
+        let world_from_hand = world.world_from_hand();
+        let links = hand.hand_from_links(&configuration).unwrap_or_default();
+        Self {
+            object,
+            color,
+            world_from_object: world.world_from_object(),
+            world_from_hand,
+            world_from_links: links.into_iter().map(|link| world_from_hand * link).collect(),
+        }
+    }
+}
+
+impl VisualModels {
+    /// Makes the models of `hand`, table and ground.
+    ///
+    /// # Errors
+    /// A hand with a shape that cannot be drawn, or with more links than there are labels.
+    pub fn new(hand: &Hand) -> Result<Self, VisionError> {
+        if hand.links.len() > usize::from(u8::MAX - FIRST_LINK) {
+            return Err(VisionError::BadConfig {
+                field: "the number of links of a hand that is to be seen",
+                value: hand.links.len() as f64,
+                expected: "at most 252",
+            });
+        }
+        let make = || {
+            let mut parts = Vec::new();
+            for link in 0..hand.links.len() {
+                for material in [Material::Bare, Material::Pad] {
+                    parts.extend(part(hand, link, material)?);
+                }
+                parts.extend(knuckle(hand, link)?);
+            }
+            let table = Some(scenery()?);
+            Ok(Self { parts, table })
+        };
+        make().map_err(|source| VisionError::Camera { name: format!("the hand {:?}", hand.name), source })
+    }
+
+    /// A models without a hand.
+    ///
+    /// # Errors
+    /// None.
+    pub fn bare(table: bool) -> Result<Self, VisionError> {
+        let table = table.then(scenery).transpose();
+        let table = table.map_err(|source| VisionError::Camera { name: "the table".into(), source })?;
+        Ok(Self { parts: Vec::new(), table })
+    }
+
+    /// The hand alone; links without a finite place are left out.
+    pub fn hand<'a>(&'a self, world_from_links: &'a [Isometry3<f64>]) -> impl Iterator<Item = Instance<'a>> {
+        let instance = |part: &'a Part| {
+            Some(Instance {
+                model: &part.model,
+                world_from_model: *world_from_links.get(part.link)?,
+                color: part.color,
+                label: FIRST_LINK + part.link as u8,
+                casts_shadow: true,
+            })
+        };
+        let all = self.parts.iter().filter_map(instance);
+        all.filter(|i| is_near(&i.world_from_model))
+    }
+
+    /// Everything that is to be drawn; what has no finite place is left out.
+    #[must_use]
+    pub fn instances<'a>(&'a self, scene_pose: &'a ScenePose) -> Vec<Instance<'a>> {
+        let object = Instance {
+            model: scene_pose.object,
+            world_from_model: scene_pose.world_from_object,
+            color: scene_pose.color,
+            label: OBJECT,
+            casts_shadow: true,
+        };
+        let middles = [-TABLE_THICKNESS * 0.5, -TABLE_HEIGHT - TABLE_THICKNESS * 0.5];
+        let looks = middles.into_iter().zip([TABLE_COLOR, GROUND_COLOR]);
+        let scenery = self.table.iter().flatten().zip(looks).map(|(model, (z, color))| Instance {
+            model,
+            world_from_model: Isometry3::translation(0.0, 0.0, z),
+            color,
+            label: TABLE,
+            casts_shadow: false,
+        });
+        let mut all = Vec::with_capacity(self.parts.len() + 3);
+        // From what is mostly in front to what is mostly behind: less is painted over.
+        all.extend(self.hand(&scene_pose.world_from_links));
+        all.extend(is_near(&scene_pose.world_from_object).then_some(object));
+        all.extend(scenery);
+        all
+    }
+}
+
+/// Table top and ground.
+fn scenery() -> Result<[Model; 2], CameraError> {
+    let slab = |side: f64| {
+        let half = Vector3::new(side, side, TABLE_THICKNESS) * 0.5;
+        Model::new(&shapes::cuboid(half, 0.0)?)
+    };
+    Ok([slab(TABLE_SIDE)?, slab(GROUND_SIDE)?])
+}
+
+/// A finite place that a renderer takes.
+fn is_near(pose: &Isometry3<f64>) -> bool {
+    let translation = pose.translation.vector.iter().all(|x| x.abs() < 1e3);
+    translation && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
+}
+
+/// The shapes of one material of a link, in one model; none where there are none.
+fn part(hand: &Hand, link: usize, material: Material) -> Result<Option<Part>, CameraError> {
+    let colliders = hand.links[link].colliders.iter().filter(|c| c.material == material);
+    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+    for collider in colliders {
+        let mesh = solid(collider)?;
+        let first = vertices.len() as u32;
+        vertices.extend(mesh.vertices().iter().map(|v| collider.link_from_shape * v));
+        faces.extend(mesh.faces().iter().map(|f| f.map(|v| v + first)));
+    }
+    if faces.is_empty() {
+        return Ok(None);
+    }
+    let model = Model::new(&TriMesh::new(vertices, faces)?)?;
+    let color = color(hand, link, material);
+    Ok(Some(Part { link, model, color }))
+}
+
+/// A cylinder about the axis of the joint that carries a finger's link. It fills the gap that the collision shapes leave: for the eye
+/// alone, since nothing collides with it.
+fn knuckle(hand: &Hand, link: usize) -> Result<Option<Part>, CameraError> {
+    let Some(joint) = hand.joints.iter().find(|j| j.child == link && !j.fixed) else {
+        return Ok(None);
+    };
+    let least = |collider: &Collider| match collider.shape {
+        Shape::Cuboid(half) if collider.material == Material::Bare => Some(half.min()),
+        _ => None,
+    };
+    let Some(half) = hand.links[link].colliders.iter().find_map(least) else {
+        return Ok(None);
+    };
+    let along = Rotation3::rotation_between(&Vector3::z(), &joint.axis).unwrap_or_else(|| {
+        // The opposite way: a cylinder is the same.
+        Rotation3::identity()
+    });
+    let [width, radius] = KNUCKLE.map(|share| share * half);
+    let mesh = shapes::cylinder(radius, width, KNUCKLE_COLUMNS)?;
+    let turned = Isometry3::from_parts(Translation3::identity(), along.into());
+    Ok(Some(Part { link, model: Model::new(&mesh.transformed(&turned))?, color: KNUCKLE_COLOR }))
+}
+
+fn solid(collider: &Collider) -> Result<TriMesh, CameraError> {
+    match collider.shape {
+        Shape::Cuboid(half) => shapes::cuboid(half, (BEVEL_SHARE * half.min()).min(MOST_BEVEL)),
+        Shape::Cylinder { radius, half_length } => shapes::cylinder(radius, half_length, COLUMNS),
+        Shape::Sphere { radius } => shapes::sphere(radius, COLUMNS),
+    }
+}
+
+fn color(hand: &Hand, link: usize, material: Material) -> [f32; 3] {
+    let finger = hand.finger_of_link(link);
+    let distal = finger.is_some_and(|f| hand.joints[hand.fingers[f].distal].child == link);
+    match (finger, material) {
+        (None, Material::Bare) => BASE_COLOR,
+        (None, Material::Pad) => PALM_COLOR,
+        (Some(_), Material::Pad) => PAD_COLOR,
+        (Some(_), Material::Bare) if distal => DISTAL_COLOR,
+        (Some(_), Material::Bare) => PROXIMAL_COLOR,
+    }
+}

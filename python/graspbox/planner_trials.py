@@ -1,0 +1,135 @@
+"""Plan and try grasps over a whole object set: what ``graspbox grasp`` prints."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
+from graspbox.errors import GraspboxError
+from graspbox.object_sets import ObjectSet, ObjectSpec
+from graspbox.planning import Plan, plan
+from graspbox.simulation import Outcomes, Scene
+
+__all__ = ["ObjectResult", "SetResult", "try_object", "try_set"]
+
+
+@dataclass(frozen=True)
+class ObjectResult:
+    """What came of one object.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    plan : Plan or None
+        The poses that were tried, in ranking order; None if the object could not be prepared.
+    outcomes : Outcomes or None
+        What came of each.
+    seconds : float
+        Wall time of the trials alone.
+    error : str
+        Why the object could not be prepared, planned for or simulated; empty if it could.
+    """
+
+    name: str
+    plan: Plan | None = None
+    outcomes: Outcomes | None = None
+    seconds: float = 0.0
+    error: str = ""
+
+    def row(self) -> dict[str, Any]:
+        """Count, as ``graspbox grasp --json`` prints it."""
+        out = self.outcomes
+        # Early stops may have cut the study's measures off; an infeasible pose has none and counts as failed.
+        cut_off = out is not None and bool((np.isnan(out.kindness) & (out.failure != "infeasible")).any())
+        legacy = 0 if out is None else int(out.legacy_success.sum())
+        return {
+            "name": self.name,
+            "tried": 0 if out is None else len(out),
+            "succeeded": 0 if out is None else int(out.success.sum()),
+            "secure": 0 if out is None else int(out.secure.sum()),
+            "legacy_succeeded": None if cut_off else legacy,
+            "first_succeeded": out is not None and len(out) > 0 and bool(out.success[0]),
+        }
+
+
+@dataclass(frozen=True)
+class SetResult:
+    """What came of an object set."""
+
+    objects: list[ObjectResult] = field(default_factory=list)
+
+    def table(self) -> dict[str, Any]:
+        """Sum up, as ``graspbox grasp --json`` prints it.
+
+        ``rate`` is a share of the tried poses; ``first_rate`` and ``objects_with_success`` are over all objects of
+        the set, where one without a feasible pose counts as failed.
+        """
+        rows = [result.row() for result in self.objects]
+        tried = sum(row["tried"] for row in rows)
+        succeeded = sum(row["succeeded"] for row in rows)
+        seconds = sum(result.seconds for result in self.objects)
+        return {
+            "objects": rows,
+            "tried": tried,
+            "succeeded": succeeded,
+            "rate": succeeded / tried if tried else 0.0,
+            "objects_with_success": sum(row["succeeded"] > 0 for row in rows),
+            "first_rate": sum(row["first_succeeded"] for row in rows) / len(rows) if rows else 0.0,
+            "trials_per_s": tried / seconds if seconds else 0.0,
+        }
+
+
+def try_object(
+    spec: ObjectSpec,
+    *,
+    poses: int,
+    seed: int = 0,
+    hand: str = "reflex",
+    planning: PlanConfig = PlanConfig(),  # noqa: B008 (frozen)
+    trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
+    physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
+    num_threads: int | None = None,
+) -> ObjectResult:
+    """Let an object settle, plan for it as it rests, and try the best `poses` feasible poses.
+
+    What graspbox refuses (a broken mesh, an object that rolls away) is told in `ObjectResult.error`; defects are
+    raised.
+    """
+    try:
+        scene = Scene(spec.load(), hand=hand, physics=physics)
+        planned = plan(
+            scene.mesh,
+            hand=scene.hand,
+            seed=seed,
+            world_from_object=scene.world_from_object,
+            config=planning,
+            num_threads=num_threads,
+        )
+        best = planned.best(poses)
+        started = time.perf_counter()
+        outcomes = scene.simulate(best.poses, best.preshape, config=trial, num_threads=num_threads)
+        seconds = time.perf_counter() - started
+    except GraspboxError as error:
+        return ObjectResult(spec.name, error=f"{type(error).__name__}: {error}")
+    return ObjectResult(spec.name, best, outcomes, seconds)
+
+
+def try_set(objects: ObjectSet, *, done: Callable[[ObjectResult], None] = lambda _: None, **settings: Any) -> SetResult:
+    """Evaluate every object of a set; see `try_object` for the settings.
+
+    Parameters
+    ----------
+    objects : ObjectSet
+        The objects, evaluated in order.
+    done : callable
+        Called with each result as it comes.
+    """
+    results = SetResult()
+    for spec in objects:
+        results.objects.append(try_object(spec, **settings))
+        done(results.objects[-1])
+    return results
