@@ -79,7 +79,7 @@ test-examples: $(EXAMPLES)/.stamp $(STAMPS)/core
 test-all: $(STAMPS)/train $(STAMPS)/core
 	cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
-	python -m graspbox.mujoco_judge --trials 200 --seed 0
+	python -m graspbox.validation mujoco --trials 200 --seed 0
 	$(MAKE) test-examples
 
 lint: $(STAMPS)/dev $(STAMPS)/core

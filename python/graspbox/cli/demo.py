@@ -11,6 +11,7 @@ from graspbox.cli.common import Json, Seed, Threads, console, print_json, print_
 from graspbox.cli.grasp import COLUMNS, run, summary, table_rows
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.validation import study, study_chart
 
 #: Made here: with a handle, round, hollow, with spout and arch.
 _PROCEDURAL = ("bottle", "mug", "bowl", "kettle")
@@ -29,7 +30,7 @@ def demo_objects() -> list[str]:
     except MissingExtraError as error:
         console.print(f"without YCB objects: {error}", markup=False)
         return names
-    return [*names, _TRACED, *pictures.study_objects()]
+    return [*names, _TRACED, *study.study_objects()]
 
 
 def demo(
@@ -50,10 +51,10 @@ def demo(
         if done.plan is not None:
             pictures.save_plan(out / f"{spec.name}.png", spec.load(), done.plan, done.outcomes)
     known = _TRACED.partition(":")[2] in found.names
-    comparison = pictures.Comparison.of(result)
+    comparison = study.Comparison.of(result)
     if known:
         (out / "table_3_1.md").write_text(comparison.markdown())
-        pictures.save_comparison(out / "table_3_1.png", comparison)
+        study_chart.save_comparison(out / "table_3_1.png", comparison)
     draw_sweeps_and_trials(out, seed, ycb=known)
     if as_json:
         print_json(table)
@@ -61,8 +62,8 @@ def demo(
         print_table(f"{poses} poses each, seed {seed}", COLUMNS, table_rows(table))
         typer.echo(summary(table))
         if known:
-            print_table("the study's table 3.1 beside ours", pictures.COLUMNS, comparison.rows())
-            typer.echo(pictures.CUP_GUESS)
+            print_table("the study's table 3.1 beside ours", study.COLUMNS, comparison.rows())
+            typer.echo(study.CUP_GUESS)
         typer.echo(f"tables and pictures are in {out}")
     if any(r.error for r in result.objects):
         raise typer.Exit(1)

@@ -23,9 +23,9 @@ import numpy as np
 import graspbox
 from graspbox import _core
 from graspbox.configs import PhysicsConfig, TrialConfig
-from graspbox.mujoco_judge.description import Array, HandDescription, read_hand
-from graspbox.mujoco_judge.replay import Outcome, replay
-from graspbox.mujoco_judge.scene import Numerics, ObjectData, build
+from graspbox.validation.mujoco.description import Array, HandDescription, read_hand
+from graspbox.validation.mujoco.replay import Outcome, replay
+from graspbox.validation.mujoco.scene import Numerics, ObjectData, build
 
 #: Easy and hard, light and heavy, round and square: the objects of the hold suite, and one of each procedural family.
 DEFAULT_OBJECTS = (

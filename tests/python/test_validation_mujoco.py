@@ -12,10 +12,10 @@ pytest.importorskip("mujoco", reason="the judge needs mujoco, from the extra 'de
 import mujoco
 
 import graspbox
-from graspbox import mujoco_judge as judge
 from graspbox.configs import PhysicsConfig
-from graspbox.mujoco_judge.__main__ import main
-from graspbox.mujoco_judge.replay import Replay
+from graspbox.validation import mujoco as judge
+from graspbox.validation.__main__ import main
+from graspbox.validation.mujoco.replay import Replay
 
 #: The palm faces the table and everything is out of reach of the fingers.
 HIGH = 0.6
@@ -159,17 +159,17 @@ def test_buried_hand_is_infeasible(hand: judge.HandDescription) -> None:
 
 def test_missing_goal_fails_the_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """The exit status follows the share of equal labels."""
-    import graspbox.mujoco_judge.__main__ as command
+    import graspbox.validation.mujoco.command as command
 
     held = judge.Outcome(True, None, 0.2, 0.0, (4, 4), 0.0, 3.3)
     row = judge.Row("cube", False, "slipped", 0.0, held, np.eye(4), np.eye(4), 0.0, why="engines disagree")
     monkeypatch.setattr(command, "compare", lambda *_, **__: judge.Report(rows=[row]))
-    assert main(["--json"]) == 1
+    assert main(["mujoco", "--json"]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert facts["share"] == 0.0
     assert facts["by_kind"] == {"slipped / success": 1}
     monkeypatch.setattr(command, "compare", lambda *_, **__: judge.Report(rows=[replace(row, success=True)]))
-    assert main(["--json"]) == 0
+    assert main(["mujoco", "--json"]) == 0
 
 
 def test_a_few_trials_of_procedural_objects() -> None:

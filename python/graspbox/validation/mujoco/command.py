@@ -1,4 +1,4 @@
-"""``python -m graspbox.mujoco_judge``: print how far MuJoCo agrees with the core."""
+"""``python -m graspbox.validation mujoco``: print how often MuJoCo and the core agree."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from rich.progress import Progress
 from rich.table import Table
 
 from graspbox.errors import GraspboxError
-from graspbox.mujoco_judge import DEFAULT_OBJECTS, Numerics, Report, compare
+from graspbox.validation.mujoco import DEFAULT_OBJECTS, Numerics, Report, compare
 
 #: The share of equal labels below which the command fails.
 GOAL = 0.90
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m graspbox.mujoco_judge", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m graspbox.validation mujoco", description=__doc__)
     parser.add_argument("--trials", type=int, default=200, help="feasible grasps to judge (200)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the poses (0)")
     parser.add_argument("--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="SET", help="object sets")
@@ -72,7 +72,7 @@ def _print(console: Console, report: Report) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the comparison; the exit status is 0 where the goal is met."""
+    """Run the comparison; returns exit status 0 if the share of equal labels reaches the goal, else 1."""
     args = _parser().parse_args(arguments)
     errors = Console(stderr=True)
     try:
@@ -88,14 +88,10 @@ def main(arguments: list[str] | None = None) -> int:
                 progress=lambda done: bar.update(task, completed=done),
             )
     except GraspboxError as error:
-        errors.print(f"graspbox: {error}")
+        errors.print(f"graspbox: {error}", markup=False, highlight=False)
         return 2
     if args.json:
         print(json.dumps(report.to_json()))
     else:
         _print(Console(), report)
     return 0 if report.rows and report.share >= GOAL else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

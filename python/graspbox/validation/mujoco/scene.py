@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.configs import PhysicsConfig
-from graspbox.mujoco_judge.description import BASE, Array, HandDescription, Link
+from graspbox.validation.mujoco.description import BASE, Array, HandDescription, Link
 
 #: Table top and ground, metres: the same sizes as the core's.
 _TABLE_SIDE, _TABLE_THICKNESS, _TABLE_HEIGHT, _GROUND_SIDE = 1.2, 0.1, 0.75, 20.0

@@ -1,6 +1,6 @@
-"""An independent judge: trials of the core, replayed in MuJoCo.
+"""An independent simulator: trials of the core, replayed in MuJoCo.
 
-It shares the hand's two files, the object's convex parts and the definition of success with the core, and no code. It
+It shares with the core the hand's two files, the object's convex parts and the definition of success, but no code. It
 needs ``mujoco`` (extra ``dev``).
 
 | module | what it does |
@@ -9,8 +9,9 @@ needs ``mujoco`` (extra ``dev``).
 | `scene`       | hand, object, table and friction as an MJCF model |
 | `replay`      | one trial: close, lift, hold, judge |
 | `compare`     | many trials in both engines: equal labels, differences, speed |
+| `command`     | the command line |
 
-``python -m graspbox.mujoco_judge --trials 200 --seed 0 [--json]``
+``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 """
 
 from graspbox.errors import MissingExtraError
@@ -21,13 +22,13 @@ except ModuleNotFoundError as error:
     if error.name != "mujoco":
         raise
     raise MissingExtraError(
-        "the MuJoCo judge needs the package mujoco, from the extra 'dev': pip install 'graspbox[dev]'"
+        "graspbox.validation.mujoco needs the package mujoco, from the extra 'dev': pip install 'graspbox[dev]'"
     ) from None
 
-from graspbox.mujoco_judge.compare import DEFAULT_OBJECTS, Report, Row, compare, object_data, random_pose, reflex
-from graspbox.mujoco_judge.description import HandDescription, read_hand
-from graspbox.mujoco_judge.replay import Outcome, TrialTimes, replay
-from graspbox.mujoco_judge.scene import Numerics, ObjectData, Scene, build, mjcf
+from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, Report, Row, compare, object_data, random_pose, reflex
+from graspbox.validation.mujoco.description import HandDescription, read_hand
+from graspbox.validation.mujoco.replay import Outcome, TrialTimes, replay
+from graspbox.validation.mujoco.scene import Numerics, ObjectData, Scene, build, mjcf
 
 __all__ = [
     "DEFAULT_OBJECTS",

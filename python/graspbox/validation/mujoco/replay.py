@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from graspbox.configs import PhysicsConfig, TrialConfig
-from graspbox.mujoco_judge.description import Array, Finger
-from graspbox.mujoco_judge.scene import CARRIAGE_INERTIA, Scene, quaternion
+from graspbox.validation.mujoco.description import Array, Finger
+from graspbox.validation.mujoco.scene import CARRIAGE_INERTIA, Scene, quaternion
 
 FailureKind = Literal["infeasible", "no_contact", "slipped", "dropped", "unstable"]
 

@@ -1,0 +1,11 @@
+"""Comparisons with what others found; developers run them, the rest of the package does not import them.
+
+| module | what it compares with |
+|---|---|
+| `graspbox.validation.mujoco`      | an independent simulator: the same trials in MuJoCo (extra ``dev``) |
+| `graspbox.validation.study`       | the reference study: its table 3.1 beside ours (extra ``ycb``) |
+| `graspbox.validation.study_chart` | that table as a bar chart (extra ``cli``) |
+
+``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
+``python -m graspbox.validation study --poses 20 --seed 0 [--json]``
+"""

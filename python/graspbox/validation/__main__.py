@@ -1,0 +1,43 @@
+"""``python -m graspbox.validation CHECK``: compare graspbox with MuJoCo or with the reference study.
+
+| check | what it prints |
+|---|---|
+| ``mujoco`` | how many labels of random grasps MuJoCo and the core agree on |
+| ``study``  | the reference study's table 3.1 beside ours |
+
+``CHECK --help`` lists the options of a check. Exit status: 0 if the check passed, 1 if it did not, 2 for a wrong call.
+"""
+
+import argparse
+import sys
+
+from graspbox.errors import GraspboxError
+
+CHECKS = ("mujoco", "study")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one check with its own options; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m graspbox.validation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("check", choices=CHECKS)
+    given = sys.argv[1:] if arguments is None else arguments
+    check = parser.parse_args(given[:1]).check
+    try:
+        if check == "mujoco":
+            from graspbox.validation.mujoco.command import main as compare_engines
+
+            return compare_engines(given[1:])
+        from graspbox.validation.study_command import main as compare_study
+
+        return compare_study(given[1:])
+    except GraspboxError as error:
+        print(f"graspbox: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

