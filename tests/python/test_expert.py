@@ -10,6 +10,7 @@ import pytest
 
 from graspbox import errors, object_sets
 from graspbox.envs import expert
+from graspbox.envs.motion import Motion, pose_matrix, rotation_matrix, rotation_vector
 from test_scripts import script
 
 OBJECTS = ["procedural:can:0-2", "procedural:box:0-2", "procedural:mug:0"]
@@ -70,16 +71,16 @@ def test_curves_keep_their_limits_and_ends() -> None:
     rng = np.random.default_rng(0)
     for angle in (0.0, 1e-9, 1.0, np.pi - 1e-9, np.pi):
         axis = rng.normal(size=3)
-        start = expert._pose(rng.normal(size=3), expert._rotation(rng.normal(size=3)))
-        end = expert._pose(rng.normal(size=3), expert._rotation(axis / np.linalg.norm(axis) * angle) @ start[:3, :3])
-        curve = expert._Curve.within(start, end, 0.5, 2.0)
+        start = pose_matrix(rng.normal(size=3), rotation_matrix(rng.normal(size=3)))
+        end = pose_matrix(rng.normal(size=3), rotation_matrix(axis / np.linalg.norm(axis) * angle) @ start[:3, :3])
+        curve = Motion.within(start, end, 0.5, 2.0)
         np.testing.assert_allclose(curve.at(0.0), start, atol=1e-12)
         np.testing.assert_allclose(curve.at(curve.duration), end, atol=1e-6)
         poses = [curve.at(t) for t in np.linspace(0, curve.duration, 200)]
         dt = curve.duration / 199
         for a, b in pairwise(poses):
             assert np.linalg.norm(b[:3, 3] - a[:3, 3]) <= 0.5 * dt * 1.001
-            assert np.linalg.norm(expert._rotation_vector(b[:3, :3] @ a[:3, :3].T)) <= 2.0 * dt * 1.001
+            assert np.linalg.norm(rotation_vector(b[:3, :3] @ a[:3, :3].T)) <= 2.0 * dt * 1.001
 
 
 def test_example_runs_and_wrong_states_are_explained() -> None:

@@ -1,8 +1,11 @@
-"""A scripted expert for ``graspbox/Grasp-v0``: it takes the hand to a planned pose by ordinary actions alone.
+"""A scripted expert for ``graspbox/Grasp-v0``: it moves the hand to a planned pose by ordinary actions alone.
 
-The way of the hand: straight up, over and turned at a height that clears the object, down to a place 0.10 m behind the
-pose, in along the hand's z; then it closes for 1.3 s, rises 0.2 m in 1 s, and holds. That is the trial of
-`graspbox.simulate`, with the approach for real. Every motion is a minimum-jerk curve within the hand's limits.
+The hand rises, moves over and turns at a height that clears the object, descends to the standoff behind the pose, and
+approaches along its z; then it closes, lifts and holds. That is the trial of `graspbox.simulate` (standoff, times and
+lift height are those of `graspbox.TrialConfig`), with a simulated approach. Every motion is a minimum-jerk curve within
+the hand's limits.
+
+`graspbox.policies` has this expert as a policy for many environments: ``load("expert")``.
 
 >>> import gymnasium, graspbox
 >>> from graspbox.envs.expert import Expert, planned
@@ -18,15 +21,17 @@ True
 """
 
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import planning
 from graspbox._core import Hand, Mesh
+from graspbox.configs import TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.grasp_pose import rotation_from_columns
+from graspbox.envs.motion import Motion, pose_matrix, rotation_vector
 from graspbox.errors import ConfigError
 from graspbox.simulation import load_hand
 
@@ -34,72 +39,16 @@ __all__ = ["Expert", "hand_pose", "object_pose", "planned"]
 
 Pose = NDArray[np.float64]
 
-#: Shares of the hand's greatest speeds that a curve's peak may have: the servo needs some to catch up.
+#: A motion's peak speed, as a share of the hand's limit; the arm's controller needs the rest to catch up.
 _SPEED_SHARE = 0.9
-#: A minimum-jerk curve's peak speed is this many times its mean.
-_PEAK = 1.875
-#: The hand is this far above the object's highest point on its way, metres: the length of a finger, and some.
+#: Height of the hand above the object's highest point on the way, metres: longer than a finger (0.105).
 _CLEARANCE = 0.20
-#: The pose is approached from this far behind, along the hand's -z, metres; as in the planner and in a trial.
-_STANDOFF = 0.10
-#: Closing, rising and holding as a trial has them: seconds, metres; fingers close at the hand's default speed, rad/s.
-_CLOSE_TIME, _LIFT_TIME, _LIFT_HEIGHT, _HOLD_TIME, _CLOSE_SPEED = 1.3, 1.0, 0.20, 1.0, 3.0
-
-
-def _pose(position: ArrayLike, rotation: ArrayLike) -> Pose:
-    pose = np.eye(4)
-    pose[:3, 3], pose[:3, :3] = position, rotation
-    return pose
-
-
-def _rotation_vector(rotation: Pose) -> Pose:
-    """Axis times angle of a rotation (3, 3); any axis where the angle is pi."""
-    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    sine, cosine = np.linalg.norm(skew) / 2, (np.trace(rotation) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    if sine > 1e-6:
-        return np.asarray(skew / (2 * sine) * angle)
-    if cosine > 0:
-        return np.zeros(3)
-    # R = 2 a a^T - 1 here: the longest column of a a^T points along the axis.
-    outer = (rotation + np.eye(3)) / 2
-    axis = outer[:, np.argmax(np.diag(outer))]
-    return np.asarray(axis / np.linalg.norm(axis) * angle)
-
-
-def _rotation(vector: Pose) -> Pose:
-    """Rotation (3, 3) of an axis times an angle, by Rodrigues' formula."""
-    angle = np.linalg.norm(vector)
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
-
-
-class _Curve:
-    """A minimum-jerk motion from one pose to another: a straight line, and a turn about one axis."""
-
-    def __init__(self, start: Pose, end: Pose, duration: float) -> None:
-        self._start, self.end, self.duration = start, end, duration
-        self._turn = _rotation_vector(end[:3, :3] @ start[:3, :3].T)
-
-    @classmethod
-    def within(cls, start: Pose, end: Pose, linear: float, angular: float) -> "_Curve":
-        """Make the fastest one whose speeds (m/s, rad/s) stay below the given ones."""
-        way = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
-        turn = float(np.linalg.norm(_rotation_vector(end[:3, :3] @ start[:3, :3].T)))
-        return cls(start, end, max(_PEAK * way / linear, _PEAK * turn / angular, 0.1))
-
-    def at(self, time: float) -> Pose:
-        s = min(max(time / self.duration, 0.0), 1.0)
-        share = s * s * s * (10 + s * (6 * s - 15))
-        position = self._start[:3, 3] + share * (self.end[:3, 3] - self._start[:3, 3])
-        return _pose(position, _rotation(share * self._turn) @ self._start[:3, :3])
+#: Speed at which the fingers close, rad/s: the default of a trial.
+_CLOSE_SPEED = 3.0
 
 
 class _State:
-    """The fields of a state that the expert looks at."""
+    """Reads fields of the observation ``state`` by name."""
 
     def __init__(self, hand: Hand, control: str) -> None:
         rows = spaces.tables(hand)["observations"][control]["state"]
@@ -120,17 +69,17 @@ class _State:
         columns = self.take(state, f"{name}_rotation")
         rotation = rotation_from_columns(columns[:3], columns[3:])
         if rotation is None:
-            raise ConfigError(f"{name}_rotation of the state is no rotation")
-        return _pose(self.take(state, f"{name}_position"), rotation)
+            raise ConfigError(f"{name}_rotation of the state is {columns}; these columns define no rotation")
+        return pose_matrix(self.take(state, f"{name}_position"), rotation)
 
 
 def object_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | tuple[str, str] = "reflex") -> Pose:
-    """Read ``world_from_object`` (4, 4) off a state."""
+    """Read ``world_from_object`` (4, 4) from an observation ``state``."""
     return _State(load_hand(hand), control).pose(state, "object")
 
 
 def hand_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | tuple[str, str] = "reflex") -> Pose:
-    """Read where the arm believes the hand is, ``world_from_hand`` (4, 4), off a state."""
+    """Read ``world_from_hand`` (4, 4) as the arm measures it from an observation ``state``."""
     return _State(load_hand(hand), control).pose(state, "hand")
 
 
@@ -142,7 +91,7 @@ def planned(
     hand: str | Hand | tuple[str, str] = "reflex",
     **settings: Any,
 ) -> planning.Plan:
-    """Plan for an object as it lies; the feasible poses alone, the best first.
+    """Plan grasps of an object at its present pose; feasible poses only, best first.
 
     Parameters
     ----------
@@ -162,14 +111,14 @@ def planned(
 
 
 class Expert:
-    """Drives one episode to a planned pose.
+    """Drives one episode: moves the hand to a planned pose, closes it, lifts and holds.
 
     Parameters
     ----------
     state : (n,) array_like
-        The observation ``state`` with which the episode began.
+        First observation ``state`` of the episode.
     object_from_hand : (4, 4) array_like
-        Where to grasp.
+        Grasp pose.
     preshape : float
         Radians.
     control : {"twist", "delta_pose", "target_pose"}
@@ -178,6 +127,8 @@ class Expert:
         See `graspbox.load_hand`.
     frame_skip : int
         That of the environment.
+    trial : TrialConfig
+        Standoff, times of closing, lifting and holding, and lift height.
 
     Raises
     ------
@@ -191,9 +142,10 @@ class Expert:
         object_from_hand: ArrayLike,
         preshape: float,
         *,
-        control: Literal["twist", "delta_pose", "target_pose"] = "twist",
+        control: str = "twist",
         hand: str | Hand | tuple[str, str] = "reflex",
         frame_skip: int = 1,
+        trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
     ) -> None:
         loaded = load_hand(hand)
         found = spaces.tables(loaded)
@@ -208,46 +160,46 @@ class Expert:
         self._steps = 0
         start = self._state.pose(state, "hand")
         goal = self._state.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
-        self._curves = self._way(start, goal, self._top(state))
+        self._motions = self._path(start, goal, self._top(state), trial)
         self._reference = start
-        self._closes_at = sum(curve.duration for curve in self._curves[:-2])
-        self._length = sum(curve.duration for curve in self._curves) + _HOLD_TIME
+        self._closes_at = sum(motion.duration for motion in self._motions[:-2])
+        self._length = sum(motion.duration for motion in self._motions) + trial.hold_time
 
     @property
     def finished(self) -> bool:
-        """Whether the way is done, and the hold after it."""
+        """Whether all motions and the hold after them are over."""
         return self._steps * self._period >= self._length
 
     def _top(self, state: ArrayLike) -> float:
-        """Height of the object's bounds, metres."""
+        """Height of the top of the object's bounds above the table, metres."""
         hand_from_object = self._state.pose(state, "object_in_hand")
         middle = np.linalg.inv(hand_from_object) @ np.append(self._state.take(state, "bounds_center"), 1.0)
         world_from_object = self._state.pose(state, "object")
         reach = np.abs(world_from_object[2, :3]) @ self._state.take(state, "half_extents")
         return float(world_from_object[2] @ middle + reach)
 
-    def _way(self, start: Pose, goal: Pose, top: float) -> list[_Curve]:
-        """Make the curves from start to lift; the last but one stands still and closes."""
+    def _path(self, start: Pose, goal: Pose, top: float, trial: TrialConfig) -> list[Motion]:
+        """Motions from the start pose to the end of the lift; during the last but one the hand rests and closes."""
         behind = goal.copy()
-        behind[:3, 3] -= _STANDOFF * goal[:3, 2]
+        behind[:3, 3] -= trial.standoff * goal[:3, 2]
         height = min(max(top + _CLEARANCE, behind[2, 3]), self._high[2])
         raised, above = start.copy(), behind.copy()
         raised[2, 3] = max(height, start[2, 3])
         above[2, 3] = height
         stops = [start, raised, above, behind, goal]
         speeds = [_SPEED_SHARE * limit for limit in self._limits]
-        curves = [_Curve.within(a, b, *speeds) for a, b in pairwise(stops)]
+        motions = [Motion.within(a, b, *speeds) for a, b in pairwise(stops)]
         lifted = goal.copy()
-        lifted[2, 3] += _LIFT_HEIGHT
-        return [*curves, _Curve(goal, goal, _CLOSE_TIME), _Curve(goal, lifted, _LIFT_TIME)]
+        lifted[2, 3] += trial.lift_height
+        return [*motions, Motion(goal, goal, trial.close_time), Motion(goal, lifted, trial.lift_time)]
 
     def _wanted(self, time: float) -> Pose:
-        """Where the hand is to be, `time` seconds after the episode began."""
-        for curve in self._curves:
-            if time <= curve.duration:
-                return curve.at(time)
-            time -= curve.duration
-        return self._curves[-1].end
+        """Desired ``world_from_hand``, `time` seconds after the episode began."""
+        for motion in self._motions:
+            if time <= motion.duration:
+                return motion.at(time)
+            time -= motion.duration
+        return self._motions[-1].end
 
     def act(self, state: ArrayLike) -> NDArray[np.float32]:
         """Choose the next action.
@@ -255,7 +207,7 @@ class Expert:
         Parameters
         ----------
         state : (n,) array_like
-            The observation ``state`` now; only what the arm knows of the hand is looked at.
+            The current observation ``state``; only the hand pose that the arm measures is read.
 
         Returns
         -------
@@ -276,14 +228,14 @@ class Expert:
         return action
 
     def _moves(self, hand: Pose, wanted: Pose) -> list[Pose]:
-        """Name what moves the hand, in the rows of the control mode."""
+        """Entries of an action that move the hand, in the order of the control mode's table."""
         linear, angular = self._limits
         if self._control == "target_pose":
             place = (wanted[:3, 3] - self._low) / (self._high - self._low) * 2 - 1
             return [place[0:1], place[1:2], place[2:3], wanted[:3, :2].T.ravel()]
-        # A twist leads from where the hand is, a step from where the last one led.
+        # A twist starts at the hand's measured pose, a step at the target of the previous step.
         start = hand if self._control == "twist" else self._reference
         self._reference = wanted
-        way = start[:3, :3].T @ (wanted[:3, 3] - start[:3, 3]) / (linear * self._period)
-        turn = _rotation_vector(start[:3, :3].T @ wanted[:3, :3]) / (angular * self._period)
-        return [way, turn]
+        shift = start[:3, :3].T @ (wanted[:3, 3] - start[:3, 3]) / (linear * self._period)
+        turn = rotation_vector(start[:3, :3].T @ wanted[:3, :3]) / (angular * self._period)
+        return [shift, turn]

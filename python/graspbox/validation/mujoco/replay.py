@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.envs.motion import minimum_jerk
 from graspbox.validation.mujoco.description import Array, Finger
 from graspbox.validation.mujoco.scene import CARRIAGE_INERTIA, Scene, quaternion
 
@@ -46,8 +47,7 @@ class TrialTimes:
 
     def rise(self, time: float) -> float:
         """Height of the palm above its start, m."""
-        s = min(max((time - self.close_time) / self.lift_time, 0.0), 1.0)
-        return self.lift_height * s**3 * (10.0 + s * (6.0 * s - 15.0))
+        return self.lift_height * minimum_jerk((time - self.close_time) / self.lift_time)
 
 
 @dataclass
