@@ -4,14 +4,16 @@
 physics, observations and rewards leaves the file as it is. A change that moves them on purpose remakes it in a commit
 of its own, which says how many values moved and why.
 
-Labels are simulated from the poses in the file, so a changed planner does not hide a changed simulation; the planner's
-own poses are compared beside them. Floating-point numbers are kept as hexadecimal text, images and long vectors as
-hashes.
+Labels are simulated from the poses in the file and episodes act by the actions in it, so that neither a changed planner
+nor a changed expert hides a changed simulation; the planner's own poses are compared beside them. Floating-point
+numbers are kept as hexadecimal text, actions as base64 of float32, images and long vectors as hashes.
 """
 
 import argparse
+import base64
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -143,48 +145,78 @@ def made(env_id: str, index: int, **settings: Any) -> Any:
     return gymnasium.make(env_id, **kwargs, cameras=CAMERAS).unwrapped
 
 
-def grasp_episodes() -> list[dict[str, Any]]:
-    """Twenty episodes of Grasp-v0: the expert's, and shaken and pressed ones in each control mode."""
-    rows = []
-    for index in range(EPISODES):
-        seed = 100 + index
-        if index < 8:
-            env_id, control = "graspbox/Grasp-v0", "twist"
-            actions: Any = expert_actions(made(env_id, index, obs="state"), seed)
-        else:
-            env_id, control = "graspbox/Grasp-v0", ("twist", "delta_pose", "target_pose")[index % 3]
-            size = made(env_id, index, control=control).action_space.shape[0]
-            actions = np.zeros((STEPS, size), dtype=np.float32)
-            pressed = pressing(STEPS, 1, seed=seed)[:, 0]
-            actions[:, -4:] = pressed[:, -4:]
-            actions[:, : size - 4] = np.resize(pressed[:, :6], (STEPS, size - 4))
-        obs = (*VECTORS, *IMAGES) if index % 4 == 0 else VECTORS
-        rows.append(episode(made(env_id, index, obs=obs, control=control), seed, actions))
-    return rows
+def grasp_settings(index: int) -> dict[str, Any]:
+    """Choose the settings of an episode of Grasp-v0: every fourth one shows images."""
+    control = "twist" if index < 8 else ("twist", "delta_pose", "target_pose")[index % 3]
+    return {"obs": (*VECTORS, *IMAGES) if index % 4 == 0 else VECTORS, "control": control}
 
 
-def decision_episodes() -> list[dict[str, Any]]:
-    """Twenty episodes of GraspPose-v0: the planner's first pose, and random ones."""
-    rows = []
+def grasp_actions(index: int, seed: int) -> NDArray[np.float32]:
+    """Choose the actions of an episode: the expert's for the first eight, shaken and pressed ones for the others."""
+    if index < 8:
+        return np.stack(expert_actions(made("graspbox/Grasp-v0", index, obs="state"), seed))
+    size = made("graspbox/Grasp-v0", index, **grasp_settings(index)).action_space.shape[0]
+    actions = np.zeros((STEPS, size), dtype=np.float32)
+    pressed = pressing(STEPS, 1, seed=seed)[:, 0]
+    actions[:, -4:] = pressed[:, -4:]
+    actions[:, : size - 4] = np.resize(pressed[:, :6], (STEPS, size - 4))
+    return actions
+
+
+def decision_settings(index: int) -> dict[str, Any]:
+    """Choose the settings of an episode of GraspPose-v0."""
+    return {"obs": (*VECTORS, *IMAGES)}
+
+
+def decision_actions(index: int, seed: int) -> NDArray[np.float32]:
+    """Choose the action of an episode: the planner's first pose, or in every fourth one a random one."""
+    env = made("graspbox/GraspPose-v0", index, **decision_settings(index))
+    observation, info = env.reset(seed=seed)
+    action = best_grasp(env.objects, info["object"], observation["state"])
+    if index % 4 == 3:
+        action = np.random.default_rng(seed).uniform(-1, 1, len(action)).astype(np.float32)
+    return action[None]
+
+
+#: By environment: the first seed, the settings of an episode, and its actions.
+KINDS: dict[str, tuple[int, Callable[..., dict[str, Any]], Callable[..., NDArray[np.float32]]]] = {
+    "Grasp-v0": (100, grasp_settings, grasp_actions),
+    "GraspPose-v0": (200, decision_settings, decision_actions),
+}
+
+
+def packed(actions: NDArray[np.float32]) -> dict[str, Any]:
+    """Write actions (steps, n) as text."""
+    return {"size": actions.shape[1], "data": base64.b64encode(actions.astype("<f4").tobytes()).decode()}
+
+
+def unpacked(kept: dict[str, Any]) -> NDArray[np.float32]:
+    """Read actions (steps, n) from text."""
+    return np.frombuffer(base64.b64decode(kept["data"]), dtype="<f4").reshape(-1, kept["size"])
+
+
+def episodes(kind: str, kept: list[Any] | None) -> tuple[list[Any], list[Any]]:
+    """Run twenty episodes of an environment; their results, and the actions, which are those of `kept` where given."""
+    first, settings, choose = KINDS[kind]
+    rows, actions = [], []
     for index in range(EPISODES):
-        seed = 200 + index
-        env = made("graspbox/GraspPose-v0", index, obs=(*VECTORS, *IMAGES))
-        observation, info = env.reset(seed=seed)
-        action = best_grasp(env.objects, info["object"], observation["state"])
-        if index % 4 == 3:
-            action = np.random.default_rng(seed).uniform(-1, 1, len(action)).astype(np.float32)
-        rows.append(episode(env, seed, [action]))
-    return rows
+        chosen = choose(index, first + index) if kept is None else unpacked(kept[index])
+        env = made(f"graspbox/{kind}", index, **settings(index))
+        rows.append(episode(env, first + index, chosen))
+        actions.append(packed(chosen))
+    return rows, actions
 
 
 def remake(kept: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Everything anew; labels from the poses of `kept`, where it is given."""
-    plans, found = {}, {}
+    """Everything anew; labels from the poses and episodes from the actions of `kept`, where it is given."""
+    plans, found, shown, acted = {}, {}, {}, {}
     for name in (*PROCEDURAL, *YCB):
         scene, plan = scene_and_plan(name)
         plans[name] = planned(plan, scene)
         found[name] = labels(scene, plans[name] if kept is None else kept["plans"][name])
-    return {"plans": plans, "labels": found, "Grasp-v0": grasp_episodes(), "GraspPose-v0": decision_episodes()}
+    for kind in KINDS:
+        shown[kind], acted[kind] = episodes(kind, None if kept is None else kept["actions"][kind])
+    return {"plans": plans, "labels": found, **shown, "actions": acted}
 
 
 def write(value: dict[str, Any]) -> None:
