@@ -26,11 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox import planning
 from graspbox._core import Hand, Mesh
 from graspbox.envs import spaces
-from graspbox.envs.grasp_pose import rotation_from_columns
-from graspbox.errors import ConfigError
+from graspbox.envs.coding import Codec, object_pose, rotation_vector
 from graspbox.simulation import load_hand
 
-__all__ = ["Expert", "hand_pose", "object_pose", "planned"]
+__all__ = ["Expert", "planned"]
 
 Pose = NDArray[np.float64]
 
@@ -52,21 +51,6 @@ def _pose(position: ArrayLike, rotation: ArrayLike) -> Pose:
     return pose
 
 
-def _rotation_vector(rotation: Pose) -> Pose:
-    """Axis times angle of a rotation (3, 3); any axis where the angle is pi."""
-    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    sine, cosine = np.linalg.norm(skew) / 2, (np.trace(rotation) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    if sine > 1e-6:
-        return np.asarray(skew / (2 * sine) * angle)
-    if cosine > 0:
-        return np.zeros(3)
-    # R = 2 a a^T - 1 here: the longest column of a a^T points along the axis.
-    outer = (rotation + np.eye(3)) / 2
-    axis = outer[:, np.argmax(np.diag(outer))]
-    return np.asarray(axis / np.linalg.norm(axis) * angle)
-
-
 def _rotation(vector: Pose) -> Pose:
     """Rotation (3, 3) of an axis times an angle, by Rodrigues' formula."""
     angle = np.linalg.norm(vector)
@@ -82,13 +66,13 @@ class _Curve:
 
     def __init__(self, start: Pose, end: Pose, duration: float) -> None:
         self._start, self.end, self.duration = start, end, duration
-        self._turn = _rotation_vector(end[:3, :3] @ start[:3, :3].T)
+        self._turn = rotation_vector(end[:3, :3] @ start[:3, :3].T)
 
     @classmethod
     def within(cls, start: Pose, end: Pose, linear: float, angular: float) -> "_Curve":
         """Make the fastest one whose speeds (m/s, rad/s) stay below the given ones."""
         way = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
-        turn = float(np.linalg.norm(_rotation_vector(end[:3, :3] @ start[:3, :3].T)))
+        turn = float(np.linalg.norm(rotation_vector(end[:3, :3] @ start[:3, :3].T)))
         return cls(start, end, max(_PEAK * way / linear, _PEAK * turn / angular, 0.1))
 
     def at(self, time: float) -> Pose:
@@ -96,42 +80,6 @@ class _Curve:
         share = s * s * s * (10 + s * (6 * s - 15))
         position = self._start[:3, 3] + share * (self.end[:3, 3] - self._start[:3, 3])
         return _pose(position, _rotation(share * self._turn) @ self._start[:3, :3])
-
-
-class _State:
-    """The fields of a state that the expert looks at."""
-
-    def __init__(self, hand: Hand, control: str) -> None:
-        rows = spaces.tables(hand)["observations"][control]["state"]
-        self._places: dict[str, slice] = {}
-        first = 0
-        for row in rows:
-            self._places[row["name"]] = slice(first, first + row["size"])
-            first += row["size"]
-        self._size = first
-
-    def take(self, state: ArrayLike, name: str) -> Pose:
-        values = np.asarray(state, dtype=np.float64)
-        if values.shape != (self._size,):
-            raise ConfigError(f"the state has shape {values.shape}; the expert needs obs='state', {self._size} numbers")
-        return values[self._places[name]]
-
-    def pose(self, state: ArrayLike, name: str) -> Pose:
-        columns = self.take(state, f"{name}_rotation")
-        rotation = rotation_from_columns(columns[:3], columns[3:])
-        if rotation is None:
-            raise ConfigError(f"{name}_rotation of the state is no rotation")
-        return _pose(self.take(state, f"{name}_position"), rotation)
-
-
-def object_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | tuple[str, str] = "reflex") -> Pose:
-    """Read ``world_from_object`` (4, 4) off a state."""
-    return _State(load_hand(hand), control).pose(state, "object")
-
-
-def hand_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | tuple[str, str] = "reflex") -> Pose:
-    """Read where the arm believes the hand is, ``world_from_hand`` (4, 4), off a state."""
-    return _State(load_hand(hand), control).pose(state, "hand")
 
 
 def planned(
@@ -197,17 +145,17 @@ class Expert:
     ) -> None:
         loaded = load_hand(hand)
         found = spaces.tables(loaded)
-        self._control, self._period = control, found["control_period"] * frame_skip
-        self._fields = found["actions"][control]
-        self._low, self._high = (np.array(corner) for corner in found["workspace"])
+        self._control, self._frame_skip = control, frame_skip
+        self._period = found["control_period"] * frame_skip
+        self._ceiling = found["workspace"][1][2]
         # Limits of a step are those of a twist for one control period.
         twist = {row["name"]: row["high"] for row in found["actions"]["twist"]}
         self._limits = twist["linear"], twist["angular"]
-        self._state = _State(loaded, control)
+        self._codec = Codec(control, loaded)
         self._preshape = float(preshape)
         self._steps = 0
-        start = self._state.pose(state, "hand")
-        goal = self._state.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
+        start = self._codec.pose(state, "hand")
+        goal = self._codec.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
         self._curves = self._way(start, goal, self._top(state))
         self._reference = start
         self._closes_at = sum(curve.duration for curve in self._curves[:-2])
@@ -220,17 +168,17 @@ class Expert:
 
     def _top(self, state: ArrayLike) -> float:
         """Height of the object's bounds, metres."""
-        hand_from_object = self._state.pose(state, "object_in_hand")
-        middle = np.linalg.inv(hand_from_object) @ np.append(self._state.take(state, "bounds_center"), 1.0)
-        world_from_object = self._state.pose(state, "object")
-        reach = np.abs(world_from_object[2, :3]) @ self._state.take(state, "half_extents")
+        hand_from_object = self._codec.pose(state, "object_in_hand")
+        middle = np.linalg.inv(hand_from_object) @ np.append(self._codec.field(state, "bounds_center"), 1.0)
+        world_from_object = self._codec.pose(state, "object")
+        reach = np.abs(world_from_object[2, :3]) @ self._codec.field(state, "half_extents")
         return float(world_from_object[2] @ middle + reach)
 
     def _way(self, start: Pose, goal: Pose, top: float) -> list[_Curve]:
         """Make the curves from start to lift; the last but one stands still and closes."""
         behind = goal.copy()
         behind[:3, 3] -= _STANDOFF * goal[:3, 2]
-        height = min(max(top + _CLEARANCE, behind[2, 3]), self._high[2])
+        height = min(max(top + _CLEARANCE, behind[2, 3]), self._ceiling)
         raised, above = start.copy(), behind.copy()
         raised[2, 3] = max(height, start[2, 3])
         above[2, 3] = height
@@ -264,26 +212,13 @@ class Expert:
         now = self._steps * self._period
         self._steps += 1
         wanted = self._wanted(now + self._period)
-        moves = self._moves(self._state.pose(state, "hand"), wanted)
-        values: list[float] = []
-        for row in self._fields:
-            if row["name"] == "preshape":
-                share = (self._preshape - row["low"]) / (row["high"] - row["low"])
-                values.append(2 * share - 1)
-            elif row["name"] == "spool":
-                values.append(_CLOSE_SPEED / row["high"] if now >= self._closes_at - 1e-9 else 0.0)
-        action: NDArray[np.float32] = np.clip(np.concatenate([*moves, values]), -1, 1).astype(np.float32)
-        return action
-
-    def _moves(self, hand: Pose, wanted: Pose) -> list[Pose]:
-        """Name what moves the hand, in the rows of the control mode."""
-        linear, angular = self._limits
-        if self._control == "target_pose":
-            place = (wanted[:3, 3] - self._low) / (self._high - self._low) * 2 - 1
-            return [place[0:1], place[1:2], place[2:3], wanted[:3, :2].T.ravel()]
         # A twist leads from where the hand is, a step from where the last one led.
-        start = hand if self._control == "twist" else self._reference
+        start = self._codec.pose(state, "hand") if self._control == "twist" else self._reference
         self._reference = wanted
-        way = start[:3, :3].T @ (wanted[:3, 3] - start[:3, 3]) / (linear * self._period)
-        turn = _rotation_vector(start[:3, :3].T @ wanted[:3, :3]) / (angular * self._period)
-        return [way, turn]
+        return self._codec.encode_action(
+            wanted,
+            self._preshape,
+            spool_speed=_CLOSE_SPEED if now >= self._closes_at - 1e-9 else 0.0,
+            world_from_start=start,
+            frame_skip=self._frame_skip,
+        )
