@@ -19,7 +19,8 @@ from rich.progress import track
 from rich.table import Table
 
 import graspbox
-from graspbox.envs.expert import Expert, object_pose, planned
+from graspbox.envs.coding import object_pose
+from graspbox.envs.expert import Expert, planned
 
 #: The trial's object rests where the environment's does if no entry of its pose differs by more than this (m, or 1).
 SAME = 5e-3

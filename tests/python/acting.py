@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets, planning
 from graspbox.configs import CamerasConfig
+from graspbox.envs.coding import encode_action, object_pose
 from graspbox.envs.expert import Expert, planned
-from graspbox.envs.grasp_pose import encode_action, object_pose
 
 #: Objects whose convex parts are known exactly: they are ready within milliseconds.
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")

@@ -11,7 +11,7 @@ import graspbox
 from graspbox import errors
 from graspbox.configs import FRONT, CameraConfig, CamerasConfig
 from graspbox.envs import grasp_pose, spaces
-from graspbox.envs.grasp_pose import POSITION_HIGH, POSITION_LOW, encode_action, object_pose, rotation_from_columns
+from graspbox.envs.coding import encode_action, object_pose
 
 
 def test_make_with_the_module_prefix() -> None:
@@ -186,7 +186,8 @@ def test_proprioception_after_an_attempt_tells_of_the_hand() -> None:
     grasp = good_grasp(env)
     seen, *_, info = env.step(grasp)
     assert info["is_success"]
-    place = POSITION_LOW + (grasp[:3] + 1) / 2 * (POSITION_HIGH - POSITION_LOW)
+    low, high = np.array([-0.25, -0.25, 0.0]), np.array([0.25, 0.25, 0.40])
+    place = low + (grasp[:3] + 1) / 2 * (high - low)
     place[2] += env._core.config.trial.lift_height
     np.testing.assert_allclose(seen["proprio"][:3], place, atol=1e-3)
     # The three spools have turned, and something presses on the sensors.
@@ -212,9 +213,6 @@ def test_the_tables_of_the_module_are_the_cores() -> None:
     assert spaces.observation_table("grasp_pose", found) in text
     assert spaces.vector_table("grasp_pose", found) in text
     assert spaces.keyword_table(grasp_pose.GraspPoseEnv, grasp_pose.GraspPoseVectorEnv) in text
-    rows = {row["name"]: row for row in found["decision"]["actions"]}
-    for axis, low, high in zip("xyz", POSITION_LOW, POSITION_HIGH, strict=True):
-        assert (rows[axis]["low"], rows[axis]["high"]) == (low, high)
 
 
 def test_degenerate_and_colliding_actions_are_infeasible() -> None:
@@ -233,15 +231,6 @@ def test_degenerate_and_colliding_actions_are_infeasible() -> None:
         assert info["infeasible"]
         assert info["failure"] == "infeasible"
         assert info["is_success"] is False
-
-
-def test_rotation_from_columns_is_a_rotation() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(100):
-        rotation = rotation_from_columns(*rng.uniform(-1, 1, (2, 3)))
-        assert rotation is not None
-        np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
-        assert np.linalg.det(rotation) > 0
 
 
 @pytest.mark.parametrize(

@@ -87,8 +87,6 @@ def test_example_runs_and_wrong_states_are_explained() -> None:
     result = doctest.testmod(expert)
     assert result.attempted > 5
     assert result.failed == 0
-    with pytest.raises(errors.ConfigError, match="obs='state'"):
-        expert.object_pose(np.zeros(27))
     mesh = object_sets.load("procedural:can:0")[0].load()
     state = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0").reset(seed=0)[0]
     with pytest.raises(errors.ConfigError, match="obs='state'"):

@@ -15,7 +15,7 @@ from acting import OBJECTS, expert_actions, pressing
 from graspbox import errors
 from graspbox.configs import CamerasConfig, Randomization
 from graspbox.envs import grasp, reward, spaces, vector
-from graspbox.envs.expert import object_pose
+from graspbox.envs.coding import object_pose
 
 ID = "graspbox/Grasp-v0"
 

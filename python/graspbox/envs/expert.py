@@ -30,12 +30,11 @@ from graspbox import planning
 from graspbox._core import Hand, Mesh
 from graspbox.configs import TrialConfig
 from graspbox.envs import spaces
-from graspbox.envs.grasp_pose import rotation_from_columns
-from graspbox.envs.motion import Motion, pose_matrix, rotation_vector
-from graspbox.errors import ConfigError
+from graspbox.envs.coding import Codec, object_pose
+from graspbox.envs.motion import Motion
 from graspbox.simulation import load_hand
 
-__all__ = ["Expert", "hand_pose", "object_pose", "planned"]
+__all__ = ["Expert", "planned"]
 
 Pose = NDArray[np.float64]
 
@@ -45,42 +44,6 @@ _SPEED_SHARE = 0.9
 _CLEARANCE = 0.20
 #: Speed at which the fingers close, rad/s: the default of a trial.
 _CLOSE_SPEED = 3.0
-
-
-class _State:
-    """Reads fields of the observation ``state`` by name."""
-
-    def __init__(self, hand: Hand, control: str) -> None:
-        rows = spaces.tables(hand)["observations"][control]["state"]
-        self._places: dict[str, slice] = {}
-        first = 0
-        for row in rows:
-            self._places[row["name"]] = slice(first, first + row["size"])
-            first += row["size"]
-        self._size = first
-
-    def take(self, state: ArrayLike, name: str) -> Pose:
-        values = np.asarray(state, dtype=np.float64)
-        if values.shape != (self._size,):
-            raise ConfigError(f"the state has shape {values.shape}; the expert needs obs='state', {self._size} numbers")
-        return values[self._places[name]]
-
-    def pose(self, state: ArrayLike, name: str) -> Pose:
-        columns = self.take(state, f"{name}_rotation")
-        rotation = rotation_from_columns(columns[:3], columns[3:])
-        if rotation is None:
-            raise ConfigError(f"{name}_rotation of the state is {columns}; these columns define no rotation")
-        return pose_matrix(self.take(state, f"{name}_position"), rotation)
-
-
-def object_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | tuple[str, str] = "reflex") -> Pose:
-    """Read ``world_from_object`` (4, 4) from an observation ``state``."""
-    return _State(load_hand(hand), control).pose(state, "object")
-
-
-def hand_pose(state: ArrayLike, *, control: str = "twist", hand: str | Hand | tuple[str, str] = "reflex") -> Pose:
-    """Read ``world_from_hand`` (4, 4) as the arm measures it from an observation ``state``."""
-    return _State(load_hand(hand), control).pose(state, "hand")
 
 
 def planned(
@@ -149,17 +112,17 @@ class Expert:
     ) -> None:
         loaded = load_hand(hand)
         found = spaces.tables(loaded)
-        self._control, self._period = control, found["control_period"] * frame_skip
-        self._fields = found["actions"][control]
-        self._low, self._high = (np.array(corner) for corner in found["workspace"])
+        self._control, self._frame_skip = control, frame_skip
+        self._period = found["control_period"] * frame_skip
+        self._ceiling = found["workspace"][1][2]
         # Limits of a step are those of a twist for one control period.
         twist = {row["name"]: row["high"] for row in found["actions"]["twist"]}
         self._limits = twist["linear"], twist["angular"]
-        self._state = _State(loaded, control)
+        self._codec = Codec(control, loaded)
         self._preshape = float(preshape)
         self._steps = 0
-        start = self._state.pose(state, "hand")
-        goal = self._state.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
+        start = self._codec.pose(state, "hand")
+        goal = self._codec.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
         self._motions = self._path(start, goal, self._top(state), trial)
         self._reference = start
         self._closes_at = sum(motion.duration for motion in self._motions[:-2])
@@ -172,17 +135,17 @@ class Expert:
 
     def _top(self, state: ArrayLike) -> float:
         """Height of the top of the object's bounds above the table, metres."""
-        hand_from_object = self._state.pose(state, "object_in_hand")
-        middle = np.linalg.inv(hand_from_object) @ np.append(self._state.take(state, "bounds_center"), 1.0)
-        world_from_object = self._state.pose(state, "object")
-        reach = np.abs(world_from_object[2, :3]) @ self._state.take(state, "half_extents")
+        hand_from_object = self._codec.pose(state, "object_in_hand")
+        middle = np.linalg.inv(hand_from_object) @ np.append(self._codec.field(state, "bounds_center"), 1.0)
+        world_from_object = self._codec.pose(state, "object")
+        reach = np.abs(world_from_object[2, :3]) @ self._codec.field(state, "half_extents")
         return float(world_from_object[2] @ middle + reach)
 
     def _path(self, start: Pose, goal: Pose, top: float, trial: TrialConfig) -> list[Motion]:
         """Motions from the start pose to the end of the lift; during the last but one the hand rests and closes."""
         behind = goal.copy()
         behind[:3, 3] -= trial.standoff * goal[:3, 2]
-        height = min(max(top + _CLEARANCE, behind[2, 3]), self._high[2])
+        height = min(max(top + _CLEARANCE, behind[2, 3]), self._ceiling)
         raised, above = start.copy(), behind.copy()
         raised[2, 3] = max(height, start[2, 3])
         above[2, 3] = height
@@ -216,26 +179,13 @@ class Expert:
         now = self._steps * self._period
         self._steps += 1
         wanted = self._wanted(now + self._period)
-        moves = self._moves(self._state.pose(state, "hand"), wanted)
-        values: list[float] = []
-        for row in self._fields:
-            if row["name"] == "preshape":
-                share = (self._preshape - row["low"]) / (row["high"] - row["low"])
-                values.append(2 * share - 1)
-            elif row["name"] == "spool":
-                values.append(_CLOSE_SPEED / row["high"] if now >= self._closes_at - 1e-9 else 0.0)
-        action: NDArray[np.float32] = np.clip(np.concatenate([*moves, values]), -1, 1).astype(np.float32)
-        return action
-
-    def _moves(self, hand: Pose, wanted: Pose) -> list[Pose]:
-        """Entries of an action that move the hand, in the order of the control mode's table."""
-        linear, angular = self._limits
-        if self._control == "target_pose":
-            place = (wanted[:3, 3] - self._low) / (self._high - self._low) * 2 - 1
-            return [place[0:1], place[1:2], place[2:3], wanted[:3, :2].T.ravel()]
-        # A twist starts at the hand's measured pose, a step at the target of the previous step.
-        start = hand if self._control == "twist" else self._reference
+        # A twist leads from where the hand is, a step from where the last one led.
+        start = self._codec.pose(state, "hand") if self._control == "twist" else self._reference
         self._reference = wanted
-        shift = start[:3, :3].T @ (wanted[:3, 3] - start[:3, 3]) / (linear * self._period)
-        turn = rotation_vector(start[:3, :3].T @ wanted[:3, :3]) / (angular * self._period)
-        return [shift, turn]
+        return self._codec.encode_action(
+            wanted,
+            self._preshape,
+            spool_speed=_CLOSE_SPEED if now >= self._closes_at - 1e-9 else 0.0,
+            world_from_start=start,
+            frame_skip=self._frame_skip,
+        )

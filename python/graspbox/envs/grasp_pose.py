@@ -123,9 +123,7 @@ v0: first version.
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
@@ -133,71 +131,10 @@ from graspbox.envs.core import GraspCore, HandArgument, ObjectsArgument, RenderM
 from graspbox.envs.grasp import GraspEnv
 from graspbox.envs.vector import AUTORESET, GraspVectorEnv, autoreset
 
-__all__ = [
-    "POSITION_HIGH",
-    "POSITION_LOW",
-    "GraspPoseEnv",
-    "GraspPoseVectorEnv",
-    "encode_action",
-    "object_pose",
-    "rotation_from_columns",
-]
+__all__ = ["GraspPoseEnv", "GraspPoseVectorEnv"]
 
-#: Corners of the box of hand positions, world frame, metres: a hand's reach around objects near the table's middle.
-POSITION_LOW = np.array([-0.25, -0.25, 0.0])
-POSITION_HIGH = np.array([0.25, 0.25, 0.40])
-#: A direction shorter than this, or two directions with a smaller sine between them, name no rotation.
-_DEGENERATE = 1e-3
 #: Frames of a video: one an episode.
 _FPS = 1
-
-
-def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Make a rotation (3, 3) from its first two columns; None where they name none."""
-    length = np.linalg.norm(first)
-    if length < _DEGENERATE:
-        return None
-    x = first / length
-    rest = second - x * (x @ second)
-    if np.linalg.norm(rest) < _DEGENERATE * max(1.0, float(np.linalg.norm(second))):
-        return None
-    y = rest / np.linalg.norm(rest)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
-
-
-def object_pose(state: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Read the object's pose in the world, (4, 4), from a state."""
-    pose = np.eye(4)
-    first, second = state[3:6].astype(np.float64), state[6:9].astype(np.float64)
-    pose[:3, :3] = np.stack([first, second, np.cross(first, second)], axis=1)
-    pose[:3, 3] = state[:3]
-    # Rounded to float32 the columns are no rotation to the planner's taste.
-    u, _, v = np.linalg.svd(pose[:3, :3])
-    pose[:3, :3] = u @ v
-    return pose
-
-
-def encode_action(
-    world_from_hand: NDArray[np.float64], preshape: float, limits: tuple[float, float] = (0.0, np.pi / 2)
-) -> NDArray[np.float32]:
-    """Write a pose as an action.
-
-    Parameters
-    ----------
-    world_from_hand : (4, 4) array
-        Where the hand is to close; beyond the box of positions the action is clipped when it is taken.
-    preshape : float
-        Radians.
-    limits : pair of float
-        The hand's limits of it; by default the ReFlex's.
-
-    Returns
-    -------
-    (10,) float32
-    """
-    place = (world_from_hand[:3, 3] - POSITION_LOW) / (POSITION_HIGH - POSITION_LOW) * 2 - 1
-    share = (preshape - limits[0]) / (limits[1] - limits[0]) * 2 - 1
-    return np.concatenate([place, world_from_hand[:3, :2].T.ravel(), [share]]).astype(np.float32)
 
 
 class GraspPoseEnv(GraspEnv):

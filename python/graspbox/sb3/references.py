@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import planning
+from graspbox.envs.coding import encode_action, hand_pose, object_pose
 from graspbox.envs.core import HandArgument
-from graspbox.envs.expert import Expert, hand_pose, object_pose, planned
-from graspbox.envs.grasp_pose import encode_action
-from graspbox.envs.grasp_pose import object_pose as decision_object_pose
+from graspbox.envs.expert import Expert, planned
 from graspbox.sb3.running import evaluate, make_env
 from graspbox.simulation import load_hand
 
@@ -121,11 +120,11 @@ class Planner(Zero):
         return int(np.argmin(turns + asides / _ASIDE))
 
     def _decide(self, index: int, state: Actions, nothing: Actions) -> Actions:
-        pose = decision_object_pose(state)
+        pose = object_pose(state, hand=self._hand)
         plan = planning.plan(self._mesh(index), hand=self._hand, world_from_object=pose).best(1)
         if not len(plan):
             return nothing
-        return encode_action(pose @ plan.poses[0], plan.preshape[0], self._hand.preshape_limits)
+        return encode_action(pose @ plan.poses[0], plan.preshape[0], hand=self._hand)
 
 
 def references(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, dict[str, Any]]:

@@ -1,0 +1,107 @@
+"""Poses are read off states and written as actions alike for both environments and every control mode."""
+
+import doctest
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from graspbox import errors, load_hand
+from graspbox.envs import coding
+from graspbox.envs.coding import encode_action, hand_pose, object_pose, rotation_from_columns
+
+MODES = ("twist", "delta_pose", "target_pose", "grasp_pose")
+
+
+def make(control: str, **settings: Any) -> Any:
+    env_id = "graspbox/GraspPose-v0" if control == "grasp_pose" else "graspbox/Grasp-v0"
+    if control != "grasp_pose":
+        settings["control"] = control
+    return gymnasium.make(env_id, objects="procedural:mug:0", **settings).unwrapped
+
+
+def test_the_example_of_the_module_runs() -> None:
+    result = doctest.testmod(coding)
+    assert result.attempted > 5
+    assert result.failed == 0
+
+
+@pytest.mark.parametrize("control", MODES)
+def test_the_pose_of_a_state_is_that_of_the_simulation(control: str) -> None:
+    env = make(control)
+    for seed in range(4):
+        state, _ = env.reset(seed=seed)
+        poses = env._core.pool.poses()
+        pose = object_pose(state)
+        np.testing.assert_allclose(pose, poses[0][0], atol=1e-6)
+        np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-14)
+        np.testing.assert_array_equal(object_pose(state, control=control), pose)
+        np.testing.assert_array_equal(object_pose(state, hand=load_hand()), pose)
+        if control == "grasp_pose":
+            with pytest.raises(errors.ConfigError, match="no field 'hand_rotation'"):
+                hand_pose(state)
+        else:
+            np.testing.assert_allclose(hand_pose(state), poses[1][0], atol=1e-6)
+
+
+@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
+@pytest.mark.parametrize("frame_skip", [1, 3])
+def test_an_encoded_action_leads_to_the_pose(control: Any, frame_skip: int) -> None:
+    """A goal 1 cm and 0.05 rad away: the action of a step, held by the next ones, leads there."""
+    env = make(control, frame_skip=frame_skip)
+    state, _ = env.reset(seed=1)
+    start = hand_pose(state)
+    goal, angle = start.copy(), 0.05
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    goal[:3, :3], goal[:3, 3] = start[:3, :3] @ turn, start[:3, 3] + [0.006, -0.008, 0.004]
+    reference = start
+    for _ in range(12):
+        begin = hand_pose(state) if control == "twist" else reference
+        action = encode_action(goal, 0.3, control=control, world_from_start=begin, frame_skip=frame_skip)
+        assert env.action_space.contains(action)
+        reference = goal
+        state = env.step(action)[0]
+    np.testing.assert_allclose(hand_pose(state), goal, atol=2e-3)
+    assert np.abs(start - goal).max() > 4e-3
+    assert state[27] == pytest.approx(0.3, abs=1e-2)
+
+
+def test_spools_take_their_speeds() -> None:
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    action = encode_action(pose, 0.0, control="target_pose", spool_speed=[3.5, 0.0, -1.75])
+    np.testing.assert_allclose(action[9:12], [1.0, 0.0, -0.5])
+    np.testing.assert_allclose(action[:9], [0, 0, -1, 1, 0, 0, 0, -1, 0])
+    assert action[12] == -1.0
+
+
+def test_a_decision_is_clipped_to_the_box_of_positions() -> None:
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = 0.125, -9.0, 0.2
+    np.testing.assert_allclose(encode_action(pose, np.pi / 4), [0.5, -1, 0, 1, 0, 0, 0, -1, 0, 0], atol=1e-7)
+
+
+def test_what_is_no_state_or_pose_is_explained() -> None:
+    with pytest.raises(errors.ConfigError, match=r"obs='state'.*88 \(twist\).*19 \(grasp_pose\)"):
+        object_pose(np.zeros(27))
+    with pytest.raises(errors.ConfigError, match="obs='state' gives 91 numbers"):
+        object_pose(np.zeros(88), control="target_pose")
+    with pytest.raises(errors.ConfigError, match="object_rotation of the state"):
+        object_pose(np.zeros(88))
+    with pytest.raises(errors.ConfigError, match="world_from_start"):
+        encode_action(np.eye(4), 0.0, control="twist")
+    with pytest.raises(errors.ConfigError, match=r"world_from_hand has shape \(3, 4\)"):
+        encode_action(np.eye(4)[:3], 0.0)
+    with pytest.raises(errors.ConfigError, match="3 motors"):
+        encode_action(np.eye(4), 0.0, control="target_pose", spool_speed=[1.0, 2.0])
+
+
+def test_rotation_from_columns_is_a_rotation() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        rotation = rotation_from_columns(*rng.uniform(-1, 1, (2, 3)))
+        assert rotation is not None
+        np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+        assert np.linalg.det(rotation) > 0
+    assert rotation_from_columns(np.zeros(3), np.ones(3)) is None
+    assert rotation_from_columns(np.ones(3), 2 * np.ones(3)) is None
