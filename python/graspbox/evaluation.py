@@ -21,7 +21,7 @@ import operator
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, SupportsIndex
 
 import gymnasium
 import numpy as np
@@ -213,11 +213,11 @@ def evaluate(
     policy: Policy | str,
     env_id: str = "graspbox/GraspPose-v0",
     objects: ObjectsArgument = "procedural",
-    trials: int = 200,
-    seed: int = 0,
+    trials: SupportsIndex = 200,
+    seed: SupportsIndex = 0,
     *,
     split: object_sets.Split | None = None,
-    num_envs: int = 16,
+    num_envs: SupportsIndex = 16,
     progress: Callable[[int], None] = lambda _: None,
     **settings: Any,
 ) -> Evaluation:
