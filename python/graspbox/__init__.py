@@ -9,6 +9,9 @@
 Importing the package registers its Gymnasium environments.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from graspbox import errors, object_sets
 from graspbox._core import __version__
 from graspbox.configs import (
@@ -62,6 +65,7 @@ __all__ = [
     "decompose",
     "depth_millimetres",
     "errors",
+    "evaluation",
     "load_binvox",
     "load_hand",
     "load_mesh",
@@ -69,10 +73,21 @@ __all__ = [
     "object_sets",
     "occupancy",
     "plan",
+    "policies",
     "save_binvox",
     "simulate",
     "views",
     "voxelize",
 ]
 
+if TYPE_CHECKING:
+    from graspbox import evaluation, policies
+
 register()
+
+
+def __getattr__(name: str) -> Any:
+    """Import what ``import graspbox`` does not need, when it is asked for."""
+    if name in ("evaluation", "policies"):
+        return import_module(f"graspbox.{name}")
+    raise AttributeError(f"module 'graspbox' has no attribute {name!r}")

@@ -11,7 +11,7 @@ import matplotlib as mpl
 import typer
 
 import graspbox
-from graspbox.cli import bench, demo, grasp, objects, plan, voxelize
+from graspbox.cli import bench, demo, evaluate, grasp, objects, plan, voxelize
 from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
 
 mpl.use("agg")
@@ -21,6 +21,7 @@ typer_app.command("objects")(objects.objects)
 typer_app.command("plan")(plan.plan)
 typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)
+typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)
 

@@ -1,0 +1,82 @@
+"""``graspbox evaluate``: the success of a policy on seeded trials."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspbox import policies
+from graspbox.cli.common import Json, Scale, Seed, Split, Threads, find, print_json, print_table, progress
+from graspbox.envs import IDS
+from graspbox.errors import FileError
+from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
+from graspbox.evaluation import evaluate as run
+
+
+def _writable(path: Path) -> None:
+    """Make the folder of a result file and check that the file can be written, before anything is computed."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        existed = path.exists()
+        with path.open("a"):
+            pass
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise FileError(f"{str(path)!r} cannot be written: {error.strerror}") from None
+
+
+def _print(result: Evaluation) -> None:
+    rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
+    sums = ("together", str(len(result.trials)), str(result.succeeded), str(result.secure))
+    print_table(f"{result.policy} in {result.env_id}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
+    secure, (low, high) = result.secure / len(result.trials), result.secure_ci95
+    typer.echo(
+        f"success {result.rate:.1%} (95 % interval {result.ci95[0]:.1%} to {result.ci95[1]:.1%}); "
+        f"secure {secure:.1%} ({low:.1%} to {high:.1%}); {result.ms_per_decision:.2f} ms per decision"
+    )
+    if result.failures:
+        typer.echo("failures: " + ", ".join(f"{count} {kind}" for kind, count in result.failures.items()))
+
+
+def evaluate(
+    policy: Annotated[str, typer.Argument(help=f"Policy: {', '.join(policies.names())}.")],
+    env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = IDS[0],
+    objects: Annotated[
+        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
+    ] = None,
+    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
+    split: Split = None,
+    scale: Scale = 1.0,
+    seed: Seed = 0,
+    num_envs: Annotated[
+        int, typer.Option("--num-envs", min=1, max=MAX_ENVS, help="Environments at once; results do not depend on it.")
+    ] = 16,
+    threads: Threads = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson)."""
+    found = find(objects or ["procedural"], split, scale)
+    if out is not None:
+        _writable(out)
+    with progress() as bar:
+        task = bar.add_task(policy, total=trials)
+        result = run(
+            policy,
+            env,
+            found,
+            trials,
+            seed,
+            num_envs=num_envs,
+            num_threads=threads,
+            progress=lambda done: bar.update(task, completed=done),
+        )
+    if out is not None:
+        rows = [vars(trial) for trial in result.trials]
+        out.write_text(json.dumps({**result.to_json(), "rows": rows}, indent=2, allow_nan=False) + "\n")
+    if as_json:
+        print_json(result.to_json())
+    else:
+        _print(result)

@@ -1,0 +1,69 @@
+"""Policies: what chooses the actions of many environments at once; torch-free.
+
+| name | environments | what it does |
+|---|---|---|
+| ``random``  | all | actions drawn uniformly from the action space |
+| ``zero``    | all | zero actions |
+| ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
+| ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
+
+``planner`` and ``expert`` are **privileged**: they observe ``state`` and know the object's mesh. `load` makes a policy
+by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`.
+
+| module | what it holds |
+|---|---|
+| `base`    | `Policy`, the interface, and `Task`, the environments that a policy acts in |
+| `simple`  | ``random`` and ``zero`` |
+| `planner` | ``planner`` and ``expert`` |
+
+A policy is bound to its environments once, told of every episode that begins, and then acts:
+
+>>> import gymnasium, graspbox
+>>> envs = gymnasium.make_vec(
+...     "graspbox/GraspPose-v0", num_envs=2, objects="procedural:can:0-9", autoreset_mode="SameStep"
+... )
+>>> policy = graspbox.policies.load("planner")
+>>> policy.bind(graspbox.policies.Task.of(envs))
+>>> observation, info = envs.reset(seed=0)
+>>> policy.reset(seed=0, info=info)
+>>> for _ in range(3):
+...     observation, reward, terminated, truncated, info = envs.step(policy.act(observation))
+...     if (done := terminated | truncated).any():
+...         policy.reset(mask=done, info=info)
+>>> float(info["final_info"]["is_success"].mean())
+1.0
+"""
+
+from collections.abc import Callable
+
+from graspbox.errors import ConfigError
+from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.planner import Expert, Planner
+from graspbox.policies.simple import Random, Zero
+
+__all__ = ["Actions", "Expert", "Planner", "Policy", "Random", "Task", "Zero", "load", "names"]
+
+_BASELINES: dict[str, Callable[[], Policy]] = {kind.name: kind for kind in (Random, Zero, Planner, Expert)}
+
+
+def names() -> tuple[str, ...]:
+    """Names that `load` takes."""
+    return tuple(_BASELINES)
+
+
+def load(name: str) -> Policy:
+    """Make a policy by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `names`: the table of the module says what each does.
+
+    Raises
+    ------
+    ConfigError
+        If there is no policy of that name.
+    """
+    if name not in _BASELINES:
+        raise ConfigError(f"there is no policy {name!r}; choose from {', '.join(_BASELINES)}")
+    return _BASELINES[name]()

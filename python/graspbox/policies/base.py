@@ -1,0 +1,227 @@
+"""`Policy`, the interface of all policies, and `Task`, the environments that one acts in."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from graspbox import object_sets
+from graspbox.envs import IDS
+from graspbox.envs.core import HandArgument
+from graspbox.errors import ConfigError
+
+__all__ = ["Actions", "Policy", "Task"]
+
+#: (num_envs, k) float32.
+Actions = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Task:
+    """The environments that a policy acts in.
+
+    Attributes
+    ----------
+    env_id : str
+        Registered id: one of `graspbox.envs.IDS`.
+    num_envs : int
+        Number of environments; rows of observations and actions.
+    observation_space : Space
+        Of one environment.
+    action_space : Box
+        Of one environment.
+    obs : str or tuple of str
+        What is observed: the keyword ``obs`` of the environments. Several names give a mapping.
+    objects : ObjectSet
+        The objects that may appear; ``info["object"]`` names one of them.
+    control : str
+        Control mode of ``Grasp-v0``.
+    frame_skip : int
+        Control periods per action of ``Grasp-v0``.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    """
+
+    env_id: str
+    num_envs: int
+    observation_space: gymnasium.Space[Any]
+    action_space: spaces.Box
+    obs: str | tuple[str, ...]
+    objects: object_sets.ObjectSet
+    control: str = "twist"
+    frame_skip: int = 1
+    hand: HandArgument = "reflex"
+
+    @classmethod
+    def of(cls, envs: VectorEnv[Any, Any, Any] | gymnasium.Env[Any, Any]) -> Self:
+        """Describe environments that ``gymnasium.make_vec`` or ``gymnasium.make`` made.
+
+        A single environment counts as one row: give the policy ``observation[None]`` and step ``action[0]``.
+
+        Raises
+        ------
+        ConfigError
+            If they are not graspbox's, or were made without a registered id.
+        """
+        spec = envs.spec
+        if spec is None or spec.id not in IDS:
+            found = "no registered id" if spec is None else f"the id {spec.id!r}"
+            raise ConfigError(f"the environments have {found}; make one of {', '.join(IDS)} by its id")
+        if isinstance(envs, VectorEnv):
+            num_envs, observation_space = envs.num_envs, envs.single_observation_space
+            action_space = envs.single_action_space
+        else:
+            num_envs, observation_space, action_space = 1, envs.observation_space, envs.action_space
+        if not isinstance(action_space, spaces.Box):
+            raise ConfigError(f"the action space is {action_space}; policies need a Box")
+        given = spec.kwargs.get("obs", "state")
+        obs = given if isinstance(given, str) else tuple(given)
+        objects = object_sets.load(spec.kwargs.get("objects", "procedural"), split=spec.kwargs.get("split"))
+        known = {name: spec.kwargs[name] for name in ("control", "frame_skip", "hand") if name in spec.kwargs}
+        return cls(spec.id, num_envs, observation_space, action_space, obs, objects, **known)
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether an episode is many actions (``Grasp-v0``), not one decision (``GraspPose-v0``)."""
+        return self.env_id.startswith("graspbox/Grasp-")
+
+
+class Policy(ABC):
+    """Chooses the actions of many environments at once.
+
+    `bind` comes first, once. Then `reset` is called for every episode that begins, with what the environments gave
+    at that reset, before `act` sees its first observation; ``mask`` says which environments begin one, as the option
+    ``reset_mask`` of a reset does. With autoreset, call it after the step that began the episodes: the step that ended
+    the last ones (``AutoresetMode.SAME_STEP``) or the one after it (``AutoresetMode.NEXT_STEP``).
+
+    A subclass implements `act`, and where it needs them `_bind` and `_begin`. What it does in an environment must
+    depend only on that environment's seeds, infos and observations: then results do not depend on `Task.num_envs`.
+
+    Attributes
+    ----------
+    name : str
+        What results are listed under.
+    obs : str or None
+        Observation that the policy needs (as the keyword ``obs`` of the environments names it); None: any.
+    """
+
+    name: str = "policy"
+    obs: str | None = None
+    _task: Task | None = None
+
+    @property
+    def task(self) -> Task:
+        """The environments that it is bound to.
+
+        Raises
+        ------
+        ConfigError
+            If `bind` has not been called.
+        """
+        if self._task is None:
+            raise ConfigError(f"the policy {self.name!r} is not bound to environments; call bind(Task.of(envs)) first")
+        return self._task
+
+    def bind(self, task: Task) -> None:
+        """Prepare for environments; binding to others forgets everything about the former ones.
+
+        Raises
+        ------
+        ConfigError
+            If the policy cannot act there, or does not observe what it needs.
+        """
+        given = (task.obs,) if isinstance(task.obs, str) else task.obs
+        if self.obs is not None and self.obs not in given:
+            raise ConfigError(
+                f"the policy {self.name!r} needs obs={self.obs!r}; the environments give obs={task.obs!r}"
+            )
+        self._task = task
+        self._bind(task)
+
+    def reset(
+        self,
+        seed: int | Sequence[int | None] | None = None,
+        *,
+        mask: NDArray[np.bool_] | None = None,
+        info: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Begin episodes.
+
+        Parameters
+        ----------
+        seed : int or sequence of int, optional
+            As for the reset of a vector environment: the first environment's, the others' follow by ones; or one per
+            environment. What is random in a policy begins anew with a seed and continues without one.
+        mask : (num_envs,) bool array, optional
+            Which environments begin an episode; by default all.
+        info : mapping, optional
+            Info of the reset, or of the step that reset them: an array of length `Task.num_envs` per entry. Privileged
+            policies read ``info["object"]``, the name of each object.
+
+        Raises
+        ------
+        ConfigError
+            If a length is wrong, or an entry of `info` is missing.
+        """
+        count = self.task.num_envs
+        if mask is not None and (np.shape(mask) != (count,) or np.asarray(mask).dtype != np.bool_):
+            raise ConfigError(f"mask is {mask!r}; give an array of {count} bool")
+        seeds: list[int | None]
+        if seed is None:
+            seeds = [None] * count
+        elif isinstance(seed, int | np.integer):
+            seeds = [int(seed) + i for i in range(count)]
+        else:
+            seeds = [None if one is None else int(one) for one in seed]
+        if len(seeds) != count:
+            raise ConfigError(f"there are {len(seeds)} seeds; give one for each of the {count} environments")
+        columns = {name: np.atleast_1d(np.asarray(value)) for name, value in _columns(info or {}).items()}
+        for name, values in columns.items():
+            if len(values) != count:
+                raise ConfigError(
+                    f"info[{name!r}] has {len(values)} rows; give one for each of the {count} environments"
+                )
+        for env in range(count) if mask is None else np.flatnonzero(mask).tolist():
+            self._begin(env, seeds[env], {name: values[env] for name, values in columns.items()})
+
+    @abstractmethod
+    def act(self, observation: Any) -> Actions:
+        """Choose the next actions.
+
+        Parameters
+        ----------
+        observation : (num_envs, ...) array, or mapping of them
+            As the vector environment gives it. Rows of environments whose episode is over mean nothing, nor do their
+            actions.
+
+        Returns
+        -------
+        (num_envs, k) float32 array
+            A row of zeros where the policy does not act.
+        """
+
+    def _bind(self, task: Task) -> None:
+        """Allocate what the policy keeps per environment."""
+        del task
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        """Begin an episode in one environment; `info` holds its row of every entry."""
+        del env, seed, info
+
+    def _zeros(self) -> Actions:
+        return np.zeros((self.task.num_envs, *self.task.action_space.shape), dtype=np.float32)
+
+
+def _columns(info: Mapping[str, Any]) -> dict[str, Any]:
+    """Entries of an info, without masks, nested entries and what belongs to the last episode."""
+    return {
+        name: value
+        for name, value in info.items()
+        if not name.startswith(("_", "final_")) and not isinstance(value, Mapping)
+    }

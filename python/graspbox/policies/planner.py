@@ -1,0 +1,125 @@
+"""Privileged baselines: the planner's first pose, and the scripted expert."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import planning
+from graspbox._core import Mesh
+from graspbox.envs import expert
+from graspbox.envs.grasp_pose import encode_action
+from graspbox.envs.grasp_pose import object_pose as decision_object_pose
+from graspbox.errors import ConfigError
+from graspbox.policies.base import Actions, Policy, Task
+from graspbox.simulation import load_hand
+
+__all__ = ["Expert", "Planner"]
+
+#: Among how many of the planner's best poses the expert chooses.
+_CHOICES = 40
+#: A horizontal distance of a pose from the object that costs the expert as much as a turn of the hand by one radian,
+#: metres.
+_ASIDE = 0.05
+#: Meshes that a policy keeps.
+_MESHES = 128
+
+
+class Planner(Policy):
+    """Grasps at the planner's first-ranked pose of the object as it lies; **privileged**.
+
+    It plans once per episode, with the object's mesh and the observation ``state``. In ``GraspPose-v0`` the pose is the
+    action; in ``Grasp-v0`` the scripted expert (`graspbox.envs.expert`) moves the hand there. Where the planner finds
+    no feasible pose its actions are zeros.
+    """
+
+    name = "planner"
+    obs: str | None = "state"
+
+    def _bind(self, task: Task) -> None:
+        self._hand = load_hand(task.hand)
+        self._objects: list[str | None] = [None] * task.num_envs
+        self._experts: list[expert.Expert | None] = [None] * task.num_envs
+        indices = {name: i for i, name in enumerate(task.objects.names)}
+
+        @lru_cache(_MESHES)
+        def mesh(name: str) -> Mesh:
+            if name not in indices:
+                raise ConfigError(f"there is no object {name!r} in the set {task.objects.name!r} that the policy knows")
+            return task.objects[indices[name]].load()
+
+        self._mesh = mesh
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        if "object" not in info:
+            raise ConfigError(f"the policy {self.name!r} needs info['object'], the object's name; give reset its info")
+        # The plan waits for the first observation, which holds the object's pose.
+        self._objects[env] = str(info["object"])
+        self._experts[env] = None
+
+    def act(self, observation: Any) -> Actions:
+        """Plan where an episode has begun, and move on in the others."""
+        states = observation if isinstance(self.task.obs, str) else observation["state"]
+        actions = self._zeros()
+        for env, state in enumerate(states):
+            name, self._objects[env] = self._objects[env], None
+            if not self.task.closed_loop:
+                if name is not None:
+                    actions[env] = self._decide(self._mesh(name), state, actions[env])
+                continue
+            if name is not None:
+                self._experts[env] = self._expert(self._mesh(name), state)
+            driver = self._experts[env]
+            if driver is not None:
+                actions[env] = driver.act(state)
+        return actions
+
+    def _decide(self, mesh: Mesh, state: NDArray[np.float32], nothing: Actions) -> Actions:
+        """Write the first-ranked pose as an action of ``GraspPose-v0``."""
+        pose = decision_object_pose(state)
+        plan = planning.plan(mesh, hand=self._hand, world_from_object=pose).best(1)
+        if not len(plan):
+            return nothing
+        return encode_action(pose @ plan.poses[0], plan.preshape[0], self._hand.preshape_limits)
+
+    def _expert(self, mesh: Mesh, state: NDArray[np.float32]) -> expert.Expert | None:
+        """Make the expert of an episode of ``Grasp-v0``."""
+        task = self.task
+        plan = expert.planned(mesh, state, control=task.control, hand=self._hand)
+        if not len(plan):
+            return None
+        chosen = self._choose(plan, mesh, state)
+        settings: dict[str, Any] = {"control": task.control, "frame_skip": task.frame_skip, "hand": self._hand}
+        return expert.Expert(state, plan.poses[chosen], plan.preshape[chosen], **settings)
+
+    def _choose(self, plan: planning.Plan, mesh: Mesh, state: NDArray[np.float32]) -> int:
+        del plan, mesh, state
+        return 0
+
+
+class Expert(Planner):
+    """The scripted expert of ``Grasp-v0``, as a demonstrator; **privileged**.
+
+    As `Planner`, but of the planner's 40 best poses it takes the one that needs the least turn of the hand and is most
+    nearly above the object. A policy that imitates it can infer that choice from its observations, which do not tell
+    which of several similar poses the planner ranks first.
+    """
+
+    name = "expert"
+
+    def _bind(self, task: Task) -> None:
+        if not task.closed_loop:
+            raise ConfigError(f"the policy 'expert' acts in graspbox/Grasp-v0; for {task.env_id!r} load 'planner'")
+        super()._bind(task)
+
+    def _choose(self, plan: planning.Plan, mesh: Mesh, state: NDArray[np.float32]) -> int:
+        control = self.task.control
+        world_from_object = expert.object_pose(state, control=control, hand=self._hand)
+        world_from_hand = expert.hand_pose(state, control=control, hand=self._hand)
+        center = world_from_object @ np.append(mesh.bounds.mean(axis=0), 1.0)
+        poses = world_from_object @ plan.poses[:_CHOICES]
+        traces = np.einsum("nij,ij->n", poses[:, :3, :3], world_from_hand[:3, :3])
+        turns = np.arccos(np.clip((traces - 1) / 2, -1, 1))
+        distances = np.linalg.norm(poses[:, :2, 3] - center[:2], axis=1)
+        return int(np.argmin(turns + distances / _ASIDE))

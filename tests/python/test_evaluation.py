@@ -1,0 +1,278 @@
+"""`graspbox.evaluation`: a fixed set of seeded trials, counted honestly; and ``graspbox evaluate``."""
+
+import doctest
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from graspbox import evaluation, policies
+from graspbox.envs import IDS
+from graspbox.errors import ConfigError, GraspboxError
+from graspbox.evaluation import evaluate, run_trials, trial_seeds, wilson
+from graspbox.policies import Policy, Task
+
+POSE, LOOP = IDS
+SET = ["procedural:can:0-4", "procedural:box:0-4"]
+
+
+@pytest.mark.parametrize(
+    ("succeeded", "trials", "low", "high"),
+    [
+        # Closed forms: for no success the interval is [0, z^2 / (n + z^2)], for n successes its mirror image.
+        (0, 10, 0.0, 3.841458820694124 / 13.841458820694124),
+        (10, 10, 10 / 13.841458820694124, 1.0),
+        # Half of them: 1/2 -+ z / (2 sqrt(n + z^2)).
+        (50, 100, 0.5 - 1.959963984540054 / (2 * 103.841458820694124**0.5), 0.5 + 0.0961676),
+        # Newcombe, "Two-sided confidence intervals for the single proportion", Stat. Med. 17, 1998, table I.
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
+def test_wilson_intervals_are_those_of_the_literature(succeeded: int, trials: int, low: float, high: float) -> None:
+    assert wilson(succeeded, trials) == pytest.approx((low, high), abs=5e-5)
+    mirrored = wilson(trials - succeeded, trials)
+    assert (1 - mirrored[1], 1 - mirrored[0]) == pytest.approx((low, high), abs=5e-5)
+
+
+@pytest.mark.parametrize(("succeeded", "trials"), [(0, 0), (3, 2), (-1, 5)])
+def test_counts_that_cannot_be_have_no_interval(succeeded: int, trials: int) -> None:
+    with pytest.raises(ConfigError, match="at least one trial"):
+        wilson(succeeded, trials)
+
+
+def test_trials_have_seeds_of_their_own() -> None:
+    seeds = trial_seeds(0, 500)
+    assert seeds[:20] == trial_seeds(0, 20)
+    assert all(0 <= seed < 2**53 for seed in seeds)
+    # Neighbouring seeds of an evaluation share no trial.
+    assert len({*seeds, *trial_seeds(1, 500)}) == 1000
+
+
+@pytest.mark.parametrize(
+    ("env_id", "policy", "trials"), [(POSE, "planner", 12), (LOOP, "expert", 9), (LOOP, "random", 8)]
+)
+def test_the_trials_do_not_depend_on_the_number_of_environments(env_id: str, policy: str, trials: int) -> None:
+    """With 7 environments some idle at the end; with 4 short episodes make room for more of them."""
+    settings: dict[str, Any] = {"max_episode_steps": 120} if env_id == LOOP else {}
+    found = [evaluate(policy, env_id, SET, trials, 3, num_envs=count, **settings) for count in (1, 4, 7)]
+    assert found[0] == found[1] == found[2]
+    assert len(found[0].trials) == trials
+    assert [trial.seed for trial in found[0].trials] == trial_seeds(3, trials)
+    # Another seed gives other trials.
+    assert evaluate("zero", env_id, SET, trials, 4, max_episode_steps=1).trials != found[0].trials
+
+
+def test_a_trial_is_the_episode_of_its_seed() -> None:
+    """Reset a single environment with the seed of a trial, and the same happens."""
+    result = evaluate("planner", LOOP, SET, 4, 7, reward="dense")
+    for trial in result.trials:
+        env = gymnasium.make(LOOP, objects=SET, reward="dense")
+        policy = policies.load("planner")
+        policy.bind(Task.of(env))
+        observation, info = env.reset(seed=trial.seed)
+        assert info["object"] == trial.object
+        policy.reset(trial.seed, info=info)
+        steps, total, done = 0, 0.0, False
+        while not done:
+            observation, reward, terminated, truncated, info = env.step(policy.act(observation[None])[0])
+            steps, total, done = steps + 1, total + float(reward), terminated or truncated
+        assert (trial.success, trial.secure, trial.steps) == (info["is_success"], info["is_secure"], steps)
+        assert trial.failure == info["failure"]
+        assert trial.reward == total
+
+
+class Hasty(Policy):
+    """Plays `planner`, but in every other trial does nothing, and so fails late where the others succeed early."""
+
+    name = "hasty"
+    obs = "state"
+
+    def _bind(self, task: Task) -> None:
+        self._inner = policies.load("planner")
+        self._inner.bind(task)
+        self._idle = np.zeros(task.num_envs, dtype=bool)
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        assert seed is not None
+        self._idle[env] = seed % 2
+        mask = np.arange(self.task.num_envs) == env
+        self._inner.reset(mask=mask, info={"object": np.full(self.task.num_envs, info["object"], dtype=object)})
+
+    def act(self, observation: Any) -> policies.Actions:
+        """Do nothing in the idle environments."""
+        actions = self._inner.act(observation)
+        actions[self._idle] = 0.0
+        return actions
+
+
+def test_short_episodes_count_no_more_than_long_ones() -> None:
+    """Half of the trials succeed after about 120 steps, half fail after 600: the first ones to finish would succeed."""
+    result = evaluate(Hasty(), LOOP, "procedural:can:0-2", 12, 0, num_envs=4, max_episode_steps=600)
+    odd = [trial.seed % 2 == 1 for trial in result.trials]
+    assert 3 <= sum(odd) <= 9
+    assert all(trial.steps == 600 and not trial.success for trial, idle in zip(result.trials, odd, strict=True) if idle)
+    assert result.succeeded == sum(trial.success for trial in result.trials)
+    assert 12 - sum(odd) - result.succeeded <= 1
+
+
+def test_counts_add_up() -> None:
+    result = evaluate("planner", POSE, ["procedural:can:5", "procedural:plate:0-1", "procedural:mug:0"], 24, 1)
+    assert sum(count.trials for count in result.objects) == 24
+    assert sum(count.succeeded for count in result.objects) == result.succeeded
+    assert sum(count.secure for count in result.objects) == result.secure
+    assert 0 < result.secure <= result.succeeded < 24
+    assert sum(result.failures.values()) == 24 - result.succeeded
+    assert result.rate == result.succeeded / 24
+    assert result.ci95 == wilson(result.succeeded, 24)
+    assert result.secure_ci95 == wilson(result.secure, 24)
+    assert [count.name for count in result.objects] == sorted({trial.object for trial in result.trials})
+
+
+def test_the_policy_s_time_is_its_own() -> None:
+    """20 ms of every call, shared by the environments that act; the simulation is not counted."""
+
+    class Slow(Policy):
+        def act(self, observation: Any) -> policies.Actions:
+            time.sleep(0.02)
+            return self._zeros()
+
+    assert 10.0 < evaluate(Slow(), POSE, SET, 8, num_envs=2).ms_per_decision < 15.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"trials": 0}, "trials is 0; it must be between 1 and 1000000"),
+        ({"trials": 2.5}, "trials is 2.5; give a whole number"),
+        ({"trials": "7"}, "trials is '7'; give a whole number"),
+        ({"trials": 10**7}, "trials is 10000000"),
+        ({"seed": -1}, "seed is -1; it must be between 0"),
+        ({"seed": 1.5}, "seed is 1.5; give a whole number"),
+        ({"num_envs": 0}, "num_envs is 0; it must be between 1 and 4096"),
+        ({"env_id": "graspbox/Grab-v0"}, "no environment 'graspbox/Grab-v0'; choose from graspbox/GraspPose-v0"),
+        ({"env_id": "CartPole-v1"}, "no environment 'CartPole-v1'"),
+        ({"policy": "best"}, "no policy 'best'; choose from random"),
+        ({"policy": "expert"}, "acts in graspbox/Grasp-v0"),
+        ({"objects": "procedural:sponge"}, "no family 'sponge'"),
+        ({"split": "training"}, "training"),
+        ({"obs": "rgb", "policy": "planner"}, "needs obs='state'"),
+    ],
+)
+def test_wrong_arguments_are_named(changes: dict[str, Any], message: str) -> None:
+    given = {"policy": "zero", "env_id": POSE, "objects": SET, "trials": 2, "seed": 0, **changes}
+    with pytest.raises(GraspboxError, match=message):
+        evaluate(**given)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    plain = evaluate("zero", POSE, SET, 3, 5, num_envs=2)
+    assert evaluate("zero", POSE, SET, np.int64(3), np.uint8(5), num_envs=np.int32(2)) == plain
+    json.dumps(plain.to_json())
+
+
+def test_environments_that_reset_by_themselves_are_refused() -> None:
+    policy = policies.load("zero")
+    envs: Any = gymnasium.make_vec(POSE, num_envs=2, objects=SET)
+    policy.bind(Task.of(envs))
+    with pytest.raises(ConfigError, match="autoreset_mode='Disabled'"):
+        run_trials(policy, envs, [1, 2])
+    envs = gymnasium.make_vec(POSE, num_envs=3, objects=SET, autoreset_mode="Disabled")
+    with pytest.raises(ConfigError, match="bound to 2 environments, these are 3"):
+        run_trials(policy, envs, [1, 2])
+    policy.bind(Task.of(envs))
+    with pytest.raises(ConfigError, match="no seeds"):
+        run_trials(policy, envs, [])
+
+
+def test_progress_is_told_trial_by_trial() -> None:
+    told: list[int] = []
+    evaluate("zero", POSE, SET, 5, num_envs=2, progress=told.append)
+    assert told == [1, 2, 3, 4, 5]
+
+
+def test_the_example_of_the_module_runs() -> None:
+    result = doctest.testmod(evaluation)
+    assert result.attempted > 2
+    assert result.failed == 0
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+pytest.importorskip("typer", reason="the command line needs the extra 'cli'")
+
+COMMAND = [sys.executable, "-m", "graspbox", "evaluate"]
+KEYS = ["policy", "trials", "succeeded", "secure", "rate", "ci95", "objects", "ms_per_decision"]
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, check=False)
+
+
+def test_the_command_prints_json_and_writes_every_trial(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "result.json"
+    few = ("--objects", "procedural:can:0-4", "--objects", "procedural:box:0-4", "--trials", "6", "--seed", "3")
+    done = run("planner", *few, "--env", POSE, "--json", "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    shown = json.loads(done.stdout)
+    assert list(shown) == KEYS
+    assert all(list(row) == ["name", "trials", "succeeded"] for row in shown["objects"])
+    result = evaluate("planner", POSE, SET, 6, 3)
+    # The time is the machine's.
+    assert {**shown, "ms_per_decision": 0} == {**result.to_json(), "ms_per_decision": 0}
+    written = json.loads(out.read_text())
+    assert written["rows"] == [vars(trial) for trial in result.trials]
+    assert {name: written[name] for name in KEYS} == shown
+    done = run("zero", *few)
+    assert done.returncode == 0
+    assert "success 0.0% (95 % interval 0.0% to 39.0%)" in done.stdout
+    assert "failures: 6 infeasible" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("best",), 2, "no policy 'best'"),
+        (("zero", "--env", "Grasp-v0"), 2, "no environment 'Grasp-v0'; choose from"),
+        (("zero", "--objects", "procedural:sponge"), 2, "no family 'sponge'"),
+        (("zero", "--trials", "0"), 2, "--trials"),
+        (("zero", "--split", "training"), 2, "training"),
+        (("zero", "--trials", "1", "--out", "/proc/none/result.json"), 1, "cannot be written"),
+    ],
+)
+def test_the_command_explains_wrong_calls(arguments: tuple[str, ...], status: int, message: str) -> None:
+    done = run(*arguments)
+    assert done.returncode == status
+    assert done.stdout == ""
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_object_that_cannot_be_used_fails_the_command(tmp_path: Path) -> None:
+    (tmp_path / "broken.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n")
+    done = run("zero", "--objects", str(tmp_path / "broken.off"), "--trials", "1", "--json")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert "object `broken`: the OFF file is truncated" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_ends_the_command() -> None:
+    long = ("planner", "--env", LOOP, "--objects", "procedural:can:0-4", "--trials", "100000", "--json")
+    with subprocess.Popen([*COMMAND, *long], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        time.sleep(4.0)
+        child.send_signal(signal.SIGINT)
+        began = time.monotonic()
+        output, errors = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert time.monotonic() - began < 5.0
+    assert output == ""
+    assert "Traceback" not in errors
