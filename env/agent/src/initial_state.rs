@@ -175,13 +175,10 @@ pub fn start(spec: &EnvSpec, stream: &mut RandomStream, options: &ResetOptions) 
             world_from_object = rests;
         }
     }
-    // The table of a scene stands as the object rests in it.
-    let elsewhere = dropped.map(|_| scene.obstacles_at(prepared.body(), &world_from_object));
-    let elsewhere = elsewhere.transpose()?;
     let room = Room {
         spec,
         name: scene.name(),
-        obstacles: elsewhere.as_ref().or(scene.obstacles()),
+        obstacles: scene.obstacles_at(&world_from_object),
         world_from_object: &world_from_object,
     };
     let world_from_hand = room.place_hand(&drawn, options, preshape)?;
@@ -373,7 +370,7 @@ struct Room<'a> {
     /// Of the object.
     name: &'a str,
     /// Object and table; none where nothing is in the resting.
-    obstacles: Option<&'a CollisionScene>,
+    obstacles: Option<CollisionScene>,
     world_from_object: &'a Isometry3<f64>,
 }
 
@@ -403,7 +400,7 @@ impl Room<'_> {
 
     fn collides(&self, open: &OpenHand, world_from_hand: &Isometry3<f64>) -> bool {
         let object_from_hand = self.world_from_object.inverse() * world_from_hand;
-        self.obstacles.is_some_and(|o| o.collides(open, &object_from_hand))
+        self.obstacles.as_ref().is_some_and(|o| o.collides(open, &object_from_hand))
     }
 
     fn given_hand(&self, rows: &[[f64; 4]; 4], open: &OpenHand) -> Result<Isometry3<f64>, AgentError> {

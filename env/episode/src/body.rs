@@ -1,10 +1,12 @@
 //! From a mesh to what the simulation needs: a cleaned surface, convex parts, mass and inertia.
 
 use crate::EpisodeError;
-use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh};
+use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh, convex_hull};
+use graspbox_plan::Obstacle;
 use graspbox_sim::{Geometry, ObjectModel};
 use nalgebra::Point3;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Density of an object without a published mass, kg/m3: our choice, since household objects are hollow
 /// or filled loosely.
@@ -28,9 +30,10 @@ pub struct ObjectSpec {
 pub struct Body {
     name: String,
     mesh: TriMesh,
-    parts: Vec<Vec<Point3<f64>>>,
+    parts: Arc<[TriMesh]>,
     mass: MassProperties,
     model: ObjectModel,
+    obstacle: Arc<Obstacle>,
 }
 
 impl Body {
@@ -44,25 +47,23 @@ impl Body {
         let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
         let (mesh, report) = graspbox_mesh::clean(&spec.mesh, &CleanOptions::default()).map_err(mesh_error)?;
         let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
-        let (parts, hulls) = match &spec.parts {
-            Some(parts) => {
-                let hulls = parts.iter().map(|p| graspbox_mesh::convex_hull(p)).collect::<Result<Vec<_>, _>>();
-                (parts.clone(), hulls.map_err(mesh_error)?)
-            }
-            None => {
-                let cut = graspbox_mesh::convex_parts(&mesh, &PartsParams::default(), cache).map_err(mesh_error)?;
-                (cut.parts.iter().map(|p| p.vertices().to_vec()).collect(), cut.parts)
-            }
+        let hulls = match &spec.parts {
+            Some(parts) => parts.iter().map(|points| convex_hull(points)).collect::<Result<Vec<_>, _>>(),
+            None => graspbox_mesh::convex_parts(&mesh, &PartsParams::default(), cache).map(|cut| cut.parts),
         };
+        let parts: Arc<[TriMesh]> = hulls.map_err(mesh_error)?.into();
         let mass = if report.watertight {
             graspbox_mesh::mass_properties(&mesh, mass)
         } else {
-            graspbox_mesh::mass_properties_of_parts(&hulls, mass)
+            graspbox_mesh::mass_properties_of_parts(&parts, mass)
         };
         let mass = mass.map_err(mesh_error)?;
-        let model = ObjectModel::new(&Geometry::Parts(parts.clone()), mass.mass, mass.center_of_mass, mass.inertia)
-            .map_err(|source| EpisodeError::Sim { object: spec.name.clone(), source })?;
-        Ok(Self { name: spec.name.clone(), mesh, parts, mass, model })
+        let model =
+            ObjectModel::new(&Geometry::Parts(Arc::clone(&parts)), mass.mass, mass.center_of_mass, mass.inertia)
+                .map_err(|source| EpisodeError::Sim { object: spec.name.clone(), source })?;
+        let obstacle =
+            Obstacle::new(&mesh, &parts).map_err(|source| EpisodeError::Plan { object: spec.name.clone(), source })?;
+        Ok(Self { name: spec.name.clone(), mesh, parts, mass, model, obstacle: Arc::new(obstacle) })
     }
 
     /// Name.
@@ -75,9 +76,14 @@ impl Body {
         &self.mesh
     }
 
-    /// Convex parts as points, object frame, metres.
-    pub fn parts(&self) -> &[Vec<Point3<f64>>] {
+    /// Convex parts, each a closed hull, object frame, metres. Simulation and collision filter share them.
+    pub fn parts(&self) -> &[TriMesh] {
         &self.parts
+    }
+
+    /// The mesh and its convex parts, ready for collision queries wherever the object rests.
+    pub fn obstacle(&self) -> &Arc<Obstacle> {
+        &self.obstacle
     }
 
     /// Mass, centre of mass, inertia, and how they were found.

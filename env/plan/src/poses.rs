@@ -3,7 +3,7 @@
 use crate::PlanError;
 use crate::boxes::OrientedBox;
 use crate::error::in_range;
-use crate::preshape::{closing_center, preshapes};
+use crate::preshape::{FaceSize, closing_center, preshapes};
 use graspbox_hand::{GraspPose, Hand};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -150,15 +150,6 @@ pub(crate) fn propose(
         }
     }
     proposals
-}
-
-/// Sides of a face as the hand sees them, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct FaceSize {
-    /// Across the hand (its x): what fingers 1, 2 and 3 close on.
-    pub width: f64,
-    /// Along the hand (its y).
-    pub length: f64,
 }
 
 struct Face {

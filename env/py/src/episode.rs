@@ -1,6 +1,6 @@
 //! `graspbox.Scene`: an object at rest on the table, and trials on it.
 
-use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, row_major, vector};
+use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, row_major, table, vector};
 use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
@@ -87,10 +87,7 @@ impl Scene {
     fn body<'py>(&self, py: Python<'py>) -> PyResult<BodyArrays<'py>> {
         // Prepared when the scene was: no folder is asked for its parts again.
         let body = self.mesh.body(None)?;
-        let parts = body.parts().iter().map(|points| {
-            let coordinates = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
-            array(py, coordinates, &[points.len(), 3])
-        });
+        let parts = body.parts().iter().map(|hull| table(py, hull.vertices().iter().map(|p| [p.x, p.y, p.z])));
         let properties = body.mass_properties();
         let center = properties.center_of_mass;
         Ok((

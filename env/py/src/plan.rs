@@ -59,7 +59,7 @@ pub fn plan<'py>(
         let body = data.body(cache.as_deref())?;
         let object = PlanObject {
             mesh: body.mesh(),
-            parts: body.parts(),
+            obstacle: body.obstacle(),
             center_of_mass: body.mass_properties().center_of_mass,
             world_from_object: pose.unwrap_or_else(|| default_pose(body.mesh())),
         };
