@@ -23,6 +23,7 @@ from graspbox.configs import (
     PlanConfig,
     PoseConfig,
     Randomization,
+    SuccessCriterion,
     TrialConfig,
 )
 from graspbox.envs import register
@@ -53,6 +54,7 @@ __all__ = [
     "PoseConfig",
     "Randomization",
     "Scene",
+    "SuccessCriterion",
     "Trace",
     "TrialConfig",
     "ViewPlan",

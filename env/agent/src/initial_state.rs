@@ -15,7 +15,7 @@ use crate::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::objects::Prepared;
 use crate::random_stream::RandomStream;
 use graspbox_episode::scene::OUT_OF_THE_WAY;
-use graspbox_episode::{Episode, Scene};
+use graspbox_episode::{Episode, Scene, SuccessCriterion};
 use graspbox_mesh::TriMesh;
 use graspbox_plan::{CollisionScene, OpenHand};
 use graspbox_sim::scenery::TABLE_SIDE;
@@ -307,7 +307,7 @@ fn settled(
     factors: [f64; 2],
 ) -> Result<(Isometry3<f64>, f64), AgentError> {
     let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
-    let mut alone = Episode::reset_at(scene, &away, world_from_object, 0.0, factors);
+    let mut alone = Episode::reset_at(scene, &away, world_from_object, 0.0, factors, SuccessCriterion::default());
     alone.rest()?;
     let world = alone.world();
     if !world.is_finite() || world.object_center().z < LOST_HEIGHT {

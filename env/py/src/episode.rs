@@ -159,7 +159,7 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     dict.set_item("secure", flags(|o| o.secure)?)?;
     dict.set_item("legacy_success", flags(|o| o.legacy_success.unwrap_or(false))?)?;
     dict.set_item("kindness", numbers(|o| o.kindness.unwrap_or(f64::NAN))?)?;
-    dict.set_item("kindness_rate", numbers(|o| o.kindness_rate)?)?;
+    dict.set_item("kindness_rate", numbers(|o| o.kindness_rate.unwrap_or(f64::NAN))?)?;
     dict.set_item("lift", numbers(|o| o.lift)?)?;
     dict.set_item("time", numbers(|o| o.time)?)?;
     let names = outcomes.iter().map(|o| o.failure.map_or("", failure_name)).collect::<Vec<_>>();

@@ -5,7 +5,6 @@ use crate::AgentError;
 use crate::action::pose_and_preshape;
 use crate::env_spec::EnvSpec;
 use crate::reward::{Potentials, TERMS};
-use graspbox_episode::judge::LIFT_HEIGHT;
 use graspbox_episode::trial::Trial;
 use graspbox_episode::{Episode, FailureKind};
 use graspbox_hand::GraspPose;
@@ -27,7 +26,8 @@ impl AgentEpisode {
         let object = self.episode.world().world_from_object();
         let feasible = self.feasible(&object, &hand, preshape, spec)?;
         let factors = [self.record.friction, self.record.mass];
-        self.episode = Episode::reset_at(self.episode.scene(), &hand, &object, preshape, factors);
+        let criterion = spec.config.success;
+        self.episode = Episode::reset_at(self.episode.scene(), &hand, &object, preshape, factors, criterion);
         let mut after = self.potentials_now(spec);
         if feasible && self.out_of_reach(spec) {
             self.record.failure = Some(FailureKind::NoContact);
@@ -47,14 +47,14 @@ impl AgentEpisode {
         spec: &EnvSpec,
         after: &mut Potentials,
     ) -> Result<(), AgentError> {
-        let mut trial = Trial::of(self.episode.clone(), hand, preshape, spec.config.trial, false);
+        let mut trial = Trial::of(self.episode.clone(), hand, preshape, spec.config.trial(), false);
         trial.close(&|| false)?;
         let closed = Potentials::at(trial.episode(), &self.prepared, &self.record.first_center, spec.hand());
         trial.lift(&|| false)?;
         let outcome = trial.outcome();
         self.episode = trial.into_episode();
         let lifted = self.potentials_now(spec);
-        let highest = self.episode.judge().highest() / LIFT_HEIGHT;
+        let highest = self.episode.judge().highest() / spec.config.success.lift_height;
         *after = Potentials {
             reach: after.reach,
             lift: if highest.is_finite() { highest.clamp(0.0, 1.0) } else { 0.0 },
