@@ -161,6 +161,8 @@ impl AgentError {
                     | EpisodeError::Mesh { .. }
                     | EpisodeError::Plan { .. }
                     | EpisodeError::NoRest { .. }
+                    | EpisodeError::BadSize { .. }
+                    | EpisodeError::BadMass { .. }
             ),
             Self::NoStart { .. } | Self::Undrawable { .. } => true,
             _ => false,

@@ -30,6 +30,14 @@ pub enum EpisodeError {
         /// What the planner said.
         source: graspbox_plan::PlanError,
     },
+    /// The hand's kinematics refuse a configuration of its own.
+    #[error("hand `{hand}`: {source}")]
+    Hand {
+        /// Name of the hand.
+        hand: String,
+        /// What the hand said.
+        source: graspbox_hand::HandError,
+    },
     /// A setting is out of its range.
     #[error("`{field}` is {value}, but it must be {expected}")]
     BadConfig {

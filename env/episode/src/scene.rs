@@ -31,13 +31,14 @@ impl Scene {
     /// Lets `body` settle on the table from `world_from_object` (default: file +z up, centred over the table's origin).
     ///
     /// # Errors
-    /// As [`Scene::settle`].
+    /// As [`Body::check_fits`] and [`Scene::settle`].
     pub fn new(
         body: &Body,
         hand: Arc<Hand>,
         physics: PhysicsConfig,
         world_from_object: Option<&Isometry3<f64>>,
     ) -> Result<Self, EpisodeError> {
+        body.check_fits(&hand)?;
         let start = world_from_object.copied().unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
         let bounds = body.mesh().transformed(&start).aabb();
         let base = Point3::new((bounds.min.x + bounds.max.x) / 2.0, (bounds.min.y + bounds.max.y) / 2.0, bounds.min.z);

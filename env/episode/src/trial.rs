@@ -272,7 +272,7 @@ impl Trial {
         let verdict = self.episode.verdict();
         let lost = self.contact_lost as f64 * dt >= LOST_AFTER && verdict.hand_lift >= MEETS_WITHIN;
         let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
-        lost || reach < self.config.success.lift_height
+        lost || reach < self.episode.judge().criterion().lift_height
     }
 
     fn sample(&mut self) {

@@ -114,7 +114,7 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     let tree = decompose(object.mesh, &params.decompose)?;
     let scene = CollisionScene::new(Arc::clone(object.obstacle), &object.world_from_object);
     let proposals =
-        propose(&boxes_of(&tree, params), &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed);
+        propose(&boxes_of(&tree, params), &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed)?;
     let hands = OpenHands::new(hand, &proposals, params)?;
     let found: Vec<Feasibility> = proposals.par_iter().map(|proposal| hands.check(&scene, &proposal.grasp)).collect();
     let candidate = |(proposal, feasibility): (&Proposal, &Feasibility)| Candidate {

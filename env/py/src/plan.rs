@@ -57,6 +57,7 @@ pub fn plan<'py>(
     let (data, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
     let plan = detached(py, num_threads, move || {
         let body = data.body(cache.as_deref())?;
+        body.check_fits(&hand)?;
         let object = PlanObject {
             mesh: body.mesh(),
             obstacle: body.obstacle(),
