@@ -26,6 +26,7 @@ from graspbox.configs import (
     PlanConfig,
     PoseConfig,
     Randomization,
+    SuccessCriterion,
     TrialConfig,
 )
 from graspbox.envs import register
@@ -56,6 +57,7 @@ __all__ = [
     "PoseConfig",
     "Randomization",
     "Scene",
+    "SuccessCriterion",
     "Trace",
     "TrialConfig",
     "ViewPlan",

@@ -19,6 +19,7 @@ __all__ = [
     "PlanConfig",
     "PoseConfig",
     "Randomization",
+    "SuccessCriterion",
     "TrialConfig",
 ]
 
@@ -303,21 +304,42 @@ class PictureConfig:
 
 
 @dataclass(frozen=True)
+class SuccessCriterion:
+    """What counts as success: the object is held high, free of table and ground, and still, without a break.
+
+    Attributes
+    ----------
+    lift_height : float
+        The object's centre of mass is at least this far above its resting height, metres, 0.01 to 1.
+    hold_time : float
+        All of it holds for this long, seconds, 0 to 60.
+    rest_speed : float
+        In the hand's frame the object moves slower than this, m/s, 0.0001 to 1.
+    """
+
+    lift_height: float = 0.15
+    hold_time: float = 0.5
+    rest_speed: float = 0.005
+
+
+@dataclass(frozen=True)
 class TrialConfig:
     """A grasp trial: approach, close, lift, hold.
 
     Attributes
     ----------
     standoff : float
-        The hand approaches from this far back along its -z, metres.
+        The hand approaches from this far back along its -z, metres, 0 to 0.5.
     close_time, lift_time, hold_time : float
-        Seconds.
+        Durations of the three phases, seconds, 0.1 to 10; the last one from ``success.hold_time`` to 60.
     lift_height : float
-        Metres.
+        Height to lift, metres, from ``success.lift_height`` to 1.
     early_stop : bool
         Stop as soon as success is out of reach.
     legacy : bool
         Read the reference study's own measures as well; early stops then wait until these are read.
+    success : SuccessCriterion
+        What counts as success.
     """
 
     standoff: float = 0.10
@@ -327,6 +349,7 @@ class TrialConfig:
     hold_time: float = 1.0
     early_stop: bool = True
     legacy: bool = False
+    success: SuccessCriterion = field(default_factory=SuccessCriterion)
 
 
 @dataclass(frozen=True)
@@ -393,8 +416,10 @@ class AgentConfig:
         What varies.
     cameras : CamerasConfig
         What is seen.
+    success : SuccessCriterion
+        What counts as success, in every control mode.
     trial : TrialConfig
-        The trial that follows a decision.
+        The trial that follows a decision; leave its own `success` as it is.
     """
 
     control: Literal["twist", "delta_pose", "target_pose", "grasp_pose"] = "twist"
@@ -404,4 +429,5 @@ class AgentConfig:
     observations: tuple[str, ...] = ("proprio", "tactile", "state")
     randomization: Randomization = field(default_factory=Randomization)
     cameras: CamerasConfig = field(default_factory=CamerasConfig)
+    success: SuccessCriterion = field(default_factory=SuccessCriterion)
     trial: TrialConfig = field(default_factory=TrialConfig)

@@ -3,7 +3,7 @@
 The trial: the open hand stands at the pose, closes its tendons, lifts, and holds. One judge decides:
 
 - ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
-  touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s.
+  touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s (`SuccessCriterion`).
 - ``secure``: success, and since it left the table it has moved less than 5 cm and 15 degrees in the hand's frame.
 - ``legacy_success``, ``kindness``: the reference study's measures, read 2.5 s after closing starts.
 """

@@ -120,7 +120,7 @@ fn objects(families: &[Family]) -> Vec<(Arc<Scene>, Vec<GraspPose>)> {
 
 fn outcome_bits(o: &TrialOutcome) -> Vec<u64> {
     let label = [o.success, o.secure].map(u64::from);
-    let numbers = [o.lift, o.kindness_rate, o.time, o.kindness.unwrap_or(-1.0)].map(f64::to_bits);
+    let numbers = [o.lift, o.kindness_rate.unwrap(), o.time, o.kindness.unwrap_or(-1.0)].map(f64::to_bits);
     let why = o.failure.map_or(0, |f| 1 + f as u64);
     label.into_iter().chain(numbers).chain([why]).collect()
 }

@@ -5,7 +5,7 @@
 //! A bug here, for all of them: contacts that are softer, solved less often, or kept for too long; friction that creeps.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_episode::{Body, Episode, Progress, Scene, TrialConfig, run_trials};
+use graspbox_episode::{Body, Episode, Progress, Scene, SuccessCriterion, TrialConfig, run_trials};
 use graspbox_hand::GraspPose;
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig};
@@ -35,7 +35,7 @@ struct Held {
 /// Closes, lifts by 0.2 m and holds, as a trial does, for longer.
 fn hold(scene: &Arc<Scene>, start: &Isometry3<f64>, preshape: f64) -> Held {
     let config = TrialConfig::default();
-    let mut episode = Episode::reset(scene, start, preshape);
+    let mut episode = Episode::reset(scene, start, preshape, SuccessCriterion::default());
     let close = closing(episode.world().hand(), preshape);
     let dt = episode.world().dt();
     let begin = config.close_time + config.lift_time + 1.0;

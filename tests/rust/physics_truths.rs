@@ -3,6 +3,7 @@
 //! The world is simulated in the hand's frame, so every one of these also checks that nobody can tell.
 #![allow(clippy::unwrap_used)]
 
+use graspbox_mesh::convex_hull;
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template, World};
 use graspbox_tests::bench::{at, away, reflex, run, template, turn_rate};
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -235,9 +236,10 @@ fn corners(center: Vector3<f64>, half: Vector3<f64>) -> Vec<Point3<f64>> {
 fn an_object_of_two_parts_presses_with_its_weight() {
     let mass = 0.5;
     let half = Vector3::new(0.02, 0.03, 0.015);
-    let parts = [-0.02, 0.02].map(|x| corners(Vector3::new(x, 0.0, 0.0), half));
+    let hull = |x| convex_hull(&corners(Vector3::new(x, 0.0, 0.0), half)).unwrap();
+    let parts = Arc::from([-0.02, 0.02].map(hull));
     let inertia = Matrix3::identity() * (mass * 1e-3);
-    let object = ObjectModel::new(&Geometry::Parts(parts.to_vec()), mass, Point3::origin(), inertia).unwrap();
+    let object = ObjectModel::new(&Geometry::Parts(parts), mass, Point3::origin(), inertia).unwrap();
     let template = Template::new(Arc::new(reflex()), &object, PhysicsConfig::default()).unwrap();
     let mut world = template.spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
     run(&mut world, &palm_up(), &[], 0.8);

@@ -5,6 +5,7 @@ use graspbox_agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_agent::reward::TERMS;
 use graspbox_agent::{AgentConfig, Batch, Control, EnvPool, Objects, ResetOptions, Source};
 use graspbox_episode::TrialConfig;
+use graspbox_episode::trial::minimum_jerk;
 use graspbox_hand::{GraspPose, Hand, MotorKind};
 use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
@@ -139,8 +140,7 @@ pub fn follow(pool: &EnvPool, options: &ResetOptions, seed: u64, grasp: &GraspPo
         ended = ended || go(&goal, close);
     }
     for i in 1..=steps(trial.lift_time) + steps(2.0) {
-        let s = (i as f64 * CONTROL_PERIOD / trial.lift_time).min(1.0);
-        let rise = trial.lift_height * s * s * s * (10.0 + s * (6.0 * s - 15.0));
+        let rise = trial.lift_height * minimum_jerk(i as f64 * CONTROL_PERIOD / trial.lift_time);
         ended = ended || go(&(Translation3::new(0.0, 0.0, rise) * goal), close);
     }
     driven

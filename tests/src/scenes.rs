@@ -3,7 +3,7 @@
 use graspbox_episode::{Body, ObjectSpec, Scene};
 use graspbox_hand::GraspPose;
 use graspbox_objects::{Family, generate};
-use graspbox_plan::{PlanObject, PlanParams, plan};
+use graspbox_plan::PlanParams;
 use graspbox_sim::PhysicsConfig;
 use std::path::Path;
 use std::sync::Arc;
@@ -31,13 +31,6 @@ pub fn scene(body: &Body, physics: PhysicsConfig) -> Arc<Scene> {
 
 /// The first `count` feasible poses of the planner for `body` as it lies in `scene`, in its ranking order.
 pub fn planned(body: &Body, scene: &Scene, count: usize, seed: u64) -> Vec<GraspPose> {
-    let object = PlanObject {
-        mesh: body.mesh(),
-        parts: body.parts(),
-        center_of_mass: body.mass_properties().center_of_mass,
-        world_from_object: *scene.world_from_object(),
-    };
-    let params = PlanParams { seed, ..PlanParams::default() };
-    let plan = plan(&object, scene.template().hand(), &params).unwrap();
+    let plan = scene.plan(body, &PlanParams { seed, ..PlanParams::default() }).unwrap();
     plan.ranked().iter().take(count).map(|c| c.grasp).collect()
 }

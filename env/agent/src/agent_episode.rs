@@ -89,8 +89,14 @@ impl AgentEpisode {
     /// None that a start which [`start`](crate::initial_state::start) gave would cause.
     pub fn new(start: &InitialState, spec: &EnvSpec) -> Result<Self, AgentError> {
         let factors = [start.friction, start.mass];
-        let episode =
-            Episode::reset_at(&start.scene, &start.world_from_hand, &start.world_from_object, start.preshape, factors);
+        let episode = Episode::reset_at(
+            &start.scene,
+            &start.world_from_hand,
+            &start.world_from_object,
+            start.preshape,
+            factors,
+            spec.config.success,
+        );
         let record = Record {
             object: start.object,
             resting: start.resting,
@@ -201,10 +207,10 @@ impl AgentEpisode {
         }
     }
 
-    /// False once anything in the world is no longer a number.
+    /// False once the simulation went wrong: see [`World::has_diverged`](graspbox_sim::World::has_diverged).
     fn finite(&self) -> bool {
         let world = self.episode.world();
-        world.is_finite() && (0..world.hand().fingers.len()).all(|i| world.finger(i).tension.is_finite())
+        !world.has_diverged() && (0..world.hand().fingers.len()).all(|i| world.finger(i).tension.is_finite())
     }
 
     fn touches(&self) -> bool {

@@ -3,7 +3,7 @@
 use crate::AgentError;
 use crate::action::Control;
 use crate::observation_spec::Observation;
-use graspbox_episode::TrialConfig;
+use graspbox_episode::{SuccessCriterion, TrialConfig};
 use graspbox_vision::CamerasConfig;
 use serde::{Deserialize, Serialize};
 
@@ -95,7 +95,9 @@ pub struct AgentConfig {
     pub randomization: Randomization,
     /// What is seen.
     pub cameras: CamerasConfig,
-    /// The trial that follows a decision; closed-loop control has none.
+    /// What counts as success, in every control mode.
+    pub success: SuccessCriterion,
+    /// The trial that follows a decision; closed-loop control has none. Its own `success` is left as it is: see [`AgentConfig::success`].
     pub trial: TrialConfig,
 }
 
@@ -109,12 +111,18 @@ impl Default for AgentConfig {
             observations: Observation::ALL.to_vec(),
             randomization: Randomization::default(),
             cameras: CamerasConfig::default(),
+            success: SuccessCriterion::default(),
             trial: TrialConfig::default(),
         }
     }
 }
 
 impl AgentConfig {
+    /// The trial that follows a decision, judged by [`AgentConfig::success`].
+    pub fn trial(&self) -> TrialConfig {
+        TrialConfig { success: self.success, ..self.trial }
+    }
+
     /// Checks every setting.
     ///
     /// # Errors
@@ -152,7 +160,13 @@ impl AgentConfig {
                 return Err(AgentError::BadConfig { field, value, expected });
             }
         }
-        self.trial.validate()?;
+        self.success.validate()?;
+        if self.trial.success != SuccessCriterion::default() && self.trial.success != self.success {
+            return Err(AgentError::TwoCriteria);
+        }
+        if self.control.decides() {
+            self.trial().validate()?;
+        }
         for (i, observation) in self.observations.iter().enumerate() {
             if self.observations[..i].contains(observation) {
                 return Err(AgentError::Twice { name: observation.name().to_owned() });

@@ -16,7 +16,7 @@ use graspbox_vision::{Mount, Pixels};
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagent6";
+const MAGIC: &[u8; 8] = b"gbagent7";
 /// Length of the checksum that follows.
 const CHECKSUM: usize = 32;
 
@@ -265,6 +265,9 @@ impl Env {
                 saved.control.name(),
                 saved.frame_skip
             )));
+        }
+        if *saved.judge.criterion() != spec.config.success {
+            return Err(bad("it is judged by another criterion of success"));
         }
         if record.last_action.len() != spec.action {
             return Err(bad("it is of another hand"));

@@ -4,6 +4,11 @@
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AgentError {
+    /// Two criteria of success.
+    #[error(
+        "`trial.success` differs from `success`; an environment is judged by `success` alone, so leave the trial's as it is"
+    )]
+    TwoCriteria,
     /// A setting is out of its range.
     #[error("`{field}` is {value}, but it must be {expected}")]
     BadConfig {
@@ -156,6 +161,8 @@ impl AgentError {
                     | EpisodeError::Mesh { .. }
                     | EpisodeError::Plan { .. }
                     | EpisodeError::NoRest { .. }
+                    | EpisodeError::BadSize { .. }
+                    | EpisodeError::BadMass { .. }
             ),
             Self::NoStart { .. } | Self::Undrawable { .. } => true,
             _ => false,

@@ -15,7 +15,7 @@ use crate::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::objects::Prepared;
 use crate::random_stream::RandomStream;
 use graspbox_episode::scene::OUT_OF_THE_WAY;
-use graspbox_episode::{Episode, Scene};
+use graspbox_episode::{Episode, Scene, SuccessCriterion};
 use graspbox_mesh::TriMesh;
 use graspbox_plan::{CollisionScene, OpenHand};
 use graspbox_sim::scenery::TABLE_SIDE;
@@ -175,13 +175,10 @@ pub fn start(spec: &EnvSpec, stream: &mut RandomStream, options: &ResetOptions) 
             world_from_object = rests;
         }
     }
-    // The table of a scene stands as the object rests in it.
-    let elsewhere = dropped.map(|_| scene.obstacles_at(prepared.body(), &world_from_object));
-    let elsewhere = elsewhere.transpose()?;
     let room = Room {
         spec,
         name: scene.name(),
-        obstacles: elsewhere.as_ref().or(scene.obstacles()),
+        obstacles: scene.obstacles_at(&world_from_object),
         world_from_object: &world_from_object,
     };
     let world_from_hand = room.place_hand(&drawn, options, preshape)?;
@@ -310,7 +307,7 @@ fn settled(
     factors: [f64; 2],
 ) -> Result<(Isometry3<f64>, f64), AgentError> {
     let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
-    let mut alone = Episode::reset_at(scene, &away, world_from_object, 0.0, factors);
+    let mut alone = Episode::reset_at(scene, &away, world_from_object, 0.0, factors, SuccessCriterion::default());
     alone.rest()?;
     let world = alone.world();
     if !world.is_finite() || world.object_center().z < LOST_HEIGHT {
@@ -373,7 +370,7 @@ struct Room<'a> {
     /// Of the object.
     name: &'a str,
     /// Object and table; none where nothing is in the resting.
-    obstacles: Option<&'a CollisionScene>,
+    obstacles: Option<CollisionScene>,
     world_from_object: &'a Isometry3<f64>,
 }
 
@@ -403,7 +400,7 @@ impl Room<'_> {
 
     fn collides(&self, open: &OpenHand, world_from_hand: &Isometry3<f64>) -> bool {
         let object_from_hand = self.world_from_object.inverse() * world_from_hand;
-        self.obstacles.is_some_and(|o| o.collides(open, &object_from_hand))
+        self.obstacles.as_ref().is_some_and(|o| o.collides(open, &object_from_hand))
     }
 
     fn given_hand(&self, rows: &[[f64; 4]; 4], open: &OpenHand) -> Result<Isometry3<f64>, AgentError> {

@@ -3,7 +3,6 @@
 use crate::agent_episode::AgentEpisode;
 use crate::env_spec::EnvSpec;
 use crate::observation_spec::{Observation, Sheet};
-use graspbox_episode::judge::HOLD_TIME;
 use nalgebra::{Isometry3, Point3, UnitQuaternion};
 
 /// Appends every observation of `spec`, in order.
@@ -86,7 +85,7 @@ fn privileged(play: &AgentEpisode, spec: &EnvSpec, sheet: &mut Sheet<'_>) {
     let verdict = episode.verdict();
     sheet.one(if episode.judge().on_scenery() { 1.0 } else { 0.0 });
     sheet.one(verdict.lift);
-    sheet.one(episode.judge().held_time(world) / HOLD_TIME);
+    sheet.one(episode.judge().held_share(world));
     sheet.one(verdict.shift);
     sheet.one(verdict.turn);
     sheet.one(play.potentials().closure);

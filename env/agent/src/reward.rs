@@ -10,7 +10,6 @@ use crate::env_spec::EnvSpec;
 use crate::grasp_quality::epsilon;
 use crate::objects::Prepared;
 use graspbox_episode::Episode;
-use graspbox_episode::judge::{HOLD_TIME, LIFT_HEIGHT};
 use graspbox_hand::Hand;
 use graspbox_sim::HandContact;
 use nalgebra::{Point3, Vector3};
@@ -84,8 +83,8 @@ impl Potentials {
             reach: share(1.0 - outside / REACH),
             contact: share(grip(hand, &contacts)),
             closure: share(epsilon(hand, &contacts, &center)),
-            lift: if held { share(lift / LIFT_HEIGHT) } else { 0.0 },
-            hold: share(judge.held_time(world) / HOLD_TIME),
+            lift: if held { share(lift / judge.criterion().lift_height) } else { 0.0 },
+            hold: share(judge.held_share(world)),
             push: share(pushed / PUSHED),
         }
     }

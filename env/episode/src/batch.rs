@@ -2,10 +2,15 @@
 
 use crate::trial::{Finished, Sample, Trial, TrialConfig, TrialOutcome};
 use crate::{EpisodeError, Scene};
-use graspbox_hand::GraspPose;
+use graspbox_hand::{GraspPose, Hand};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// No pose puts the hand further than this from the object's origin, metres: more is a pose in millimetres.
+pub const FURTHEST: f64 = 10.0;
+/// A preshape may lie beyond the hand's limits by this much, radians: the rounding of a float32.
+const ROUNDING: f64 = 1e-6;
 
 /// Shared between a running batch and whoever watches it.
 #[derive(Debug, Default)]
@@ -38,7 +43,7 @@ impl Progress {
 /// Tries every pose (`object_from_hand`) on the scene's object, in parallel on the current rayon pool.
 ///
 /// # Errors
-/// An impossible setting, or [`EpisodeError::Cancelled`] when `progress` was told to stop.
+/// An impossible setting, pose or preshape, which is named, or [`EpisodeError::Cancelled`] when `progress` was told to stop.
 pub fn run_trials(
     scene: &Arc<Scene>,
     poses: &[GraspPose],
@@ -46,6 +51,7 @@ pub fn run_trials(
     progress: &Progress,
 ) -> Result<Vec<TrialOutcome>, EpisodeError> {
     config.validate()?;
+    check_poses(scene.template().hand(), poses)?;
     let one = |pose: &GraspPose| -> Result<Option<TrialOutcome>, EpisodeError> {
         if progress.stopped() {
             return Ok(None);
@@ -75,9 +81,31 @@ pub fn trace_trial(
     progress: &Progress,
 ) -> Result<(TrialOutcome, Vec<Sample>), EpisodeError> {
     config.validate()?;
+    check_poses(scene.template().hand(), std::slice::from_ref(pose))?;
     let finished = attempt(scene, pose, config, true, progress)?;
     let (outcome, trace) = finished.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })?;
     Ok((outcome, trace.unwrap_or_default()))
+}
+
+/// Refuses poses that no trial can mean.
+///
+/// # Errors
+/// [`EpisodeError::BadPose`] for a pose that is not finite or further than [`FURTHEST`] from the object, [`EpisodeError::BadPreshape`]
+/// for a preshape beyond the hand's limits.
+fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
+    let [low, high] = hand.preshape_limits;
+    for (index, pose) in poses.iter().enumerate() {
+        let at = &pose.object_from_hand;
+        let distance = at.translation.vector.norm();
+        if !(distance <= FURTHEST && at.rotation.coords.iter().all(|x| x.is_finite())) {
+            return Err(EpisodeError::BadPose { index, distance, limit: FURTHEST });
+        }
+        let value = pose.preshape;
+        if !(low - ROUNDING..=high + ROUNDING).contains(&value) {
+            return Err(EpisodeError::BadPreshape { index, value, low, high });
+        }
+    }
+    Ok(())
 }
 
 /// Checks a pose and tries it; none when `progress` was told to stop.

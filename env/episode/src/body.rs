@@ -1,14 +1,29 @@
 //! From a mesh to what the simulation needs: a cleaned surface, convex parts, mass and inertia.
 
 use crate::EpisodeError;
-use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh};
+use graspbox_hand::Hand;
+use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh, convex_hull};
+use graspbox_plan::Obstacle;
+use graspbox_sim::scenery::TABLE_SIDE;
 use graspbox_sim::{Geometry, ObjectModel};
 use nalgebra::Point3;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Density of an object without a published mass, kg/m3: our choice, since household objects are hollow
 /// or filled loosely.
 pub const DEFAULT_DENSITY: f64 = 400.0;
+
+/// Shortest longest side of an object, metres: ten times the depth to which contacts are resolved.
+pub const LEAST_SIDE: f64 = 0.005;
+/// The shortest side of an object is at most so many times as wide as the open hand: beyond, no grasp is imaginable.
+pub const SPANS: f64 = 2.0;
+/// Least mass of an object, kg: a grain of rice weighs more.
+pub const LEAST_MASS: f64 = 1e-5;
+/// Greatest mass of an object, kg: several times what a hand for one arm carries.
+pub const GREATEST_MASS: f64 = 25.0;
+/// Density of osmium, the densest element, kg/m3.
+pub const DENSEST: f64 = 22_590.0;
 
 /// An object as it is given.
 #[derive(Clone, Debug)]
@@ -28,9 +43,10 @@ pub struct ObjectSpec {
 pub struct Body {
     name: String,
     mesh: TriMesh,
-    parts: Vec<Vec<Point3<f64>>>,
+    parts: Arc<[TriMesh]>,
     mass: MassProperties,
     model: ObjectModel,
+    obstacle: Arc<Obstacle>,
 }
 
 impl Body {
@@ -44,25 +60,57 @@ impl Body {
         let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
         let (mesh, report) = graspbox_mesh::clean(&spec.mesh, &CleanOptions::default()).map_err(mesh_error)?;
         let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
-        let (parts, hulls) = match &spec.parts {
-            Some(parts) => {
-                let hulls = parts.iter().map(|p| graspbox_mesh::convex_hull(p)).collect::<Result<Vec<_>, _>>();
-                (parts.clone(), hulls.map_err(mesh_error)?)
-            }
-            None => {
-                let cut = graspbox_mesh::convex_parts(&mesh, &PartsParams::default(), cache).map_err(mesh_error)?;
-                (cut.parts.iter().map(|p| p.vertices().to_vec()).collect(), cut.parts)
-            }
+        let hulls = match &spec.parts {
+            Some(parts) => parts.iter().map(|points| convex_hull(points)).collect::<Result<Vec<_>, _>>(),
+            None => graspbox_mesh::convex_parts(&mesh, &PartsParams::default(), cache).map(|cut| cut.parts),
         };
+        let parts: Arc<[TriMesh]> = hulls.map_err(mesh_error)?.into();
         let mass = if report.watertight {
             graspbox_mesh::mass_properties(&mesh, mass)
         } else {
-            graspbox_mesh::mass_properties_of_parts(&hulls, mass)
+            graspbox_mesh::mass_properties_of_parts(&parts, mass)
         };
         let mass = mass.map_err(mesh_error)?;
-        let model = ObjectModel::new(&Geometry::Parts(parts.clone()), mass.mass, mass.center_of_mass, mass.inertia)
-            .map_err(|source| EpisodeError::Sim { object: spec.name.clone(), source })?;
-        Ok(Self { name: spec.name.clone(), mesh, parts, mass, model })
+        let model =
+            ObjectModel::new(&Geometry::Parts(Arc::clone(&parts)), mass.mass, mass.center_of_mass, mass.inertia)
+                .map_err(|source| EpisodeError::Sim { object: spec.name.clone(), source })?;
+        let obstacle =
+            Obstacle::new(&mesh, &parts).map_err(|source| EpisodeError::Plan { object: spec.name.clone(), source })?;
+        Ok(Self { name: spec.name.clone(), mesh, parts, mass, model, obstacle: Arc::new(obstacle) })
+    }
+
+    /// Refuses objects whose size or mass is no matter of hands and tables: nearly always a file in another unit.
+    ///
+    /// * The longest side of the bounds is between [`LEAST_SIDE`] and the table's.
+    /// * The shortest side is at most [`SPANS`] times as wide as the open hand.
+    /// * The mass is between [`LEAST_MASS`] and [`GREATEST_MASS`], and no greater than that of bounds filled with [`DENSEST`].
+    ///
+    /// # Errors
+    /// [`EpisodeError::BadSize`] or [`EpisodeError::BadMass`].
+    pub fn check_fits(&self, hand: &Hand) -> Result<(), EpisodeError> {
+        let bounds = self.mesh.aabb();
+        let sides = bounds.max - bounds.min;
+        let span = hand.open_span().map_err(|source| EpisodeError::Hand { hand: hand.name.clone(), source })?;
+        let size = |why| Err(EpisodeError::BadSize { object: self.name.clone(), size: sides.into(), why });
+        if sides.max() > TABLE_SIDE {
+            return size(format!("the table is {TABLE_SIDE} m and the open hand {span:.2} m wide"));
+        }
+        if sides.min() > SPANS * span {
+            return size(format!("the open hand is {span:.2} m wide"));
+        }
+        if sides.max() < LEAST_SIDE {
+            return size(format!("what is smaller than {LEAST_SIDE} m cannot be simulated"));
+        }
+        let mass = self.mass.mass;
+        let refused = |why| Err(EpisodeError::BadMass { object: self.name.clone(), mass, why });
+        if !(LEAST_MASS..=GREATEST_MASS).contains(&mass) {
+            return refused(format!("objects weigh between {LEAST_MASS} and {GREATEST_MASS} kg"));
+        }
+        let most = DENSEST * sides.product();
+        if mass > most {
+            return refused(format!("solid osmium of its outer dimensions would weigh {most:.3} kg"));
+        }
+        Ok(())
     }
 
     /// Name.
@@ -75,9 +123,14 @@ impl Body {
         &self.mesh
     }
 
-    /// Convex parts as points, object frame, metres.
-    pub fn parts(&self) -> &[Vec<Point3<f64>>] {
+    /// Convex parts, each a closed hull, object frame, metres. Simulation and collision filter share them.
+    pub fn parts(&self) -> &[TriMesh] {
         &self.parts
+    }
+
+    /// The mesh and its convex parts, ready for collision queries wherever the object rests.
+    pub fn obstacle(&self) -> &Arc<Obstacle> {
+        &self.obstacle
     }
 
     /// Mass, centre of mass, inertia, and how they were found.

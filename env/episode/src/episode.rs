@@ -1,7 +1,7 @@
 //! The state machine that every driver shares: reset, advance, verdict.
 
 use crate::EpisodeError;
-use crate::judge::{Judge, Verdict};
+use crate::judge::{Judge, SuccessCriterion, Verdict};
 use crate::scene::{SETTLE_TIME, Scene, Stillness};
 use graspbox_hand::MotorCommand;
 use graspbox_sim::World;
@@ -18,8 +18,13 @@ pub struct Episode {
 
 impl Episode {
     /// A fresh episode: the hand open at `world_from_hand` with `preshape` (rad), the object at rest.
-    pub fn reset(scene: &Arc<Scene>, world_from_hand: &Isometry3<f64>, preshape: f64) -> Self {
-        Self::reset_at(scene, world_from_hand, scene.world_from_object(), preshape, [1.0, 1.0])
+    pub fn reset(
+        scene: &Arc<Scene>,
+        world_from_hand: &Isometry3<f64>,
+        preshape: f64,
+        criterion: SuccessCriterion,
+    ) -> Self {
+        Self::reset_at(scene, world_from_hand, scene.world_from_object(), preshape, [1.0, 1.0], criterion)
     }
 
     /// A fresh episode with the object resting at `world_from_object`, its friction and mass multiplied by `factors`.
@@ -29,10 +34,11 @@ impl Episode {
         world_from_object: &Isometry3<f64>,
         preshape: f64,
         factors: [f64; 2],
+        criterion: SuccessCriterion,
     ) -> Self {
         let mut world = scene.template().spawn(world_from_hand, world_from_object, preshape);
         world.scale_object(factors[0], factors[1]);
-        let judge = Judge::new(&world, scene.base_point(), scene.center_of_mass());
+        let judge = Judge::new(&world, scene.center_of_mass(), criterion);
         Self { scene: Arc::clone(scene), world, judge }
     }
 

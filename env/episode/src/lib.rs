@@ -5,7 +5,8 @@
 //! | [`body`] | from a mesh to convex parts, mass and inertia |
 //! | [`scene`] | an object at rest on the table, ready to be cloned into episodes |
 //! | [`episode`] | the state machine: reset, advance, observe, verdict |
-//! | [`judge`] | the one definition of success, and every number that describes a grasp |
+//! | [`judge`] | the one definition of success, and the numbers that describe a grasp |
+//! | [`study`] | the reference study's own measures, for trials that are asked for them |
 //! | [`trial`] | the scripted driver: close, lift, hold |
 //! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one traced |
 
@@ -15,12 +16,13 @@ pub mod episode;
 mod error;
 pub mod judge;
 pub mod scene;
+pub mod study;
 pub mod trial;
 
 pub use batch::{Progress, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;
-pub use judge::{FailureKind, Judge, Verdict};
+pub use judge::{FailureKind, Judge, SuccessCriterion, Verdict};
 pub use scene::Scene;
 pub use trial::{Sample, Trial, TrialConfig, TrialOutcome};

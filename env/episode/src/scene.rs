@@ -31,20 +31,19 @@ impl Scene {
     /// Lets `body` settle on the table from `world_from_object` (default: file +z up, centred over the table's origin).
     ///
     /// # Errors
-    /// As [`Scene::settle`].
+    /// As [`Body::check_fits`] and [`Scene::settle`].
     pub fn new(
         body: &Body,
         hand: Arc<Hand>,
         physics: PhysicsConfig,
         world_from_object: Option<&Isometry3<f64>>,
     ) -> Result<Self, EpisodeError> {
+        body.check_fits(&hand)?;
         let start = world_from_object.copied().unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
         let bounds = body.mesh().transformed(&start).aabb();
         let base = Point3::new((bounds.min.x + bounds.max.x) / 2.0, (bounds.min.y + bounds.max.y) / 2.0, bounds.min.z);
         let mut scene = Self::settle(body.name(), hand, body.model(), physics, &start, start.inverse() * base)?;
-        let obstacles = CollisionScene::new(body.mesh(), body.parts(), &scene.world_from_object);
-        let plan_error = |source| EpisodeError::Plan { object: body.name().to_owned(), source };
-        scene.obstacles = Some(obstacles.map_err(plan_error)?);
+        scene.obstacles = Some(CollisionScene::new(Arc::clone(body.obstacle()), &scene.world_from_object));
         Ok(scene)
     }
 
@@ -102,42 +101,29 @@ impl Scene {
     /// # Errors
     /// A preshape that the hand does not take.
     pub fn reachable(&self, pose: &GraspPose, standoff: f64) -> Result<bool, EpisodeError> {
-        self.reachable_from(pose, standoff, None)
+        self.reachable_at(pose, standoff, &self.world_from_object)
     }
 
-    /// As [`Scene::reachable`], for the object resting in another way: its body, and where it is in the world.
+    /// As [`Scene::reachable`], for the object at `world_from_object`.
     ///
     /// # Errors
-    /// As [`Scene::reachable`], and an object that cannot be an obstacle.
-    pub fn reachable_from(
+    /// As [`Scene::reachable`].
+    pub fn reachable_at(
         &self,
         pose: &GraspPose,
         standoff: f64,
-        elsewhere: Option<(&Body, &Isometry3<f64>)>,
+        world_from_object: &Isometry3<f64>,
     ) -> Result<bool, EpisodeError> {
-        let made = elsewhere.map(|(body, place)| self.obstacles_at(body, place)).transpose()?;
-        let Some(obstacles) = made.as_ref().or(self.obstacles()) else {
+        let Some(obstacles) = self.obstacles_at(world_from_object) else {
             return Ok(true);
         };
         let found = obstacles.check_pose(self.template.hand(), pose, 0.0, standoff);
         Ok(found.map_err(|source| self.plan_error(source))? == Feasibility::Feasible)
     }
 
-    /// Object and table as obstacles; none for an object without a mesh.
-    pub fn obstacles(&self) -> Option<&CollisionScene> {
-        self.obstacles.as_ref()
-    }
-
-    /// The same, for the object at another place in the world.
-    ///
-    /// # Errors
-    /// An object that cannot be an obstacle.
-    pub fn obstacles_at(
-        &self,
-        body: &Body,
-        world_from_object: &Isometry3<f64>,
-    ) -> Result<CollisionScene, EpisodeError> {
-        CollisionScene::new(body.mesh(), body.parts(), world_from_object).map_err(|source| self.plan_error(source))
+    /// Object and table as obstacles, the object at `world_from_object`; none for an object without a mesh.
+    pub fn obstacles_at(&self, world_from_object: &Isometry3<f64>) -> Option<CollisionScene> {
+        Some(self.obstacles.as_ref()?.at(world_from_object))
     }
 
     fn plan_error(&self, source: PlanError) -> EpisodeError {
@@ -151,12 +137,11 @@ impl Scene {
     pub fn plan(&self, body: &Body, params: &PlanParams) -> Result<Plan, EpisodeError> {
         let object = PlanObject {
             mesh: body.mesh(),
-            parts: body.parts(),
+            obstacle: body.obstacle(),
             center_of_mass: self.center_of_mass,
             world_from_object: self.world_from_object,
         };
-        graspbox_plan::plan(&object, self.template.hand(), params)
-            .map_err(|source| EpisodeError::Plan { object: self.name.clone(), source })
+        graspbox_plan::plan(&object, self.template.hand(), params).map_err(|source| self.plan_error(source))
     }
 
     /// Name of the object.

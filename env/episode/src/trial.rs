@@ -1,7 +1,9 @@
 //! The scripted driver: approach, close, lift, hold. It drives the same [`Episode`] as an agent does.
 
 use crate::episode::Episode;
-use crate::judge::{FailureKind, KINDNESS_PERIOD, LEGACY_TIME, LIFT_HEIGHT};
+use crate::error::in_range;
+use crate::judge::{FailureKind, SuccessCriterion};
+use crate::study::{READ_TIME, Reading, SAMPLE_PERIOD, Study, distance};
 use crate::{EpisodeError, Scene};
 use graspbox_hand::{GraspPose, MotorCommand, MotorKind};
 use nalgebra::{Isometry3, Translation3};
@@ -26,6 +28,8 @@ pub struct TrialConfig {
     pub early_stop: bool,
     /// Read the study's own measures as well; early stops then wait until these are read.
     pub legacy: bool,
+    /// What counts as success.
+    pub success: SuccessCriterion,
 }
 
 impl Default for TrialConfig {
@@ -38,6 +42,7 @@ impl Default for TrialConfig {
             hold_time: 1.0,
             early_stop: true,
             legacy: false,
+            success: SuccessCriterion::default(),
         }
     }
 }
@@ -48,19 +53,12 @@ impl TrialConfig {
     /// # Errors
     /// [`EpisodeError::BadConfig`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), EpisodeError> {
-        let rows = [
-            ("standoff", self.standoff, 0.0, 0.5, "between 0 and 0.5 m"),
-            ("close_time", self.close_time, 0.1, 10.0, "between 0.1 and 10 s"),
-            ("lift_height", self.lift_height, LIFT_HEIGHT, 1.0, "between 0.15 and 1 m"),
-            ("lift_time", self.lift_time, 0.1, 10.0, "between 0.1 and 10 s"),
-            ("hold_time", self.hold_time, crate::judge::HOLD_TIME, 60.0, "between 0.5 and 60 s"),
-        ];
-        for (field, value, low, high, expected) in rows {
-            if !(low..=high).contains(&value) {
-                return Err(EpisodeError::BadConfig { field, value, expected });
-            }
-        }
-        Ok(())
+        self.success.validate()?;
+        in_range("standoff", self.standoff, 0.0..=0.5, "m")?;
+        in_range("close_time", self.close_time, 0.1..=10.0, "s")?;
+        in_range("lift_height", self.lift_height, self.success.lift_height..=1.0, "m")?;
+        in_range("lift_time", self.lift_time, 0.1..=10.0, "s")?;
+        in_range("hold_time", self.hold_time, self.success.hold_time..=60.0, "s")
     }
 }
 
@@ -75,8 +73,8 @@ pub struct TrialOutcome {
     pub failure: Option<FailureKind>,
     /// Rise of the object's centre of mass at the end, metres.
     pub lift: f64,
-    /// Mean of |d distance/dt| since lifting began, m/s.
-    pub kindness_rate: f64,
+    /// Mean of |d distance/dt| between hand and object since lifting began, m/s; none where the study's measures were not watched.
+    pub kindness_rate: Option<f64>,
     /// The study's success; none where an early stop cut it off.
     pub legacy_success: Option<bool>,
     /// The study's kindness; none where an early stop cut it off.
@@ -119,7 +117,9 @@ pub struct Trial {
     touched: bool,
     /// It ended before its time, and why if it is known already.
     over: Option<Option<FailureKind>>,
-    legacy: Option<(bool, f64)>,
+    /// The study's measures, where they are asked for, and what they said.
+    study: Option<Study>,
+    reading: Option<Reading>,
     trace: Option<Vec<Sample>>,
 }
 
@@ -133,14 +133,15 @@ const MEETS_WITHIN: f64 = 0.05;
 const CURL_RISE: f64 = 0.03;
 
 impl Trial {
-    /// Begins a trial with the hand at `pose`; the caller has checked that pose and approach are free of collision.
+    /// Begins a trial with the hand at `pose`, and watches the study's measures; the caller has checked that pose and approach are free of collision.
     pub fn new(scene: &Arc<Scene>, pose: &GraspPose, config: TrialConfig, trace: bool) -> Self {
         let start = scene.world_from_object() * pose.object_from_hand;
-        let episode = Episode::reset(scene, &start, pose.preshape);
-        Self::of(episode, &start, pose.preshape, config, trace)
+        let episode = Episode::reset(scene, &start, pose.preshape, config.success);
+        let study = Study::new(&episode);
+        Self { study: Some(study), ..Self::of(episode, &start, pose.preshape, config, trace) }
     }
 
-    /// Begins a trial of a fresh episode, whose hand stands open at `start` (world) with `preshape` (rad).
+    /// Begins a trial of a fresh episode, whose hand stands open at `start` (world) with `preshape` (rad), without the study's measures.
     pub fn of(episode: Episode, start: &Isometry3<f64>, preshape: f64, config: TrialConfig, trace: bool) -> Self {
         let hand = Arc::clone(episode.world().hand());
         let close = hand.motors.iter().map(|m| match m.kind {
@@ -158,7 +159,8 @@ impl Trial {
             contact_lost: 0,
             touched: false,
             over: None,
-            legacy: None,
+            study: None,
+            reading: None,
             trace,
         }
     }
@@ -187,6 +189,9 @@ impl Trial {
     /// As [`Trial::run`].
     pub fn lift(&mut self, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
         self.episode.begin_lift();
+        if let Some(study) = &mut self.study {
+            study.begin_lift(self.episode.world());
+        }
         let config = self.config;
         let phases = [config.close_time, config.lift_time, config.hold_time];
         self.until(phases.iter().map(|time| self.steps(*time)).sum(), stop)
@@ -209,8 +214,8 @@ impl Trial {
     /// Goes on up to step `end`, unless it is over before; false if `stop` said so.
     fn until(&mut self, end: u64, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
         let dt = self.episode.world().dt();
-        let (close, legacy_at) = (self.steps(self.config.close_time), self.steps(LEGACY_TIME));
-        let sample_every = self.steps(KINDNESS_PERIOD).max(1);
+        let (close, read_at) = (self.steps(self.config.close_time), self.steps(READ_TIME));
+        let sample_every = self.steps(SAMPLE_PERIOD).max(1);
         while self.step < end && self.over.is_none() {
             if self.step.is_multiple_of(64) && stop() {
                 return Ok(false);
@@ -218,19 +223,21 @@ impl Trial {
             self.step += 1;
             let target = self.target(self.step as f64 * dt);
             self.episode.advance(&target, &self.close)?;
+            if let Some(study) = &mut self.study {
+                study.observe(self.episode.world());
+            }
             if self.step.is_multiple_of(sample_every) {
                 self.sample();
             }
-            if self.step == legacy_at {
-                let judge = self.episode.judge();
-                self.legacy = Some((judge.legacy_success(self.episode.world()), judge.kindness()));
+            if self.step == read_at {
+                self.reading = self.study.as_ref().map(|study| study.read(&self.episode));
             }
             if self.step > close && self.step.is_multiple_of(LOOK_EVERY) {
                 self.look_for_contact();
             }
             if self.step > close && self.ends_early() && self.hopeless(dt) {
                 self.over = Some(None);
-            } else if self.step.is_multiple_of(64) && !self.episode.world().is_finite() {
+            } else if self.step.is_multiple_of(64) && self.episode.world().has_diverged() {
                 self.over = Some(Some(FailureKind::Unstable));
             }
         }
@@ -239,13 +246,12 @@ impl Trial {
 
     /// Where the hand is to be `time` seconds after closing began: still, then up along a minimum-jerk curve, then still.
     fn target(&self, time: f64) -> Isometry3<f64> {
-        let s = ((time - self.config.close_time) / self.config.lift_time).clamp(0.0, 1.0);
-        let rise = self.config.lift_height * s * s * s * (10.0 + s * (6.0 * s - 15.0));
+        let rise = self.config.lift_height * minimum_jerk((time - self.config.close_time) / self.config.lift_time);
         Translation3::new(0.0, 0.0, rise) * self.start
     }
 
     fn ends_early(&self) -> bool {
-        self.config.early_stop && (!self.config.legacy || self.legacy.is_some())
+        self.config.early_stop && (!self.config.legacy || self.reading.is_some())
     }
 
     fn touches(&self) -> bool {
@@ -266,7 +272,7 @@ impl Trial {
         let verdict = self.episode.verdict();
         let lost = self.contact_lost as f64 * dt >= LOST_AFTER && verdict.hand_lift >= MEETS_WITHIN;
         let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
-        lost || reach < LIFT_HEIGHT
+        lost || reach < self.episode.judge().criterion().lift_height
     }
 
     fn sample(&mut self) {
@@ -275,7 +281,7 @@ impl Trial {
         let fingers: Vec<_> = (0..world.hand().fingers.len()).map(|i| world.finger(i)).collect();
         trace.push(Sample {
             time: world.time(),
-            distance: self.episode.judge().distance(),
+            distance: distance(world, &self.episode.scene().base_point()),
             world_from_hand: world.world_from_hand(),
             world_from_object: world.world_from_object(),
             fingers: fingers.iter().map(|f| [f.proximal, f.distal]).collect(),
@@ -288,21 +294,30 @@ impl Trial {
     pub fn outcome(&self) -> TrialOutcome {
         let (world, failure) = (self.episode.world(), self.over.flatten());
         let verdict = self.episode.verdict();
-        let success = verdict.success && failure.is_none() && world.is_finite();
+        let success = verdict.success && failure.is_none() && !world.has_diverged();
         let missed = (!self.touched).then_some(FailureKind::NoContact);
         let judged = || self.episode.judge().failure(world, self.touches());
-        let why = failure.or(missed).unwrap_or_else(judged);
+        let diverged = world.has_diverged().then_some(FailureKind::Unstable);
+        let why = failure.or(diverged).or(missed).unwrap_or_else(judged);
         TrialOutcome {
             success,
             secure: success && verdict.secure,
             failure: (!success).then_some(why),
             lift: verdict.lift,
-            kindness_rate: verdict.kindness_rate,
-            legacy_success: self.legacy.map(|l| l.0),
-            kindness: self.legacy.map(|l| l.1),
+            kindness_rate: self.study.as_ref().map(|study| study.kindness_rate(world)),
+            legacy_success: self.reading.map(|reading| reading.success),
+            kindness: self.reading.map(|reading| reading.kindness),
             time: world.time(),
         }
     }
+}
+
+/// Share of the way after the share `time` of the duration, along the smoothest start and stop: s^3 (10 - 15 s + 6 s^2).
+///
+/// Source: Flash, Hogan, "The coordination of arm movements: an experimentally confirmed mathematical model", 1985.
+pub fn minimum_jerk(time: f64) -> f64 {
+    let s = time.clamp(0.0, 1.0);
+    s * s * s * (10.0 + s * (6.0 * s - 15.0))
 }
 
 impl TrialOutcome {
@@ -313,7 +328,7 @@ impl TrialOutcome {
             secure: false,
             failure: Some(FailureKind::Infeasible),
             lift: 0.0,
-            kindness_rate: 0.0,
+            kindness_rate: Some(0.0),
             legacy_success: None,
             kindness: None,
             time: 0.0,

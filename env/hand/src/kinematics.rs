@@ -1,6 +1,6 @@
 //! Forward kinematics: from joint angles to the poses of links and shapes.
 
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::HandError;
@@ -105,6 +105,21 @@ impl Hand {
             }));
         }
         Ok(shapes)
+    }
+
+    /// Width of the open hand across its palm, metres: the larger side of the bounds of its shapes in the palm's plane.
+    ///
+    /// # Errors
+    /// As [`Hand::joint_angles`].
+    pub fn open_span(&self) -> Result<f64, HandError> {
+        let (mut least, mut most) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+        for placed in self.shapes_at(&self.open_configuration(self.preshape_limits[0]))? {
+            let half = placed.collider.shape.half_extents(&placed.hand_from_shape.rotation);
+            let center = placed.hand_from_shape.translation.vector;
+            least = least.inf(&(center - half));
+            most = most.sup(&(center + half));
+        }
+        Ok((most - least).xy().max())
     }
 
     /// Index of the finger that moves a link; `None` for the base and what is fixed to it.

@@ -2,7 +2,7 @@
 //!
 //! Every finger is one tendon over a proximal and a distal revolute joint, optionally on a swivel that the preshape motor turns.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
 /// What a surface of the hand is made of: it gives the friction factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -31,6 +31,20 @@ pub enum Shape {
         /// Radius.
         radius: f64,
     },
+}
+
+impl Shape {
+    /// Half sides of the box around the shape along the axes of a frame in which it is turned by `rotation`, metres. A cylinder is
+    /// taken as the box around it.
+    #[must_use]
+    pub fn half_extents(&self, rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+        let half = match *self {
+            Self::Cuboid(half) => half,
+            Self::Cylinder { radius, half_length } => Vector3::new(radius, radius, half_length),
+            Self::Sphere { radius } => return Vector3::repeat(radius),
+        };
+        rotation.to_rotation_matrix().matrix().abs() * half
+    }
 }
 
 /// Friction factors of the hand's surfaces: the coefficient of Coulomb friction of a pair is the product of its two factors.

@@ -1,14 +1,15 @@
 //! Prints how long boxes, filter and plan take: the median of several runs.
 
 use graspbox_hand::Hand;
-use graspbox_mesh::{Mass, TriMesh, default_pose, mass_properties};
+use graspbox_mesh::{Mass, TriMesh, convex_hull, default_pose, mass_properties};
 use graspbox_objects::{Family, generate};
 use graspbox_plan::{
-    CollisionScene, DecomposeParams, Feasibility, Fit, OpenHand, PlanObject, PlanParams, SplitCost, best_split,
-    decompose, decompose_points, fit_box, plan,
+    CollisionScene, DecomposeParams, Feasibility, Fit, Obstacle, OpenHand, PlanObject, PlanParams, SplitCost,
+    best_split, decompose, decompose_points, fit_box, plan,
 };
 use nalgebra::{Point3, Vector3};
 use std::error::Error;
+use std::sync::Arc;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -60,10 +61,12 @@ fn bench_filter(mesh: &TriMesh, parts: &[Vec<Point3<f64>>], mass: f64) -> Result
     let hand = Hand::reflex()?;
     let world_from_object = default_pose(mesh);
     let center_of_mass = mass_properties(mesh, Mass::Kilograms(mass))?.center_of_mass;
-    let object = PlanObject { mesh, parts, center_of_mass, world_from_object };
+    let parts = parts.iter().map(|points| convex_hull(points)).collect::<Result<Vec<_>, _>>()?;
+    let obstacle = Arc::new(Obstacle::new(mesh, &parts)?);
+    let object = PlanObject { mesh, obstacle: &obstacle, center_of_mass, world_from_object };
     let params = PlanParams::default();
     let made = plan(&object, hand, &params)?;
-    let scene = CollisionScene::new(mesh, parts, &world_from_object)?;
+    let scene = CollisionScene::new(Arc::clone(&obstacle), &world_from_object);
     let open = OpenHand::new(hand, 0.0, params.clearance, params.standoff)?;
     let filter = median(5, || {
         made.candidates

@@ -7,7 +7,7 @@
 mod box_surface;
 
 use crate::PlanError;
-use crate::open_hand::{OpenHand, hull, pose, vector};
+use crate::open_hand::{OpenHand, convex, pose, vector};
 use graspbox_hand::GraspPose;
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
@@ -16,6 +16,7 @@ use parry3d::math::{Pose, Vector};
 use parry3d::query::{Ray, RayCast, intersection_test};
 use parry3d::shape::{SharedShape, TriMesh as Triangles};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// What the filter found for a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,100 +32,32 @@ pub enum Feasibility {
     HitsObjectOnApproach,
 }
 
-/// An object on the table, ready for collision queries; object frame.
-pub struct CollisionScene {
+/// The geometry of an object, ready for collision queries; object frame. Made once per object, and shared by every pose in which it rests.
+pub struct Obstacle {
     surface: Triangles,
     parts: Vec<(SharedShape, Aabb)>,
     bounds: Aabb,
-    /// Up, and the table's height along it.
-    up: Unit<Vector3<f64>>,
-    table: f64,
 }
 
-impl CollisionScene {
-    /// Prepares an object whose table is the plane z = 0 of the world.
+impl Obstacle {
+    /// Prepares an object.
     ///
     /// * `mesh`: object frame, metres.
-    /// * `parts`: points whose convex hull is a part, object frame, metres; there may be no parts.
+    /// * `parts`: convex hulls that the simulation uses beside the mesh, object frame, metres; there may be none.
     ///
     /// # Errors
     /// [`PlanError::Collision`] for a part without volume or a mesh that the collision library refuses.
-    pub fn new(
-        mesh: &TriMesh,
-        parts: &[Vec<Point3<f64>>],
-        world_from_object: &Isometry3<f64>,
-    ) -> Result<Self, PlanError> {
-        let points = |points: &[Point3<f64>]| points.iter().map(|p| vector(&p.coords)).collect::<Vec<Vector>>();
-        let surface = Triangles::new(points(mesh.vertices()), mesh.faces().to_vec())
-            .map_err(|source| PlanError::Collision { reason: source.to_string() })?;
+    pub fn new(mesh: &TriMesh, parts: &[TriMesh]) -> Result<Self, PlanError> {
+        let surface =
+            Triangles::new(mesh.vertices().iter().map(|p| vector(&p.coords)).collect(), mesh.faces().to_vec())
+                .map_err(|source| PlanError::Collision { reason: source.to_string() })?;
         let parts: Vec<(SharedShape, Aabb)> = parts
             .iter()
-            .map(|part| hull(part).map(|hull| (hull.clone(), hull.compute_local_aabb())))
+            .map(|part| convex(part).map(|shape| (shape.clone(), shape.compute_local_aabb())))
             .collect::<Option<_>>()
             .ok_or_else(|| PlanError::Collision { reason: "a convex part has no volume".into() })?;
         let bounds = parts.iter().fold(surface.local_aabb(), |all, (_, part)| all.merged(part));
-        let object_from_world = world_from_object.inverse();
-        let up = Unit::new_normalize(object_from_world * Vector3::z());
-        let table = up.dot(&(object_from_world * Point3::origin()).coords);
-        Ok(Self { surface, parts, bounds, up, table })
-    }
-
-    /// The table's up direction, object frame.
-    pub fn up(&self) -> Unit<Vector3<f64>> {
-        self.up
-    }
-
-    /// Height of `point` (object frame) above the table, metres.
-    pub fn height(&self, point: &Point3<f64>) -> f64 {
-        self.up.dot(&point.coords) - self.table
-    }
-
-    /// Tests the open hand at `object_from_hand` and on the straight way there.
-    pub fn check(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> Feasibility {
-        if self.hits_table(hand, object_from_hand) {
-            return Feasibility::HitsTable;
-        }
-        let place = pose(object_from_hand);
-        let on_the_way = hand.shapes.iter().any(|s| self.hits(&s.swept, &(place * s.hand_from_swept)));
-        if !on_the_way {
-            return Feasibility::Feasible;
-        }
-        let at_the_end = hand.shapes.iter().any(|s| self.hits(&s.shape, &(place * s.hand_from_shape)));
-        if at_the_end { Feasibility::HitsObject } else { Feasibility::HitsObjectOnApproach }
-    }
-
-    /// True where the open hand, where it stands, reaches into object or table.
-    pub fn collides(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
-        let place = pose(object_from_hand);
-        let low = |p: &Point3<f64>, radius| self.height(&(object_from_hand * p)) < radius;
-        hand.shapes
-            .iter()
-            .any(|s| s.corners.iter().any(|c| low(c, s.radius)) || self.hits(&s.shape, &(place * s.hand_from_shape)))
-    }
-
-    /// [`CollisionScene::check`] for a single pose of a hand; many poses share an [`OpenHand`] each preshape.
-    ///
-    /// * `clearance`, `standoff`: as for [`OpenHand::new`].
-    ///
-    /// # Errors
-    /// As [`OpenHand::new`].
-    pub fn check_pose(
-        &self,
-        hand: &graspbox_hand::Hand,
-        grasp: &GraspPose,
-        clearance: f64,
-        standoff: f64,
-    ) -> Result<Feasibility, PlanError> {
-        let open = OpenHand::new(hand, grasp.preshape, clearance, standoff)?;
-        Ok(self.check(&open, &grasp.object_from_hand))
-    }
-
-    fn hits_table(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
-        let back = self.up.dot(&(object_from_hand * Vector3::z())) * hand.standoff;
-        hand.shapes.iter().any(|s| {
-            let lowest = s.corners.iter().map(|c| self.height(&(object_from_hand * c))).fold(f64::INFINITY, f64::min);
-            lowest - back.max(0.0) < s.radius
-        })
+        Ok(Self { surface, parts, bounds })
     }
 
     fn hits(&self, shape: &SharedShape, place: &Pose) -> bool {
@@ -157,5 +90,94 @@ impl CollisionScene {
             hit.is_some_and(|hit| self.surface.is_backface(hit.feature))
         };
         RAYS.iter().filter(|direction| leaves(direction)).count() >= 2
+    }
+}
+
+impl std::fmt::Debug for Obstacle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Obstacle({} faces, {} parts)", self.surface.num_triangles(), self.parts.len())
+    }
+}
+
+/// An object where it rests on the table, for collision queries; object frame.
+#[derive(Clone, Debug)]
+pub struct CollisionScene {
+    obstacle: Arc<Obstacle>,
+    /// Up, and the table's height along it.
+    up: Unit<Vector3<f64>>,
+    table: f64,
+}
+
+impl CollisionScene {
+    /// Puts the table, the plane z = 0 of the world, under an object at `world_from_object`. Cheap: the object's geometry is shared.
+    pub fn new(obstacle: Arc<Obstacle>, world_from_object: &Isometry3<f64>) -> Self {
+        let object_from_world = world_from_object.inverse();
+        let up = Unit::new_normalize(object_from_world * Vector3::z());
+        let table = up.dot(&(object_from_world * Point3::origin()).coords);
+        Self { obstacle, up, table }
+    }
+
+    /// The same object at another pose.
+    #[must_use]
+    pub fn at(&self, world_from_object: &Isometry3<f64>) -> Self {
+        Self::new(Arc::clone(&self.obstacle), world_from_object)
+    }
+
+    /// The table's up direction, object frame.
+    pub fn up(&self) -> Unit<Vector3<f64>> {
+        self.up
+    }
+
+    /// Height of `point` (object frame) above the table, metres.
+    pub fn height(&self, point: &Point3<f64>) -> f64 {
+        self.up.dot(&point.coords) - self.table
+    }
+
+    /// Tests the open hand at `object_from_hand` and on the straight way there.
+    pub fn check(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> Feasibility {
+        if self.hits_table(hand, object_from_hand) {
+            return Feasibility::HitsTable;
+        }
+        let place = pose(object_from_hand);
+        let on_the_way = hand.shapes.iter().any(|s| self.obstacle.hits(&s.swept, &(place * s.hand_from_swept)));
+        if !on_the_way {
+            return Feasibility::Feasible;
+        }
+        let at_the_end = hand.shapes.iter().any(|s| self.obstacle.hits(&s.shape, &(place * s.hand_from_shape)));
+        if at_the_end { Feasibility::HitsObject } else { Feasibility::HitsObjectOnApproach }
+    }
+
+    /// True where the open hand, where it stands, reaches into object or table.
+    pub fn collides(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
+        let place = pose(object_from_hand);
+        let low = |p: &Point3<f64>, radius| self.height(&(object_from_hand * p)) < radius;
+        hand.shapes.iter().any(|s| {
+            s.corners.iter().any(|c| low(c, s.radius)) || self.obstacle.hits(&s.shape, &(place * s.hand_from_shape))
+        })
+    }
+
+    /// [`CollisionScene::check`] for a single pose of a hand; many poses share an [`OpenHand`] each preshape.
+    ///
+    /// * `clearance`, `standoff`: as for [`OpenHand::new`].
+    ///
+    /// # Errors
+    /// As [`OpenHand::new`].
+    pub fn check_pose(
+        &self,
+        hand: &graspbox_hand::Hand,
+        grasp: &GraspPose,
+        clearance: f64,
+        standoff: f64,
+    ) -> Result<Feasibility, PlanError> {
+        let open = OpenHand::new(hand, grasp.preshape, clearance, standoff)?;
+        Ok(self.check(&open, &grasp.object_from_hand))
+    }
+
+    fn hits_table(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
+        let back = self.up.dot(&(object_from_hand * Vector3::z())) * hand.standoff;
+        hand.shapes.iter().any(|s| {
+            let lowest = s.corners.iter().map(|c| self.height(&(object_from_hand * c))).fold(f64::INFINITY, f64::min);
+            lowest - back.max(0.0) < s.radius
+        })
     }
 }

@@ -26,6 +26,19 @@ pub enum PlanError {
         /// What is allowed.
         range: &'static str,
     },
+    /// More candidates than a plan may have.
+    #[error(
+        "{boxes} boxes with {each} poses for every face, turn and preshape are more than {limit} candidates; give fewer \
+         `variations`, `standoffs` or `max_boxes`"
+    )]
+    TooMany {
+        /// Boxes to grasp.
+        boxes: usize,
+        /// Poses for each face, turn and preshape.
+        each: usize,
+        /// Most candidates of a plan.
+        limit: usize,
+    },
     /// The hand cannot be planned for.
     #[error("the hand {name:?} {reason}; the planner needs three fingers on a base, two of them on swivels or none")]
     UnsupportedHand {

@@ -2,6 +2,7 @@
 
 use crate::PlanError;
 use graspbox_hand::{Hand, Shape};
+use graspbox_mesh::{TriMesh, convex_hull};
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::math::{Pose, Rotation, Vector};
 use parry3d::shape::SharedShape;
@@ -92,7 +93,7 @@ fn sweep_cuboid(at: &Isometry3<f64>, half: &Vector3<f64>, standoff: f64) -> Opti
         (cuboid(&long), pose(&middle))
     } else {
         let points: Vec<Point3<f64>> = corners.iter().flat_map(|c| [*c, c - back]).collect();
-        (hull(&points)?, Pose::IDENTITY)
+        (convex(&convex_hull(&points).ok()?)?, Pose::IDENTITY)
     };
     Some(SweptShape { shape: cuboid(half), hand_from_shape: pose(at), swept, hand_from_swept, corners, radius: 0.0 })
 }
@@ -101,9 +102,8 @@ fn cuboid(half: &Vector3<f64>) -> SharedShape {
     SharedShape::cuboid(length(half.x), length(half.y), length(half.z))
 }
 
-/// The convex hull of `points`, metres, for the collision library; none without volume. (Its own hull leaves points of flat sides out.)
-pub(crate) fn hull(points: &[Point3<f64>]) -> Option<SharedShape> {
-    let hull = graspbox_mesh::convex_hull(points).ok()?;
+/// A convex hull, metres, for the collision library; none without volume. (The library's own hull leaves points of flat sides out.)
+pub(crate) fn convex(hull: &TriMesh) -> Option<SharedShape> {
     SharedShape::convex_mesh(hull.vertices().iter().map(|p| vector(&p.coords)).collect(), hull.faces())
 }
 

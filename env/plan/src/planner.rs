@@ -2,7 +2,7 @@
 
 use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
-use crate::collision::{CollisionScene, Feasibility};
+use crate::collision::{CollisionScene, Feasibility, Obstacle};
 use crate::error::in_range;
 use crate::open_hand::OpenHand;
 use crate::poses::{PoseParams, Proposal, propose};
@@ -12,15 +12,15 @@ use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// An object where it rests: the table is the plane z = 0 of the world.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanObject<'a> {
     /// Surface, object frame, metres.
     pub mesh: &'a TriMesh,
-    /// Convex parts that the simulation uses, each as points that span it, object frame, metres; may be empty. They are obstacles beside
-    /// the mesh.
-    pub parts: &'a [Vec<Point3<f64>>],
+    /// Its geometry for collision queries: the mesh, and the convex parts that the simulation uses.
+    pub obstacle: &'a Arc<Obstacle>,
     /// Centre of mass, object frame, metres.
     pub center_of_mass: Point3<f64>,
     /// Where the object rests.
@@ -112,25 +112,30 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     in_range("standoff", params.standoff, 0.0, 1.0, "[0, 1] m")?;
     params.poses.validate()?;
     let tree = decompose(object.mesh, &params.decompose)?;
-    let scene = CollisionScene::new(object.mesh, object.parts, &object.world_from_object)?;
+    let scene = CollisionScene::new(Arc::clone(object.obstacle), &object.world_from_object);
     let proposals =
-        propose(&boxes_of(&tree, params), &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed);
+        propose(&boxes_of(&tree, params), &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed)?;
     let hands = OpenHands::new(hand, &proposals, params)?;
-    let mut candidates: Vec<Candidate> = proposals
-        .par_iter()
-        .map(|proposal| Candidate {
-            grasp: proposal.grasp,
-            box_index: proposal.box_index,
-            face: proposal.face,
-            score: 0.0,
-            prediction: None,
-            feasibility: hands.check(&scene, &proposal.grasp),
-        })
-        .collect();
-    candidates.sort_by_key(|candidate| !candidate.feasible());
-    let feasible = candidates.iter().filter(|candidate| candidate.feasible()).count();
-    rank::rank(object.mesh, object.center_of_mass, hand, &scene, &mut candidates[..feasible])?;
-    Ok(Plan { tree, candidates, feasible, world_from_object: object.world_from_object })
+    let found: Vec<Feasibility> = proposals.par_iter().map(|proposal| hands.check(&scene, &proposal.grasp)).collect();
+    let candidate = |(proposal, feasibility): (&Proposal, &Feasibility)| Candidate {
+        grasp: proposal.grasp,
+        box_index: proposal.box_index,
+        face: proposal.face,
+        score: 0.0,
+        prediction: None,
+        feasibility: *feasibility,
+    };
+    let (free, others): (Vec<_>, Vec<_>) =
+        proposals.iter().zip(&found).partition(|(_, feasibility)| **feasibility == Feasibility::Feasible);
+    let feasible: Vec<Proposal> = free.iter().map(|(proposal, _)| **proposal).collect();
+    let ranked = rank::rank(object.mesh, object.center_of_mass, hand, &scene, &feasible)?;
+    let scored = ranked.into_iter().map(|row| Candidate {
+        score: row.score,
+        prediction: Some(row.prediction),
+        ..candidate(free[row.index])
+    });
+    let candidates = scored.chain(others.into_iter().map(candidate)).collect();
+    Ok(Plan { tree, candidates, feasible: feasible.len(), world_from_object: object.world_from_object })
 }
 
 /// The leaves, numbered, and after them the box around everything if it is wanted and not the only leaf.

@@ -3,12 +3,19 @@
 use crate::PlanError;
 use crate::boxes::OrientedBox;
 use crate::error::in_range;
-use crate::preshape::{closing_center, preshapes};
+use crate::preshape::{FaceSize, closing_center, preshapes};
 use graspbox_hand::{GraspPose, Hand};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+
+/// Most random variations of a face and turn.
+const MOST_VARIATIONS: usize = 10_000;
+/// Most further distances.
+const MOST_STANDOFFS: usize = 1000;
+/// Most candidates of a plan: they take 0.1 GB.
+pub const MOST_CANDIDATES: usize = 200_000;
 
 /// Which hand axis lies along the longest side of the face.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,12 +47,12 @@ pub struct PoseParams {
     pub frame: HandFrame,
     /// The palm stands this far outside the box, metres (the study: 5 mm).
     pub offset: f64,
-    /// Further distances that are tried, added to `offset`, metres. Fingers need room to close above the table: a flat object is
+    /// Further distances that are tried, added to `offset`, metres; at most 1,000. Fingers need room to close above the table: a flat object is
     /// grasped with the palm up to a finger's length (0.11 m) over it.
     pub standoffs: Vec<f64>,
     /// How poses vary.
     pub variation: Variation,
-    /// Random variations a face and turn.
+    /// Random variations per face and turn; at most 10,000. No plan has more than 200,000 candidates.
     pub variations: usize,
     /// Greatest shift along the long side, as a share of it. The study's grid reaches 0.4.
     pub max_shift: f64,
@@ -63,6 +70,8 @@ impl PoseParams {
     pub fn validate(&self) -> Result<(), PlanError> {
         let distance = |name, value: f64| in_range(name, value, 0.0, 0.5, "[0, 0.5] m");
         distance("offset", self.offset)?;
+        in_range("variations", self.variations as f64, 0.0, MOST_VARIATIONS as f64, "[0, 10000]")?;
+        in_range("len(standoffs)", self.standoffs.len() as f64, 0.0, MOST_STANDOFFS as f64, "[0, 1000]")?;
         self.standoffs.iter().try_for_each(|&value| distance("standoffs", value))?;
         in_range("max_shift", self.max_shift, 0.0, 1.0, "[0, 1]")?;
         in_range("max_tilt", self.max_tilt, 0.0, std::f64::consts::FRAC_PI_2, "[0, pi/2]")?;
@@ -119,6 +128,9 @@ fn faces(bounds: &OrientedBox, up: &Vector3<f64>, outward: &Vector3<f64>) -> Vec
 }
 
 /// All candidates: boxes outermost first (`boxes` is (index, box); `centroid` the object's, `up` away from the table; object frame).
+///
+/// # Errors
+/// [`PlanError::TooMany`] beyond [`MOST_CANDIDATES`].
 pub(crate) fn propose(
     boxes: &[(usize, OrientedBox)],
     centroid: &Point3<f64>,
@@ -126,7 +138,7 @@ pub(crate) fn propose(
     hand: &Hand,
     params: &PoseParams,
     seed: u64,
-) -> Vec<Proposal> {
+) -> Result<Vec<Proposal>, PlanError> {
     let mut order: Vec<&(usize, OrientedBox)> = boxes.iter().collect();
     let distance = |bounds: &OrientedBox| (bounds.center - centroid).norm();
     order.sort_by(|a, b| distance(&b.1).total_cmp(&distance(&a.1)));
@@ -139,7 +151,15 @@ pub(crate) fn propose(
                 let size = face.size(bounds, long, params.frame);
                 for preshape in preshapes(hand, size, quarter, params.square) {
                     let center = closing_center(hand, preshape);
-                    for variation in variations(params, &mut rng) {
+                    let variations = variations(params, &mut rng);
+                    if proposals.len() + variations.len() > MOST_CANDIDATES {
+                        return Err(PlanError::TooMany {
+                            boxes: boxes.len(),
+                            each: variations.len(),
+                            limit: MOST_CANDIDATES,
+                        });
+                    }
+                    for variation in variations {
                         let pose = face.pose(bounds, long, &variation, params, &center);
                         let grasp = GraspPose { object_from_hand: pose, preshape };
                         let face = 2 * axis + usize::from(sign < 0.0);
@@ -149,16 +169,7 @@ pub(crate) fn propose(
             }
         }
     }
-    proposals
-}
-
-/// Sides of a face as the hand sees them, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct FaceSize {
-    /// Across the hand (its x): what fingers 1, 2 and 3 close on.
-    pub width: f64,
-    /// Along the hand (its y).
-    pub length: f64,
+    Ok(proposals)
 }
 
 struct Face {

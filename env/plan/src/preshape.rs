@@ -11,7 +11,6 @@
 //! With the hand turned by a quarter (its y along the short side) power and tripod are tried on nearly square faces only; pinch always,
 //! as it then closes across a long, thin object. A face that no row admits gets power: it is proposed, and ranked low.
 
-use crate::poses::FaceSize;
 use graspbox_hand::Hand;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
@@ -26,6 +25,15 @@ const SMALL: f64 = 0.066;
 const ROUND: f64 = 2.0;
 /// Longest face for a pinch, metres: the fingers reach about 0.1 m.
 const PINCH_LENGTH: f64 = 0.09;
+
+/// Sides of a face as the hand sees them, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FaceSize {
+    /// Across the hand (its x): what fingers 1, 2 and 3 close on.
+    pub width: f64,
+    /// Along the hand (its y).
+    pub length: f64,
+}
 
 /// Preshapes for a face; `quarter` for a hand turned by a quarter, on faces at least as square as `square`.
 pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64) -> Vec<f64> {

@@ -11,7 +11,7 @@ pub use score::{RANK_TERMS, rank_features, rank_weights};
 
 use crate::PlanError;
 use crate::collision::CollisionScene;
-use crate::planner::Candidate;
+use crate::poses::Proposal;
 use graspbox_hand::Hand;
 use graspbox_mesh::{TriMesh, sample_surface};
 use nalgebra::Point3;
@@ -25,7 +25,17 @@ const SPACING: f64 = 0.0045;
 /// Least and greatest number of these points.
 const SAMPLES: [usize; 2] = [400, 4000];
 
-/// Scores feasible candidates and sorts them, best first; equal scores keep their order.
+/// What ranking makes of one proposal.
+pub(crate) struct Ranked {
+    /// Index of the proposal.
+    pub index: usize,
+    /// Higher is better.
+    pub score: f64,
+    /// What closing the hand would look like.
+    pub prediction: Prediction,
+}
+
+/// Scores feasible proposals and sorts them, best first; equal scores keep their order.
 ///
 /// # Errors
 /// [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape.
@@ -34,37 +44,40 @@ pub(crate) fn rank(
     center_of_mass: Point3<f64>,
     hand: &Hand,
     scene: &CollisionScene,
-    candidates: &mut [Candidate],
-) -> Result<(), PlanError> {
+    proposals: &[Proposal],
+) -> Result<Vec<Ranked>, PlanError> {
     let wanted = (mesh.area() / (SPACING * SPACING)) as usize;
     let samples = sample_surface(mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0);
     let target = Target { samples: &samples, center_of_mass, scene };
     let mut hands: Vec<ClosingHand> = Vec::new();
-    for candidate in candidates.iter() {
-        if !hands.iter().any(|known| known.preshape == candidate.grasp.preshape) {
-            hands.push(closing_hand(hand, candidate.grasp.preshape)?);
+    // The hand of each proposal.
+    let mut chosen = Vec::with_capacity(proposals.len());
+    for Proposal { grasp, .. } in proposals {
+        let known = hands.iter().position(|hand| hand.preshape == grasp.preshape);
+        chosen.push(known.unwrap_or(hands.len()));
+        if known.is_none() {
+            hands.push(closing_hand(hand, grasp.preshape)?);
         }
     }
-    candidates.par_iter_mut().for_each(|candidate| {
-        if let Some(hand) = hands.iter().find(|known| known.preshape == candidate.grasp.preshape) {
-            let prediction = predict(&target, hand, &candidate.grasp.object_from_hand);
-            candidate.score = score(&prediction, candidate.grasp.preshape);
-            candidate.prediction = Some(prediction);
-        }
-    });
-    sort_with_variety(candidates);
-    Ok(())
+    let describe = |(index, proposal): (usize, &Proposal)| {
+        let prediction = predict(&target, &hands[chosen[index]], &proposal.grasp.object_from_hand);
+        Ranked { index, score: score(&prediction, proposal.grasp.preshape), prediction }
+    };
+    let mut ranked: Vec<Ranked> = proposals.par_iter().enumerate().map(describe).collect();
+    sort_with_variety(&mut ranked, proposals);
+    Ok(ranked)
 }
 
-/// Lowers each candidate by [`REPEAT`] for every better one of the same box, face and preshape, and sorts by what is left.
-fn sort_with_variety(candidates: &mut [Candidate]) {
-    candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
+/// Lowers each pose by [`REPEAT`] for every better one of the same box, face and preshape, and sorts by what is left.
+fn sort_with_variety(ranked: &mut [Ranked], proposals: &[Proposal]) {
+    ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut seen: BTreeMap<(usize, usize, u64), u32> = BTreeMap::new();
-    for candidate in candidates.iter_mut() {
-        let kind = (candidate.box_index, candidate.face, candidate.grasp.preshape.to_bits());
+    for row in ranked.iter_mut() {
+        let proposal = &proposals[row.index];
+        let kind = (proposal.box_index, proposal.face, proposal.grasp.preshape.to_bits());
         let better = seen.entry(kind).or_default();
-        candidate.score -= REPEAT * f64::from(*better);
+        row.score -= REPEAT * f64::from(*better);
         *better += 1;
     }
-    candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
+    ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
 }

@@ -7,18 +7,25 @@ use common::{cuboids, hammer, lathe, random_motion, rng, surface_points};
 use graspbox_hand::{Hand, Shape};
 use graspbox_mesh::{Mass, TriMesh, default_pose, mass_properties};
 use graspbox_plan::{
-    CollisionScene, DecomposeParams, Feasibility, OpenHand, Plan, PlanError, PlanObject, PlanParams, PoseParams,
-    Variation, plan,
+    CollisionScene, DecomposeParams, Feasibility, Obstacle, OpenHand, Plan, PlanError, PlanObject, PlanParams,
+    PoseParams, Variation, plan,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::sync::Arc;
 
 fn center_of_mass(mesh: &TriMesh) -> Point3<f64> {
     mass_properties(mesh, Mass::Kilograms(0.3)).unwrap().center_of_mass
 }
 
 fn make(mesh: &TriMesh, world_from_object: Isometry3<f64>, params: &PlanParams) -> Plan {
-    let object = PlanObject { mesh, parts: &[], center_of_mass: center_of_mass(mesh), world_from_object };
+    let obstacle = Arc::new(Obstacle::new(mesh, &[]).unwrap());
+    let object = PlanObject { mesh, obstacle: &obstacle, center_of_mass: center_of_mass(mesh), world_from_object };
     plan(&object, Hand::reflex().unwrap(), params).unwrap()
+}
+
+/// A mesh with convex parts, posed as its file says.
+fn on_table(mesh: &TriMesh, parts: &[TriMesh]) -> CollisionScene {
+    CollisionScene::new(Arc::new(Obstacle::new(mesh, parts).unwrap()), &Isometry3::identity())
 }
 
 fn bottle() -> TriMesh {
@@ -74,7 +81,7 @@ fn feasible_poses_do_not_collide_at_the_pose_or_on_the_way() {
 fn poses_that_collide_are_filtered() {
     let hand = Hand::reflex().unwrap();
     let mesh = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1])]);
-    let scene = CollisionScene::new(&mesh, &[], &Isometry3::identity()).unwrap();
+    let scene = on_table(&mesh, &[]);
     let open = OpenHand::new(hand, 0.0, 0.001, 0.1).unwrap();
     let down = |z| {
         let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
@@ -86,7 +93,7 @@ fn poses_that_collide_are_filtered() {
     assert_eq!(scene.check(&open, &Isometry3::translation(0.2, 0.0, 0.1)), Feasibility::HitsTable);
     // A shelf above the pose is met on the approach alone.
     let shelf = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1]), ([0.0, 0.0, 0.36], [0.02, 0.02, 0.01])]);
-    let scene = CollisionScene::new(&shelf, &[], &Isometry3::identity()).unwrap();
+    let scene = on_table(&shelf, &[]);
     assert_eq!(scene.check(&open, &down(0.205)), Feasibility::HitsObjectOnApproach);
     assert!(!scene.collides(&open, &down(0.205)));
 }
@@ -96,7 +103,7 @@ fn a_hand_inside_the_object_collides() {
     let hand = Hand::reflex().unwrap();
     // A box so large that no wall is near the hand.
     let mesh = cuboids(&[([0.0, 0.0, 1.0], [1.0, 1.0, 1.0])]);
-    let scene = CollisionScene::new(&mesh, &[], &Isometry3::identity()).unwrap();
+    let scene = on_table(&mesh, &[]);
     let open = OpenHand::new(hand, 0.5, 0.001, 0.1).unwrap();
     assert_eq!(scene.check(&open, &Isometry3::translation(0.1, 0.2, 1.0)), Feasibility::HitsObject);
 }
@@ -105,12 +112,12 @@ fn a_hand_inside_the_object_collides() {
 fn convex_parts_count_as_obstacles() {
     let hand = Hand::reflex().unwrap();
     let mesh = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1])]);
-    let fat = cuboids(&[([0.0, 0.0, 0.11], [0.03, 0.03, 0.11])]).vertices().to_vec();
+    let fat = cuboids(&[([0.0, 0.0, 0.11], [0.03, 0.03, 0.11])]);
     let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.21), over);
     let open = OpenHand::new(hand, 0.0, 0.001, 0.1).unwrap();
-    let bare = CollisionScene::new(&mesh, &[], &Isometry3::identity()).unwrap();
-    let with_parts = CollisionScene::new(&mesh, &[fat], &Isometry3::identity()).unwrap();
+    let bare = on_table(&mesh, &[]);
+    let with_parts = on_table(&mesh, &[fat]);
     assert_eq!(bare.check(&open, &pose), Feasibility::Feasible);
     assert_eq!(with_parts.check(&open, &pose), Feasibility::HitsObject);
 }
@@ -163,7 +170,7 @@ fn bad_parameters_are_refused() {
     let mesh = hammer();
     let object = PlanObject {
         mesh: &mesh,
-        parts: &[],
+        obstacle: &Arc::new(Obstacle::new(&mesh, &[]).unwrap()),
         center_of_mass: Point3::origin(),
         world_from_object: Isometry3::identity(),
     };

@@ -5,7 +5,7 @@ use crate::episode::Scene;
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::mesh::Mesh;
-use graspbox_episode::Episode;
+use graspbox_episode::{Episode, SuccessCriterion};
 use graspbox_mesh::sample_surface;
 use graspbox_plan::{Fit, SplitCost, best_split, fit_box};
 use nalgebra::{Isometry3, Point3, Translation3};
@@ -49,7 +49,7 @@ pub fn time_reset<'py>(py: Python<'py>, scene: &Scene, repeats: usize) -> PyResu
     let away: Isometry3<f64> = Translation3::new(0.0, 0.0, 1.0).into();
     let seconds = detached(py, Some(1), move || {
         Ok::<_, CoreError>(time(repeats, || {
-            black_box(Episode::reset(&core, &away, 0.0));
+            black_box(Episode::reset(&core, &away, 0.0, SuccessCriterion::default()));
         }))
     })?;
     array(py, seconds, &[repeats])

@@ -3,7 +3,7 @@
 use crate::convert::{config, json};
 use crate::errors::CoreError;
 use graspbox_agent::{AgentConfig, ResetOptions};
-use graspbox_episode::TrialConfig;
+use graspbox_episode::{SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
 use graspbox_sim::PhysicsConfig;
@@ -29,6 +29,7 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "PlanConfig" => json(&config::<PlanParams>(text, name)?),
         "PoseConfig" => json(&config::<PoseParams>(text, name)?),
         "PhysicsConfig" => json(&config::<PhysicsConfig>(text, name)?),
+        "SuccessCriterion" => json(&config::<SuccessCriterion>(text, name)?),
         "TrialConfig" => json(&config::<TrialConfig>(text, name)?),
         _ => Err(CoreError::Config(format!("there is no config {name:?}"))),
     }?)

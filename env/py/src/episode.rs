@@ -1,6 +1,6 @@
 //! `graspbox.Scene`: an object at rest on the table, and trials on it.
 
-use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, row_major, vector};
+use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, row_major, table, vector};
 use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
@@ -87,10 +87,7 @@ impl Scene {
     fn body<'py>(&self, py: Python<'py>) -> PyResult<BodyArrays<'py>> {
         // Prepared when the scene was: no folder is asked for its parts again.
         let body = self.mesh.body(None)?;
-        let parts = body.parts().iter().map(|points| {
-            let coordinates = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
-            array(py, coordinates, &[points.len(), 3])
-        });
+        let parts = body.parts().iter().map(|hull| table(py, hull.vertices().iter().map(|p| [p.x, p.y, p.z])));
         let properties = body.mass_properties();
         let center = properties.center_of_mass;
         Ok((
@@ -162,7 +159,7 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     dict.set_item("secure", flags(|o| o.secure)?)?;
     dict.set_item("legacy_success", flags(|o| o.legacy_success.unwrap_or(false))?)?;
     dict.set_item("kindness", numbers(|o| o.kindness.unwrap_or(f64::NAN))?)?;
-    dict.set_item("kindness_rate", numbers(|o| o.kindness_rate)?)?;
+    dict.set_item("kindness_rate", numbers(|o| o.kindness_rate.unwrap_or(f64::NAN))?)?;
     dict.set_item("lift", numbers(|o| o.lift)?)?;
     dict.set_item("time", numbers(|o| o.time)?)?;
     let names = outcomes.iter().map(|o| o.failure.map_or("", failure_name)).collect::<Vec<_>>();

@@ -95,7 +95,7 @@ impl From<HandError> for CoreError {
 impl From<PlanError> for CoreError {
     fn from(error: PlanError) -> Self {
         match error {
-            PlanError::OutOfRange { .. } => Self::Config(error.to_string()),
+            PlanError::OutOfRange { .. } | PlanError::TooMany { .. } => Self::Config(error.to_string()),
             _ => Self::Plan(error.to_string()),
         }
     }
@@ -122,7 +122,11 @@ impl From<CameraError> for CoreError {
 impl From<EpisodeError> for CoreError {
     fn from(error: EpisodeError) -> Self {
         match error {
-            EpisodeError::BadConfig { .. } => Self::Config(error.to_string()),
+            EpisodeError::BadConfig { .. } | EpisodeError::BadPreshape { .. } | EpisodeError::BadPose { .. } => {
+                Self::Config(error.to_string())
+            }
+            EpisodeError::BadSize { .. } | EpisodeError::BadMass { .. } => Self::Mesh(error.to_string()),
+            EpisodeError::Hand { .. } => Self::Hand(error.to_string()),
             EpisodeError::Cancelled { .. } => Self::Interrupted,
             EpisodeError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Plan { object, source } => Self::from(source).about(&format!("object `{object}`")),

@@ -3,7 +3,8 @@
 use crate::convert::{Array, Floats, array, matrices, table, vector};
 use crate::errors::CoreError;
 use graspbox_hand::reflex::{REFLEX_TOML, REFLEX_URDF};
-use graspbox_hand::{Hand as Core, HandConfiguration, Material, Shape};
+use graspbox_hand::{Hand as Core, HandConfiguration, Material};
+use nalgebra::UnitQuaternion;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -69,21 +70,12 @@ impl Hand {
         let count = shapes.len();
         Ok((
             matrices(py, shapes.iter().map(|s| s.hand_from_shape))?,
-            table(py, shapes.iter().map(|s| half_extents(&s.collider.shape)))?,
+            table(py, shapes.iter().map(|s| s.collider.shape.half_extents(&UnitQuaternion::identity()).into()))?,
             array(py, pads, &[count])?,
         ))
     }
 
     fn __repr__(&self) -> String {
         format!("Hand({:?}, {} fingers)", self.0.name, self.0.fingers.len())
-    }
-}
-
-/// Half sides of the box around a shape, along the shape's axes, metres.
-fn half_extents(shape: &Shape) -> [f64; 3] {
-    match *shape {
-        Shape::Cuboid(half) => half.into(),
-        Shape::Cylinder { radius, half_length } => [radius, radius, half_length],
-        Shape::Sphere { radius } => [radius; 3],
     }
 }

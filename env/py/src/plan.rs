@@ -57,9 +57,10 @@ pub fn plan<'py>(
     let (data, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
     let plan = detached(py, num_threads, move || {
         let body = data.body(cache.as_deref())?;
+        body.check_fits(&hand)?;
         let object = PlanObject {
             mesh: body.mesh(),
-            parts: body.parts(),
+            obstacle: body.obstacle(),
             center_of_mass: body.mass_properties().center_of_mass,
             world_from_object: pose.unwrap_or_else(|| default_pose(body.mesh())),
         };

@@ -9,6 +9,7 @@
 //! | [`scenery`] | how large table and ground are |
 //! | [`load`] | what presses on the hand: contact points, and their sum |
 //! | `build`, `finger`, `motion`, `frames` | assembly, tendon law, the moving frame, conversions |
+//! | `snapshot`, `identity` | worlds as bytes, and what they can be restored into |
 //! | `dispatch` | faster searches for contacts |
 //!
 //! The world is simulated in the hand's base frame: the hand's root stands still, the table moves, and gravity carries the
@@ -24,6 +25,7 @@ mod dispatch;
 mod error;
 mod finger;
 mod frames;
+mod identity;
 pub mod load;
 mod motion;
 pub mod object;

@@ -1,14 +1,16 @@
 //! The object to grasp: collision geometry, mass and inertia, in its own frame.
 
 use crate::{SimError, frames};
+use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rapier3d::prelude::{MassProperties, SharedShape};
+use std::sync::Arc;
 
 /// Collision geometry in the object's frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Geometry {
-    /// Convex parts, each given by points that span it.
-    Parts(Vec<Vec<Point3<f64>>>),
+    /// Convex parts, each a closed convex hull as [`graspbox_mesh::convex_hull`] makes it.
+    Parts(Arc<[TriMesh]>),
     /// A box by its half extents, centred on the frame.
     Cuboid(Vector3<f64>),
     /// A ball centred on the frame.
@@ -109,9 +111,8 @@ fn shape_of(geometry: &Geometry) -> Result<SharedShape, SimError> {
         )]),
         Geometry::Parts(parts) => {
             let mut shapes = Vec::with_capacity(parts.len());
-            for (part, points) in parts.iter().enumerate() {
+            for (part, hull) in parts.iter().enumerate() {
                 // The engine's own hull leaves points of flat sides out.
-                let hull = graspbox_mesh::convex_hull(points).map_err(|_| SimError::FlatPart { part })?;
                 let vertices = hull.vertices().iter().map(frames::point).collect();
                 let hull = SharedShape::convex_mesh(vertices, hull.faces()).ok_or(SimError::FlatPart { part })?;
                 shapes.push((Pose::IDENTITY, hull));

@@ -1,10 +1,8 @@
 //! Snapshot and restore of a world in mid-motion: the same bits go on from both.
 
 use crate::SimError;
-use crate::config::PhysicsConfig;
-use crate::object::ObjectModel;
+use crate::identity::Identity;
 use crate::world::{State, Template, World};
-use graspbox_hand::Hand;
 use rapier3d::prelude::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
@@ -12,21 +10,6 @@ use serde::{Deserialize, Serialize};
 const MAGIC: &[u8; 8] = b"gbworld2";
 /// Length of the checksum that follows.
 const CHECKSUM: usize = 32;
-
-/// Names what a snapshot can be restored into: a hand, an object, settings.
-pub(crate) type Identity = [u8; 32];
-
-/// Hash of everything that a template is built from: worlds of equal templates may be exchanged, others may not.
-pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig) -> Result<Identity, SimError> {
-    let mass = &object.mass_properties;
-    let bytes = postcard::to_allocvec(&(&object.shape, mass, config))
-        .map_err(|_| SimError::BadSnapshot { why: "the object's shape could not be written" })?;
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(&bytes);
-    // Every number of the hand, written so that it can be told from any other.
-    hasher.update(format!("{hand:?}").as_bytes());
-    Ok(*hasher.finalize().as_bytes())
-}
 
 #[derive(Serialize)]
 struct Saved<'a> {

@@ -4,9 +4,10 @@ use crate::build::{self, Handles, Part};
 use crate::config::PhysicsConfig;
 use crate::dispatch::Dispatcher;
 use crate::finger::{self, JointState};
+use crate::identity::{Identity, identity};
 use crate::motion::BaseMotion;
 use crate::object::ObjectModel;
-use crate::snapshot::{self, Identity};
+use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT};
 use crate::{SimError, frames};
 use graspbox_hand::{Hand, MotorCommand, MotorKind, MotorState};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -36,6 +37,13 @@ const CONTACT_FORCE: f64 = 0.1;
 
 /// A joint below this speed is still, rad/s: it sways in its flexure when the hand is moved.
 const STILL: f64 = 0.2;
+
+/// No object rises higher than this above the table, metres: an arm's reach over the highest lift.
+const HIGHEST: f64 = 3.0;
+/// No object moves faster than this in the hand's frame, m/s: a fall from [`HIGHEST`], seen from the fastest lift (19 m/s).
+const FASTEST: f64 = 30.0;
+/// No finger's joint is bent further beyond its stop than this, radians.
+const BEYOND_STOP: f64 = 1.0;
 
 /// An object that turns faster than this tumbles, rad/s.
 const TUMBLING: f64 = 1.0;
@@ -84,7 +92,7 @@ impl Template {
         config.validate()?;
         let (physics, handles) = build::build(&hand, object, &config, &Isometry3::identity(), &Isometry3::identity())?;
         let shared = Shared {
-            identity: snapshot::identity(&hand, object, &config)?,
+            identity: identity(&hand, object, &config)?,
             hand,
             handles,
             config,
@@ -416,6 +424,26 @@ impl World {
     pub fn preshape(&self) -> f64 {
         let motors = self.shared.hand.motors.iter().zip(&self.state.motors);
         motors.filter(|(m, _)| m.kind == MotorKind::Preshape).map(|(_, s)| s.position).next().unwrap_or(0.0)
+    }
+
+    /// True once the simulation went wrong: a number that is not finite, or a motion that no table-top scene can have.
+    ///
+    /// The bounds leave ample room: the object's centre of mass falls no deeper than the ground under the table, rises no higher than
+    /// [`HIGHEST`], leaves the table's middle by no more than half the ground, moves slower than [`FASTEST`] in the hand's frame, and
+    /// no finger's joint is further beyond its stop than [`BEYOND_STOP`].
+    pub fn has_diverged(&self) -> bool {
+        let center = self.object_center();
+        let away = center.coords.xy().norm() > GROUND_SIDE / 2.0 || !(-TABLE_HEIGHT..=HIGHEST).contains(&center.z);
+        let fast = self.object_velocity_in_hand().0.norm() > FASTEST;
+        let hand = &self.shared.hand;
+        let bent = |index: usize| {
+            let (finger, state) = (&hand.fingers[index], self.finger(index));
+            [(finger.proximal, state.proximal), (finger.distal, state.distal)].into_iter().any(|(joint, angle)| {
+                let [lower, upper] = hand.joints[joint].limits;
+                !(lower - BEYOND_STOP..=upper + BEYOND_STOP).contains(&angle)
+            })
+        };
+        !self.is_finite() || away || fast || (0..hand.fingers.len()).any(bent)
     }
 
     /// False once anything in the world is no longer a finite number.

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
-from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
+from graspbox.configs import (
+    AgentConfig,
+    CamerasConfig,
+    PhysicsConfig,
+    PictureConfig,
+    Randomization,
+    SuccessCriterion,
+    TrialConfig,
+)
 from graspbox.envs import spaces
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
 from graspbox.errors import ConfigError
@@ -84,7 +92,8 @@ def fresh_seed() -> int:
 class GraspCore:
     """A pool of environments with its spaces, weights and names; the keywords are those of the environments.
 
-    With ``control="grasp_pose"`` an episode is one decision, and `trial` is what follows it.
+    With ``control="grasp_pose"`` an episode is one decision, and `trial` is what follows it; its criterion of success then
+    counts, else `success`.
     """
 
     def __init__(
@@ -109,6 +118,7 @@ class GraspCore:
         max_episode_steps: int | None,
         frame_skip: int = 1,
         trial: TrialConfig | None = None,
+        success: SuccessCriterion = SuccessCriterion(),  # noqa: B008 (frozen)
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
@@ -135,6 +145,7 @@ class GraspCore:
             observations=tuple(name for name in names if name not in cameras.images),
             randomization=_randomization(randomization),
             cameras=cameras,
+            success=trial.success if trial else success,
             trial=trial or TrialConfig(),
         )
         self.config = config

@@ -5,14 +5,10 @@ use crate::AgentError;
 use crate::action::pose_and_preshape;
 use crate::env_spec::EnvSpec;
 use crate::reward::{Potentials, TERMS};
-use graspbox_episode::judge::LIFT_HEIGHT;
 use graspbox_episode::trial::Trial;
 use graspbox_episode::{Episode, FailureKind};
 use graspbox_hand::GraspPose;
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
-
-/// Poses of the object whose verticals differ by less than this, radians, and heights by less than this, metres, rest in the same resting.
-const SAME_WAY: f64 = 1e-6;
+use nalgebra::{Isometry3, Point3, Vector3};
 
 impl AgentEpisode {
     /// Sends the hand where `action` says and tries the grasp; returns the reward terms. The episode is over then.
@@ -30,7 +26,8 @@ impl AgentEpisode {
         let object = self.episode.world().world_from_object();
         let feasible = self.feasible(&object, &hand, preshape, spec)?;
         let factors = [self.record.friction, self.record.mass];
-        self.episode = Episode::reset_at(self.episode.scene(), &hand, &object, preshape, factors);
+        let criterion = spec.config.success;
+        self.episode = Episode::reset_at(self.episode.scene(), &hand, &object, preshape, factors, criterion);
         let mut after = self.potentials_now(spec);
         if feasible && self.out_of_reach(spec) {
             self.record.failure = Some(FailureKind::NoContact);
@@ -50,14 +47,14 @@ impl AgentEpisode {
         spec: &EnvSpec,
         after: &mut Potentials,
     ) -> Result<(), AgentError> {
-        let mut trial = Trial::of(self.episode.clone(), hand, preshape, spec.config.trial, false);
+        let mut trial = Trial::of(self.episode.clone(), hand, preshape, spec.config.trial(), false);
         trial.close(&|| false)?;
         let closed = Potentials::at(trial.episode(), &self.prepared, &self.record.first_center, spec.hand());
         trial.lift(&|| false)?;
         let outcome = trial.outcome();
         self.episode = trial.into_episode();
         let lifted = self.potentials_now(spec);
-        let highest = self.episode.judge().highest() / LIFT_HEIGHT;
+        let highest = self.episode.judge().highest() / spec.config.success.lift_height;
         *after = Potentials {
             reach: after.reach,
             lift: if highest.is_finite() { highest.clamp(0.0, 1.0) } else { 0.0 },
@@ -92,13 +89,8 @@ impl AgentEpisode {
         preshape: f64,
         spec: &EnvSpec,
     ) -> Result<bool, AgentError> {
-        let (scene, body) = (self.episode.scene(), self.prepared.body());
         let pose = GraspPose { object_from_hand: world_from_object.inverse() * world_from_hand, preshape };
-        let moved = world_from_object * scene.world_from_object().inverse();
-        let up: Unit<Vector3<f64>> = Vector3::z_axis();
-        let same = (moved * up).angle(&up) < SAME_WAY && moved.translation.vector.z.abs() < SAME_WAY;
-        let elsewhere = (!same).then_some((body, world_from_object));
-        Ok(scene.reachable_from(&pose, spec.config.trial.standoff, elsewhere)?)
+        Ok(self.episode.scene().reachable_at(&pose, spec.config.trial.standoff, world_from_object)?)
     }
 
     /// Terms of an attempt, in order: the hand came from afar, where every potential is 0, and took its resting by itself.

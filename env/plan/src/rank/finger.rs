@@ -7,7 +7,7 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::PlanError;
-use graspbox_hand::{Hand, Material, Shape};
+use graspbox_hand::{Hand, Material};
 
 /// A rectangle of a link in the finger's plane; metres.
 #[derive(Clone, Copy, Debug)]
@@ -116,7 +116,7 @@ impl FingerModel {
             let plane_from_link = hand_from_plane.inverse() * links[link];
             let collider = |c: &graspbox_hand::Collider| {
                 let place = plane_from_link * c.link_from_shape;
-                let half = extents(&c.shape, &place);
+                let half = c.shape.half_extents(&place.rotation);
                 half_width = half_width.max(half.y);
                 let middle = place.translation.vector - origin;
                 let side = |i: usize| [middle[i] - half[i], middle[i] + half[i]];
@@ -263,16 +263,6 @@ impl Frame {
         let (x, z) = (x - self.at[0], z - self.at[1]);
         (self.cos * x + self.sin * z, self.cos * z - self.sin * x)
     }
-}
-
-/// Half extents of a shape along the axes of the frame that `place` is given in.
-fn extents(shape: &Shape, place: &Isometry3<f64>) -> Vector3<f64> {
-    let half = match shape {
-        Shape::Cuboid(half) => *half,
-        Shape::Cylinder { radius, half_length } => Vector3::new(*radius, *radius, *half_length),
-        Shape::Sphere { radius } => return Vector3::repeat(*radius),
-    };
-    place.rotation.to_rotation_matrix().matrix().abs() * half
 }
 
 #[cfg(test)]
