@@ -1,7 +1,7 @@
 """Read the Rust sources as text: which module uses which, and how long functions are.
 
-The reader knows `use` declarations, paths that begin with ``crate``, ``super``, ``self`` or a child module, and re-exports:
-a name is followed to the module that defines it. Tests, comments and strings are left out.
+The reader knows `use` declarations, paths that begin with ``crate``, ``super``, ``self`` or a child module, and
+re-exports: a name is followed to the module that defines it. Tests, comments and strings are left out.
 """
 
 import re
@@ -79,6 +79,7 @@ class Source:
 
     @classmethod
     def read(cls, path: Path, submodules: set[str]) -> "Source":
+        """Read a file; `submodules` names the files in the folder of its module."""
         text = without_tests(blank(path.read_text()))
         source = cls(path, {name for name in re.findall(r"\bmod\s+(\w+)\s*;", text) if name in submodules})
         pattern = re.compile(r"(\bpub(?:\([^)]*\))?\s+)?\buse\s+([^;]+);")
@@ -159,8 +160,8 @@ class Crate:
     def circles(self) -> set[frozenset[str]]:
         """Circles between modules, each as the set of their names.
 
-        Modules are looked at twice: file by file, and at each level of the tree with everything below a module counted as
-        that module. A parent and its child stand on a circle where each uses what the other defines.
+        Modules are compared twice: file by file, and at each level of the tree with everything below a module counted
+        as that module. A parent and its child form a circle where each uses what the other defines.
         """
         uses = self.uses()
         found = set(components(uses))
@@ -194,7 +195,7 @@ def components(graph: dict[Module, set[Module]]) -> list[frozenset[Module]]:
 
 
 def functions(path: Path) -> list[tuple[str, int, int]]:
-    """Name, first line and number of lines of every function of a Rust file, from its signature to its closing brace."""
+    """List name, first line and length of every function of a Rust file, from its signature to its closing brace."""
     text = blank(path.read_text())
     found = []
     for match in re.finditer(r"\bfn\s+(\w+)", text):
