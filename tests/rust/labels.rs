@@ -8,12 +8,12 @@ use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
 use graspbox_tests::scenes::{planned, procedural, scene};
 
-/// Share of 300 labels that may turn when the time step is halved; 3.3 and 4.7 % did at the last two looks.
+/// Largest share of 300 labels that may change when the time step is halved; 3.3 and 4.7 % did in the last two measurements.
 const MAY_TURN: f64 = 0.05;
-/// The same of forty labels, where three more or less are chance. (Moving the hand by 10 um at the same time step turned 2 % of 88.)
+/// The same for 40 labels, where three more or less are chance. (Moving the hand by 10 um at the same time step changed 2 % of 88.)
 const FEW_MAY_TURN: f64 = 0.15;
 
-/// One pose and what three kinds of trial say of it.
+/// One pose and the outcomes of three kinds of trial.
 struct Row {
     name: String,
     /// Stops early, as data sets are made.
@@ -54,8 +54,8 @@ fn say(outcome: &TrialOutcome) -> String {
     format!("{what} (lift {:.3} m, ends at {:.2} s)", outcome.lift, outcome.time)
 }
 
-/// A bug here: an early stop that gives up a grasp which would have succeeded (none is allowed); contacts or tendons whose
-/// answer depends on the time step more than `may_turn`, a share.
+/// A bug here: an early stop that gives up a grasp which would have succeeded (none is allowed); contacts or tendons that make more than
+/// the share `may_turn` of the labels depend on the time step.
 fn check(rows: &[Row], may_turn: f64) {
     let share = |n: usize| n as f64 / rows.len() as f64;
     let successes = rows.iter().filter(|r| r.whole.success).count();
@@ -79,7 +79,7 @@ fn check(rows: &[Row], may_turn: f64) {
         100.0 * (1.0 - time(|r| r.early.time) / time(|r| r.whole.time)),
         100.0 * share(turned)
     );
-    assert!(successes > 0 && successes < rows.len(), "labels that are all alike test nothing");
+    assert!(successes > 0 && successes < rows.len(), "equal labels test nothing");
     assert_eq!(given_up, 0, "early stops change labels");
     assert!(share(turned) <= may_turn, "{turned} labels depend on the time step");
 }

@@ -1,4 +1,4 @@
-//! Tests that cross crates: pipeline, properties, determinism, physics truths. What they share is here.
+//! Tests that cross crates: pipeline, properties, determinism, physics truths. This library holds what they share.
 //!
 //! | module | what it does |
 //! |---|---|
@@ -6,6 +6,16 @@
 //! | [`mod@bench`] | worlds with one object, posed and driven for a test |
 //! | [`scenes`] | procedural objects at rest, with the poses that the planner proposes for them |
 //! | [`two_link`] | closed forms of a finger as a planar double pendulum |
+//!
+//! ```
+//! use graspbox_sim::{Geometry, PhysicsConfig};
+//! use graspbox_tests::bench::{at, away, reflex, run, template};
+//!
+//! let ball = template(reflex(), &Geometry::Ball { radius: 0.03 }, 0.2, PhysicsConfig::default());
+//! let mut world = ball.spawn(&away(), &at(0.0, 0.0, 0.03), 0.0);
+//! run(&mut world, &away(), &[], 0.2);
+//! assert!((world.object_center().z - 0.03).abs() < 5e-4); // it rests
+//! ```
 #![allow(clippy::unwrap_used)]
 
 pub mod agent;

@@ -217,7 +217,10 @@ fn sample_viewpoint(spec: &EnvSpec, options: &ResetOptions, seed: u64) -> Result
     });
     let given = given.collect::<Result<Vec<_>, AgentError>>()?;
     let mut stream = RandomStream::new(seed);
-    Ok(Viewpoint::sample(&spec.observer, &variation, &given, || stream.sample_within(1.0)))
+    Ok({
+        let (cameras, light) = (spec.observer.mounted_cameras(), spec.observer.light());
+        Viewpoint::sample(cameras, light, &variation, &given, || stream.sample_within(1.0))
+    })
 }
 
 fn choose_object(spec: &EnvSpec, drawn: &Drawn, options: &ResetOptions) -> Result<(usize, Arc<Prepared>), AgentError> {

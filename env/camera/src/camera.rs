@@ -6,10 +6,10 @@ use crate::error::{CameraError, in_range};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Farthest that a pose may lead, metres.
+/// Largest coordinate of a pose, metres.
 const FARTHEST: f64 = 1e4;
 
-/// The lens: size of the image and focal lengths, all in pixels.
+/// Image size, focal lengths and principal point, all in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Intrinsics {
@@ -21,14 +21,14 @@ pub struct Intrinsics {
     pub fx: f64,
     /// Focal length along v, pixels, in (0, 1e6].
     pub fy: f64,
-    /// Column of the optical axis, pixels from the left border, within 1e6.
+    /// Column of the principal point, pixels from the left border, in [-1e6, 1e6].
     pub cx: f64,
-    /// Row of the optical axis, pixels from the upper border, within 1e6.
+    /// Row of the principal point, pixels from the upper border, in [-1e6, 1e6].
     pub cy: f64,
 }
 
 impl Intrinsics {
-    /// Square pixels, the axis in the middle, and `vertical_fov` radians from the upper to the lower border, in [1e-4, 3.1].
+    /// Square pixels, the principal point in the middle, and a vertical field of view in [1e-4, 3.1] radians.
     ///
     /// # Errors
     /// [`CameraError::OutOfRange`].
@@ -55,7 +55,7 @@ impl Intrinsics {
         Ok(())
     }
 
-    /// How many pixels the image has.
+    /// Number of pixels.
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize
@@ -68,7 +68,7 @@ impl Intrinsics {
     }
 }
 
-/// Where a point appears.
+/// Projection of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
     /// Image position in pixels; the upper left pixel covers [0, 1) x [0, 1).
@@ -78,7 +78,7 @@ pub struct Pixel {
 }
 
 impl Pixel {
-    /// Column and row of the pixel that holds it, if the image has it.
+    /// Column and row of the pixel that contains it; `None` outside the image.
     #[must_use]
     pub fn index(&self, intrinsics: &Intrinsics) -> Option<[usize; 2]> {
         let inside = |x: f64, size: u32| (x >= 0.0 && x < f64::from(size)).then_some(x as usize);
@@ -96,15 +96,15 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Least depth seen unless [`Camera::with_range`] says otherwise, metres: a palm camera may be as near.
+    /// Default near clipping depth, metres: a palm camera comes that close. [`Camera::with_range`] changes it.
     pub const NEAR: f64 = 0.01;
-    /// Greatest depth seen unless [`Camera::with_range`] says otherwise, metres.
+    /// Default far clipping depth, metres.
     pub const FAR: f64 = 10.0;
 
     /// A camera that sees depths from [`Camera::NEAR`] to [`Camera::FAR`].
     ///
     /// # Errors
-    /// [`CameraError::OutOfRange`] for the intrinsics, [`CameraError::BadPose`] for a pose that is no finite rigid motion.
+    /// [`CameraError::OutOfRange`] for the intrinsics, [`CameraError::BadPose`] for a pose that is not a finite rigid motion.
     pub fn new(intrinsics: Intrinsics, world_from_camera: Isometry3<f64>) -> Result<Self, CameraError> {
         intrinsics.check()?;
         check_pose(&world_from_camera, || "the camera".into())?;
@@ -114,8 +114,8 @@ impl Camera {
     /// A camera at `eye` (world) with `target` in the middle of its view and `up` pointing to the upper border.
     ///
     /// # Errors
-    /// Those of [`Camera::new`]; [`CameraError::BadLookAt`] where eye and target fall together (nearer than 1 um), or `up` is nearly
-    /// parallel to the way between them.
+    /// Those of [`Camera::new`]; [`CameraError::BadLookAt`] where eye and target coincide (within 1 um), or `up` is nearly
+    /// parallel to the viewing direction.
     pub fn look_at(
         intrinsics: Intrinsics,
         eye: Point3<f64>,
@@ -141,7 +141,7 @@ impl Camera {
         Ok(Self { near, far, ..self })
     }
 
-    /// The same camera elsewhere: how a camera on the palm follows the hand.
+    /// The same camera at another pose.
     ///
     /// # Errors
     /// [`CameraError::BadPose`].
@@ -150,12 +150,12 @@ impl Camera {
         Ok(Self { world_from_camera, ..self })
     }
 
-    /// The same camera with another optical axis; the caller keeps it within bounds.
+    /// The same camera with other intrinsics, which the caller keeps within bounds.
     pub(crate) fn with_intrinsics(self, intrinsics: Intrinsics) -> Self {
         Self { intrinsics, ..self }
     }
 
-    /// The lens.
+    /// The intrinsics.
     #[must_use]
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
@@ -167,25 +167,25 @@ impl Camera {
         &self.world_from_camera
     }
 
-    /// Least depth that it sees, metres.
+    /// Near clipping depth, metres.
     #[must_use]
     pub fn near(&self) -> f64 {
         self.near
     }
 
-    /// Greatest depth that it sees, metres.
+    /// Far clipping depth, metres.
     #[must_use]
     pub fn far(&self) -> f64 {
         self.far
     }
 
-    /// Pose of an object, given in the world, in the camera's frame: what a network that looks through this camera learns.
+    /// Pose of an object in the camera's frame, from its pose in the world.
     #[must_use]
     pub fn camera_from_object(&self, world_from_object: &Isometry3<f64>) -> Isometry3<f64> {
         self.world_from_camera.inv_mul(world_from_object)
     }
 
-    /// Where a world point appears, inside the image or not; `None` outside the depths that the camera sees.
+    /// Projects a world point, inside the image or not; `None` outside the depth range.
     #[must_use]
     pub fn project(&self, world: &Point3<f64>) -> Option<Pixel> {
         let p = self.world_from_camera.inverse_transform_point(world);
@@ -202,7 +202,7 @@ impl Camera {
     }
 }
 
-/// A finite rigid motion within reach, or the error that names its owner.
+/// Checks that a pose is a finite rigid motion within 10 km; the error names its owner.
 pub(crate) fn check_pose(pose: &Isometry3<f64>, what: impl FnOnce() -> String) -> Result<(), CameraError> {
     // Comparisons that a NaN fails.
     let rigid = (pose.rotation.coords.norm() - 1.0).abs() <= 1e-6;

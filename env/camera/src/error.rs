@@ -1,8 +1,8 @@
-//! Every way a scene or a camera can be wrong; each variant is a sentence about the input.
+//! Errors in scenes and cameras; each variant is a sentence about the input.
 
 use graspbox_mesh::MeshError;
 
-/// What is wrong with the input of the renderer.
+/// Invalid input to the renderer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraError {
@@ -11,33 +11,33 @@ pub enum CameraError {
     OutOfRange {
         /// Name of the parameter.
         name: &'static str,
-        /// What was given.
+        /// The value given.
         value: f64,
-        /// What is allowed.
+        /// The accepted values.
         range: &'static str,
     },
-    /// A pose is not a rigid motion with finite numbers, or leads farther than 10 km.
+    /// A pose is not a finite rigid motion within 10 km.
     #[error("the pose of {what} is not a finite rigid motion within 10 km; check its translation and quaternion")]
     BadPose {
-        /// Whose pose.
+        /// The owner of the pose.
         what: String,
     },
-    /// The camera's axes cannot be made of these points.
+    /// Eye, target and up do not define a view.
     #[error("the camera cannot look from eye to target with this up: {reason}")]
     BadLookAt {
         /// What is wrong.
         reason: &'static str,
     },
-    /// The scene holds more than the renderer can number.
+    /// The scene has more instances than the renderer supports.
     #[error("the scene has {count} instances; give at most {limit}")]
     TooManyInstances {
-        /// How many there are.
+        /// Number of instances.
         count: usize,
-        /// How many there may be.
+        /// Largest number supported.
         limit: usize,
     },
     /// The mesh cannot be prepared.
-    #[error("the mesh cannot be made ready for rendering: {0}")]
+    #[error("the mesh cannot be prepared for rendering: {0}")]
     Mesh(#[from] MeshError),
 }
 

@@ -1,4 +1,4 @@
-//! What a camera saw.
+//! The images that a camera takes.
 
 use crate::{Camera, Intrinsics};
 
@@ -15,7 +15,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The camera that it was taken with; `None` before anything was rendered.
+    /// The camera that took it; `None` before anything was rendered.
     #[must_use]
     pub fn camera(&self) -> Option<&Camera> {
         self.camera.as_ref()
@@ -28,7 +28,7 @@ impl Frame {
         self.camera.as_ref().map_or([0, 0], |c| size(c.intrinsics()))
     }
 
-    /// Depth of the pixel that holds image position (`u`, `v`); `None` outside the image and where nothing was seen.
+    /// Depth of the pixel that contains image position (`u`, `v`); `None` outside the image and where nothing was seen.
     #[must_use]
     pub fn depth_at(&self, u: f64, v: f64) -> Option<f32> {
         let [width, height] = self.size();

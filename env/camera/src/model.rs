@@ -13,7 +13,7 @@ const LEVELS: [usize; 10] = [8192, 4096, 2048, 1024, 512, 256, 128, 64, 28, 12];
 /// Error that [`Detail::Auto`] allows, in pixel footprints at the nearest point of the model's bounds.
 pub(crate) const PIXEL_SHARE: f64 = 0.5;
 
-/// Which level of a model is drawn.
+/// Which level of a model is rendered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Detail {
     /// The coarsest level whose error is at most half a pixel: half of z / f, z the least depth of the model's
@@ -24,7 +24,7 @@ pub enum Detail {
     Full,
 }
 
-/// A mesh made ready for rendering; built once, drawn by any number of renderers and threads.
+/// A mesh prepared for rendering; built once, shared by any number of renderers and threads.
 ///
 /// A level's error is its Hausdorff distance from the full mesh as [`graspbox_mesh::decimate_levels`] measures it, by 10,000 samples on
 /// either surface. Every point that a camera sees on a level lies as near to the true surface, and every point of the true
@@ -56,7 +56,7 @@ pub(crate) struct Level {
 impl Model {
     /// Takes a mesh (metres, any frame) and makes its levels of detail: about 0.2 s for 16,000 faces.
     ///
-    /// A closed mesh is drawn by its front sides; an open one, or one with a part turned inside out, by both sides.
+    /// Back faces of a closed mesh are culled; an open mesh, or one with a part turned inside out, is rendered two-sided.
     ///
     /// # Errors
     /// [`CameraError::OutOfRange`] for a mesh that reaches farther than 10 km from its origin.
@@ -94,13 +94,13 @@ impl Model {
         self.levels.iter().map(|level| (level.faces.len(), level.error))
     }
 
-    /// Whether its faces enclose a volume and look outward.
+    /// Whether its faces enclose a volume and face outward.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.closed
     }
 
-    /// Centre of its bounds and radius of the ball about it that holds the full mesh.
+    /// Bounding sphere of the full mesh: centre (that of the bounding box) and radius.
     pub(crate) fn ball(&self) -> (Point3<f64>, f64) {
         (self.center, self.radius)
     }

@@ -1,25 +1,25 @@
-//! What depth images tell of space: occupied, free or unseen.
+//! Depth images fused into voxels: occupied, free or unseen.
 //!
 //! Each voxel is judged by its centre, in each view by the pixel that the centre falls on. With z the depth of the centre, d the depth
 //! measured there and h the side of a voxel:
 //!
 //! 1. occupied, where in some view `|z - d| <= h / 2`, or where a pixel's own point lies in the voxel;
-//! 2. else free, where in some view `z < d - h / 2`, or where the pixel saw nothing up to the camera's far end;
-//! 3. else unseen: behind a surface, or outside every image or its range of depths.
+//! 2. else free, where in some view `z < d - h / 2`, or where the pixel saw nothing up to the far clipping depth;
+//! 3. else unseen: behind a surface, or outside every image or its depth range.
 //!
-//! Occupied goes before free, because a view that passes a surface at a low angle has long rays through its voxels. What is thinner than a
-//! pixel may be missed, and a surface is misplaced by as much as its depth changes within half a pixel.
+//! Occupied takes precedence over free, because a view at a grazing angle has long rays through the voxels of a surface. Details thinner
+//! than a pixel may be missed, and a surface is misplaced by as much as its depth changes within half a pixel.
 
 use crate::error::{CameraError, in_range};
 use crate::{Camera, Frame};
 use graspbox_mesh::VoxelFrame;
 use nalgebra::{Isometry3, Vector3};
 
-/// What is known of a voxel.
+/// State of a voxel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Occupancy {
-    /// No view tells.
+    /// No view covers it.
     #[default]
     Unseen = 0,
     /// A view looks through it.
@@ -31,14 +31,14 @@ pub enum Occupancy {
 /// A depth image and the camera that took it.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthView<'a> {
-    /// Lens, pose and range.
+    /// Intrinsics, pose and depth range.
     pub camera: Camera,
     /// (H, W): metres along the optical axis; 0 where nothing was measured.
     pub depth: &'a [f32],
 }
 
 impl<'a> DepthView<'a> {
-    /// What `frame` shows; `None` before anything was rendered.
+    /// The depth image of `frame`; `None` before anything was rendered.
     #[must_use]
     pub fn of(frame: &'a Frame) -> Option<Self> {
         let camera = *frame.camera()?;
@@ -54,11 +54,11 @@ impl<'a> DepthView<'a> {
     }
 }
 
-/// What `views` tell of each voxel of `grid`, in the order of [`VoxelFrame::index`].
+/// Fuses `views` into the voxels of `grid`; states in the order of [`VoxelFrame::index`].
 ///
 /// * `world_from_grid`: the frame that the grid is given in; the object's, the hand's or the world's own.
-/// * `nothing_is_free`: whether a pixel without depth saw nothing up to the camera's far end, as a rendered one did, so that its ray is
-///   free; otherwise it tells nothing, as with a sensor that loses pixels.
+/// * `nothing_is_free`: whether a pixel without depth means free space up to the far clipping depth, as in rendered images; otherwise the
+///   pixel is ignored, as for a sensor with missing pixels.
 ///
 /// # Errors
 /// [`CameraError::OutOfRange`] for an image of another size than its camera's, and for depths that are negative or not finite.
@@ -73,7 +73,7 @@ pub fn occupancy(
     Ok(cells)
 }
 
-/// As [`occupancy`], into `cells`, whose memory is used again.
+/// As [`occupancy`], into `cells`, whose memory is reused.
 ///
 /// # Errors
 /// Those of [`occupancy`].
@@ -95,7 +95,7 @@ pub fn occupancy_into(
     Ok(())
 }
 
-/// Marks the voxels that hold a pixel's point.
+/// Marks the voxels that contain the point of a pixel.
 fn mark_points(grid: &VoxelFrame, grid_from_camera: &Isometry3<f64>, view: &DepthView, cells: &mut [Occupancy]) {
     let lens = view.camera.intrinsics();
     let rows = view.depth.chunks_exact(lens.width as usize).enumerate();
@@ -109,7 +109,7 @@ fn mark_points(grid: &VoxelFrame, grid_from_camera: &Isometry3<f64>, view: &Dept
     }
 }
 
-/// Compares each centre with the depth of the pixel that it falls on.
+/// Compares each centre with the depth of the pixel that it projects to.
 fn judge_centers(
     grid: &VoxelFrame,
     camera_from_grid: &Isometry3<f64>,

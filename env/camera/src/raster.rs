@@ -1,7 +1,7 @@
-//! Scanlines into a buffer of nearness.
+//! Scanline rasterisation into a nearness buffer.
 //!
-//! Nearness is 1/z of a perspective camera, or minus the way along an orthographic one's axis: both are linear over the image of a plane,
-//! and the greater one hides the other. Where an edge crosses a row depends on the edge alone, so that neighbouring faces
+//! Nearness is 1/z for a perspective camera and -z for an orthographic one: both are linear over the image of a plane, and the greater
+//! value hides the smaller. Where an edge crosses a row depends on the edge alone, so that neighbouring faces
 //! neither leave a gap nor share a pixel.
 
 /// A projected corner: column, row, nearness.
@@ -14,7 +14,7 @@ pub(crate) struct Raster {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) nearness: Vec<f32>,
-    /// What was drawn at each pixel; 0 where nothing was. Empty when no ids are kept.
+    /// Id of the triangle at each pixel; 0 for none. Empty when no ids are kept.
     pub(crate) ids: Vec<u32>,
 }
 
@@ -48,7 +48,7 @@ impl Raster {
         Self { width: 0, height: 0, nearness: Vec::new(), ids: Vec::new() }
     }
 
-    /// An empty image in which only what is nearer than `nothing` will be seen.
+    /// Clears the image; only triangles nearer than `nothing` will be visible.
     pub(crate) fn clear(&mut self, width: usize, height: usize, nothing: f32, keep_ids: bool) {
         (self.width, self.height) = (width, height);
         self.nearness.clear();
@@ -66,9 +66,9 @@ impl Raster {
         crosses(range(corners, 0), self.width) && crosses(range(corners, 1), self.height)
     }
 
-    /// Draws a triangle where it is nearer than what is there; with `IDS`, leaves `id`.
+    /// Rasterises a triangle with a depth test; with `IDS`, writes `id`.
     ///
-    /// Returns its gradient, or `None` where it is seen from the side.
+    /// Returns its gradient, or `None` where it is seen edge-on.
     pub(crate) fn triangle<const IDS: bool>(&mut self, corners: &[Corner; 3], area: f64, id: u32) -> Option<Gradient> {
         if area == 0.0 {
             return None;

@@ -1,24 +1,24 @@
-//! Instances onto a raster: choose the level, transform, cull, clip at the near plane.
+//! Projects instances onto a raster: chooses the level, transforms, culls, clips at the near plane.
 
 use crate::model::{Level, PIXEL_SHARE};
 use crate::raster::{Corner, Gradient, Raster, twice_area};
 use crate::{Camera, Detail, Instance, Intrinsics, Model};
 use nalgebra::{Isometry3, Point3};
 
-/// What looks at the scene.
+/// A view of the scene: of a camera, or of the lamp.
 pub(crate) struct View {
     pub(crate) view_from_world: Isometry3<f64>,
-    pub(crate) lens: Lens,
+    pub(crate) projection: Projection,
     pub(crate) detail: Detail,
 }
 
-/// How a point of the view's frame (z forward, x right, y down) comes onto the raster.
-pub(crate) enum Lens {
+/// How a point of the view's frame (z forward, x right, y down) projects onto the raster.
+pub(crate) enum Projection {
     Pinhole { intrinsics: Intrinsics, near: f64, far: f64 },
     Parallel { pixels_per_metre: f64, origin: [f64; 2] },
 }
 
-impl Lens {
+impl Projection {
     #[inline]
     pub(crate) fn project(&self, p: &Point3<f64>) -> Corner {
         match self {
@@ -39,12 +39,12 @@ impl Lens {
         }
     }
 
-    /// Whether a ball in the view's frame may be seen.
+    /// Whether a ball in the view's frame may be visible.
     fn sees(&self, center: &Point3<f64>, radius: f64) -> bool {
         let Self::Pinhole { intrinsics: k, near, far } = self else {
             return true;
         };
-        // Farther than its radius beyond a plane through the eye and a border of the image.
+        // Farther than its radius beyond a plane through the camera and a border of the image.
         let beyond = |x: f64, focal: f64, axis: f64, size: u32| {
             let to_left = -(x * focal + axis * center.z) / focal.hypot(axis);
             let other = f64::from(size) - axis;
@@ -69,7 +69,11 @@ impl View {
     pub(crate) fn of_camera(camera: &Camera, detail: Detail) -> Self {
         Self {
             view_from_world: camera.world_from_camera().inverse(),
-            lens: Lens::Pinhole { intrinsics: *camera.intrinsics(), near: camera.near(), far: camera.far() },
+            projection: Projection::Pinhole {
+                intrinsics: *camera.intrinsics(),
+                near: camera.near(),
+                far: camera.far(),
+            },
             detail,
         }
     }
@@ -79,18 +83,18 @@ impl View {
             return model.level(0.0);
         }
         let depths = model.bounds().map(|p| (view_from_model * p).z);
-        model.level(self.lens.tolerance(depths.fold(f64::INFINITY, f64::min)))
+        model.level(self.projection.tolerance(depths.fold(f64::INFINITY, f64::min)))
     }
 }
 
-/// Which sides of a closed model are left out.
+/// Which sides of a closed model are culled.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Cull {
     Back,
     Front,
 }
 
-/// A triangle that was drawn: part of a face, or all of it.
+/// A rasterised triangle: a face, or part of a clipped one.
 pub(crate) struct Piece<'a> {
     pub(crate) level: &'a Level,
     pub(crate) face: usize,
@@ -109,7 +113,7 @@ pub(crate) struct Scratch {
     corners: Vec<Corner>,
 }
 
-/// Draws `instance`; `sink` hears of each triangle drawn and returns the id of the next one, which at first is `id`.
+/// Rasterises `instance`; `sink` is called for each triangle and returns the id of the next one. The first id is `id`.
 pub(crate) fn rasterize<const IDS: bool>(
     raster: &mut Raster,
     scratch: &mut Scratch,
@@ -123,19 +127,19 @@ pub(crate) fn rasterize<const IDS: bool>(
     let view_from_model = view.view_from_world * instance.world_from_model;
     let (center, radius) = model.ball();
     let center = view_from_model * center;
-    if !view.lens.sees(&center, radius) {
+    if !view.projection.sees(&center, radius) {
         return;
     }
     let level = view.level(model, &view_from_model);
     let rotation = view_from_model.rotation.to_rotation_matrix();
     let placed = level.vertices.iter().map(|p| rotation * p + view_from_model.translation.vector);
-    // A ball before the near plane needs no clipping, and the camera is outside.
-    let ahead = center.z - radius > view.lens.near();
+    // Beyond the near plane nothing needs clipping, and the camera is outside.
+    let ahead = center.z - radius > view.projection.near();
     let hidden = if model.is_closed() && ahead { Some(cull) } else { None };
     let mut pen = Pen { raster, level, hidden, id, sink };
     if ahead {
         scratch.corners.clear();
-        scratch.corners.extend(placed.map(|p| view.lens.project(&p)));
+        scratch.corners.extend(placed.map(|p| view.projection.project(&p)));
         for (f, face) in level.faces.iter().enumerate() {
             pen.rasterize::<IDS>(f, &face.map(|v| scratch.corners[v as usize]), None);
         }
@@ -143,7 +147,7 @@ pub(crate) fn rasterize<const IDS: bool>(
         scratch.points.clear();
         scratch.points.extend(placed);
         for (f, face) in level.faces.iter().enumerate() {
-            pen.rasterize_clipped::<IDS>(f, &face.map(|v| scratch.points[v as usize]), &view.lens);
+            pen.rasterize_clipped::<IDS>(f, &face.map(|v| scratch.points[v as usize]), &view.projection);
         }
     }
 }
@@ -170,10 +174,10 @@ impl<Sink: FnMut(&Piece) -> u32> Pen<'_, Sink> {
         }
     }
 
-    fn rasterize_clipped<const IDS: bool>(&mut self, face: usize, points: &[Point3<f64>; 3], lens: &Lens) {
-        let near = lens.near();
+    fn rasterize_clipped<const IDS: bool>(&mut self, face: usize, points: &[Point3<f64>; 3], projection: &Projection) {
+        let near = projection.near();
         if points.iter().all(|p| p.z >= near) {
-            return self.rasterize::<IDS>(face, &points.map(|p| lens.project(&p)), None);
+            return self.rasterize::<IDS>(face, &points.map(|p| projection.project(&p)), None);
         }
         let (polygon, count) = clip(points, near);
         for k in 2..count {
@@ -181,7 +185,7 @@ impl<Sink: FnMut(&Piece) -> u32> Pen<'_, Sink> {
             let corners = weights.map(|w| {
                 let mut p = points[0].coords * w[0] + points[1].coords * w[1] + points[2].coords * w[2];
                 p.z = p.z.max(near);
-                lens.project(&p.into())
+                projection.project(&p.into())
             });
             self.rasterize::<IDS>(face, &corners, Some(&weights));
         }

@@ -1,4 +1,4 @@
-//! A scene and a camera to images.
+//! Renders a scene from a camera.
 
 use crate::error::{CameraError, in_range};
 use crate::raster::Raster;
@@ -10,7 +10,7 @@ use crate::{Camera, Detail, Frame, Instance, Light};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// What is made beside the depth.
+/// What is rendered in addition to depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Channels {
     /// Colours.
@@ -19,16 +19,16 @@ pub struct Channels {
     pub segmentation: bool,
 }
 
-/// One image to be made of one scene.
+/// One image to render.
 #[derive(Clone, Debug)]
 pub struct Job<'a> {
-    /// What stands where.
+    /// The scene.
     pub instances: &'a [Instance<'a>],
-    /// Who looks.
+    /// The camera.
     pub camera: Camera,
-    /// How it is lit; matters to colours alone.
+    /// The light; it affects colours only.
     pub light: Light,
-    /// What is made.
+    /// What is rendered in addition to depth.
     pub channels: Channels,
 }
 
@@ -47,7 +47,7 @@ pub fn render_batch(jobs: &[Job], detail: Detail) -> Result<Vec<Frame>, CameraEr
     results.into_iter().collect()
 }
 
-/// Memory that one image after the other is drawn in. What it drew before has no influence.
+/// Buffers for rendering one image after the other. Earlier images have no influence.
 pub struct Renderer {
     detail: Detail,
     raster: Raster,
@@ -55,13 +55,13 @@ pub struct Renderer {
     facets: Vec<Facet>,
     /// The label of each id.
     labels: Vec<u8>,
-    /// Of the instance being drawn, in the world.
+    /// Of the current instance, in the world.
     normals: Vec<Vector3<f32>>,
     shadow: ShadowMap,
 }
 
 impl Renderer {
-    /// A renderer that draws levels of detail by this rule.
+    /// A renderer that chooses levels of detail by this rule.
     #[must_use]
     pub fn new(detail: Detail) -> Self {
         Self {
@@ -91,9 +91,9 @@ impl Renderer {
         Ok(frame)
     }
 
-    /// Draws `instances` as `camera` sees them into `frame`, whose memory is used again.
+    /// Renders `instances` from `camera` into `frame`, whose memory is reused.
     ///
-    /// Closed models hide nothing behind their backs: seen from inside they show their inner side.
+    /// A camera inside a closed model sees its inner side.
     ///
     /// # Errors
     /// [`CameraError::BadPose`] or [`CameraError::OutOfRange`] for an instance or the light;
@@ -135,7 +135,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// A smooth picture, (H, W, 3) red, green, blue: the mean of `samples` x `samples` (1 to 8) images, each moved by a part of a pixel.
+    /// An antialiased picture, (H, W, 3) red, green, blue: the mean of `samples` x `samples` (1 to 8) images with subpixel shifts.
     ///
     /// # Errors
     /// Those of [`Renderer::render_into`]; [`CameraError::OutOfRange`] for `samples`.
@@ -220,7 +220,7 @@ impl Renderer {
     }
 }
 
-/// Nearness of what is too far to be seen.
+/// Nearness at the far clipping depth.
 fn nothing(camera: &Camera) -> f32 {
     (1.0 / camera.far()) as f32
 }

@@ -1,4 +1,4 @@
-//! What stands where, and how it is lit.
+//! Instances of models, and the light.
 
 use crate::Model;
 use crate::camera::check_pose;
@@ -11,17 +11,17 @@ use serde::{Deserialize, Serialize};
 pub struct Instance<'a> {
     /// Its geometry.
     pub model: &'a Model,
-    /// Where it is.
+    /// Its pose.
     pub world_from_model: Isometry3<f64>,
     /// Red, green, blue as shown in full light, in [0, 1].
     pub color: [f32; 3],
     /// Its value in the segmentation; 0 means background.
     pub label: u8,
-    /// Whether it throws a shadow. Everything receives shadows; the table need not throw one.
+    /// Whether it casts a shadow. Everything receives shadows; the table need not cast one.
     pub casts_shadow: bool,
 }
 
-/// Most instances of a scene.
+/// Largest number of instances in a scene.
 pub(crate) const MOST_INSTANCES: usize = 1 << 16;
 
 pub(crate) fn check_instances(instances: &[Instance]) -> Result<(), CameraError> {
@@ -38,23 +38,23 @@ pub(crate) fn check_instances(instances: &[Instance]) -> Result<(), CameraError>
     Ok(())
 }
 
-/// One far lamp, the light of the surroundings, and the background.
+/// One directional lamp, ambient light, and the background.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Light {
-    /// The way that the lamp's light travels, in the world; of any length.
+    /// Direction in which the light of the lamp travels, in the world; of any length.
     pub direction: Vector3<f64>,
     /// Strength of the lamp, in [0, 4].
     pub intensity: f32,
-    /// Strength of the light from everywhere, in [0, 4].
+    /// Strength of the ambient light, in [0, 4].
     pub ambient: f32,
     /// Width of a shadow's soft border, metres, in [0.001, 1].
     pub softness: f64,
-    /// Whether shadows are thrown.
+    /// Whether shadows are cast.
     pub shadows: bool,
-    /// Background above, as [`Instance::color`].
+    /// Background above the horizon, as [`Instance::color`].
     pub sky: [f32; 3],
-    /// Background below, as [`Instance::color`].
+    /// Background below the horizon, as [`Instance::color`].
     pub floor: [f32; 3],
 }
 

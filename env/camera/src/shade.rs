@@ -1,6 +1,6 @@
-//! The colour of each pixel: a lamp with shadows, light from above and below, a little from the eye, and a highlight.
+//! The colour of each pixel: a lamp with shadows, ambient light from above and below, a little light from the camera, and a highlight.
 //!
-//! Colours are squares of what is shown, so that light adds up; a square root brings them back.
+//! Colours are kept as squares of the displayed values (a gamma of 2), so that light adds linearly.
 
 use crate::raster::Raster;
 use crate::rasterize::Piece;
@@ -10,16 +10,16 @@ use nalgebra::{Matrix3, Vector3};
 
 type Vec3 = Vector3<f32>;
 
-/// Share of the surroundings' light that reaches a surface looking straight down.
+/// Share of the ambient light that reaches a surface facing straight down.
 const FROM_BELOW: f32 = 0.45;
-/// Light from the eye, as a share of the surroundings': it shows shapes in the shade.
-const FROM_EYE: f32 = 0.35;
+/// Light from the camera, as a share of the ambient light: it shows shapes in the shade.
+const FROM_CAMERA: f32 = 0.35;
 /// Strength of the highlight.
 const SHINE: f32 = 0.10;
-/// How fast the background goes from below to above, over the sine of the elevation.
+/// Steepness of the background's transition at the horizon, over the sine of the elevation.
 const HORIZON: f32 = 1.2;
 
-/// What a triangle looks like: the normal over its image (world frame, of any length), and whose it is.
+/// Surface of a triangle: the normal over its image (world frame, of any length), and its instance.
 pub(crate) struct Facet {
     origin: [f32; 2],
     normal: Vec3,
@@ -51,7 +51,7 @@ impl Facet {
     }
 }
 
-/// All that the colours of one image depend on.
+/// Everything that the colours of one image depend on.
 pub(crate) struct Shader<'a> {
     pub(crate) raster: &'a Raster,
     /// Number `id - 1` belongs to the pixels with this id.
@@ -70,7 +70,7 @@ struct Linear {
 }
 
 impl Linear {
-    /// `matrix` times the way of each pixel's ray, whose camera-frame z is 1.
+    /// `matrix` times the direction of each pixel's ray, whose camera-frame z is 1.
     fn rays(camera: &Camera, matrix: Matrix3<f64>) -> Self {
         let k = camera.intrinsics();
         let (column, row) = (matrix.column(0) / k.fx, matrix.column(1) / k.fy);
@@ -89,7 +89,7 @@ impl Shader<'_> {
         let eye = texel_axes * world_from_camera.translation.vector + to_texel.fixed_view::<3, 1>(0, 3);
         let scene = Scene {
             shader: self,
-            ways: Linear::rays(self.camera, rotation),
+            rays: Linear::rays(self.camera, rotation),
             texels: Linear::rays(self.camera, texel_axes * rotation),
             eye: eye.cast(),
             to_lamp: (-self.light.direction.normalize()).cast(),
@@ -98,16 +98,16 @@ impl Shader<'_> {
             colors: self.instances.iter().map(|i| linear(i.color)).collect(),
         };
         let width = self.raster.width;
-        let (mut look, mut glow) = (Look::new(width), Glow::new(width));
+        let (mut surface, mut lighting) = (SurfaceRow::new(width), LightRow::new(width));
         for (y, ids) in self.raster.ids.chunks_exact(width).enumerate() {
             let nearness = &self.raster.nearness[y * width..][..width];
             let y = y as f32 + 0.5;
-            scene.gather(y, ids, &mut look);
-            scene.light(y, &look, &mut glow);
-            scene.shadows(y, nearness, &mut glow);
-            scene.mix(&mut look.color, &glow);
-            scene.background(y, ids, &mut look.color);
-            take(&look.color);
+            scene.gather(y, ids, &mut surface);
+            scene.light(y, &surface, &mut lighting);
+            scene.shadows(y, nearness, &mut lighting);
+            scene.mix(&mut surface.color, &lighting);
+            scene.background(y, ids, &mut surface.color);
+            take(&surface.color);
         }
     }
 }
@@ -115,25 +115,25 @@ impl Shader<'_> {
 /// One row of red, green and blue.
 pub(crate) type Colors = [Vec<f32>; 3];
 
-/// One row of surfaces: normals of any length (zero where there is none) and colours. A vector for each coordinate, as everything in
-/// this file that is laid out in rows: the loops then run on several pixels at once.
-struct Look {
+/// One row of surfaces: normals of any length (zero where there is none) and colours. One vector per coordinate, as for all rows in
+/// this file, so that the loops vectorise.
+struct SurfaceRow {
     normal: [Vec<f32>; 3],
     color: Colors,
 }
 
-impl Look {
+impl SurfaceRow {
     fn new(width: usize) -> Self {
         let row = || std::array::from_fn(|_| vec![0.0; width]);
         Self { normal: row(), color: row() }
     }
 }
 
-/// One row of light before it meets the colours.
-struct Glow {
-    /// From the surroundings and the eye.
+/// One row of light, before it is multiplied with the colours.
+struct LightRow {
+    /// Ambient light, and light from the camera.
     around: Vec<f32>,
-    /// From the lamp: cosine, highlight, and the share that reaches the surface.
+    /// Lamp: cosine of incidence, highlight, and the strength that reaches the surface.
     facing: Vec<f32>,
     shine: Vec<f32>,
     lit: Vec<f32>,
@@ -141,7 +141,7 @@ struct Glow {
     texel: [Vec<f32>; 3],
 }
 
-impl Glow {
+impl LightRow {
     fn new(width: usize) -> Self {
         let row = || vec![0.0; width];
         Self { around: row(), facing: row(), shine: row(), lit: row(), texel: std::array::from_fn(|_| row()) }
@@ -150,8 +150,8 @@ impl Glow {
 
 struct Scene<'a> {
     shader: &'a Shader<'a>,
-    /// Of the rays, in the world.
-    ways: Linear,
+    /// Ray directions in the world.
+    rays: Linear,
     /// The same on the shadow map.
     texels: Linear,
     /// The camera on the shadow map.
@@ -165,13 +165,13 @@ struct Scene<'a> {
 
 impl Scene<'_> {
     /// Normals and colours, facet by facet.
-    fn gather(&self, y: f32, ids: &[u32], look: &mut Look) {
+    fn gather(&self, y: f32, ids: &[u32], surface: &mut SurfaceRow) {
         let mut start = 0;
         for run in ids.chunk_by(|a, b| a == b) {
             let end = start + run.len();
             let facet = (run[0] as usize).checked_sub(1).map(|i| &self.shader.facets[i]);
             for axis in 0..3 {
-                let normals = &mut look.normal[axis][start..end];
+                let normals = &mut surface.normal[axis][start..end];
                 let Some(facet) = facet else {
                     normals.fill(0.0);
                     continue;
@@ -181,48 +181,48 @@ impl Scene<'_> {
                 for (k, normal) in normals.iter_mut().enumerate() {
                     *normal = first + slope * (k as i32 as f32 + from);
                 }
-                look.color[axis][start..end].fill(self.colors[facet.instance as usize][axis]);
+                surface.color[axis][start..end].fill(self.colors[facet.instance as usize][axis]);
             }
             start = end;
         }
     }
 
-    /// All that needs no shadow.
-    fn light(&self, y: f32, look: &Look, glow: &mut Glow) {
+    /// All light but the shadows.
+    fn light(&self, y: f32, surface: &SurfaceRow, lighting: &mut LightRow) {
         let light = self.shader.light;
-        let (way, step, lamp) = (self.ways.at + self.ways.row * y, self.ways.column, self.to_lamp);
+        let (ray, step, lamp) = (self.rays.at + self.rays.row * y, self.rays.column, self.to_lamp);
         let (level, rise) = (light.ambient * 0.5 * (1.0 + FROM_BELOW), light.ambient * 0.5 * (1.0 - FROM_BELOW));
-        let from_eye = light.ambient * FROM_EYE;
-        let [nx, ny, nz] = &look.normal;
+        let from_camera = light.ambient * FROM_CAMERA;
+        let [nx, ny, nz] = &surface.normal;
         let normals = nx.iter().zip(ny).zip(nz);
-        let glows = glow.around.iter_mut().zip(&mut glow.facing).zip(&mut glow.shine);
-        for (k, (((nx, ny), nz), ((around, facing), shine))) in normals.zip(glows).enumerate() {
+        let lights = lighting.around.iter_mut().zip(&mut lighting.facing).zip(&mut lighting.shine);
+        for (k, (((nx, ny), nz), ((around, facing), shine))) in normals.zip(lights).enumerate() {
             let x = k as i32 as f32 + 0.5;
-            let (wx, wy, wz) = (way.x + step.x * x, way.y + step.y * x, way.z + step.z * x);
+            let (wx, wy, wz) = (ray.x + step.x * x, ray.y + step.y * x, ray.z + step.z * x);
             let back = 1.0 / (wx * wx + wy * wy + wz * wz).sqrt();
             let unit = 1.0 / (nx * nx + ny * ny + nz * nz + f32::MIN_POSITIVE).sqrt();
             let to_lamp = (nx * lamp.x + ny * lamp.y + nz * lamp.z) * unit;
             let to_eye = -(nx * wx + ny * wy + nz * wz) * unit * back;
-            *around = level + rise * nz * unit + from_eye * positive(to_eye);
+            *around = level + rise * nz * unit + from_camera * positive(to_eye);
             *facing = positive(to_lamp);
-            // The square of the length of the sum of the ways to lamp and eye.
+            // Squared norm of the sum of the unit vectors to lamp and camera.
             let half = 2.0 - 2.0 * (lamp.x * wx + lamp.y * wy + lamp.z * wz) * back;
             let glance = positive(to_lamp + to_eye) / (positive(half) + f32::MIN_POSITIVE).sqrt();
-            // Where there is no highlight, its power would be a denormal number: those are slow.
+            // The lower bound keeps the power from denormal numbers, which are slow.
             *shine = SHINE * power_32(if glance > 0.25 { glance } else { 0.25 });
         }
     }
 
-    fn shadows(&self, y: f32, nearness: &[f32], glow: &mut Glow) {
-        for (axis, texels) in glow.texel.iter_mut().enumerate() {
+    fn shadows(&self, y: f32, nearness: &[f32], lighting: &mut LightRow) {
+        for (axis, texels) in lighting.texel.iter_mut().enumerate() {
             let (first, step) = (self.texels.at[axis] + self.texels.row[axis] * y, self.texels.column[axis]);
             for (k, (texel, nearness)) in texels.iter_mut().zip(nearness).enumerate() {
                 *texel = self.eye[axis] + (first + step * (k as i32 as f32 + 0.5)) / nearness;
             }
         }
-        let [columns, rows, depths] = &glow.texel;
+        let [columns, rows, depths] = &lighting.texel;
         let texels = columns.iter().zip(rows).zip(depths);
-        for ((lit, facing), ((column, row), depth)) in glow.lit.iter_mut().zip(&glow.facing).zip(texels) {
+        for ((lit, facing), ((column, row), depth)) in lighting.lit.iter_mut().zip(&lighting.facing).zip(texels) {
             *lit = 0.0;
             if *facing > 0.0 {
                 *lit = self.shader.light.intensity * self.shader.shadow.lit([*column, *row, *depth]);
@@ -230,21 +230,21 @@ impl Scene<'_> {
         }
     }
 
-    fn mix(&self, color: &mut Colors, glow: &Glow) {
+    fn mix(&self, color: &mut Colors, lighting: &LightRow) {
         for color in color {
-            let lamps = glow.facing.iter().zip(&glow.shine).zip(&glow.lit);
-            for ((color, around), ((facing, shine), lit)) in color.iter_mut().zip(&glow.around).zip(lamps) {
+            let lamps = lighting.facing.iter().zip(&lighting.shine).zip(&lighting.lit);
+            for ((color, around), ((facing, shine), lit)) in color.iter_mut().zip(&lighting.around).zip(lamps) {
                 *color = *color * (around + lit * facing) + lit * shine;
             }
         }
     }
 
-    /// Where nothing is: the horizon is a soft band.
+    /// Background pixels: the horizon is a soft band.
     fn background(&self, y: f32, ids: &[u32], color: &mut Colors) {
-        let way = self.ways.at + self.ways.row * y;
+        let ray = self.rays.at + self.rays.row * y;
         for (k, _) in ids.iter().enumerate().filter(|(_, id)| **id == 0) {
-            let way = way + self.ways.column * (k as f32 + 0.5);
-            let share = (0.5 + way.z / way.norm() * HORIZON).clamp(0.0, 1.0);
+            let ray = ray + self.rays.column * (k as f32 + 0.5);
+            let share = (0.5 + ray.z / ray.norm() * HORIZON).clamp(0.0, 1.0);
             let share = share * share * (3.0 - 2.0 * share);
             let shade = self.floor + (self.sky - self.floor) * share;
             color.iter_mut().zip(shade.iter()).for_each(|(color, shade)| color[k] = *shade);
@@ -271,7 +271,7 @@ fn linear(color: [f32; 3]) -> Vec3 {
     Vec3::from(color.map(|c| c * c))
 }
 
-/// The byte that shows a square.
+/// The displayed byte of a squared value.
 #[inline]
 pub(crate) fn shown(square: f32) -> u8 {
     /// Adding this rounds to the nearest whole number and leaves it in the lowest bits: much faster than a checked conversion.

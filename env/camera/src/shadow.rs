@@ -1,23 +1,23 @@
-//! What the lamp sees, and from it how much of its light reaches a point.
+//! The shadow map of the lamp, and the share of its light that reaches a point.
 //!
-//! Closed models are drawn by the sides that face away from the lamp: lit surfaces then do not shade themselves.
+//! Of closed models the map holds the sides that face away from the lamp, so that lit surfaces do not shadow themselves.
 
 use crate::raster::Raster;
-use crate::rasterize::{Cull, Lens, Scratch, View, rasterize};
+use crate::rasterize::{Cull, Projection, Scratch, View, rasterize};
 use crate::{Detail, Instance, Light};
 use nalgebra::{Affine3, Isometry3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 
 /// Texels across the soft border.
 const KERNEL: usize = 4;
-/// Texels along a side of a block; blocks know the least and greatest nearness in and next to them, so they reach beyond the kernel.
+/// Texels along a side of a block; a block holds the least and greatest nearness in and next to it, which covers the kernel.
 const BLOCK: usize = 4;
-/// Most texels along a side of the map.
+/// Largest number of texels along a side of the map.
 const LARGEST: f64 = 1024.0;
-/// Nearness of texels in which no caster lies: the lamp's light goes on for ever.
+/// Nearness of texels without a caster.
 const NOTHING: f32 = f32::MIN;
 /// How much nearer to the lamp than the receiver a caster must be, metres.
 const BIAS: f32 = 4e-4;
-/// Open sheets would shade themselves: they throw their shadows from this many texels farther on.
+/// Open sheets would shadow themselves: their shadows are cast from this many texels farther from the lamp.
 const SETBACK: f64 = 4.0;
 
 pub(crate) struct ShadowMap {
@@ -44,11 +44,12 @@ impl ShadowMap {
         }
     }
 
-    /// Draws the casters as the lamp sees them.
+    /// Rasterises the casters from the lamp.
     pub(crate) fn rasterize(&mut self, instances: &[Instance], light: &Light, detail: Detail) {
-        let way = light.direction.normalize();
-        let side = if way.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
-        let light_from_world = UnitQuaternion::from_rotation_matrix(&Rotation3::face_towards(&way, &side)).inverse();
+        let direction = light.direction.normalize();
+        let side = if direction.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+        let light_from_world =
+            UnitQuaternion::from_rotation_matrix(&Rotation3::face_towards(&direction, &side)).inverse();
         let light_from_world = Isometry3::from_parts(Default::default(), light_from_world);
         let casters = || instances.iter().filter(|i| i.casts_shadow && light.shadows);
         let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -68,32 +69,32 @@ impl ShadowMap {
         }
         self.texel = (light.softness / KERNEL as f64).max(span / LARGEST);
         let per_metre = 1.0 / self.texel;
-        // A border that holds the kernel of every point inside.
+        // A border that contains the kernel of every point inside.
         let origin = least.map(|x| x - (KERNEL + 1) as f64 * self.texel);
         let texels =
             |axis: usize| (((most[axis] - origin[axis]) * per_metre) as usize + KERNEL + 2).next_multiple_of(BLOCK);
         self.raster.clear(texels(0), texels(1), NOTHING, false);
         let view = View {
             view_from_world: light_from_world,
-            lens: Lens::Parallel { pixels_per_metre: per_metre, origin },
+            projection: Projection::Parallel { pixels_per_metre: per_metre, origin },
             detail,
         };
         for instance in casters() {
             let mut caster = *instance;
             if !caster.model.is_closed() {
-                caster.world_from_model.translation.vector += way * (SETBACK * self.texel);
+                caster.world_from_model.translation.vector += direction * (SETBACK * self.texel);
             }
             let (raster, scratch) = (&mut self.raster, &mut self.scratch);
             rasterize::<false>(raster, scratch, &view, Cull::Front, &caster, 0, &mut |_| 0);
         }
-        self.summarise();
+        self.summarize_blocks();
         let scale = Matrix4::new_nonuniform_scaling(&Vector3::new(per_metre, per_metre, -1.0));
         let shift = Matrix4::new_translation(&Vector3::new(-origin[0], -origin[1], 0.0));
         self.texel_from_world = Affine3::from_matrix_unchecked(scale * shift * light_from_world.to_homogeneous());
     }
 
     /// Extrema of each block, then of each with its neighbours along the rows, then along the columns.
-    fn summarise(&mut self) {
+    fn summarize_blocks(&mut self) {
         let (wide, high) = (self.raster.width / BLOCK, self.raster.height / BLOCK);
         self.spare.clear();
         self.spare.resize(wide * high, NONE);
@@ -154,7 +155,7 @@ impl ShadowMap {
     }
 }
 
-/// Extrema of nothing.
+/// Extrema of no texels.
 const NONE: [f32; 2] = [f32::MAX, f32::MIN];
 
 #[inline]

@@ -1,6 +1,6 @@
-//! Cameras around an object, by a plan.
+//! Cameras around an object.
 //!
-//! Each camera stands on a cap of a sphere about the object and looks at its middle, upright; then it may be shifted.
+//! Each camera is placed on a spherical cap around the object, upright and aimed at its middle, and may then be shifted.
 
 use crate::error::{CameraError, in_range};
 use crate::{Camera, Intrinsics};
@@ -10,10 +10,10 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
-/// Most views of one plan.
+/// Largest number of views of one plan.
 const MOST_VIEWS: usize = 1_000_000;
 
-/// How directions are spread over the cap.
+/// How directions are distributed over the cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pattern {
@@ -23,21 +23,21 @@ pub enum Pattern {
     Random,
 }
 
-/// Where the cameras stand.
+/// Where the cameras are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ViewPlan {
-    /// How directions are spread.
+    /// How directions are distributed.
     pub pattern: Pattern,
-    /// From the object to the middle of the cap, in the world; of any length.
+    /// Direction from the object to the middle of the cap, in the world; of any length.
     pub axis: Vector3<f64>,
     /// Angle from the middle of the cap to its border, radians, in [0, pi].
     pub cap: f64,
     /// Least and greatest distance from the target, metres, in [0.01, 100]; uniform between.
     pub distance: [f64; 2],
-    /// Each coordinate of the camera is then moved by up to this much, uniform, metres, in [0, 10]; it does not turn after the target.
+    /// Largest shift of the camera along each world axis, uniform, metres, in [0, 10]; its direction stays as it was.
     pub shift: f64,
-    /// Upward in the images, in the world.
+    /// World direction that points up in the images.
     pub up: Vector3<f64>,
 }
 
@@ -49,7 +49,8 @@ impl Default for ViewPlan {
 }
 
 impl ViewPlan {
-    /// The study's: 0.7 m away, within 15 degrees and 5 cm of one pose. Where that pose is, it does not say; ours looks down at 45 degrees.
+    /// The views of the reference study ("the study" in this package; the README names it): 0.7 m away, within 15 degrees and 5 cm of one
+    /// pose. The study does not state that pose; ours looks down at 45 degrees.
     #[must_use]
     pub fn study() -> Self {
         Self {
@@ -82,8 +83,8 @@ impl ViewPlan {
     }
 }
 
-/// `count` cameras that look at `target` (world) by `plan`. Same arguments, same cameras; with [`Pattern::Random`] the first ones do
-/// not depend on `count`.
+/// `count` cameras around `target` (world) by `plan`. The result is a function of the arguments; with [`Pattern::Random`] the first
+/// cameras do not depend on `count`.
 ///
 /// [`Camera::camera_from_object`] gives the object's pose in each camera's frame.
 ///
@@ -116,7 +117,7 @@ pub fn views(
         .collect()
 }
 
-/// The golden angle, radians: turns by it never line up.
+/// The golden angle, radians: multiples of it spread evenly over the circle.
 fn golden_turn() -> f64 {
     PI * (3.0 - 5_f64.sqrt())
 }
@@ -128,7 +129,7 @@ fn on_cap(cap: f64, share: f64, turn: f64) -> Vector3<f64> {
     Vector3::new(r * turn.cos(), r * turn.sin(), z)
 }
 
-/// `up`, or an axis across it where the view runs along it.
+/// `up`, or a coordinate axis across it where the view is parallel to `up`.
 fn upright(up: &Vector3<f64>, view: &Vector3<f64>) -> Vector3<f64> {
     let across = Unit::new_normalize(*up).cross(view).norm();
     if across > 1e-3 * view.norm() {

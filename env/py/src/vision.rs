@@ -88,7 +88,7 @@ pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture:
 pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &EnvPool) -> PyResult<Bound<'py, PyDict>> {
     let (core, dict) = (&pool.core, PyDict::new(py));
     let observer = &core.spec().observer;
-    let mut poses = vec![Vec::new(); observer.lenses().len()];
+    let mut poses = vec![Vec::new(); observer.mounted_cameras().len()];
     for env in 0..core.len() {
         let slot = core.slot(env).map_err(CoreError::from)?;
         let play = slot.play().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
@@ -98,7 +98,7 @@ pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &EnvPool) -> PyResult<Bound<
             poses.push(*camera.world_from_camera());
         }
     }
-    for ((camera, lens), poses) in observer.config().cameras.iter().zip(observer.lenses()).zip(poses) {
+    for ((camera, lens), poses) in observer.config().cameras.iter().zip(observer.mounted_cameras()).zip(poses) {
         let intrinsics = array(py, lens_matrix(lens.intrinsics()).to_vec(), &[3, 3])?;
         dict.set_item(&camera.name, (intrinsics, matrices(py, poses.into_iter())?))?;
     }

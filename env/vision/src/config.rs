@@ -1,40 +1,40 @@
-//! The cameras, and which images are taken.
+//! The cameras, and which images they take.
 
 use crate::VisionError;
 use graspbox_camera::{Camera, Intrinsics};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What carries a camera.
+/// What a camera is attached to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mount {
-    /// It stands still in the world.
+    /// Fixed in the world.
     #[default]
     World,
-    /// It moves with the palm; its frame is the grasp frame (z out of the palm).
+    /// Fixed to the palm; poses are in the grasp frame (z out of the palm).
     Hand,
 }
 
-/// One camera; lengths in metres, in the frame of what carries it.
+/// One camera; lengths in metres, in the frame of its mount.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraConfig {
     /// Small letters and digits, as in `depth_palm`.
     pub name: String,
-    /// What carries it.
+    /// What it is attached to.
     pub mount: Mount,
-    /// Where it is.
+    /// Position.
     pub eye: [f64; 3],
-    /// What is in the middle of its image.
+    /// The point in the middle of its image.
     pub target: [f64; 3],
-    /// Upward in its image.
+    /// The direction that points up in its image.
     pub up: [f64; 3],
-    /// Angle from the upper to the lower border, radians, in [0.01, 3].
+    /// Vertical field of view, radians, in [1e-4, 3.1].
     pub fov: f64,
-    /// Least depth that it sees, metres.
+    /// Near clipping depth, metres.
     pub near: f64,
-    /// Greatest depth that it sees, metres.
+    /// Far clipping depth, metres.
     pub far: f64,
 }
 
@@ -91,10 +91,10 @@ impl CameraConfig {
         }
     }
 
-    /// Its pose in the frame of what carries it, and its lens.
+    /// The camera with its pose in the frame of its mount; images of `height` x `width` pixels.
     ///
     /// # Errors
-    /// [`VisionError::Camera`] for what no camera can be.
+    /// [`VisionError::Camera`] names the camera and what is wrong with it.
     pub fn camera(&self, height: u32, width: u32) -> Result<Camera, VisionError> {
         let make = || {
             let intrinsics = Intrinsics::from_fov(width, height, self.fov)?;
@@ -105,7 +105,7 @@ impl CameraConfig {
     }
 }
 
-/// What every environment sees.
+/// Cameras and images of every environment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CamerasConfig {
@@ -115,11 +115,11 @@ pub struct CamerasConfig {
     pub image_size: [u32; 2],
     /// The cameras; the first one takes the images that name none.
     pub cameras: Vec<CameraConfig>,
-    /// Whether hand and object throw shadows in colour images.
+    /// Whether hand and object cast shadows in colour images.
     pub shadows: bool,
-    /// Voxels along each side of the cube of `voxels`.
+    /// Voxels along each side of the `voxels` grid, 1 to 256.
     pub voxels: usize,
-    /// Side of that cube, metres: it stands over the table's middle, the table's top in the middle of its lowest layer.
+    /// Side of that grid, metres, in [0.01, 10]; it is centred over the table, whose top bisects the lowest layer.
     pub voxel_side: f64,
 }
 
@@ -137,11 +137,11 @@ impl Default for CamerasConfig {
 }
 
 impl CamerasConfig {
-    /// Poses of the cameras in what carries them, with their lenses.
+    /// The cameras, posed in the frame of their mount.
     ///
     /// # Errors
-    /// A camera that cannot be, a name that is used twice or cannot be told from others, no camera, or more than 16.
-    pub fn lenses(&self) -> Result<Vec<Camera>, VisionError> {
+    /// An invalid camera, a name that is empty, not plain or used twice, no camera, or more than 16.
+    pub fn mounted_cameras(&self) -> Result<Vec<Camera>, VisionError> {
         let count = self.cameras.len();
         if !(1..=16).contains(&count) {
             return Err(VisionError::BadConfig {
@@ -162,7 +162,7 @@ impl CamerasConfig {
     }
 }
 
-/// Where `camera`, given in the frame of what carries it, is in the world.
+/// Pose in the world of a camera that is given in the frame of its mount; `hand` is the pose of the grasp frame.
 #[must_use]
 pub fn world_from_camera(mount: Mount, parent_from_camera: &Isometry3<f64>, hand: &Isometry3<f64>) -> Isometry3<f64> {
     match mount {

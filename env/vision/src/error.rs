@@ -4,7 +4,7 @@
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum VisionError {
-    /// An observation is asked for twice.
+    /// An observation is requested twice.
     #[error("the observation `{name}` is named twice; name it once")]
     Twice {
         /// Its name.
@@ -16,23 +16,23 @@ pub enum VisionError {
          ({cameras}) as in depth_palm"
     )]
     UnknownImage {
-        /// What was given.
+        /// The value given.
         name: String,
         /// Names of the cameras.
         cameras: String,
     },
-    /// The name of a camera is taken or not plain.
-    #[error("a camera cannot be called {name:?}; give each one a name of its own, of small letters and digits")]
+    /// The name of a camera is used twice or not plain.
+    #[error("invalid camera name {name:?}; give each camera a unique name of lowercase letters and digits")]
     CameraName {
-        /// What was given.
+        /// The value given.
         name: String,
     },
-    /// Something cannot be seen, or nothing can be seen with it.
+    /// A camera, or something to be rendered, is invalid.
     #[error("{name}: {source}")]
     Camera {
-        /// The camera, or what is looked at.
+        /// The camera, or what is rendered.
         name: String,
-        /// What the renderer said.
+        /// The error of the renderer.
         source: graspbox_camera::CameraError,
     },
     /// A setting is out of its range.
@@ -40,9 +40,9 @@ pub enum VisionError {
     BadConfig {
         /// Name of the setting.
         field: &'static str,
-        /// What was given.
+        /// The value given.
         value: f64,
-        /// What would be accepted.
+        /// The accepted values.
         expected: &'static str,
     },
     /// The mesh could not be used.
@@ -50,7 +50,7 @@ pub enum VisionError {
     Mesh {
         /// Name of the object.
         object: String,
-        /// What the mesh code said.
+        /// The error of the mesh code.
         source: graspbox_mesh::MeshError,
     },
 }

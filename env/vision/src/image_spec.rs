@@ -1,4 +1,4 @@
-//! One image by name: its table row, and how a frame becomes its numbers.
+//! One image by name: its table row, and how it is filled from a frame.
 
 use crate::VisionError;
 use crate::config::CamerasConfig;
@@ -40,7 +40,7 @@ impl ImageKind {
         }
     }
 
-    /// Numbers of a pixel; of a voxel.
+    /// Values per pixel, or per voxel.
     fn channels(self) -> usize {
         match self {
             Self::Rgb | Self::Points => 3,
@@ -54,10 +54,10 @@ impl ImageKind {
     }
 }
 
-/// One image: what it shows, and who takes it.
+/// One image: what it shows, and which cameras take it.
 ///
-/// `depth` is taken by the first camera, `depth_palm` by the camera `palm`; so with every kind but `voxels`, which is made of what all
-/// cameras see together, and `voxels_palm` of what `palm` sees.
+/// `depth` is taken by the first camera, `depth_palm` by the camera `palm`, and likewise for every kind. `voxels` alone fuses the depth
+/// images of all cameras; `voxels_palm` uses that of `palm`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageSpec {
     /// The name.
@@ -68,7 +68,7 @@ pub struct ImageSpec {
     pub cameras: std::ops::Range<usize>,
 }
 
-/// Rows of numbers of one type.
+/// Pixel values of one type.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Pixels {
     /// uint8.
@@ -78,13 +78,13 @@ pub enum Pixels {
 }
 
 impl Pixels {
-    /// None, with room for `size`.
+    /// Empty, with capacity for `size` values.
     #[must_use]
     pub fn with_capacity(kind: ImageKind, size: usize) -> Self {
         if kind.is_bytes() { Self::Bytes(Vec::with_capacity(size)) } else { Self::Floats(Vec::with_capacity(size)) }
     }
 
-    /// Adds numbers of the same type; those of the other are left out.
+    /// Appends values of the same type; values of the other type are ignored.
     pub fn extend(&mut self, more: &Self) {
         match (self, more) {
             (Self::Bytes(own), Self::Bytes(more)) => own.extend_from_slice(more),
@@ -111,24 +111,24 @@ pub struct ImageTable {
     pub high: Vec<f64>,
     /// Names of the cameras.
     pub cameras: Vec<String>,
-    /// Frame of its numbers.
+    /// Frame of its values.
     pub frame: &'static str,
     /// Unit.
     pub unit: &'static str,
-    /// What stands where nothing was seen.
+    /// The value where nothing was seen.
     pub missing: &'static str,
     /// What it means.
     pub meaning: &'static str,
-    /// True where no sensor of a real robot gives it: labels come from the simulation, though they hold no pose.
+    /// True where a real robot has no sensor for it: labels come from the simulation, although they contain no pose.
     pub privileged: bool,
 }
 
 impl ImageSpec {
-    /// Reads a name.
+    /// Parses a name.
     ///
     /// # Errors
     /// [`VisionError::UnknownImage`].
-    pub fn read(name: &str, config: &CamerasConfig) -> Result<Self, VisionError> {
+    pub fn parse(name: &str, config: &CamerasConfig) -> Result<Self, VisionError> {
         let unknown = || VisionError::UnknownImage {
             name: name.to_owned(),
             cameras: config.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", "),
@@ -156,19 +156,20 @@ impl ImageSpec {
         }
     }
 
-    /// How many numbers.
+    /// Number of values.
     #[must_use]
     pub fn size(&self, config: &CamerasConfig) -> usize {
         self.shape(config).iter().product()
     }
 
-    /// Its row.
+    /// Its row of the table of images.
     ///
-    /// * `links`: number of the hand's links.
+    /// * `mounted`: the cameras of `config`, posed in the frame of their mount.
+    /// * `links`: number of links of the hand.
     #[must_use]
-    pub fn table(&self, config: &CamerasConfig, lenses: &[Camera], links: usize) -> ImageTable {
-        let lens = &lenses[self.cameras.start];
-        let (low, high) = bounds(self.kind, lens, links);
+    pub fn table(&self, config: &CamerasConfig, mounted: &[Camera], links: usize) -> ImageTable {
+        let camera = &mounted[self.cameras.start];
+        let (low, high) = bounds(self.kind, camera, links);
         let (frame, unit, missing, meaning) = match self.kind {
             ImageKind::Rgb => ("camera", "1", "the background's colour", "red, green, blue"),
             ImageKind::Depth => ("camera", "m", "0", "distance along the optical axis (not along the ray)"),
@@ -201,7 +202,7 @@ impl ImageSpec {
         }
     }
 
-    /// Writes what `frame` shows; voxels are made elsewhere.
+    /// Writes the pixels of `frame`; voxels are computed by [`Observer`](crate::Observer).
     pub(crate) fn fill(&self, frame: &Frame, out: &mut Pixels) {
         match out {
             Pixels::Bytes(out) => {
@@ -228,15 +229,15 @@ impl ImageSpec {
 }
 
 /// Least and greatest value of each channel.
-fn bounds(kind: ImageKind, lens: &Camera, links: usize) -> (Vec<f64>, Vec<f64>) {
-    let far = lens.far();
+fn bounds(kind: ImageKind, camera: &Camera, links: usize) -> (Vec<f64>, Vec<f64>) {
+    let far = camera.far();
     match kind {
         ImageKind::Rgb => (vec![0.0], vec![255.0]),
         ImageKind::Depth => (vec![0.0], vec![far]),
         ImageKind::Rgbd => (vec![0.0; 4], vec![1.0, 1.0, 1.0, far]),
         ImageKind::Segmentation => (vec![0.0], vec![(usize::from(FIRST_LINK) + links - 1) as f64]),
         ImageKind::Points => {
-            let Intrinsics { width, height, fx, fy, cx, cy } = *lens.intrinsics();
+            let Intrinsics { width, height, fx, fy, cx, cy } = *camera.intrinsics();
             let reach = |size: u32, center: f64, focal: f64| center.max(f64::from(size) - center) / focal * far;
             let (x, y) = (reach(width, cx, fx), reach(height, cy, fy));
             (vec![-x, -y, 0.0], vec![x, y, far])

@@ -2,16 +2,42 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`config`] | the cameras, and which images are taken |
-//! | [`image_spec`] | one image by name: its table row, and how a frame becomes its numbers |
+//! | [`config`] | the cameras, and which images they take |
+//! | [`image_spec`] | one image by name: its table row, and how it is filled from a frame |
 //! | [`viewpoint`] | camera poses and light of one episode, sampled or given |
-//! | [`visual_models`] | models and colours of hand, table and ground; the scene at one moment |
+//! | [`visual_models`] | models and colours of hand, table and ground; the render scene of the current state |
 //! | [`views`] | an object from many sides, without a hand |
 //! | [`observer`] | [`Observer`]: images and pictures of many environments, with render buffers that are reused |
 //! | `error` | every way an input can be wrong, one sentence each |
 //!
 //! Labels of a segmentation: [`visual_models::BACKGROUND`], [`visual_models::TABLE`] (ground included), [`visual_models::OBJECT`],
 //! then [`visual_models::FIRST_LINK`] + i for link i of the hand. No image contains the pose of the object.
+//!
+//! A cube on the table as the default camera `front` sees it:
+//!
+//! ```
+//! use graspbox_camera::{Channels, Light, Model, shapes};
+//! use graspbox_vision::visual_models::{OBJECT, TABLE, object_color};
+//! use graspbox_vision::{CameraConfig, ScenePose, VisualModels, render_views};
+//! use nalgebra::{Isometry3, Vector3};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let cube = Model::new(&shapes::cuboid(Vector3::repeat(0.03), 0.0)?)?;
+//! let scene = ScenePose {
+//!     object: &cube,
+//!     color: object_color("cube"),
+//!     world_from_object: Isometry3::translation(0.0, 0.0, 0.03),
+//!     world_from_hand: Isometry3::identity(),
+//!     world_from_links: Vec::new(), // no hand
+//! };
+//! let camera = CameraConfig::front().camera(64, 64)?;
+//! let channels = Channels { segmentation: true, ..Channels::default() };
+//! let frames = render_views(&VisualModels::bare(true)?, &scene, &[camera], &Light::default(), channels)?;
+//! let at = |row: usize, column: usize| frames[0].segmentation[64 * row + column];
+//! assert_eq!((at(38, 32), at(60, 4)), (OBJECT, TABLE));
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod config;
 mod error;

@@ -1,4 +1,4 @@
-//! Images and pictures of many environments, with memory that is used again.
+//! Images and pictures of many environments, with reused render buffers.
 
 use crate::VisionError;
 use crate::config::{CameraConfig, CamerasConfig, world_from_camera};
@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// A picture to viewpoint at.
+/// Settings of a picture for people: size, smoothness, camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PictureConfig {
@@ -21,7 +21,7 @@ pub struct PictureConfig {
     pub image_size: [u32; 2],
     /// Samples along each side of a pixel, 1 to 8.
     pub samples: u32,
-    /// Who looks.
+    /// The camera that takes it.
     pub camera: CameraConfig,
 }
 
@@ -31,21 +31,21 @@ impl Default for PictureConfig {
     }
 }
 
-/// Memory for one image after the other; what it held before has no influence.
+/// Memory for one image after the other; its previous contents have no influence.
 struct RenderBuffers {
     renderer: Renderer,
     frames: Vec<Frame>,
     cells: Vec<Occupancy>,
 }
 
-/// What all environments see with.
+/// The cameras, images and models that all environments share.
 pub struct Observer {
     config: CamerasConfig,
     hand: Arc<Hand>,
     specs: Vec<ImageSpec>,
     tables: Vec<ImageTable>,
-    lenses: Vec<Camera>,
-    /// What each camera has to make; none where nobody needs it.
+    mounted: Vec<Camera>,
+    /// Channels that each camera renders; `None` where no image needs them.
     channels: Vec<Option<Channels>>,
     grid: VoxelFrame,
     models: Arc<OnceLock<VisualModels>>,
@@ -53,17 +53,17 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Checks a config; `models` is where the models of `hand` are kept, for all who see that hand.
+    /// Checks a config; `models` holds the models of `hand` and may be shared by observers of that hand.
     ///
     /// # Errors
-    /// An image that is unknown or named twice, a camera that cannot be, or voxels that cannot be.
+    /// An image that is unknown or named twice, an invalid camera, or invalid voxel settings.
     pub fn new(
         hand: Arc<Hand>,
         config: CamerasConfig,
         models: Arc<OnceLock<VisualModels>>,
     ) -> Result<Self, VisionError> {
-        let lenses = config.lenses()?;
-        let specs = config.images.iter().map(|name| ImageSpec::read(name, &config));
+        let mounted = config.mounted_cameras()?;
+        let specs = config.images.iter().map(|name| ImageSpec::parse(name, &config));
         let specs = specs.collect::<Result<Vec<_>, _>>()?;
         for (i, spec) in specs.iter().enumerate() {
             if specs[..i].iter().any(|s| s.name == spec.name) {
@@ -71,7 +71,7 @@ impl Observer {
             }
         }
         let links = hand.links.len();
-        let mut channels = vec![None; lenses.len()];
+        let mut channels = vec![None; mounted.len()];
         for spec in &specs {
             for needed in &mut channels[spec.cameras.clone()] {
                 let needed: &mut Channels = needed.get_or_insert_default();
@@ -81,9 +81,9 @@ impl Observer {
         }
         Ok(Self {
             grid: grid(&config)?,
-            tables: specs.iter().map(|s| s.table(&config, &lenses, links)).collect(),
+            tables: specs.iter().map(|s| s.table(&config, &mounted, links)).collect(),
             specs,
-            lenses,
+            mounted,
             channels,
             config,
             hand,
@@ -107,12 +107,12 @@ impl Observer {
         &self.tables
     }
 
-    /// The cameras, posed in the frame of what carries them.
-    pub fn lenses(&self) -> &[Camera] {
-        &self.lenses
+    /// The cameras, posed in the frame of their mount.
+    pub fn mounted_cameras(&self) -> &[Camera] {
+        &self.mounted
     }
 
-    /// The cube of the voxels, world frame.
+    /// The voxel grid, world frame.
     pub fn grid(&self) -> &VoxelFrame {
         &self.grid
     }
@@ -122,7 +122,7 @@ impl Observer {
         Light { shadows: self.config.shadows, ..Light::default() }
     }
 
-    /// The models, made at their first use.
+    /// The models, built at their first use.
     ///
     /// # Errors
     /// As [`VisualModels::new`].
@@ -130,31 +130,34 @@ impl Observer {
         if let Some(models) = self.models.get() {
             return Ok(models);
         }
-        // Threads that come at the same time do the work twice and keep the first.
+        // Threads that arrive together each build them, and the first result is kept.
         let made = VisualModels::new(&self.hand)?;
         Ok(self.models.get_or_init(|| made))
     }
 
-    /// No images yet, with room for `rows` of each.
+    /// Empty images with capacity for `rows` of each.
     pub fn blank(&self, rows: usize) -> Vec<Pixels> {
         let room = |s: &ImageSpec| Pixels::with_capacity(s.kind, rows * s.size(&self.config));
         self.specs.iter().map(room).collect()
     }
 
-    /// The cameras of `viewpoint` at a scene_pose, in the world.
+    /// The cameras of `viewpoint` in the world, for a hand at `world_from_hand`.
+    ///
+    /// # Errors
+    /// [`VisionError::Camera`] for a pose that is not a finite rigid motion.
     pub fn cameras(&self, viewpoint: &Viewpoint, world_from_hand: &Isometry3<f64>) -> Result<Vec<Camera>, VisionError> {
-        let all = self.lenses.iter().zip(&self.config.cameras).zip(&viewpoint.parent_from_camera);
-        all.map(|((lens, config), pose)| {
+        let all = self.mounted.iter().zip(&self.config.cameras).zip(&viewpoint.parent_from_camera);
+        all.map(|((camera, config), pose)| {
             let pose = world_from_camera(config.mount, pose, world_from_hand);
-            lens.with_pose(pose).map_err(|source| VisionError::Camera { name: config.name.clone(), source })
+            camera.with_pose(pose).map_err(|source| VisionError::Camera { name: config.name.clone(), source })
         })
         .collect()
     }
 
-    /// Takes every image of the config into `images`, whose memory is used again.
+    /// Renders every image of the config into `images`, whose memory is reused.
     ///
     /// # Errors
-    /// None for cameras of [`Observer::cameras`] and a models that could be made.
+    /// None for finite camera poses and a hand whose models can be built.
     pub fn see(
         &self,
         scene_pose: &ScenePose,
@@ -209,7 +212,7 @@ impl Observer {
     /// A smooth picture, (H, W, 3).
     ///
     /// # Errors
-    /// A camera that cannot be, or samples out of range.
+    /// An invalid camera, or samples out of range.
     pub fn picture(
         &self,
         scene_pose: &ScenePose,
@@ -228,7 +231,7 @@ impl Observer {
         made.map_err(|source| VisionError::Camera { name: config.camera.name.clone(), source })
     }
 
-    /// Memory that nobody uses now, or new memory: as many as there are threads come to be.
+    /// A free buffer, or a new one: as many are made as there are threads.
     fn buffer(&self) -> RenderBuffers {
         let free = self.buffers().pop();
         free.unwrap_or_else(|| RenderBuffers {
@@ -243,7 +246,7 @@ impl Observer {
     }
 }
 
-/// The cube of the voxels: over the table's middle, the table's top in the middle of the lowest layer.
+/// The voxel grid: a cube over the middle of the table, whose top bisects the lowest layer.
 fn grid(config: &CamerasConfig) -> Result<VoxelFrame, VisionError> {
     let (n, side) = (config.voxels, config.voxel_side);
     let rows = [
@@ -256,5 +259,5 @@ fn grid(config: &CamerasConfig) -> Result<VoxelFrame, VisionError> {
         }
     }
     let origin = Point3::new(-0.5 * side, -0.5 * side, -0.5 * side / n as f64);
-    VoxelFrame::new(n, origin, side).map_err(|source| VisionError::Mesh { object: "the cube of voxels".into(), source })
+    VoxelFrame::new(n, origin, side).map_err(|source| VisionError::Mesh { object: "the voxel grid".into(), source })
 }

@@ -1,16 +1,15 @@
-//! Where the cameras stand and how it is lit in one episode, drawn or given.
+//! Camera poses and light of one episode, sampled or given.
 
-use crate::Observer;
-use graspbox_camera::Light;
+use graspbox_camera::{Camera, Light};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// The lamp turns by up to this much, radians, at full variation of the light.
+/// Largest turn of the lamp about each axis at full variation of the light, radians.
 const LAMP_TURN: f64 = 0.7;
-/// Lamp and surroundings change by up to this share, at full variation of the light.
+/// Largest relative change of lamp and ambient light at full variation of the light.
 const LAMP_SHARE: f64 = 0.5;
 
-/// By how much what is seen varies from episode to episode.
+/// How much cameras and light vary between episodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Variation {
     /// Greatest shift of a camera along each of its axes, metres.
@@ -21,21 +20,24 @@ pub struct Variation {
     pub light: f64,
 }
 
-/// Where the cameras stand and how it is lit in one episode.
+/// Camera poses and light of one episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Viewpoint {
-    /// Pose of each camera in the frame of what carries it.
+    /// Pose of each camera in the frame of its mount.
     pub parent_from_camera: Vec<Isometry3<f64>>,
     /// The light.
     pub light: Light,
 }
 
 impl Viewpoint {
-    /// Samples a viewpoint; cameras of `given` (index, and pose in the frame of what carries it) are taken as they are.
+    /// Samples a viewpoint.
     ///
-    /// * `sample`: numbers uniform in [-1, 1); three for each of the lamp's direction and strength, then six for each camera.
+    /// * `cameras`, `light`: the values that are varied; cameras are posed in the frame of their mount.
+    /// * `given`: cameras (index, pose in the frame of the mount) that are used as they are.
+    /// * `sample`: numbers uniform in [-1, 1): three for the direction of the lamp, three for the strengths, then six per camera.
     pub fn sample(
-        observer: &Observer,
+        cameras: &[Camera],
+        light: Light,
         vary: &Variation,
         given: &[(usize, Isometry3<f64>)],
         mut sample: impl FnMut() -> f64,
@@ -43,18 +45,18 @@ impl Viewpoint {
         let mut three = |size: f64| Vector3::from_fn(|_, _| sample() * size);
         // The light first, so that it does not depend on the number of cameras.
         let (turn, strength) = (three(vary.light * LAMP_TURN), three(vary.light * LAMP_SHARE));
-        let mut light = observer.light();
+        let mut light = light;
         light.direction = UnitQuaternion::from_scaled_axis(turn) * light.direction;
         light.intensity *= (1.0 + strength.x) as f32;
         light.ambient *= (1.0 + strength.y) as f32;
-        let moved = |lens: &graspbox_camera::Camera| {
+        let moved = |camera: &Camera| {
             let error = Isometry3::from_parts(
                 Translation3::from(three(vary.camera_position)),
                 UnitQuaternion::from_scaled_axis(three(vary.camera_rotation)),
             );
-            lens.world_from_camera() * error
+            camera.world_from_camera() * error
         };
-        let mut parent_from_camera: Vec<_> = observer.lenses().iter().map(moved).collect();
+        let mut parent_from_camera: Vec<_> = cameras.iter().map(moved).collect();
         for (camera, pose) in given {
             parent_from_camera[*camera] = *pose;
         }

@@ -4,10 +4,10 @@ use crate::VisionError;
 use crate::visual_models::{ScenePose, VisualModels};
 use graspbox_camera::{Camera, Channels, Detail, Frame, Job, Light, render_batch};
 
-/// What each camera sees of the scene_pose; frames in the order of the cameras.
+/// Renders the scene with each camera; frames in the order of the cameras.
 ///
 /// # Errors
-/// None for a scene_pose whose poses are finite.
+/// None for a scene whose poses are finite.
 pub fn render_views(
     models: &VisualModels,
     scene_pose: &ScenePose,

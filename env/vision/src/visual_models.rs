@@ -1,4 +1,4 @@
-//! Models and colours of hand, table and ground; the scene at one moment.
+//! Models and colours of hand, table and ground, and the render scene of the current state.
 
 use crate::VisionError;
 use graspbox_camera::{CameraError, Instance, Model, shapes};
@@ -8,7 +8,7 @@ use graspbox_sim::World;
 use graspbox_sim::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
 use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
 
-/// Label of pixels that see nothing.
+/// Label of background pixels.
 pub const BACKGROUND: u8 = 0;
 /// Label of the table and the ground below it.
 pub const TABLE: u8 = 1;
@@ -17,11 +17,11 @@ pub const OBJECT: u8 = 2;
 /// Label of the hand's link 0, the base; link i has this plus i.
 pub const FIRST_LINK: u8 = 3;
 
-/// Edges of the hand's boxes are cut by this share of the least half side, at most [`MOST_BEVEL`].
+/// Bevel of the edges of the hand's boxes, as a share of the shortest half side; at most [`MOST_BEVEL`].
 const BEVEL_SHARE: f64 = 0.3;
 /// Metres.
 const MOST_BEVEL: f64 = 0.006;
-/// Half the width of a knuckle, and its radius, as shares of the least half side of the link that it carries.
+/// Half the width of a knuckle, and its radius, as shares of the shortest half side of its link.
 const KNUCKLE: [f64; 2] = [0.85, 0.8];
 /// Sides of a knuckle.
 const KNUCKLE_COLUMNS: usize = 16;
@@ -48,7 +48,7 @@ const OBJECT_COLORS: [[f32; 3]; 8] = [
     [0.55, 0.50, 0.80],
 ];
 
-/// The colour of the object of that name; the same everywhere and always.
+/// The colour of the object of that name: a function of the name alone.
 #[must_use]
 pub fn object_color(name: &str) -> [f32; 3] {
     // FNV-1a.
@@ -64,21 +64,21 @@ struct Part {
     color: [f32; 3],
 }
 
-/// Models of everything but the object; built once.
+/// Render models of everything but the object; built once per hand.
 pub struct VisualModels {
     parts: Vec<Part>,
-    /// Top, and the ground.
+    /// Table top and ground; `None` leaves them out.
     table: Option<[Model; 2]>,
 }
 
-/// Where everything is at one scene_pose.
+/// Poses of everything in the scene at one instant.
 #[derive(Clone, Debug)]
 pub struct ScenePose<'a> {
     /// The object.
     pub object: &'a Model,
     /// Its colour.
     pub color: [f32; 3],
-    /// Where it is.
+    /// Pose of the object.
     pub world_from_object: Isometry3<f64>,
     /// The grasp frame.
     pub world_from_hand: Isometry3<f64>,
@@ -87,7 +87,7 @@ pub struct ScenePose<'a> {
 }
 
 impl<'a> ScenePose<'a> {
-    /// The present of `world`. What has no finite place (in a world that broke) is left out.
+    /// The current state of `world`. Links without a finite pose (in a simulation that diverged) are left out when it is rendered.
     #[must_use]
     pub fn of(world: &World, object: &'a Model, color: [f32; 3]) -> Self {
         let hand = world.hand();
@@ -110,14 +110,14 @@ impl<'a> ScenePose<'a> {
 }
 
 impl VisualModels {
-    /// Makes the models of `hand`, table and ground.
+    /// Builds the models of `hand`, table and ground.
     ///
     /// # Errors
-    /// A hand with a shape that cannot be drawn, or with more links than there are labels.
+    /// A hand with a shape that cannot be rendered, or with more links than there are labels (252).
     pub fn new(hand: &Hand) -> Result<Self, VisionError> {
         if hand.links.len() > usize::from(u8::MAX - FIRST_LINK) {
             return Err(VisionError::BadConfig {
-                field: "the number of links of a hand that is to be seen",
+                field: "the number of links of a hand that is rendered",
                 value: hand.links.len() as f64,
                 expected: "at most 252",
             });
@@ -136,7 +136,7 @@ impl VisualModels {
         make().map_err(|source| VisionError::Camera { name: format!("the hand {:?}", hand.name), source })
     }
 
-    /// A models without a hand.
+    /// Models without a hand, with or without table and ground.
     ///
     /// # Errors
     /// None.
@@ -146,7 +146,7 @@ impl VisualModels {
         Ok(Self { parts: Vec::new(), table })
     }
 
-    /// The hand alone; links without a finite place are left out.
+    /// The hand alone; links without a finite pose are left out.
     pub fn hand<'a>(&'a self, world_from_links: &'a [Isometry3<f64>]) -> impl Iterator<Item = Instance<'a>> {
         let instance = |part: &'a Part| {
             Some(Instance {
@@ -161,7 +161,7 @@ impl VisualModels {
         all.filter(|i| is_near(&i.world_from_model))
     }
 
-    /// Everything that is to be drawn; what has no finite place is left out.
+    /// All instances to render; those without a finite pose are left out.
     #[must_use]
     pub fn instances<'a>(&'a self, scene_pose: &'a ScenePose) -> Vec<Instance<'a>> {
         let object = Instance {
@@ -172,8 +172,8 @@ impl VisualModels {
             casts_shadow: true,
         };
         let middles = [-TABLE_THICKNESS * 0.5, -TABLE_HEIGHT - TABLE_THICKNESS * 0.5];
-        let looks = middles.into_iter().zip([TABLE_COLOR, GROUND_COLOR]);
-        let scenery = self.table.iter().flatten().zip(looks).map(|(model, (z, color))| Instance {
+        let heights = middles.into_iter().zip([TABLE_COLOR, GROUND_COLOR]);
+        let scenery = self.table.iter().flatten().zip(heights).map(|(model, (z, color))| Instance {
             model,
             world_from_model: Isometry3::translation(0.0, 0.0, z),
             color,
@@ -181,7 +181,7 @@ impl VisualModels {
             casts_shadow: false,
         });
         let mut all = Vec::with_capacity(self.parts.len() + 3);
-        // From what is mostly in front to what is mostly behind: less is painted over.
+        // Roughly front to back, so that fewer pixels are overwritten.
         all.extend(self.hand(&scene_pose.world_from_links));
         all.extend(is_near(&scene_pose.world_from_object).then_some(object));
         all.extend(scenery);
@@ -198,13 +198,13 @@ fn scenery() -> Result<[Model; 2], CameraError> {
     Ok([slab(TABLE_SIDE)?, slab(GROUND_SIDE)?])
 }
 
-/// A finite place that a renderer takes.
+/// Whether the renderer accepts the pose: finite, rigid, within 1 km.
 fn is_near(pose: &Isometry3<f64>) -> bool {
     let translation = pose.translation.vector.iter().all(|x| x.abs() < 1e3);
     translation && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
 }
 
-/// The shapes of one material of a link, in one model; none where there are none.
+/// The shapes of one material of a link as one model; `None` where the link has none.
 fn part(hand: &Hand, link: usize, material: Material) -> Result<Option<Part>, CameraError> {
     let colliders = hand.links[link].colliders.iter().filter(|c| c.material == material);
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
@@ -222,8 +222,7 @@ fn part(hand: &Hand, link: usize, material: Material) -> Result<Option<Part>, Ca
     Ok(Some(Part { link, model, color }))
 }
 
-/// A cylinder about the axis of the joint that carries a finger's link. It fills the gap that the collision shapes leave: for the eye
-/// alone, since nothing collides with it.
+/// A cylinder about the joint axis of a finger link. It fills the gap between the collision shapes in images; it has no collision shape.
 fn knuckle(hand: &Hand, link: usize) -> Result<Option<Part>, CameraError> {
     let Some(joint) = hand.joints.iter().find(|j| j.child == link && !j.fixed) else {
         return Ok(None);
@@ -236,7 +235,7 @@ fn knuckle(hand: &Hand, link: usize) -> Result<Option<Part>, CameraError> {
         return Ok(None);
     };
     let along = Rotation3::rotation_between(&Vector3::z(), &joint.axis).unwrap_or_else(|| {
-        // The opposite way: a cylinder is the same.
+        // Opposite directions: a cylinder is symmetric.
         Rotation3::identity()
     });
     let [width, radius] = KNUCKLE.map(|share| share * half);
