@@ -8,8 +8,13 @@ _CLI_MODULES = ("typer", "rich", "matplotlib")
 
 def main() -> None:
     """Run the command line, or name the extra that it needs (exit status 2)."""
+    from graspbox.errors import MissingExtraError
+
     try:
         from graspbox.cli import app
+    except MissingExtraError as error:
+        print(f"graspbox: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] not in _CLI_MODULES:
             raise

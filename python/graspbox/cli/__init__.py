@@ -7,14 +7,11 @@ wrong call.
 import sys
 from typing import Annotated
 
-import matplotlib as mpl
 import typer
 
 import graspbox
 from graspbox.cli import bench, demo, evaluate, grasp, objects, plan, voxelize
 from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
-
-mpl.use("agg")
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 typer_app.command("objects")(objects.objects)

@@ -1,31 +1,73 @@
-"""Pictures (extra ``cli``), one function each; ``save_*`` write a file whose ending names the format.
+"""Pictures (extra ``cli``), one function each.
 
 | function | picture |
 |---|---|
-| `save_plan`       | boxes on an object, and its best poses |
-| `save_sweep`      | boxes for each pair of the planner's thresholds (the study's figures 2.3 and 2.4) |
-| `save_kindness`   | how a failed and a firm grasp move in the hand over time (its figures 3.17 and 3.18) |
-| `save_stages`     | a grasp in stages: open, closed, lifting, held |
-| `save_episode`    | an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and what is observed in it |
+| `save_plan`     | an object's boxes, its best grasp poses, and one grasp in simulation or the open hand |
+| `save_gallery`  | the same for several objects, one column each |
+| `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
+| `save_kindness` | relative speed of hand and object over time, for a failed and a firm grasp (its figures 3.17 and 3.18) |
+| `save_stages`   | grasps in stages: open, closed, lifting, held |
+| `save_episode`  | an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and the images observed in it |
 
-Objects and hands are drawn by the renderer that makes the environments' images; lines and text are matplotlib's.
+Paths are str or Path; their extension, one of `SUFFIXES`, chooses the format. Paths are checked before the work, and a
+file is written whole or not at all. matplotlib's backend does not matter: nothing here uses pyplot.
+
+Objects and hands are rendered by the renderer that makes the environments' images; lines and text are matplotlib's.
+
+Modules: `files` (paths, formats), `solids` (colours, meshes), `hands` (joints, pose glyphs), `view` (camera, lines that
+surfaces hide), then one per picture.
 """
 
-from graspbox.pictures.episodes import save_episode
-from graspbox.pictures.plans import AREA_GAINS, MIN_VOLUMES, save_plan, save_sweep
-from graspbox.pictures.trials import Trial, firm_and_failed, save_kindness, save_stages
-from graspbox.pictures.view import Camera, PosedHand, Solid, View
+import importlib
+import os
+
+from graspbox.errors import MissingExtraError
+
+
+def _import_matplotlib() -> None:
+    """Import matplotlib, which refuses to be imported while ``MPLBACKEND`` names a backend that does not exist."""
+    try:
+        importlib.import_module("matplotlib")
+    except ModuleNotFoundError as error:
+        if error.name != "matplotlib":
+            raise
+        raise MissingExtraError(
+            "graspbox.pictures needs matplotlib, from the extra 'cli': pip install 'graspbox[cli]'"
+        ) from None
+    except ValueError:
+        chosen = os.environ.pop("MPLBACKEND", None)
+        try:
+            importlib.import_module("matplotlib")
+        finally:
+            if chosen is not None:
+                os.environ["MPLBACKEND"] = chosen
+
+
+_import_matplotlib()
+
+# The imports below need matplotlib.
+from graspbox.pictures.episodes import save_episode  # noqa: E402
+from graspbox.pictures.files import SUFFIXES  # noqa: E402
+from graspbox.pictures.hands import PosedHand  # noqa: E402
+from graspbox.pictures.plans import GraspExample, save_gallery, save_plan  # noqa: E402
+from graspbox.pictures.solids import Solid  # noqa: E402
+from graspbox.pictures.sweeps import AREA_GAINS, MIN_VOLUMES, save_sweep  # noqa: E402
+from graspbox.pictures.trials import Trial, firm_and_failed, save_kindness, save_stages  # noqa: E402
+from graspbox.pictures.view import Camera, View  # noqa: E402
 
 __all__ = [
     "AREA_GAINS",
     "MIN_VOLUMES",
+    "SUFFIXES",
     "Camera",
+    "GraspExample",
     "PosedHand",
     "Solid",
     "Trial",
     "View",
     "firm_and_failed",
     "save_episode",
+    "save_gallery",
     "save_kindness",
     "save_plan",
     "save_stages",

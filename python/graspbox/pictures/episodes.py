@@ -2,26 +2,33 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.colors import to_rgb
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from graspbox.configs import CameraConfig, PictureConfig
 from graspbox.envs.expert import Expert, planned
 from graspbox.errors import ConfigError
-from graspbox.pictures.view import pixels, write
+from graspbox.pictures.files import PathLike, checked, pixels, write
 
+#: Moments of an episode that are shown.
+MOMENTS = ("start", "approach", "closed", "lift", "held")
 #: Images that are shown, the first camera's and the palm's.
 IMAGES = ("rgb", "depth", "segmentation", "rgb_palm", "depth_palm")
 #: Colours of labels: background, table, object; then those of the hand's links in turn.
 _LABELS = ("#ffffff", "#d9d9d9", "#d55e00")
 _LINKS = ("#0072b2", "#56b4e9", "#009e73", "#cc79a7", "#e69f00")
+#: Colour map of depths, and the depths in metres that a colour bar may mark.
+_DEPTHS = "viridis_r"
+_TICKS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0)
+#: Least distance between ticks, as a share of the bar's length.
+_TICK_GAP = 0.13
 #: From the side, near enough to see the fingers close.
 _CAMERA = CameraConfig("viewer", eye=(-0.45, -0.75, 0.5), target=(0.015, -0.015, 0.19), fov=0.56, far=30.0)
 #: Steps of 0.05 s: from approach to closing, from there to closed, from there into the lift.
@@ -56,8 +63,10 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
     Raises
     ------
     ConfigError
-        If nothing can be planned for the object as it lies, or the expert fails.
+        If there is no moment `observed`, nothing can be planned for the object as it lies, or the expert fails.
     """
+    if observed not in MOMENTS:
+        raise ConfigError(f"observed is {observed!r}; use one of {', '.join(MOMENTS)}")
     env: Any = gymnasium.make(
         "graspbox/Grasp-v0",
         objects=objects,
@@ -82,7 +91,7 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
         raise ConfigError(f"the expert fails with {mesh.name} from seed {seed}; choose another seed")
     first, last = closes.index(True), len(states) - 1
     closed = first + _CLOSING
-    steps = {"start": 0, "approach": first - _BEFORE, "closed": closed, "lift": closed + _LIFTING, "held": last}
+    steps = dict(zip(MOMENTS, (0, first - _BEFORE, closed, closed + _LIFTING, last), strict=True))
     moments, images = [], {}
     for name, step in steps.items():
         seen, _ = env.set_state(states[step])
@@ -92,43 +101,73 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
     return Episode(mesh.name, moments, images, observed)
 
 
-def save_episode(path: Path, objects: str, *, seed: int = 0, observed: str = "approach") -> None:
-    """Write an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and what it could see in one moment.
+def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str = "approach") -> None:
+    """Write an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and the images observed at one moment.
+
+    Each depth image has a colour bar in metres.
 
     Parameters
     ----------
-    path : Path
-        The picture's file.
+    path : str or PathLike
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     objects : str
         The object: see `graspbox.object_sets`.
     seed : int
-        Of the episode and of the plan.
+        Seed of the episode and of the plan.
     observed : {"start", "approach", "closed", "lift", "held"}
         The moment whose images are shown.
 
     Raises
     ------
     ConfigError
-        If the expert has no pose, or fails.
+        If the path names no picture, there is no such moment, or the expert has no pose or fails.
+    FileError
+        If the file cannot be written.
     """
-    figure = Figure(figsize=(10, 4.95), dpi=130)
+    target = checked(path)
+    figure = Figure(figsize=(10, 5.6), dpi=125)
     panels = figure.subplots(2, len(IMAGES), gridspec_kw={"height_ratios": (1.2, 1.0)})
-    figure.subplots_adjust(left=0.004, right=0.996, bottom=0.006, top=0.955, wspace=0.03, hspace=0.12)
+    figure.subplots_adjust(left=0.004, right=0.996, bottom=0.1, top=0.905, wspace=0.03, hspace=0.12)
     width, height = pixels(panels[0, 0])
     episode = play(objects, seed=seed, picture=PictureConfig((height, width), 4, _CAMERA), observed=observed)
     for axes, (name, seconds, picture) in zip(panels[0], episode.moments, strict=True):
         axes.imshow(picture)
         axes.set_title(f"{name}, {seconds:.2f} s", fontsize=9, pad=3)
     for axes, (name, image) in zip(panels[1], episode.images.items(), strict=True):
-        axes.imshow(shown(image), interpolation="nearest")
+        axes.imshow(colored(image), interpolation="nearest")
         axes.set_title(f'"{name}" at {observed}', fontsize=9, pad=3)
+        if name.startswith("depth"):
+            _depth_bar(figure, axes, depth_scale(image))
     for axes in panels.flat:
         axes.set_axis_off()
-    write(figure, path, palette=False)
+    figure.suptitle(f"graspbox/Grasp-v0, {episode.name}: the scripted expert", fontsize=11, weight="bold", y=0.985)
+    write(figure, target, palette=False)
 
 
-def shown(image: NDArray[Any]) -> NDArray[Any]:
-    """Turn an image into colours (H, W, 3): depths from yellow to violet and white for none, labels one by one."""
+def depth_scale(image: NDArray[Any]) -> LogNorm:
+    """Choose a logarithmic scale, metres, for the depths of an image; 0 (nothing seen) does not count.
+
+    Depths differ least near the camera, where a logarithmic scale shows them best.
+    """
+    depths = image[image > 0]
+    low, high = (float(depths.min()), float(depths.max())) if len(depths) else (0.1, 1.0)
+    return LogNorm(low, max(high, 1.01 * low))
+
+
+def depth_ticks(scale: LogNorm) -> list[float]:
+    """Choose round depths, metres, that leave room for their labels on a bar."""
+    ticks: list[float] = []
+    for tick in (tick for tick in _TICKS if scale.vmin <= tick <= scale.vmax):
+        if not ticks or scale(tick) - scale(ticks[-1]) > _TICK_GAP:
+            ticks.append(tick)
+    return ticks
+
+
+def colored(image: NDArray[Any]) -> NDArray[Any]:
+    """Turn an image (H, W, c) into colours (H, W, 3).
+
+    Depths go from yellow (near) to violet (far), white where nothing is seen; each label has a colour.
+    """
     if image.shape[2] == 3:
         return image
     values = image[..., 0]
@@ -136,10 +175,19 @@ def shown(image: NDArray[Any]) -> NDArray[Any]:
         links = max(0, int(values.max()) + 1 - len(_LABELS))
         colors = [*_LABELS, *(_LINKS[i % len(_LINKS)] for i in range(links))]
         return np.take([to_rgb(color) for color in colors], values, axis=0)
-    there = values > 0
-    # What is near varies least: the logarithm shows it.
-    values = np.log(np.where(there, values, values[there].min()))
-    low, high = values.min(), values.max()
-    colored = colormaps["viridis_r"]((values - low) / max(high - low, 1e-6))[..., :3]
-    colored[~there] = 1.0
-    return np.asarray(colored)
+    seen, scale = values > 0, depth_scale(image)
+    rgb = colormaps[_DEPTHS](scale(np.where(seen, values, scale.vmax)))[..., :3]
+    rgb[~seen] = 1.0
+    return np.asarray(rgb)
+
+
+def _depth_bar(figure: Figure, axes: Any, scale: LogNorm) -> None:
+    """Add a colour bar in metres below a depth image."""
+    box = axes.get_position()
+    place = figure.add_axes((box.x0 + 0.08 * box.width, box.y0 - 0.03, 0.84 * box.width, 0.016))
+    bar = figure.colorbar(ScalarMappable(scale, _DEPTHS), cax=place, orientation="horizontal")
+    ticks = depth_ticks(scale)
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    bar.ax.minorticks_off()
+    bar.ax.tick_params(labelsize=8, length=2, pad=1)
+    bar.set_label("depth (m)", fontsize=8, labelpad=1)

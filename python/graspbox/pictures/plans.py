@@ -1,184 +1,225 @@
-"""Boxes on an object, hand poses around it, and how the boxes depend on the planner's thresholds."""
+"""From an object to a grasp in three panels: its boxes, the best-ranked grasp poses, and one grasp simulated."""
 
 from collections.abc import Sequence
-from itertools import product
-from pathlib import Path
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from graspbox.errors import ConfigError
 from graspbox.meshes import Mesh
-from graspbox.pictures.solids import COLORS, FAILURE, OBJECT, SUCCESS, UNTRIED, box_edges, place
-from graspbox.pictures.view import Camera, Floats, PosedHand, Solid, View, pixels, write
-from graspbox.planning import Box, Plan, decompose
-from graspbox.simulation import Hand, Outcomes, load_hand
+from graspbox.pictures.files import PathLike, checked, pixels, write
+from graspbox.pictures.hands import PosedHand, glyphs
+from graspbox.pictures.solids import (
+    FAILURE,
+    NOT_SIMULATED,
+    OBJECT,
+    OBJECTS,
+    SUCCESS,
+    Floats,
+    Solid,
+    box_edges,
+    colored_boxes,
+    place,
+    place_box,
+)
+from graspbox.pictures.sweeps import count_boxes
+from graspbox.pictures.trials import Trial
+from graspbox.pictures.view import Camera, View
+from graspbox.planning import Plan
+from graspbox.simulation import Hand, Outcomes, Scene, load_hand
 
-#: The reference study's thresholds (figures 2.3 and 2.4): share of the face's area, and least volume of a child, m3.
-AREA_GAINS = (0.8, 0.9, 0.95, 0.98)
-MIN_VOLUMES = (1.25e-1, 1.25e-2, 1.25e-3, 1.25e-4, 1.25e-5, 1.25e-6)
-#: Length of the arrow that stands for a pose, metres.
-_ARROW = 0.045
-#: The hand stands where the arrows are: they shine through it.
-_HAND_OPACITY = 0.6
+#: Most objects side by side.
+_MOST = 8
 
 
-def moved(box: Box, pose: Floats) -> Box:
-    """Move a box by a pose (4, 4)."""
-    return Box(place(box.center, pose), pose[:3, :3] @ box.axes, box.half_extents)
+@dataclass(frozen=True, eq=False)
+class GraspExample:
+    """An object, its plan, and what came of it.
 
+    Attributes
+    ----------
+    mesh, plan : Mesh, Plan
+        The object, and its plan; poses in ranking order.
+    outcomes : Outcomes or None
+        What came of the plan's first poses, in their order; None if none was simulated.
+    trial : Trial or None
+        The trial to show; None for the open hand at the first pose.
+    """
 
-def arrows(poses: Floats) -> Floats:
-    """Take each pose (n, 4, 4) as an arrow along the hand's approach that ends at the palm: segments (3 n, 2, 3)."""
-    tips, way, side = poses[:, :3, 3], poses[:, :3, 2], poses[:, :3, 1]
-    barbs = [tips - 0.2 * _ARROW * way + s * 0.1 * _ARROW * side for s in (-1, 1)]
-    return np.concatenate([np.stack([start, tips], axis=1) for start in (tips - _ARROW * way, *barbs)])
+    mesh: Mesh
+    plan: Plan
+    outcomes: Outcomes | None = None
+    trial: Trial | None = None
+
+    @classmethod
+    def run(cls, scene: Scene, plan: Plan) -> "GraspExample":
+        """Simulate every pose of a plan in ranking order; shows the best-ranked success, or the first pose."""
+        return cls.of(scene, plan, scene.simulate(plan.poses, plan.preshape))
+
+    @classmethod
+    def of(cls, scene: Scene, plan: Plan, outcomes: Outcomes) -> "GraspExample":
+        """Take outcomes that are known; shows the best-ranked success, or the first pose."""
+        trial = Trial.run(scene, plan, int(np.argmax(outcomes.success))) if len(outcomes) else None
+        return cls(scene.mesh, plan, outcomes, trial)
+
+    def captions(self, count: int) -> tuple[str, str, str]:
+        """Say what each panel shows: boxes, the best `count` poses, the grasp."""
+        tree, best = self.plan.tree, self.plan.best(count)
+        boxes = f"{count_boxes(len(tree))}, {tree.volume * 1e6:.0f} cm³"
+        noun = "pose" if len(best) == 1 else "poses"
+        if self.outcomes is None:
+            poses = f"the best {len(best)} {noun}, not simulated"
+        else:
+            poses = f"{int(self.outcomes.success[: len(best)].sum())} of the best {len(best)} {noun} succeed"
+        if self.trial is not None:
+            told = self.trial.outcome.failure[0] or "held"
+            return boxes, poses, f"pose {self.trial.index + 1} in simulation: {told}"
+        return boxes, poses, "open hand at pose 1" if len(best) else "no feasible pose"
 
 
 def save_plan(
-    path: Path,
+    path: PathLike,
     mesh: Mesh,
     plan: Plan,
     outcomes: Outcomes | None = None,
     *,
+    trial: Trial | None = None,
     hand: str | Hand = "reflex",
     count: int = 20,
     camera: Camera | None = None,
 ) -> None:
-    """Write a picture: the boxes on the object as it rests, and its best poses with the open hand at the first.
+    """Write three panels side by side: the boxes of an object at rest, its best poses, and a grasp.
 
     Parameters
     ----------
-    path : Path
-        The picture's file; its ending names the format.
+    path : str or PathLike
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     mesh, plan : Mesh, Plan
-        The object, and what was planned for it.
+        The object, and its plan.
     outcomes : Outcomes, optional
         What came of the plan's best poses, in their order; colours them.
+    trial : Trial, optional
+        A trial whose last moment is shown; by default the open hand is shown at the first pose.
     hand : str or Hand
-        The hand to draw.
+        The hand.
     count : int
-        Most poses to draw.
+        Greatest number of poses to show.
     camera : Camera, optional
-        From where to look; by default so that the first hand stands beside the object, not before it.
+        Viewing direction; by default the first hand is beside the object, not in front of it.
+
+    Raises
+    ------
+    ConfigError
+        If the path names no picture, or there are fewer outcomes than poses to show.
+    FileError
+        If the file cannot be written.
     """
-    best = plan.best(count)
-    world_from_object = plan.world_from_object
-    poses = world_from_object @ best.poses
-    if camera is None:
-        camera = Camera.across(poses[0, :3, 2]) if len(best) else Camera()
-    surface = Solid(mesh, OBJECT, world_from_object)
-    boxes = [moved(box, world_from_object) for box in plan.tree]
-    corners = np.concatenate([box.corners() for box in boxes])
-    figure = Figure(figsize=(9, 4.5), dpi=140)
-    left, right = figure.subplots(1, 2)
-    figure.subplots_adjust(left=0.01, right=0.99, bottom=0.07, top=0.91, wspace=0.03)
-    view = View([surface], camera, shown=corners, size=pixels(left), ground=True)
-    view.show(left)
-    for index, box in enumerate(boxes):
-        view.lines(left, box_edges(box), COLORS[index % len(COLORS)], width=1.6, hidden=0.35)
-    left.set_title(f"{mesh.name}: {len(boxes)} boxes, {plan.tree.volume * 1e6:.0f} cm³", fontsize=10)
-
-    lines = arrows(poses)
-    shown, first = [corners, lines.reshape(-1, 3)], None
-    if len(best):
-        first = PosedHand(load_hand(hand), poses[0], float(best.preshape[0]))
-        shown.append(first.corners())
-    view = View(
-        [surface],
-        camera,
-        shown=np.concatenate(shown),
-        size=pixels(right),
-        hand=first,
-        opacity=_HAND_OPACITY,
-        ground=True,
-    )
-    view.show(right)
-    told = f"the best {len(best)} poses; the open hand at the first"
-    if outcomes is None:
-        view.lines(right, lines, UNTRIED, width=1.3, hidden=0.7)
-    else:
-        ok = np.tile(outcomes.success[: len(best)], 3)
-        view.lines(right, lines[~ok], FAILURE, width=1.3, hidden=0.7)
-        view.lines(right, lines[ok], SUCCESS, width=1.3, hidden=0.7)
-        _tell_colors(figure)
-        told = f"{int(ok.sum()) // 3} of the best {len(best)} poses succeed; the open hand at the first"
-    right.set_title(told, fontsize=10)
-    write(figure, path, palette=False)
+    target = checked(path)
+    figure = Figure(figsize=(11, 4.1), dpi=130)
+    panels = figure.subplots(1, 3)
+    figure.subplots_adjust(left=0.005, right=0.995, bottom=0.065, top=0.84, wspace=0.03)
+    _column(panels, GraspExample(mesh, plan, outcomes, trial), OBJECT, load_hand(hand), count, camera)
+    figure.suptitle(mesh.name, fontsize=12, weight="bold")
+    _legend(figure, simulated=outcomes is not None)
+    write(figure, target, palette=False)
 
 
-def _tell_colors(figure: Figure) -> None:
-    figure.text(0.72, 0.025, "pose succeeds", color=SUCCESS, fontsize=9, ha="right")
-    figure.text(0.77, 0.025, "pose fails", color=FAILURE, fontsize=9, ha="left")
-
-
-def save_sweep(
-    path: Path,
-    mesh: Mesh,
-    *,
-    fit: Literal["minimum", "pca"] = "minimum",
-    area_gains: Sequence[float] = AREA_GAINS,
-    min_volumes: Sequence[float] = MIN_VOLUMES,
-    max_boxes: int = 64,
-    camera: Camera = Camera(),  # noqa: B008 (frozen)
-) -> dict[tuple[float, float], tuple[int, float]]:
-    """Write the study's sweep: the boxes for each pair of thresholds, as in its figures 2.3 and 2.4.
+def save_gallery(
+    path: PathLike, examples: Sequence[GraspExample], *, hand: str | Hand = "reflex", count: int = 20
+) -> None:
+    """Write one column per object: its boxes, its best poses, and a grasp, as `save_plan` does for one.
 
     Parameters
     ----------
-    path : Path
-        The picture's file.
-    mesh : Mesh
-        The object.
-    fit : {"minimum", "pca"}
-        How boxes are fitted.
-    area_gains : sequence of float
-        One row each.
-    min_volumes : sequence of float
-        One column each, m3.
-    max_boxes : int
-        Cap on the number of boxes; a panel that reaches it says so.
-    camera : Camera
-        From where to look, object frame.
+    path : str or PathLike
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
+    examples : sequence of GraspExample
+        1 to 8 objects.
+    hand : str or Hand
+        The hand.
+    count : int
+        Greatest number of poses to show per object.
 
-    Returns
-    -------
-    dict
-        For each (area gain, least volume): number of boxes, and their volume together in m3.
+    Raises
+    ------
+    ConfigError
+        If the path names no picture, or the number of examples or outcomes is wrong.
+    FileError
+        If the file cannot be written.
     """
-    shape = (len(area_gains), len(min_volumes))
-    figure = Figure(figsize=(1.75 * shape[1] + 0.4, 2.0 * shape[0] + 0.6), dpi=120)
-    panels = figure.subplots(*shape, squeeze=False)
-    figure.subplots_adjust(left=0.04, right=0.995, bottom=0.005, top=0.88, wspace=0.04, hspace=0.22)
-    pairs = list(product(area_gains, min_volumes))
-    trees = [decompose(mesh, fit=fit, area_gain=gain, min_volume=least, max_boxes=max_boxes) for gain, least in pairs]
-    # One view for all panels, in which every box has its place.
-    corners = np.concatenate([box.corners() for tree in trees for box in tree])
-    view = View([Solid(mesh, OBJECT)], camera, shown=corners, size=pixels(panels[0, 0]))
-    for (row, column), tree in zip(np.ndindex(shape), trees, strict=True):
-        axes: Any = panels[row, column]
+    target = checked(path)
+    if not 1 <= len(examples) <= _MOST:
+        raise ConfigError(f"{len(examples)} examples; give 1 to {_MOST}")
+    found = load_hand(hand)
+    figure = Figure(figsize=(2.75 * len(examples), 8.8), dpi=125)
+    panels = figure.subplots(3, len(examples), squeeze=False, gridspec_kw={"height_ratios": (1.0, 1.0, 1.25)})
+    figure.subplots_adjust(left=0.004, right=0.996, bottom=0.035, top=0.925, wspace=0.03, hspace=0.1)
+    for index, example in enumerate(examples):
+        _column(panels[:, index], example, OBJECTS[index % len(OBJECTS)], found, count, None)
+        panels[0, index].annotate(
+            example.mesh.name, (0.5, 1.15), xycoords="axes fraction", ha="center", fontsize=11, weight="bold"
+        )
+    _legend(figure, simulated=any(example.outcomes is not None for example in examples))
+    write(figure, target, palette=False)
+
+
+def _column(
+    panels: Sequence[Any], example: GraspExample, color: str, hand: Hand, count: int, camera: Camera | None
+) -> None:
+    """Fill three panels with the example, seen from one direction."""
+    best, outcomes = example.plan.best(count), example.outcomes
+    if outcomes is not None and len(outcomes) < len(best):
+        raise ConfigError(f"{len(outcomes)} outcomes for {len(best)} poses; simulate all that are shown, or lower count")
+    world_from_object = example.plan.world_from_object
+    poses = world_from_object @ best.poses
+    posed, at_end = _grasp(example, poses, best.preshape, hand)
+    if camera is None:
+        camera = Camera() if posed is None else Camera.across(posed.world_from_hand[:3, 2])
+    surface, size = Solid(example.mesh, color, world_from_object), pixels(panels[0])
+    boxes = [place_box(box, world_from_object) for box in example.plan.tree]
+    lines = glyphs(hand, poses, best.preshape)
+    corners = np.concatenate([*(box.corners() for box in boxes), lines.reshape(-1, 3)])
+    at_rest = place(example.mesh.vertices, world_from_object)
+    view = View([surface], camera, shown=corners, size=size, table=at_rest)
+    for axes in panels[:2]:
         view.show(axes)
-        width = 1.1 if len(tree) < 20 else 0.6
-        for index, box in enumerate(tree):
-            view.lines(axes, box_edges(box), COLORS[index % len(COLORS)], width=width, hidden=0.15)
-        capped = " (cap)" if len(tree) == max_boxes else ""
-        count = "1 box" if len(tree) == 1 else f"{len(tree)} boxes{capped}"
-        axes.set_title(f"{count}, {tree.volume * 1e6:.0f} cm³", fontsize=7.5, pad=2)
-        if row == 0:
-            axes.annotate(
-                f"min_volume\n{min_volumes[column]:g} m³",
-                (0.5, 1.16),
-                xycoords="axes fraction",
-                ha="center",
-                fontsize=8,
-                weight="bold",
-            )
-        if column == 0:
-            at = (-0.09, 0.5)
-            text = f"area_gain {area_gains[row]:g}"
-            axes.annotate(
-                text, at, xycoords="axes fraction", va="center", ha="center", rotation=90, fontsize=8, weight="bold"
-            )
-    figure.suptitle(f"{mesh.name}, fit={fit!r}: boxes and their volume together", fontsize=10, y=0.99)
-    write(figure, path)
-    return {pair: (len(tree), tree.volume) for pair, tree in zip(pairs, trees, strict=True)}
+    for box, ink in colored_boxes(boxes):
+        view.lines(panels[0], box_edges(box), ink, width=1.5, hidden=0.3)
+    inks = _inks(len(best), outcomes)
+    # The farthest first, so that nearer ones lie over it.
+    for index in np.argsort(-view.lens.project(poses[:, :3, 3])[:, 2]):
+        view.lines(panels[1], lines[index], inks[index], width=1.3, hidden=0.2, halo=0.8)
+    held = Solid(example.mesh, color, at_end)
+    reach = place(example.mesh.vertices, at_end)
+    if posed is not None:
+        reach = np.concatenate([reach, posed.corners()])
+    View([held], camera, shown=reach, size=pixels(panels[2]), hand=posed, table=reach).show(panels[2])
+    for axes, caption in zip(panels, example.captions(count), strict=True):
+        axes.set_title(caption, fontsize=9.5, pad=3)
+
+
+def _grasp(example: GraspExample, poses: Floats, preshape: Floats, hand: Hand) -> tuple[PosedHand | None, Floats]:
+    """Find the hand to show, and the object's pose: the trial's last moment, else the open hand at the first pose."""
+    trial = example.trial
+    if trial is not None and len(trial.trace.time):
+        return trial.posed(hand, -1), trial.trace.world_from_object[-1]
+    at_rest = example.plan.world_from_object
+    return (PosedHand(hand, poses[0], float(preshape[0])) if len(poses) else None), at_rest
+
+
+def _inks(count: int, outcomes: Outcomes | None) -> list[str]:
+    """Choose the colour of each pose by its outcome."""
+    if outcomes is None:
+        return [NOT_SIMULATED] * count
+    return [SUCCESS if success else FAILURE for success in outcomes.success[:count]]
+
+
+def _legend(figure: Figure, *, simulated: bool) -> None:
+    height = 0.1 / figure.get_figheight()
+    if not simulated:
+        figure.text(0.5, height, "grasp poses, not simulated", color=NOT_SIMULATED, fontsize=10, ha="center")
+        return
+    figure.text(0.49, height, "grasp pose succeeds", color=SUCCESS, fontsize=10, ha="right")
+    figure.text(0.51, height, "grasp pose fails", color=FAILURE, fontsize=10, ha="left")

@@ -1,8 +1,7 @@
-"""What happens in a trial: kindness over time, and the grasp in stages."""
+"""One trial: relative speed of hand and object over time (kindness), and the grasp in stages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,20 @@ from matplotlib.figure import Figure
 
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError
-from graspbox.pictures.solids import FAILURE, OBJECT, SUCCESS, place
-from graspbox.pictures.view import Camera, Floats, PosedHand, Solid, View, pixels, write
+from graspbox.pictures.files import PathLike, checked, pixels, write
+from graspbox.pictures.hands import PosedHand
+from graspbox.pictures.solids import FAILURE, OBJECT, SUCCESS, Floats, Solid, place
+from graspbox.pictures.view import Camera, View
 from graspbox.planning import Plan
-from graspbox.simulation import Outcomes, Scene, Trace
+from graspbox.simulation import Hand, Outcomes, Scene, Trace
+
+#: What kindness is, as the picture explains it.
+KINDNESS = (
+    "kindness (reference study, figures 3.17 and 3.18): sum of |d distance/dt| between hand frame and object frame\n"
+    "over the samples, one per 10 ms, of the first 2.5 s; in m/s. Low for a firm grasp, high if the object slips."
+)
+#: Most rows of stages.
+_MOST_ROWS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +32,7 @@ class Trial:
     Attributes
     ----------
     index : int
-        Its pose's place in the plan.
+        Index of its pose in the plan.
     preshape : float
         Radians.
     outcome : Outcomes
@@ -39,10 +48,14 @@ class Trial:
 
     @classmethod
     def run(cls, scene: Scene, plan: Plan, index: int) -> "Trial":
-        """Trace the trial of pose `index`, to its end."""
+        """Run the trial of pose `index` of a plan and record it; the study's measures are read too."""
         preshape = float(plan.preshape[index])
         outcome, trace = scene.trace(plan.poses[index], preshape, config=TrialConfig(legacy=True))
         return cls(index, preshape, outcome, trace)
+
+    def posed(self, hand: Hand, sample: int) -> PosedHand:
+        """Take the hand as it is at a sample of the trace."""
+        return PosedHand(hand, self.trace.world_from_hand[sample], self.preshape, self.trace.fingers[sample])
 
 
 def speeds(trace: Trace) -> tuple[Floats, Floats]:
@@ -52,11 +65,11 @@ def speeds(trace: Trace) -> tuple[Floats, Floats]:
 
 
 def firm_and_failed(scene: Scene, plan: Plan) -> tuple[Trial, Trial]:
-    """Choose two trials of a plan to set side by side.
+    """Choose two trials of a plan to compare.
 
-    The firm one is the success that moves least in the hand (least `kindness_rate`, then rank). The failed one is the
-    first in the ranking that the hand has lifted by at least a centimetre and that lies lower than 5 cm in the end;
-    else the first that slipped or dropped.
+    The firm one is the success whose object moves least in the hand (least `kindness_rate`, then rank). The failed one
+    is the best-ranked that lifts the object by at least 1 cm and ends with it lower than 5 cm; if there is none, the
+    best-ranked that slips or drops.
 
     Raises
     ------
@@ -78,48 +91,70 @@ def firm_and_failed(scene: Scene, plan: Plan) -> tuple[Trial, Trial]:
     return firm, Trial.run(scene, plan, int(lost[0]))
 
 
-def save_kindness(path: Path, name: str, failed: Trial, firm: Trial) -> None:
+def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None:
     """Write |d distance/dt| between hand and object over time, of a failed and a firm grasp.
 
-    Its sum is the study's kindness (figures 3.17 and 3.18): near zero for a firm grasp, a spike for each slip. Both
-    panels have the same scale.
+    The reference study's kindness (its figures 3.17 and 3.18) is the sum of these speeds over the samples of the first
+    2.5 s: near zero for a firm grasp, a spike for each slip. Both panels have the same scale.
 
     Parameters
     ----------
-    path : Path
-        The picture's file.
+    path : str or PathLike
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     name : str
         The object's name.
     failed, firm : Trial
-        The trials.
+        The trials, of feasible poses.
+
+    Raises
+    ------
+    ConfigError
+        If the path names no picture, or a trial has no samples.
+    FileError
+        If the file cannot be written.
     """
-    config, top = TrialConfig(), 1.0
+    target = checked(path)
+    for trial in (failed, firm):
+        if len(trial.trace.time) < 2:
+            raise ConfigError(f"pose {trial.index + 1} is infeasible: nothing moved, so there is no speed to plot")
+    config = TrialConfig()
     total = config.close_time + config.lift_time + config.hold_time
-    figure = Figure(figsize=(8, 5.4), dpi=110)
+    top = max(1.0, *(100 * float(speeds(trial.trace)[1].max()) for trial in (failed, firm)))
+    figure = Figure(figsize=(8, 6.0), dpi=110)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
-    for axes, trial, color, what in ((panels[0], failed, FAILURE, "failed"), (panels[1], firm, SUCCESS, "firm")):
-        time, speed = speeds(trial.trace)
-        _mark_phases(axes, config)
-        axes.fill_between(time, 0.0, 100 * speed, color=color, alpha=0.35, linewidth=0)
-        axes.plot(time, 100 * speed, color=color, linewidth=1.2)
-        top = max(top, 100 * float(speed.max()))
-        told = trial.outcome.failure[0] or "success"
-        axes.set_title(
-            f"{what} grasp (pose {trial.index + 1} of the ranking): {told}, kindness {trial.outcome.kindness[0]:.2g}, "
-            f"object lifted by {100 * trial.outcome.lift[0]:.1f} cm",
-            fontsize=10,
-        )
-        if time[-1] < total - 0.05:
-            axes.text(time[-1] + 0.03, 0.3 * top, "the trial\nends: lost", color="#666666", fontsize=8)
-        axes.set_ylabel("|d distance/dt|  (cm/s)")
-        axes.grid(axis="y", color="#dddddd", linewidth=0.6)
-        axes.set_axisbelow(True)
-    axes.set_ylim(0, 1.2 * top)
-    axes.set_xlim(0, total)
-    axes.set_xlabel("time since closing began (s)")
-    figure.suptitle(f"{name}: speed at which the object moves towards or away from the hand", fontsize=11)
-    figure.tight_layout()
-    write(figure, path)
+    for axes, trial, color in ((panels[0], failed, FAILURE), (panels[1], firm, SUCCESS)):
+        _plot_speed(axes, trial, color, config, top)
+    panels[1].set_ylim(0, 1.2 * top)
+    panels[1].set_xlim(0, total)
+    panels[1].set_xlabel("time since closing began (s)")
+    figure.suptitle(f"{name}: relative speed of hand and object", fontsize=12, weight="bold")
+    figure.text(0.5, 0.93, KINDNESS, ha="center", va="center", fontsize=9, color="#444444")
+    figure.tight_layout(rect=(0, 0, 1, 0.955))
+    write(figure, target)
+
+
+def _plot_speed(axes: Any, trial: Trial, color: str, config: TrialConfig, top: float) -> None:
+    """Plot one trial's speed in cm/s, with the phases of the trial and its measures."""
+    time, speed = speeds(trial.trace)
+    total = config.close_time + config.lift_time + config.hold_time
+    _mark_phases(axes, config)
+    axes.fill_between(time, 0.0, 100 * speed, color=color, alpha=0.35, linewidth=0)
+    axes.plot(time, 100 * speed, color=color, linewidth=1.2)
+    axes.set_title(kindness_caption(trial), fontsize=10)
+    if time[-1] < total - 0.05:
+        axes.text(time[-1] + 0.03, 0.3 * top, "object lost:\ntrial ends", color="#666666", fontsize=8)
+    axes.set_ylabel("|d distance/dt|  (cm/s)")
+    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def kindness_caption(trial: Trial) -> str:
+    """Write a trial's rank, outcome, kindness and lift."""
+    out = trial.outcome
+    return (
+        f"pose {trial.index + 1} of the ranking: {out.failure[0] or 'success'}, kindness {out.kindness[0]:.2g}, "
+        f"lift {100 * out.lift[0]:.1f} cm"
+    )
 
 
 def _mark_phases(axes: Any, config: TrialConfig) -> None:
@@ -142,42 +177,56 @@ def stages(trace: Trace, config: TrialConfig = TrialConfig()) -> list[tuple[str,
     return [(name, int(np.abs(trace.time - time).argmin())) for name, time in wanted]
 
 
-def save_stages(path: Path, scene: Scene, trials: Sequence[Trial], *, camera: Camera | None = None) -> None:
-    """Write each trial as a row of four stages: open, closed, lifting, held (or lost).
+def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera: Camera | None = None) -> None:
+    """Write each trial as a row of four stages: open, closed, lifting, held (or the reason of its failure).
 
     Parameters
     ----------
-    path : Path
-        The picture's file.
+    path : str or PathLike
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     scene : Scene
         The object and the hand.
     trials : sequence of Trial
-        The trials of this scene.
+        1 to 8 trials of this scene, of feasible poses.
     camera : Camera, optional
-        From where to look; by default across the first hand's approach.
+        Viewing direction; by default across the first hand's approach.
+
+    Raises
+    ------
+    ConfigError
+        If the path names no picture, or a trial has no samples.
+    FileError
+        If the file cannot be written.
     """
-    figure = Figure(figsize=(10, 3.7 * len(trials)), dpi=120)
+    target = checked(path)
+    if not 1 <= len(trials) <= _MOST_ROWS:
+        raise ConfigError(f"{len(trials)} trials; give 1 to {_MOST_ROWS}")
+    for trial in trials:
+        if not len(trial.trace.time):
+            raise ConfigError(f"pose {trial.index + 1} is infeasible: nothing moved, so there are no stages to show")
+    height = 3.5 * len(trials) + 0.45
+    figure = Figure(figsize=(10.5, height), dpi=115)
     panels = figure.subplots(len(trials), 4, squeeze=False)
     figure.subplots_adjust(
-        left=0.005, right=0.995, bottom=0.01, top=1 - 0.27 / (3.7 * len(trials)), wspace=0.02, hspace=0.1
+        left=0.03, right=0.997, bottom=0.06 / height, top=1 - 0.68 / height, wspace=0.02, hspace=0.1
     )
     for row, trial in zip(panels, trials, strict=True):
-        trace = trial.trace
-        chosen = stages(trace)
-        eye = camera or Camera.across(trace.world_from_hand[0, :3, 2], elevation=14.0)
-        hands = [_hand(scene, trial, sample) for _, sample in chosen]
-        objects = [trace.world_from_object[sample] for _, sample in chosen]
-        vertices = scene.mesh.vertices
-        shown = np.concatenate([*(h.corners() for h in hands), *(place(vertices, pose) for pose in objects)])
-        for axes, (name, sample), hand, pose in zip(row, chosen, hands, objects, strict=True):
-            surface = Solid(scene.mesh, OBJECT, pose)
-            View([surface], eye, shown=shown, size=pixels(axes), hand=hand, ground=True).show(axes)
-            lost = name == "held" and not trial.outcome.success[0]
-            told = f"{trial.outcome.failure[0]}" if lost else name
-            axes.set_title(f"{told}, {trace.time[sample]:.2f} s", fontsize=10)
-    write(figure, path, palette=False)
+        _stages_row(row, scene, trial, camera)
+    figure.suptitle(scene.name, fontsize=12, weight="bold", y=1 - 0.1 / height)
+    write(figure, target, palette=False)
 
 
-def _hand(scene: Scene, trial: Trial, sample: int) -> PosedHand:
-    trace = trial.trace
-    return PosedHand(scene.hand, trace.world_from_hand[sample], trial.preshape, trace.fingers[sample])
+def _stages_row(row: Sequence[Any], scene: Scene, trial: Trial, camera: Camera | None) -> None:
+    trace, chosen = trial.trace, stages(trial.trace)
+    eye = camera or Camera.across(trace.world_from_hand[0, :3, 2], elevation=18.0)
+    hands = [trial.posed(scene.hand, sample) for _, sample in chosen]
+    objects = [trace.world_from_object[sample] for _, sample in chosen]
+    shown = np.concatenate([*(h.corners() for h in hands), *(place(scene.mesh.vertices, pose) for pose in objects)])
+    for axes, (name, sample), hand, pose in zip(row, chosen, hands, objects, strict=True):
+        surface = Solid(scene.mesh, OBJECT, pose)
+        View([surface], eye, shown=shown, size=pixels(axes), hand=hand, table=shown).show(axes)
+        lost = name == "held" and not trial.outcome.success[0]
+        told = str(trial.outcome.failure[0]) if lost else name
+        axes.set_title(f"{told}, {trace.time[sample]:.2f} s", fontsize=10)
+    label = f"pose {trial.index + 1} of the ranking: {trial.outcome.failure[0] or 'success'}"
+    row[0].annotate(label, (-0.06, 0.5), xycoords="axes fraction", rotation=90, va="center", ha="center", fontsize=10)

@@ -1,46 +1,43 @@
-"""What a far camera sees of meshes and a hand, as the renderer draws it, ready for lines that know what hides them.
+"""Solids and a hand seen by a distant camera, with lines that know which surfaces hide them.
 
-The picture goes onto matplotlib axes as an image whose units are pixels; lines and text stay vectors.
+The renderer makes the image, in pixels; lines and text stay vectors of matplotlib.
 """
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cache
-from io import BytesIO
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from graspbox import _core
-from graspbox.meshes import Mesh, mesh_from_arrays
+from graspbox.pictures.hands import PosedHand
+from graspbox.pictures.solids import Floats, Solid, box_mesh
 from graspbox.planning import Box
-from graspbox.simulation import Hand
 
-Floats = NDArray[np.float64]
-
-#: The eye is this many times farther from the middle than what is shown reaches: a long lens, which bends little.
+#: Distance of the camera, as a multiple of the radius of what is shown: a long lens, with little perspective.
 _DISTANCE = 6.0
-#: What is shown keeps this share of the picture's sides free.
+#: Share of the picture's width and height that stays free at each side.
 _MARGIN = 0.03
 #: Samples along each side of a pixel.
 _SAMPLES = 4
-#: The lamp stands over the viewer's left shoulder: degrees from the eye's azimuth, and above the table.
-_LAMP = (-60.0, 62.0)
-#: Strengths of the lamp and of the light from everywhere (together they show a white ground white), and the width of a
+#: The lamp is above and to the left of the camera: degrees from the camera's azimuth, and elevation.
+_LAMP = (-65.0, 70.0)
+#: Strengths of the lamp and of the ambient light (together they show a white ground as white), and the width of a
 #: shadow's soft border, metres.
-_LIGHT = {"intensity": 0.74, "ambient": 0.38, "softness": 0.02, "sky": (1.0, 1.0, 1.0), "floor": (1.0, 1.0, 1.0)}
-#: Half the side of the ground, metres.
-_GROUND = 50.0
-#: A line this far behind a surface is still on it, metres.
+_LIGHT = {"intensity": 0.66, "ambient": 0.45, "softness": 0.02, "sky": (1.0, 1.0, 1.0), "floor": (1.0, 1.0, 1.0)}
+#: Greatest depth, metres.
+_FAR = 100.0
+#: The table: colour, thickness and free border in metres.
+_TABLE, _THICKNESS, _BORDER = "#e2dacb", 0.012, 0.012
+#: Degrees between the table's sides and the camera's azimuth.
+_TABLE_TURN = 9.0
+#: A line at most this far behind a surface counts as on it, metres.
 _ON_SURFACE = 0.0015
-#: Steps a line is cut into to see where it is hidden.
+#: Steps along a line at which its visibility is tested.
 _STEPS = 120
 
 
@@ -120,50 +117,6 @@ class Lens:
         return projected
 
 
-@dataclass(frozen=True, eq=False)
-class Solid:
-    """A mesh of one colour (matplotlib's) at a pose."""
-
-    mesh: Mesh
-    color: str
-    world_from_mesh: Floats = field(default_factory=lambda: np.eye(4))
-    casts_shadow: bool = True
-
-
-@dataclass(frozen=True, eq=False)
-class PosedHand:
-    """A hand in a moment.
-
-    Attributes
-    ----------
-    hand : Hand
-        The hand.
-    world_from_hand : (4, 4) float64
-        Pose of the grasp frame.
-    preshape : float
-        Radians.
-    fingers : (f, 2), optional
-        Proximal and distal angle of each finger, radians; all 0, the open hand, by default.
-    """
-
-    hand: Hand
-    world_from_hand: Floats
-    preshape: float
-    fingers: Floats | None = None
-
-    def angles(self) -> tuple[Floats, Floats]:
-        """Proximal and distal angles (f,), radians."""
-        angles = np.zeros((self.hand.fingers, 2)) if self.fingers is None else self.fingers
-        return np.ascontiguousarray(angles[:, 0]), np.ascontiguousarray(angles[:, 1])
-
-    def corners(self) -> Floats:
-        """Corners (n, 3) of its shapes' boxes, world frame, metres."""
-        shapes, halves, _ = self.hand.shapes(self.preshape, *self.angles())
-        frames = self.world_from_hand @ shapes
-        boxes = [Box(frame[:3, 3], frame[:3, :3], half) for frame, half in zip(frames, halves, strict=True)]
-        return np.concatenate([box.corners() for box in boxes])
-
-
 class View:
     """A picture of solids and a hand.
 
@@ -181,8 +134,9 @@ class View:
         The hand.
     opacity : float
         Of the hand; below 1 what is behind it shines through, and it hides no lines.
-    ground : bool
-        Whether there is a white ground at z = 0, for shadows to fall on.
+    table : (n, 3) array_like, optional
+        Points above a table with its top at z = 0, metres; the table is as large as them and their shadows. Without
+        them there is no table.
     """
 
     def __init__(
@@ -194,21 +148,22 @@ class View:
         size: tuple[int, int],
         hand: PosedHand | None = None,
         opacity: float = 1.0,
-        ground: bool = False,
+        table: ArrayLike | None = None,
     ) -> None:
         lamp = -_direction(camera.azimuth + _LAMP[0], _LAMP[1])
-        if ground:
-            solids = [*solids, Solid(_ground(), "#ffffff", casts_shadow=False)]
-            shown = np.asarray(shown, dtype=np.float64).reshape(-1, 3)
-            shown = np.concatenate([shown, shown - shown[:, 2:] / lamp[2] * lamp])
+        if table is not None:
+            points = np.asarray(table, dtype=np.float64).reshape(-1, 3)
+            top = _table(np.concatenate([points, points - points[:, 2:] / lamp[2] * lamp]), camera)
+            solids = [*solids, Solid(box_mesh(top, "table"), _TABLE, casts_shadow=False)]
+            shown = np.concatenate([np.asarray(shown, dtype=np.float64).reshape(-1, 3), top.corners()])
         self.lens = Lens.showing(shown, camera, size)
-        self.image, self.depth = self._draw(solids, lamp, hand)
+        self.image, self.depth = self._render(solids, lamp, hand)
         if hand is not None and opacity < 1.0:
-            bare, self.depth = self._draw(solids, lamp, None)
+            bare, self.depth = self._render(solids, lamp, None)
             mixed = opacity * self.image.astype(np.float64) + (1 - opacity) * bare
             self.image = np.rint(mixed).astype(np.uint8)
-        if ground:
-            # What rests on the ground has its lower edges in it: it hides none.
+        if table is not None:
+            # Lower edges of what rests on the table lie in its top, which must not hide them.
             self.depth[self._heights() < _ON_SURFACE] = 0.0
 
     def _heights(self) -> Floats:
@@ -219,15 +174,16 @@ class View:
         heights: Floats = self.depth * (ways @ pose[2, :3]) + pose[2, 3]
         return heights
 
-    def _draw(
+    def _render(
         self, solids: Sequence[Solid], lamp: Floats, hand: PosedHand | None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         columns, rows = self.lens.size
+        solids = solids if hand is None else [*solids, *hand.joints()]
         config = {
             "image_size": (rows, columns),
             "samples": _SAMPLES,
             "near": 1e-3,
-            "far": 2 * _GROUND,
+            "far": _FAR,
             "light": {**_LIGHT, "direction": lamp.tolist()},
         }
         return _core.render(
@@ -261,8 +217,21 @@ class View:
         axes.set_ylim(rows, 0)
         axes.set_axis_off()
 
-    def lines(self, axes: Any, lines: ArrayLike, color: str, *, width: float = 1.0, hidden: float = 0.25) -> None:
-        """Draw segments (n, 2, 3); where a surface hides them, with the opacity `hidden`."""
+    def lines(
+        self,
+        axes: Any,
+        lines: ArrayLike,
+        color: str,
+        *,
+        width: float = 1.0,
+        hidden: float = 0.25,
+        halo: float = 0.0,
+    ) -> None:
+        """Add segments (n, 2, 3) to axes.
+
+        Where a surface hides them they have the opacity `hidden`; a white `halo` (points on each side) sets off what
+        is seen from earlier lines.
+        """
         ends = np.asarray(lines, dtype=np.float64)
         t = np.linspace(0.0, 1.0, _STEPS + 1)[None, :, None]
         points = ends[:, None, 0] + (ends[:, None, 1] - ends[:, None, 0]) * t
@@ -273,24 +242,10 @@ class View:
             runs = [run for line, mask in zip(flat, seen == wanted, strict=True) for run in _runs(line, mask)]
             if runs and alpha > 0:
                 caps: Literal["round", "butt"] = "round" if wanted else "butt"
+                if halo and wanted:
+                    around = width + 2 * halo
+                    axes.add_collection(LineCollection(runs, colors="white", linewidths=around, capstyle=caps))
                 axes.add_collection(LineCollection(runs, colors=color, linewidths=width, alpha=alpha, capstyle=caps))
-
-
-def pixels(axes: Any) -> tuple[int, int]:
-    """Count the columns and rows that axes cover on their figure."""
-    box = axes.get_window_extent()
-    return round(box.width), round(box.height)
-
-
-def write(figure: Figure, path: Path, *, palette: bool = True) -> None:
-    """Write a figure; a PNG with a palette of 256 colours, which is a third of the size, or with all its colours."""
-    if path.suffix.lower() != ".png" or not palette:
-        figure.savefig(path)
-        return
-    raw = BytesIO()
-    figure.savefig(raw, format="png")
-    with Image.open(raw) as image:
-        image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def _direction(azimuth: float, elevation: float) -> Floats:
@@ -298,14 +253,14 @@ def _direction(azimuth: float, elevation: float) -> Floats:
     return np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
 
 
-@cache
-def _ground() -> Mesh:
-    """Make a slab with its upper side at z = 0."""
-    middle, half = np.array([0.0, 0.0, -0.5]), np.array([_GROUND, _GROUND, 0.5])
-    corners = Box(middle, np.eye(3), half).corners()
-    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
-    return mesh_from_arrays(corners, np.array(faces), name="ground")
+def _table(points: Floats, camera: Camera) -> Box:
+    """Lay a slab below points (n, 3), its top at z = 0 and its sides along the camera's azimuth turned by a little."""
+    a = np.radians(camera.azimuth + _TABLE_TURN)
+    axes = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
+    flat = (points @ axes)[:, :2]
+    low, high = flat.min(axis=0) - _BORDER, flat.max(axis=0) + _BORDER
+    center = axes @ np.array([*(low + high) / 2, -_THICKNESS / 2])
+    return Box(center, axes, np.array([*(high - low) / 2, _THICKNESS / 2]))
 
 
 def _runs(line: Floats, mask: NDArray[np.bool_]) -> list[Floats]:

@@ -1,0 +1,102 @@
+"""Picture files: names are checked before the work, and a file appears whole or not at all."""
+
+import os
+import tempfile
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from graspbox.errors import ConfigError, FileError
+
+#: File name extensions of pictures. All but ``.pdf`` and ``.svg`` are pixels.
+SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")
+#: A path to a picture.
+PathLike = str | os.PathLike[str]
+
+
+def checked(path: PathLike) -> Path:
+    """Check that a picture can be written to `path`; call it before the work begins.
+
+    Raises
+    ------
+    ConfigError
+        If `path` is not a path, is a folder, or its extension is none of `SUFFIXES`.
+    FileError
+        If the folder does not exist or cannot be written to.
+    """
+    try:
+        target = Path(path)
+    except TypeError:
+        raise ConfigError(f"path is {path!r}; give a str or a Path that ends in one of {_choices()}") from None
+    if target.is_dir():
+        raise ConfigError(f"{str(target)!r} is a folder; name a picture in it, such as {str(target / 'picture.png')!r}")
+    if target.suffix.lower() not in SUFFIXES:
+        raise ConfigError(f"{str(target)!r} has the extension {target.suffix!r}; use one of {_choices()}")
+    folder = target.parent
+    if not folder.is_dir():
+        raise FileError(2, "the picture's folder does not exist; make it first", str(folder))
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise FileError(13, "the picture's folder cannot be written to", str(folder))
+    return target
+
+
+def _choices() -> str:
+    return ", ".join(SUFFIXES)
+
+
+def write(figure: Figure, path: Path, *, palette: bool = True) -> None:
+    """Write a figure, replacing the file at once when it is complete.
+
+    Parameters
+    ----------
+    figure : Figure
+        Rendered by Agg, whatever backend matplotlib is set to.
+    path : Path
+        A path that `checked` has passed.
+    palette : bool
+        Whether a PNG gets a palette of 256 colours, which takes a third of the space.
+    """
+    kind = path.suffix.lower().removeprefix(".")
+    raw = BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(raw, format=kind)
+    if kind == "png":
+        raw = _packed(raw, palette)
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+            try:
+                file.write(raw.getvalue())
+                file.close()
+                os.chmod(file.name, 0o666 & ~_umask())
+                os.replace(file.name, path)
+            except BaseException:
+                os.unlink(file.name)
+                raise
+    except OSError as error:
+        raise FileError(error.errno, f"the picture cannot be written: {error.strerror}", str(path)) from None
+
+
+def _packed(raw: BytesIO, palette: bool) -> BytesIO:
+    packed = BytesIO()
+    with Image.open(raw) as image:
+        colors = image.convert("RGB")
+        chosen = colors.quantize(256, dither=Image.Dither.NONE) if palette else colors
+        chosen.save(packed, format="png", optimize=True)
+    return packed
+
+
+def _umask() -> int:
+    """Read the process's mask for new files; there is no call that only reads it."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def pixels(axes: Any) -> tuple[int, int]:
+    """Count the columns and rows that axes cover on their figure."""
+    box = axes.get_window_extent()
+    return round(box.width), round(box.height)
