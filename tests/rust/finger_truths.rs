@@ -239,16 +239,21 @@ fn balance(world: &World, finger: usize, gravity: &Vector3<f64>) -> Balance {
     }
 }
 
-/// Closes `hand`, palm down at `palm` metres above the table, on 300 kg of `object` until its motors stall.
+/// Mass of what is squeezed, kg: so heavy that even a ball, which rolls under fingers without friction, stays in its place.
+const FIXED: f64 = 3e4;
+
+/// Closes `hand`, palm down at `palm` metres above the table, on [`FIXED`] of `object` until its motors stall.
 fn squeeze(hand: Hand, object: &Geometry, height: f64, palm: f64) -> World {
-    let template = template(hand, object, 300.0, PhysicsConfig::default());
+    let template = template(hand, object, FIXED, PhysicsConfig::default());
     let hand = palm_down(0.0, 0.0, palm);
     let mut world = template.spawn(&hand, &at(0.0, 0.0, height / 2.0), 0.0);
     let close = closing(world.hand(), 0.0);
     run(&mut world, &hand, &close, 4.0);
-    // The statics below hold for an object in its place, not for fingers that closed on nothing.
+    // The statics hold for an object that stays where it was put, not for fingers that closed on nothing.
     let moved = (world.object_center() - Point3::new(0.0, 0.0, height / 2.0)).norm();
     assert!(moved < 1e-3, "the object moved by {moved} m");
+    let speed = world.object_velocity_in_hand().0.norm();
+    assert!(speed < 1e-3, "the object moves at {speed} m/s");
     world
 }
 
@@ -302,9 +307,8 @@ fn contact_forces_balance_the_tendon() {
     }
 }
 
-/// How hard a fingertip presses at 50 N of tension. A tip that alone touches presses with `(r_p T - spring) / lever`, near 6 N;
-/// a distal link whose proximal one is held too takes `r_d T - k q_d` on a short lever, and presses harder.
-/// A bug here: tension, arms or stiffness that changed (the range is what these objects give, with a margin of a tenth).
+/// How hard the distal links press at 50 N of tension, `(r_p T - spring) / lever` where a link alone touches.
+/// A bug here: tension, arms or stiffness that changed. These objects give 4.5 to 7.1 N; the range leaves a margin of 10 %.
 #[test]
 fn a_fingertip_presses_as_its_levers_say() {
     let (mut least, mut most) = (f64::MAX, 0.0_f64);
@@ -327,5 +331,5 @@ fn a_fingertip_presses_as_its_levers_say() {
         }
     }
     println!("distal links press with {least:.1} to {most:.1} N at 50 N of tension (goal: 8 to 15 N)");
-    assert!(least > 4.0 && most < 15.0);
+    assert!(least > 4.0 && most < 7.9, "{least} to {most} N");
 }
