@@ -30,11 +30,11 @@ fn median(times: usize, mut work: impl FnMut()) -> f64 {
 }
 
 /// Most bytes of a world that is spawned and not stepped, of one whose hand presses on the object, and of a snapshot.
-const FRESH: f64 = 2e5;
-const PRESSED: f64 = 6e5;
-const SNAPSHOT: usize = 1_000_000;
+const FRESH: f64 = 1e5;
+const PRESSED: f64 = 4e5;
+const SNAPSHOT: usize = 200_000;
 /// Worlds that are kept to measure the memory of one.
-const KEPT: usize = 200;
+const KEPT: usize = 100;
 
 /// Memory of one of [`KEPT`] worlds that `make` returns, bytes. They stay in `kept`: what one family frees would hide what the next takes.
 fn memory_of(kept: &mut Vec<World>, make: impl Fn() -> World) -> Option<f64> {
