@@ -1,4 +1,4 @@
-//! Same bits, whoever runs it and however often; and snapshots that refuse what they cannot restore.
+//! The same bits on every run, and snapshots that are refused where they cannot be restored.
 //!
 //! A mismatch is always a bug: something iterates in an order that is not fixed, shares state between worlds, or is missing
 //! from a clone or snapshot.
@@ -80,7 +80,7 @@ fn a_run_can_be_repeated_and_carries_on_from_snapshot_and_clone() {
             touched |= world.contacts().links.len() > 2;
             let bytes = world.snapshot().unwrap();
             let mut copy = world.clone();
-            // The original goes on first: a clone that shares anything would notice.
+            // The original continues first: a clone that shares state with it would differ.
             assert_eq!(whole[cut..], case.run(&mut world, cut, END), "after taking a snapshot at {cut}");
             let mut back = case.template.restore(&bytes).unwrap();
             assert_eq!(bytes, back.snapshot().unwrap(), "a snapshot of what was restored at {cut}");
@@ -235,12 +235,12 @@ fn mutate(bytes: &[u8], state: &mut u64) -> Vec<u8> {
     out
 }
 
-/// Length of what leads a snapshot: its magic number and checksum.
+/// Length of the header of a snapshot: magic number and checksum.
 const HEAD: usize = 8 + 32;
 
 /// Damage is found by the checksum; and where someone made the checksum fit, reading still ends in an error or a world, never
 /// in a panic.
-/// A bug here: a length that is believed, an index that is not checked.
+/// A bug here: a length or an index that is not checked.
 #[test]
 fn a_damaged_snapshot_is_refused() {
     let [case, _] = Case::all();

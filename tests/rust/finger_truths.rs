@@ -8,10 +8,10 @@ use graspbox_tests::two_link::TwoLink;
 use nalgebra::{Isometry3, Point3, Rotation2, Vector2, Vector3};
 
 const G: f64 = 9.81;
-/// Every closed form is met within this share.
+/// Largest relative error against a closed form.
 const WITHIN: f64 = 0.02;
 
-/// The ReFlex with every finger's springs, damping and stops changed, so that a finger is nothing but a double pendulum.
+/// The ReFlex with every finger's springs, damping and stops changed, so that a finger is a plain double pendulum.
 fn pendulum_hand(proximal_stiffness: f64, damping: f64) -> Hand {
     let mut hand = reflex();
     for i in 0..hand.fingers.len() {
@@ -258,8 +258,7 @@ fn squeeze(hand: Hand, object: &Geometry, height: f64, palm: f64) -> World {
 }
 
 /// Objects that a finger meets with its tip alone, with its distal pad, and with both of its links.
-/// Others are left out where a finger that touches with its tip first and has no friction buckles outwards, until it lies
-/// against its stops.
+/// Objects are excluded where a finger without friction that touches with its tip first buckles outwards against its stops.
 fn squeezed() -> [(&'static str, Geometry, f64, f64); 3] {
     [
         ("block of 90 mm", Geometry::Cuboid(Vector3::new(0.045, 0.06, 0.05)), 0.10, 0.14),
@@ -269,7 +268,7 @@ fn squeezed() -> [(&'static str, Geometry, f64, f64); 3] {
 }
 
 /// About each joint the contacts take what tendon, springs and weight give: `r_p T`, `r_d T`, each less its spring. Pads are
-/// without friction here, since its share of a contact is not reported; the normal forces then say it all.
+/// frictionless here, since friction forces are not reported; the normal forces are then the whole load.
 /// A bug here: a moment arm on the wrong joint, a saturated tendon that pulls with less than its limit, contact forces that
 /// are not per second.
 #[test]

@@ -15,9 +15,9 @@ use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Mean over a hold of the deepest penetration between hand and object, metres.
+/// Largest mean over a hold of the deepest penetration between hand and object, metres.
 const PENETRATION: f64 = 5e-4;
-/// Drift of the centre of mass in the hand over a hold, m/s.
+/// Largest drift of the centre of mass in the hand over a hold, m/s.
 const SLIP: f64 = 1e-4;
 /// A hold begins when the hand has stood still for a second, and lasts this long, seconds.
 const HOLD: f64 = 2.0;

@@ -1,4 +1,4 @@
-//! Labels are a property of the grasp, not of the time step or of who stops watching first.
+//! Labels are a property of the grasp, not of the time step or of early stopping.
 //!
 //! Poses come from the planner, spread over its whole ranking, on procedural objects of every family in turn.
 #![allow(clippy::unwrap_used)]

@@ -1,6 +1,6 @@
 //! The object against closed forms, each within 2 %: fall, friction, flight in a moving frame, impulse, energy.
 //!
-//! The world is simulated in the hand's frame, so every one of these also checks that nobody can tell.
+//! The world is simulated in the hand's frame, so each test also checks that the result does not depend on it.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_mesh::convex_hull;
@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3
 use std::sync::Arc;
 
 const G: f64 = 9.81;
-/// Every closed form is met within this share.
+/// Largest relative error against a closed form.
 const WITHIN: f64 = 0.02;
 
 fn check(name: &str, measured: f64, expected: f64) {
@@ -100,7 +100,7 @@ fn a_box_slides_with_g_sin_less_mu_cos() {
     }
 }
 
-/// What is known to be off: the engine's per-point Coulomb solve pushes each corner along `K^-1 v`, not along `-v`, and caps
+/// A known error: the engine's per-point Coulomb solve pushes each corner along `K^-1 v`, not along `-v`, and clamps
 /// that. Where a corner lies aslant of the slide its effective mass `K` is not isotropic, the parts across the slide cancel
 /// between corners, and what is left of mu is the cosine of the angle between the two: 0.88 for this tile, side first. The
 /// error is on the safe side (never more friction than mu), and this test holds it there.

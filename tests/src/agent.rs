@@ -74,7 +74,7 @@ pub fn target(hand: &Hand, world_from_hand: &Isometry3<f64>, spool: f64, preshap
     action.into_iter().map(|x| x as f32).collect()
 }
 
-/// What came of a grasp that was driven by actions.
+/// Outcome of a grasp that was executed by actions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
     /// It succeeded.

@@ -21,7 +21,7 @@ pub fn palm_down(x: f64, y: f64, z: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(x, y, z), down)
 }
 
-/// Where a hand is out of the way, 1.5 m above the table.
+/// Pose of a hand out of the way, 1.5 m above the table.
 pub fn away() -> Isometry3<f64> {
     at(0.0, 0.0, 1.5)
 }

@@ -1,4 +1,4 @@
-//! The two files together: names resolved, numbers checked, the hand built.
+//! Combines the two files: resolves names, checks numbers, builds the hand.
 
 use std::collections::BTreeMap;
 
@@ -10,18 +10,18 @@ use crate::model::{Finger, Flexure, Friction, Hand, Material, Motor, MotorKind, 
 use crate::table::{FingerTable, FlexureTable, HandTable, Item, Number, Reader, TendonTable};
 use crate::urdf::Tree;
 
-/// Greatest number of fingers; no hand has more.
+/// Largest number of fingers.
 const MAX_FINGERS: usize = 16;
-/// Greatest number of pads: one for each collider that a URDF may have.
+/// Largest number of pads: one per collider that a URDF may have.
 const MAX_PADS: usize = 256;
-/// Greatest number of tactile sensors.
+/// Largest number of tactile sensors.
 const MAX_SENSORS: usize = 1024;
-/// What a motor table writes to drive the preshape.
+/// Value of `drives` for the preshape motor.
 const PRESHAPE: &str = "preshape";
 
-/// Builds the hand and notes every problem on the way: it may be used only if there are none.
+/// Builds the hand and records every problem; the result may be used only if there are none.
 ///
-/// `None` where the fingers cannot be made out.
+/// `None` where the fingers cannot be resolved.
 pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_>) -> Option<Hand> {
     check_counts(table, reader)?;
     let mut hand = Hand {
@@ -58,7 +58,7 @@ pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_
     Some(hand)
 }
 
-/// No more parts than a hand has, so that the work and the list of problems stay small.
+/// Checks the numbers of parts, so that the work and the list of problems stay bounded.
 fn check_counts(table: &HandTable, reader: &mut Reader<'_, '_>) -> Option<()> {
     let counts = [
         ("pads", table.pads.len(), MAX_PADS),
@@ -81,7 +81,7 @@ fn pose(xyz: &Number<[f64; 3]>, rpy: &Number<[f64; 3]>, reader: &mut Reader<'_, 
     Isometry3::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }
 
-/// Limits of the preshape; `[0, 0]` for a hand without swivels, which needs none.
+/// Limits of the preshape; `[0, 0]` for a hand without swivels.
 fn preshape_limits(table: &HandTable, reader: &mut Reader<'_, '_>) -> [f64; 2] {
     let name = table.name.get_ref();
     if let Some(preshape) = &table.preshape {
@@ -201,7 +201,7 @@ fn read_finger(
     })
 }
 
-/// Names unique, joints used once and in order, swivels able to take the whole preshape.
+/// Checks that names are unique, joints used once and in order, and swivel limits cover the preshape range.
 fn check_fingers(hand: &Hand, table: &HandTable, reader: &mut Reader<'_, '_>) {
     let mut used = vec![false; hand.joints.len()];
     let pairs = hand.fingers.iter().zip(&table.fingers);

@@ -1,9 +1,9 @@
-//! What can be wrong with a hand's two files; every finding names its file and line.
+//! Errors in the two files of a hand; each names its file and line.
 
 use std::fmt;
 use std::path::PathBuf;
 
-/// Why a hand could not be made or used.
+/// Why a hand could not be loaded or used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum HandError {
@@ -12,7 +12,7 @@ pub enum HandError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The two files do not describe a hand.
@@ -23,12 +23,12 @@ pub enum HandError {
     FingerCount {
         /// Which joints: proximal or distal.
         joint: &'static str,
-        /// How many angles were given.
+        /// Number of angles given.
         found: usize,
-        /// How many fingers there are.
+        /// Number of fingers.
         expected: usize,
     },
-    /// A step of no or negative length.
+    /// A time step that is not positive.
     #[error("the time step is {0} s; give a finite one greater than 0")]
     TimeStep(f64),
     /// An angle, command or load is NaN or infinite.
@@ -36,7 +36,7 @@ pub enum HandError {
     NotFinite {
         /// Which number.
         what: &'static str,
-        /// What was given.
+        /// The value given.
         value: f64,
     },
 }
@@ -76,12 +76,12 @@ impl fmt::Display for Problems {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProblemKind {
-    /// More bytes than a description may have.
+    /// The file is larger than a description may be.
     #[error("the file has {bytes} bytes; a hand description has at most {limit}")]
     TooLarge {
         /// Size of the file.
         bytes: u64,
-        /// What is allowed.
+        /// Largest size accepted.
         limit: u64,
     },
     /// The bytes are not UTF-8.
@@ -99,13 +99,13 @@ pub enum ProblemKind {
     /// A document type declaration.
     #[error("a document type declaration is not allowed; remove it")]
     Doctype,
-    /// Elements inside elements without end.
+    /// Elements nested too deeply.
     #[error("elements are nested deeper than {0}")]
     TooDeep(usize),
-    /// More parts than a hand has.
+    /// More parts than a hand may have.
     #[error("there are {count} {what}; at most {limit} are allowed")]
     TooMany {
-        /// What there are too many of.
+        /// Kind of part.
         what: &'static str,
         /// How many.
         count: usize,
@@ -115,7 +115,7 @@ pub enum ProblemKind {
     /// Fewer parts than a hand needs.
     #[error("there are no {0}; a hand needs at least one")]
     Empty(&'static str),
-    /// An attribute is not a list of so many numbers.
+    /// An attribute is not a list of the expected number of numbers.
     #[error("attribute {attribute} is \"{text}\"; give {count} finite number(s) within +-{limit}")]
     Attribute {
         /// Name of the attribute.
@@ -127,7 +127,7 @@ pub enum ProblemKind {
         /// Bound on each.
         limit: f64,
     },
-    /// An element or attribute that must be there is not.
+    /// A required element or attribute is missing.
     #[error("{item} \"{name}\" has no {missing}")]
     Missing {
         /// Link or joint.
@@ -145,7 +145,7 @@ pub enum ProblemKind {
         /// The name.
         name: String,
     },
-    /// A name that nothing has.
+    /// An unknown name.
     #[error("there is no {what} \"{name}\"{}", hint(known))]
     Unknown {
         /// What kind of thing was named.
@@ -158,13 +158,13 @@ pub enum ProblemKind {
     /// Two joints move the same link.
     #[error("link \"{0}\" is the child of more than one joint")]
     TwoParents(String),
-    /// Not a single tree.
+    /// The links do not form a single tree.
     #[error("link \"{0}\" cannot be reached from the base: the joints form a cycle or a second tree")]
     Unreachable(String),
     /// Every link has a parent.
     #[error("no link is a root: the joints form a cycle")]
     NoRoot,
-    /// A joint type that the hand has no use for.
+    /// An unsupported joint type.
     #[error("joint \"{name}\" is {found}; only revolute and fixed joints are supported")]
     JointType {
         /// The joint.
@@ -189,7 +189,7 @@ pub enum ProblemKind {
         /// The joint that should be below.
         child: String,
     },
-    /// A mass, inertia or length that matter cannot have.
+    /// A mass, inertia or length that is physically impossible.
     #[error("{item} \"{name}\": {quantity} is {value}; it must be {must}")]
     Value {
         /// Link, joint, ...
@@ -219,7 +219,7 @@ pub enum ProblemKind {
         /// What it must be.
         must: &'static str,
     },
-    /// The shape is not one of ours.
+    /// An unsupported shape.
     #[error("collider \"{name}\" is a {found}; only box, cylinder and sphere are supported")]
     Geometry {
         /// The collider.
@@ -227,7 +227,7 @@ pub enum ProblemKind {
         /// What it is.
         found: &'static str,
     },
-    /// Another unit than the quantity has.
+    /// A unit other than that of the quantity.
     #[error("{quantity} is in \"{found}\"; give it in \"{expected}\"")]
     Unit {
         /// Which quantity.

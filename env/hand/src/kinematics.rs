@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::HandError;
 use crate::model::{Collider, Hand};
 
-/// Angles of a hand: one preshape, and a proximal and a distal angle a finger. Radians; 0 is flat and open.
+/// Angles of a hand: one preshape angle, and a proximal and a distal angle per finger. Radians; 0 is flat and open.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HandConfiguration {
@@ -18,7 +18,7 @@ pub struct HandConfiguration {
     pub distal: Vec<f64>,
 }
 
-/// A collision shape where it stands.
+/// A collision shape with its pose.
 #[derive(Clone, Copy, Debug)]
 pub struct PlacedShape<'a> {
     /// Pose of the shape in the hand (grasp) frame.
@@ -40,7 +40,7 @@ impl Hand {
     /// Angle of every joint, in the order of `joints`; 0 for fixed ones. Limits are not enforced.
     ///
     /// # Errors
-    /// [`HandError::FingerCount`] unless there is one angle a finger; [`HandError::NotFinite`] for NaN and infinities.
+    /// [`HandError::FingerCount`] unless there is one angle per finger; [`HandError::NotFinite`] for NaN and infinities.
     pub fn joint_angles(&self, configuration: &HandConfiguration) -> Result<Vec<f64>, HandError> {
         let HandConfiguration { preshape, proximal, distal } = configuration;
         let expected = self.fingers.len();
@@ -90,7 +90,7 @@ impl Hand {
         Ok(poses.into_iter().map(|base_from_link| hand_from_base * base_from_link).collect())
     }
 
-    /// Every collision shape where it stands, link by link.
+    /// Every collision shape with its pose, link by link.
     ///
     /// # Errors
     /// As [`Hand::joint_angles`].
@@ -130,7 +130,7 @@ impl Hand {
         roots.into_iter().position(|root| self.is_below(joint, root))
     }
 
-    /// True where joint `below` is joint `above` or hangs from it.
+    /// True where joint `below` is joint `above` or a descendant of it.
     pub(crate) fn is_below(&self, below: usize, above: usize) -> bool {
         let mut joint = below;
         loop {
@@ -144,7 +144,7 @@ impl Hand {
         }
     }
 
-    /// Index of the motor of the preshape, where there is one.
+    /// Index of the preshape motor, if there is one.
     #[must_use]
     pub fn preshape_motor(&self) -> Option<usize> {
         self.motors.iter().position(|m| m.kind == crate::model::MotorKind::Preshape)

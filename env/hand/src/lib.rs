@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`model`] | the description, as read from a URDF and a `hand.toml` |
 //! | [`load`] | reads the two files (`scan` and `urdf`, `table`) and checks them together (`assemble`) |
-//! | [`error`] | what can be wrong with them, with file and line |
+//! | [`error`] | errors in these files, with file and line |
 //! | [`reflex`] | the ReFlex hand, embedded |
 //! | [`kinematics`] | from joint angles to the poses of links and shapes |
 //! | [`tendon`] | tendon statics; encoders, and the distal angle estimated from them |

@@ -11,7 +11,7 @@ use crate::scan::Report;
 use crate::table::{HandTable, Reader};
 use crate::urdf;
 
-/// Greatest size of each file: the ReFlex needs 20 kB.
+/// Largest size of each file, bytes; those of the ReFlex have 20 kB.
 pub const MAX_FILE_BYTES: u64 = 1 << 20;
 
 impl Hand {
@@ -37,7 +37,7 @@ impl Hand {
 
     /// Reads a hand from the text of a URDF and of a `hand.toml`.
     ///
-    /// * `names`: what errors call the two files.
+    /// * `names`: names of the two files in errors.
     ///
     /// # Errors
     /// [`HandError::Invalid`] with every problem that was found, each with its file and line.
@@ -80,7 +80,7 @@ impl Finger {
     }
 }
 
-/// At most [`MAX_FILE_BYTES`] of a file, as text.
+/// Reads a file as text, at most [`MAX_FILE_BYTES`].
 fn read_file(path: &Path) -> Result<Result<String, ProblemKind>, HandError> {
     let io = |source| HandError::Io { path: path.to_owned(), source };
     let file = File::open(path).map_err(io)?;

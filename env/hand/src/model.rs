@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
-/// What a surface of the hand is made of: it gives the friction factor.
+/// Material of a surface of the hand; it determines the friction factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Material {
@@ -34,8 +34,8 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Half sides of the box around the shape along the axes of a frame in which it is turned by `rotation`, metres. A cylinder is
-    /// taken as the box around it.
+    /// Half extents of the bounding box of the shape, rotated by `rotation`, along the axes of the outer frame, metres. A cylinder
+    /// is replaced by its bounding box.
     #[must_use]
     pub fn half_extents(&self, rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
         let half = match *self {
@@ -74,7 +74,7 @@ pub struct Collider {
     pub name: String,
     /// The primitive.
     pub shape: Shape,
-    /// Where it sits.
+    /// Its pose in the frame of the link.
     pub link_from_shape: Isometry3<f64>,
     /// Its surface.
     pub material: Material,
@@ -123,7 +123,7 @@ pub struct Tendon {
     pub proximal_arm: f64,
     /// Moment arm at the distal joint, metres.
     pub distal_arm: f64,
-    /// Spool radius, metres: tendon length a radian of spool takes up.
+    /// Spool radius, metres: tendon length per radian of the spool.
     pub spool_radius: f64,
     /// Stiffness, N/m.
     pub stiffness: f64,
@@ -133,7 +133,7 @@ pub struct Tendon {
     pub max_tension: f64,
 }
 
-/// The elastic distal joint, and losses in both joints.
+/// The elastic distal joint, and friction losses in both joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flexure {
     /// Stiffness of the distal flexure, N m/rad.
@@ -148,7 +148,7 @@ pub struct Flexure {
     pub distal_damping: f64,
     /// Damping of the proximal joint, N m s/rad.
     pub proximal_damping: f64,
-    /// Rotor and transmission inertia seen at each of the two joints, kg m2.
+    /// Armature: rotor and transmission inertia reflected to each of the two joints, kg m2.
     pub armature: f64,
     /// Stiffness of the soft joint stops, N m/rad.
     pub stop_stiffness: f64,
@@ -167,7 +167,7 @@ pub struct Finger {
     pub distal: usize,
     /// Its tendon.
     pub tendon: Tendon,
-    /// Its elastic joint and losses.
+    /// Its flexure.
     pub flexure: Flexure,
     /// Index of its motor.
     pub motor: usize,
@@ -182,7 +182,7 @@ pub enum MotorKind {
     Preshape,
 }
 
-/// A position-commanded motor; angles are on the joint's side of the gear.
+/// A motor; angles are on the joint's side of the gear.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motor {
     /// Name.
@@ -195,11 +195,11 @@ pub struct Motor {
     pub default_speed: f64,
     /// Greatest speed, rad/s.
     pub max_speed: f64,
-    /// Gear ratio: motor radians a radian at the joint's side.
+    /// Gear ratio: motor radians per radian on the joint's side.
     pub ratio: f64,
     /// Load at which the motor stops pulling: tendon tension in N for a finger, torque in N m for the preshape.
     pub load_limit: f64,
-    /// Speed of a force command for each unit of load error: rad/s for each N (N m for the preshape).
+    /// Speed of a force command per unit of load error: rad/s per N (per N m for the preshape).
     pub force_gain: f64,
 }
 
@@ -221,7 +221,7 @@ pub struct TactileSensor {
 pub struct Hand {
     /// Name.
     pub name: String,
-    /// Links; the base is first, parents stand before children.
+    /// Links; the base is first, parents before children.
     pub links: Vec<Link>,
     /// Joints, in the order of their child links (joint `i` moves link `i + 1`).
     pub joints: Vec<Joint>,

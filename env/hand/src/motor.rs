@@ -1,7 +1,7 @@
-//! Motors: what a position, velocity or force command makes of the spool's angle.
+//! Motors: position, velocity and force commands, and the resulting angle of the spool.
 //!
 //! Positions and speeds are on the joint's side of the gear: at the spool, or at the swivel. The motor's own shaft turns
-//! `ratio` times as far. The gear holds: without a command to move, or with a load at its limit, the spool stays put.
+//! `ratio` times as far. The gear is self-locking: without a command to move, or with a load at its limit, the spool does not move.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,18 +14,18 @@ use crate::model::{Hand, Motor};
 pub enum MotorCommand {
     /// Go to a position and stay there.
     Position {
-        /// Where to go, radians; cut to the travel.
+        /// Target, radians; clipped to the travel.
         target: f64,
-        /// How fast, rad/s; cut to the greatest speed. `None`: the default speed.
+        /// Speed, rad/s; clipped to the maximum speed. `None`: the default speed.
         speed: Option<f64>,
     },
-    /// Turn with this speed until the travel ends, rad/s; positive closes; cut to the greatest speed.
+    /// Turn with this speed until the travel ends, rad/s; positive closes; clipped to the maximum speed.
     Velocity(f64),
-    /// Pull with this load and hold it: N at a tendon, N m at the preshape; cut to `[0, load_limit]`.
+    /// Pull with this load and hold it: N at a tendon, N m at the preshape; clipped to `[0, load_limit]`.
     Force(f64),
 }
 
-/// Why a motor that was told to move does not.
+/// Why a commanded motor does not move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hold {
@@ -35,7 +35,7 @@ pub enum Hold {
     Load,
     /// One of the finger's own sensors reports contact, and tactile stops are on.
     Contact,
-    /// The travel ends here.
+    /// It is at the end of its travel.
     Travel,
 }
 
@@ -49,7 +49,7 @@ pub struct MotorState {
     pub velocity: f64,
     /// Load at the last step: N at a tendon, N m at the preshape.
     pub load: f64,
-    /// What holds it.
+    /// Why it does not move.
     pub hold: Hold,
     /// Whether it stops closing while its finger reports contact; the driver's `enable_tactile_stops`.
     pub tactile_stops: bool,
@@ -58,7 +58,7 @@ pub struct MotorState {
 impl MotorState {
     /// A motor at rest, tactile stops off.
     ///
-    /// * `position`: radians, cut to the travel.
+    /// * `position`: radians, clipped to the travel.
     #[must_use]
     pub fn new(motor: &Motor, position: f64) -> Self {
         let position = position.max(motor.travel[0]).min(motor.travel[1]);
@@ -74,7 +74,7 @@ impl MotorState {
     /// Moves the motor through one step; returns the spool's angle, radians.
     ///
     /// Speeds are reached at once: the rotor's inertia is part of the joints' `armature`. A load at its limit, or a
-    /// contact with tactile stops on, stops closing but never opening; when it falls, the command goes on.
+    /// contact with tactile stops on, stops closing but never opening; when it falls, the command resumes.
     ///
     /// * `load`: tension of the tendon now, N (torque on the swivel, N m, for the preshape).
     /// * `contact`: true when one of the finger's own sensors reports contact.
@@ -102,7 +102,7 @@ impl MotorState {
         }
         let wanted = self.position + speed * dt;
         let next = wanted.max(lower).min(upper);
-        // Not for a position command: its target is inside the travel, and what rounding leaves is not a stop.
+        // Not for a position command: its target is inside the travel, and a rounding error is not a stop.
         if next != wanted && !matches!(command, MotorCommand::Position { .. }) {
             self.hold = Hold::Travel;
         }
@@ -127,7 +127,7 @@ fn check(command: MotorCommand, load: f64, dt: f64) -> Result<(), HandError> {
     Ok(())
 }
 
-/// Speed that a command asks for, before anything holds the motor.
+/// Commanded speed, before limits and stops.
 fn wanted_speed(motor: &Motor, command: MotorCommand, position: f64, load: f64, dt: f64) -> f64 {
     match command {
         MotorCommand::Position { target, speed } => {

@@ -6,14 +6,14 @@ use xml::reader::{EventReader, XmlEvent};
 
 use crate::error::{Problem, ProblemKind};
 
-/// Elements inside elements; a URDF needs 5 (robot, link, collision, geometry, box).
+/// Largest nesting depth; a URDF needs 5 (robot, link, collision, geometry, box).
 const MAX_DEPTH: usize = 16;
-/// Greatest coordinate, angle or limit, in metres or radians: no hand is 10 m long.
+/// Largest coordinate, angle or limit, in metres or radians: no hand is 10 m long.
 const MAX_COORDINATE: f64 = 10.0;
-/// Greatest other number (mass in kg, effort, velocity, inertia): no hand weighs a tonne.
+/// Largest other number (mass in kg, effort, velocity, inertia): no hand weighs a tonne.
 const MAX_NUMBER: f64 = 1000.0;
 
-/// Lines of named elements, and which of them have the children that `urdf-rs` would make up.
+/// Lines of named elements, and which of them have the children that `urdf-rs` would otherwise default.
 #[derive(Default)]
 pub(crate) struct Scan {
     links: BTreeMap<String, usize>,
@@ -23,16 +23,16 @@ pub(crate) struct Scan {
     pub colliders: BTreeMap<String, usize>,
 }
 
-/// Gathers problems of one file.
+/// Collects the problems of one file.
 pub(crate) struct Report<'a> {
     /// Name of the file.
     pub file: &'a str,
-    /// What was found.
+    /// Problems found.
     pub problems: Vec<Problem>,
 }
 
 impl Report<'_> {
-    /// Notes a problem at a line.
+    /// Records a problem at a line.
     pub fn add(&mut self, line: usize, kind: ProblemKind) {
         self.problems.push(Problem { file: self.file.to_owned(), line, kind });
     }
@@ -91,7 +91,7 @@ fn line_of(reader: &EventReader<&[u8]>) -> usize {
 }
 
 impl Scan {
-    /// Notes a link or a joint; returns the key under which its children are noted.
+    /// Records a link or a joint; returns the key of its children.
     fn enter(&mut self, element: &str, name: Option<String>, line: usize, report: &mut Report<'_>) -> Option<String> {
         let (what, names) = match element {
             "link" => ("link", &mut self.links),
@@ -108,7 +108,7 @@ impl Scan {
         Some(format!("{what} {name}"))
     }
 
-    /// Notes a child element of a link or a joint.
+    /// Records a child element of a link or a joint.
     fn child(&mut self, owner: &str, element: &str, name: Option<String>, line: usize) {
         self.children.insert((owner.to_owned(), element.to_owned()), line);
         if let Some(name) = name.filter(|_| element == "collision") {
@@ -132,7 +132,7 @@ impl Scan {
     }
 }
 
-/// Numbers must be numbers, all of them, finite and of a hand's size.
+/// Checks that all numbers are finite and within the bounds.
 fn check_attribute(element: &str, attribute: &str, text: &str, line: usize, report: &mut Report<'_>) {
     let (count, limit) = match (element, attribute) {
         (_, "xyz" | "rpy" | "size") => (3, MAX_COORDINATE),

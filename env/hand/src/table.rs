@@ -1,4 +1,4 @@
-//! The TOML side: the tables of `hand.toml` as they are written, every number with unit and source.
+//! The tables of `hand.toml`: every number with unit and source.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ pub(crate) struct Quantity<T> {
     source: String,
 }
 
-/// A quantity that knows where it stands in the file.
+/// A quantity with its position in the file.
 pub(crate) type Number<T> = Spanned<Quantity<T>>;
 
 /// The whole file.
@@ -141,23 +141,23 @@ impl<const N: usize> Numbers for [f64; N] {
     }
 }
 
-/// Greatest number of any kind in `hand.toml`; the largest real one is a tendon's stiffness (5e4 N/m).
+/// Largest number of any kind in `hand.toml`; the largest real one is a tendon's stiffness (5e4 N/m).
 const MAX_NUMBER: f64 = 1e7;
 
 /// A `hand.toml` and its problems.
 pub(crate) struct Reader<'a, 'r> {
     text: &'a str,
-    /// Where problems go.
+    /// Problems found so far.
     pub report: &'r mut Report<'a>,
 }
 
 impl<'a, 'r> Reader<'a, 'r> {
-    /// Begins to read a text.
+    /// Starts reading a text.
     pub fn new(text: &'a str, report: &'r mut Report<'a>) -> Self {
         Self { text, report }
     }
 
-    /// The tables, or a problem at the line where the text leaves the form.
+    /// The tables, or a problem at the line of the first syntax error.
     pub fn parse<T: DeserializeOwned>(&mut self) -> Option<T> {
         match toml::from_str(self.text) {
             Ok(table) => Some(table),
@@ -175,12 +175,12 @@ impl<'a, 'r> Reader<'a, 'r> {
         1 + self.text.as_bytes()[..end].iter().filter(|b| **b == b'\n').count()
     }
 
-    /// Line where a value stands.
+    /// Line of a value.
     pub fn line_of<T>(&self, spanned: &Spanned<T>) -> usize {
         self.line(spanned.span().start)
     }
 
-    /// Notes a problem at a value.
+    /// Records a problem at a value.
     pub fn add<T>(&mut self, at: &Spanned<T>, kind: ProblemKind) {
         let line = self.line_of(at);
         self.report.add(line, kind);
@@ -258,5 +258,5 @@ impl<'a, 'r> Reader<'a, 'r> {
     }
 }
 
-/// What a number belongs to: kind and name.
+/// Owner of a number: kind and name.
 pub(crate) type Item<'a> = (&'static str, &'a str);

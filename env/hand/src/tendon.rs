@@ -1,7 +1,7 @@
-//! Tendon statics and encoders: one spool, two joints, and what can be known of them.
+//! Tendon statics, encoders, and the estimate of the distal angle.
 //!
 //! With the proximal and distal angles `q_p`, `q_d`, the joints take up `l = r_p q_p + r_d q_d` of tendon; the spool
-//! takes up `r_s s`. What the spool took up and the joints did not, the tendon was stretched by.
+//! takes up `r_s s`. The difference is the stretch of the tendon.
 
 use serde::{Deserialize, Serialize};
 
@@ -44,7 +44,7 @@ impl Tendon {
     }
 }
 
-/// What the hand knows of one finger.
+/// Sensor readings of one finger.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FingerEncoders {
     /// Proximal encoder: the joint's angle, radians.

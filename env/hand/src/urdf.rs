@@ -1,7 +1,7 @@
-//! The URDF side: strict scan with line numbers, then `urdf-rs`, then links and joints in tree order.
+//! Reads the URDF: strict scan with line numbers, then `urdf-rs`, then links and joints in tree order.
 //!
-//! `urdf-rs` forgives what should not be forgiven (a bad token in a vector is skipped, missing limits and masses become 0)
-//! and forgets line numbers; the scan before it finds both.
+//! `urdf-rs` is too lenient (it skips a bad token in a vector and defaults missing limits and masses to 0)
+//! and does not keep line numbers; the scan before it reports both.
 
 use std::collections::BTreeMap;
 
@@ -12,12 +12,12 @@ use crate::error::ProblemKind;
 use crate::model::{Collider, Joint, Link, Material, Shape};
 use crate::scan::{Report, Scan, one_line, scan};
 
-/// Greatest number of links; the largest real hands have about 30.
+/// Largest number of links; the largest real hands have about 30.
 const MAX_LINKS: usize = 64;
-/// Greatest number of colliders.
+/// Largest number of colliders.
 const MAX_COLLIDERS: usize = 256;
 
-/// Links and joints in tree order, and where their names stand in the file.
+/// Links and joints in tree order, and the lines of their names.
 pub(crate) struct Tree {
     /// Links, the base first, parents before children.
     pub links: Vec<Link>,
@@ -27,9 +27,9 @@ pub(crate) struct Tree {
     pub joint_lines: Vec<usize>,
 }
 
-/// Reads links and joints; `None` where the problems do not let a tree be made.
+/// Reads links and joints; `None` where problems prevent building a tree.
 ///
-/// A tree with impossible numbers is returned too, so that the other file can be checked in the same go.
+/// A tree with invalid numbers is returned too, so that the other file can be checked in the same run.
 pub(crate) fn read(text: &str, report: &mut Report<'_>) -> Option<Tree> {
     let scan = scan(text, report)?;
     if !report.problems.is_empty() {
