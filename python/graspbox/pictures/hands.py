@@ -150,7 +150,7 @@ def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
     Returns
     -------
     (n, s, 2, 3) float64
-        Segments, in the frame of the poses, metres; s is 1 and 3 for each finger.
+        Segments, in the frame of the poses, metres; s is 1 plus 3 per finger.
     """
     angles = np.tile(_GLYPH_ANGLES, (hand.fingers, 1))
     shapes: dict[float, Floats] = {}
@@ -162,4 +162,4 @@ def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
             segments += pairwise(chain)
         shapes[float(value)] = _GLYPH_SCALE * np.array(segments)
     lines = [place(shapes[float(value)], pose) for pose, value in zip(poses, preshape, strict=True)]
-    return np.array(lines).reshape(len(poses), -1, 2, 3)
+    return np.array(lines) if lines else np.zeros((0, 1 + 3 * hand.fingers, 2, 3))
