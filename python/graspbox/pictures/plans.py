@@ -160,7 +160,7 @@ def save_gallery(
     if not 1 <= len(examples) <= _MOST:
         raise ConfigError(f"{len(examples)} examples; give 1 to {_MOST}")
     found = load_hand(hand)
-    figure = Figure(figsize=(2.75 * len(examples), 8.8), dpi=118)
+    figure = Figure(figsize=(2.75 * len(examples), 8.8), dpi=115)
     panels = figure.subplots(3, len(examples), squeeze=False, gridspec_kw={"height_ratios": (1.0, 1.0, 1.25)})
     figure.subplots_adjust(left=0.004, right=0.996, bottom=0.035, top=0.925, wspace=0.03, hspace=0.1)
     for index, example in enumerate(examples):
@@ -194,11 +194,12 @@ def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: i
         view.show(axes)
     for box, ink in colored_boxes(boxes):
         view.lines(panels[0], box_edges(box), ink, width=1.5, hidden=0.3)
-    inks = _inks(len(best), outcomes)
-    # The farthest first, so that nearer ones lie over it.
-    for index in np.argsort(-view.lens.project(poses[:, :3, 3])[:, 2]):
-        bold = example.trial is not None and index == example.trial.index
-        view.lines(panels[1], lines[index], inks[index], width=2.4 if bold else 1.3, hidden=0.2, halo=0.8)
+    inks, simulated = _inks(len(best), outcomes), None if example.trial is None else example.trial.index
+    # The farthest first, so that nearer ones lie over it; last the one that is simulated.
+    order = np.argsort(-view.lens.project(poses[:, :3, 3])[:, 2], kind="stable")
+    for index in sorted(order, key=lambda i: i == simulated):
+        width, hidden = (2.6, 0.5) if index == simulated else (1.3, 0.2)
+        view.lines(panels[1], lines[index], inks[index], width=width, hidden=hidden, halo=0.8)
     held = Solid(example.mesh, color, at_end)
     reach = place(example.mesh.vertices, at_end)
     if posed is not None:

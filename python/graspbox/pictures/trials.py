@@ -127,9 +127,9 @@ def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None
     panels[1].set_ylim(0, 1.2 * top)
     panels[1].set_xlim(0, total)
     panels[1].set_xlabel("time since closing began (s)")
-    figure.suptitle(f"{name}: relative speed of hand and object", fontsize=12, weight="bold")
-    figure.text(0.5, 0.93, KINDNESS, ha="center", va="center", fontsize=9, color="#444444")
-    figure.tight_layout(rect=(0, 0, 1, 0.955))
+    figure.suptitle(f"{name}: relative speed of hand and object", fontsize=12, weight="bold", y=0.993)
+    figure.text(0.5, 0.922, KINDNESS, ha="center", va="center", fontsize=9, color="#444444")
+    figure.tight_layout(rect=(0, 0, 1, 0.945))
     write(figure, target)
 
 
