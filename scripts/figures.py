@@ -1,58 +1,109 @@
 """Write the pictures of ``docs/pictures``: ``python scripts/figures.py`` (about two minutes on two cores).
 
-Boxes and poses, the study's sweep, kindness over time, a grasp in stages, an episode of ``graspbox/Grasp-v0``, and the
-study's table 3.1 beside ours.
+    python scripts/figures.py                  all of them
+    python scripts/figures.py plan trials      some of them
+
+| name | files |
+|---|---|
+| plan    | ``plan.png``: boxes, best poses and a held grasp of four objects |
+| sweep   | ``sweep_OBJECT_FIT.png``: boxes for each pair of the planner's thresholds |
+| trials  | ``kindness.png``, ``stages.png``: a firm and a failed grasp |
+| episode | ``episode.png``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
+| study   | ``table_3_1.png``, ``table_3_1.md``: the reference study's table 3.1 beside ours |
+
+``scripts/plot_sb3.py`` plots ``learning_*.png`` from runs of ``scripts/train_sb3.py``. Needs ``[cli,ycb]``.
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
-from graspbox import Scene, object_sets, pictures, plan
+from graspbox import Plan, Scene, object_sets, pictures, plan
 from graspbox.configs import TrialConfig
 from graspbox.planner_trials import try_set
 from graspbox.validation import study, study_chart
 
-#: One with parts to tell apart, whose plan holds firm and failed grasps alike.
-PLANNED = "ycb:035_power_drill"
+#: From easy to hard: of their best 20 poses, nearly all succeed for the first and few for the last.
+PLANNED = ("procedural:kettle:0", "ycb:006_mustard_bottle", "ycb:072-a_toy_airplane", "ycb:035_power_drill")
+#: Poses to show for each: more would hide each other.
+SHOWN = 12
+#: Has both firm and failed grasps among its best poses.
 TRACED = "ycb:006_mustard_bottle"
 SWEPT = {"kettle": "procedural:kettle:3", "pitcher": "ycb:019_pitcher_base"}
-
 #: Object and seed of the episode.
 PLAYED, START = "ycb:025_mug", 1
 
-parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-parser.add_argument("--out", type=Path, default=Path("docs/pictures"), help="folder of the pictures")
-parser.add_argument("--poses", type=int, default=20, help="poses to try for each object")
-parser.add_argument("--seed", type=int, default=0, help="seed of the plans")
-args = parser.parse_args()
-args.out.mkdir(parents=True, exist_ok=True)
+
+def planned(name: str, args: argparse.Namespace) -> tuple[Scene, Plan]:
+    """Let an object settle and plan for it as it rests; keeps the best poses."""
+    scene = Scene(object_sets.load(name)[0].load())
+    found = plan(scene.mesh, seed=args.seed, world_from_object=scene.world_from_object)
+    return scene, found.best(args.poses)
 
 
-def prepared(name: str) -> Scene:
-    """Let an object settle."""
-    return Scene(object_sets.load(name)[0].load())
+def write_plan(args: argparse.Namespace) -> None:
+    """Show plans of several objects, and a grasp of each."""
+    examples = [pictures.GraspExample.run(*planned(name, args)) for name in PLANNED]
+    pictures.save_gallery(args.out / "plan.png", examples, count=min(SHOWN, args.poses))
 
 
-scene = prepared(PLANNED)
-best = plan(scene.mesh, seed=args.seed, world_from_object=scene.world_from_object).best(args.poses)
-pictures.save_plan(args.out / "plan.png", scene.mesh, best, scene.simulate(best.poses, best.preshape))
+def write_sweep(args: argparse.Namespace) -> None:
+    """Show how boxes depend on thresholds."""
+    for name, spec in SWEPT.items():
+        mesh = object_sets.load(spec)[0].load()
+        for fit in ("minimum", "pca"):
+            pictures.save_sweep(args.out / f"sweep_{name}_{fit}.png", mesh, fit=fit)
 
-for name, spec in SWEPT.items():
-    for fit in ("minimum", "pca"):
-        pictures.save_sweep(args.out / f"sweep_{name}_{fit}.png", object_sets.load(spec)[0].load(), fit=fit)
 
-scene = prepared(TRACED)
-best = plan(scene.mesh, seed=args.seed, world_from_object=scene.world_from_object).best(args.poses)
-firm, failed = pictures.firm_and_failed(scene, best)
-pictures.save_kindness(args.out / "kindness.png", scene.name, failed, firm)
-pictures.save_stages(args.out / "stages.png", scene, [firm, failed])
+def write_trials(args: argparse.Namespace) -> None:
+    """Show a firm and a failed grasp."""
+    scene, best = planned(TRACED, args)
+    firm, failed = pictures.firm_and_failed(scene, best)
+    pictures.save_kindness(args.out / "kindness.png", scene.name, failed, firm)
+    pictures.save_stages(args.out / "stages.png", scene, [firm, failed])
 
-pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
 
-result = try_set(
-    object_sets.load(study.study_objects()), poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True)
-)
-comparison = study.Comparison.of(result)
-(args.out / "table_3_1.md").write_text(comparison.markdown())
-study_chart.save_comparison(args.out / "table_3_1.png", comparison)
-print(comparison.markdown())
+def write_episode(args: argparse.Namespace) -> None:
+    """Show an episode and what is observed in it."""
+    pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
+
+
+def write_study(args: argparse.Namespace) -> None:
+    """Show the study's table beside ours."""
+    objects = object_sets.load(study.study_objects())
+    result = try_set(objects, poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True))
+    comparison = study.Comparison.of(result)
+    (args.out / "table_3_1.md").write_text(comparison.markdown())
+    study_chart.save_comparison(args.out / "table_3_1.png", comparison)
+
+
+PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {
+    "plan": write_plan,
+    "sweep": write_sweep,
+    "trials": write_trials,
+    "episode": write_episode,
+    "study": write_study,
+}
+
+
+def main() -> None:
+    """Write the pictures that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(PICTURES)}; all by default")
+    parser.add_argument("--out", type=Path, default=Path("docs/pictures"), help="folder of the pictures")
+    parser.add_argument("--poses", type=int, default=20, help="poses to try for each object")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the plans")
+    args = parser.parse_args()
+    unknown = sorted(set(args.names) - set(PICTURES))
+    if unknown:
+        parser.error(f"there is no picture {', '.join(unknown)}; choose from {', '.join(PICTURES)}")
+    if args.poses < 1:
+        parser.error(f"--poses is {args.poses}; give 1 or more")
+    args.out.mkdir(parents=True, exist_ok=True)
+    for name in args.names or PICTURES:
+        PICTURES[name](args)
+        print(f"wrote {name} to {args.out}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,4 @@
-"""Plot the held-out success of runs of ``train_sb3.py``, with what random actions, zero actions and the planner reach.
+"""Plot the held-out success of runs of ``train_sb3.py`` beside that of random actions, zero actions and the planner.
 
     python scripts/plot_sb3.py out/train/ppo out/train/sac --out success.png
 
@@ -9,12 +9,11 @@ import json
 from pathlib import Path
 from typing import Annotated, Any
 
-import matplotlib
 import numpy as np
 import typer
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
+from graspbox.errors import GraspboxError
+from graspbox.pictures.files import Figure, check_path, write
 
 LINES = {"planner": "--", "random": ":", "zero": "-."}
 
@@ -35,15 +34,27 @@ def main(
     folders: Annotated[list[Path], typer.Argument(help="Folders of runs.")],
     out: Annotated[Path | None, typer.Option(help="The picture; by default success.png in the first folder.")] = None,
 ) -> None:
-    """Plot success over steps and over minutes."""
-    figure, panels = plt.subplots(1, 2, figsize=(11, 4.2), sharey=True, layout="constrained")
+    """Plot success over steps and over minutes; bands are one standard error of the success rate on each side."""
+    try:
+        path = check_path(out or folders[0] / "success.png")
+    except GraspboxError as error:
+        raise typer.BadParameter(str(error)) from None
+    runs = [read(folder) for folder in folders]
+    write(success_figure(runs), path)
+    typer.echo(str(path))
+
+
+def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]]) -> Figure:
+    """Plot runs as `read` gives them: success with its standard error, and the references as horizontal lines."""
+    figure = Figure(figsize=(11, 4.4), dpi=120, layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
     known: dict[str, float] = {}
-    for folder in folders:
-        settings, rows, beside = read(folder)
+    for settings, rows, beside in runs:
         success, error = (np.array([row[name] for row in rows]) for name in ("success", "error"))
         for panel, name, unit in ((panels[0], "timesteps", 1.0), (panels[1], "seconds", 60.0)):
             places = np.array([row[name] for row in rows]) / unit
-            (line,) = panel.plot(places, success, marker=".", label=f"{settings['algorithm']}, seed {settings['seed']}")
+            label = f"{settings['algorithm']}, seed {settings['seed']} (band: ± 1 standard error)"
+            (line,) = panel.plot(places, success, marker=".", label=label)
             panel.fill_between(places, success - error, success + error, color=line.get_color(), alpha=0.2, lw=0)
         known |= {name: found["success"] for name, found in beside.items()}
     for panel, title in zip(panels, ("steps of all environments", "minutes, evaluations included"), strict=True):
@@ -52,11 +63,9 @@ def main(
         panel.set(xlabel=title, ylim=(-0.03, 1.03))
         panel.grid(alpha=0.3)
     panels[0].set(ylabel="share of held-out episodes that succeed")
-    panels[0].legend(loc="best")
-    figure.suptitle(f"{settings['id']}, split {settings['evaluate']}, {settings['episodes']} episodes")
-    path = out or folders[0] / "success.png"
-    figure.savefig(path, dpi=120)
-    typer.echo(str(path))
+    panels[0].legend(loc="best", fontsize=9)
+    figure.suptitle(f"{settings['id']}, split {settings['evaluate']}: {settings['episodes']} episodes per evaluation")
+    return figure
 
 
 if __name__ == "__main__":

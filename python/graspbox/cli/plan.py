@@ -28,13 +28,19 @@ def plan(
         str, typer.Option(help="Boxes of least volume ('minimum') or along principal axes ('pca').")
     ] = "minimum",
     max_boxes: Annotated[int, typer.Option(min=1, help="Greatest number of boxes.")] = 8,
-    picture: Annotated[Path | None, typer.Option(help="Draw boxes and the best poses into this file.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a picture of boxes and best poses into this file.")
+    ] = None,
     seed: Seed = 0,
     scale: Scale = 1.0,
     as_json: Json = False,
 ) -> None:
     """Cut an object into boxes, propose hand poses, and drop those that collide."""
     found = find([mesh], None, scale)
+    if picture is not None:
+        from graspbox import pictures
+
+        picture = pictures.check_path(picture)
     if len(found) != 1:
         raise ObjectSetError(f"{mesh!r} names {len(found)} objects; name one")
     loaded = found[0].load()
@@ -44,8 +50,6 @@ def plan(
         planned = graspbox.plan(loaded, seed=seed, decompose=decompose)
         seconds = time.perf_counter() - started
     if picture is not None:
-        from graspbox import pictures
-
         pictures.save_plan(picture, loaded, planned)
         console.print(f"wrote {picture}")
     boxes = [box_row(box) for box in planned.tree]

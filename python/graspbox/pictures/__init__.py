@@ -5,7 +5,7 @@
 | `save_plan`     | an object's boxes, its best grasp poses, and one grasp in simulation or the open hand |
 | `save_gallery`  | the same for several objects, one column each |
 | `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
-| `save_kindness` | relative speed of hand and object over time, for a failed and a firm grasp (its figures 3.17 and 3.18) |
+| `save_kindness` | relative speed of hand and object, for a failed and a firm grasp (its figures 3.17 and 3.18) |
 | `save_stages`   | grasps in stages: open, closed, lifting, held |
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and the images observed in it |
 
@@ -18,36 +18,41 @@ Modules: `files` (paths, formats), `solids` (colours, meshes), `hands` (joints, 
 surfaces hide), then one per picture.
 """
 
+import contextlib
 import importlib
 import os
+import sys
 
 from graspbox.errors import MissingExtraError
 
 
 def _import_matplotlib() -> None:
-    """Import matplotlib, which refuses to be imported while ``MPLBACKEND`` names a backend that does not exist."""
+    """Import matplotlib, which cannot be imported while ``MPLBACKEND`` names a backend that does not exist."""
+    if sys.modules.get("matplotlib") is not None:
+        return
+    chosen = os.environ.pop("MPLBACKEND", None)
     try:
-        importlib.import_module("matplotlib")
+        matplotlib = importlib.import_module("matplotlib")
     except ModuleNotFoundError as error:
         if error.name != "matplotlib":
             raise
         raise MissingExtraError(
             "graspbox.pictures needs matplotlib, from the extra 'cli': pip install 'graspbox[cli]'"
         ) from None
-    except ValueError:
-        chosen = os.environ.pop("MPLBACKEND", None)
-        try:
-            importlib.import_module("matplotlib")
-        finally:
-            if chosen is not None:
-                os.environ["MPLBACKEND"] = chosen
+    finally:
+        if chosen is not None:
+            os.environ["MPLBACKEND"] = chosen
+    if chosen:
+        # A choice that is valid holds for those who use pyplot.
+        with contextlib.suppress(ValueError):
+            matplotlib.rcParams["backend"] = chosen
 
 
 _import_matplotlib()
 
 # The imports below need matplotlib.
 from graspbox.pictures.episodes import save_episode  # noqa: E402
-from graspbox.pictures.files import SUFFIXES  # noqa: E402
+from graspbox.pictures.files import SUFFIXES, check_path  # noqa: E402
 from graspbox.pictures.hands import PosedHand  # noqa: E402
 from graspbox.pictures.plans import GraspExample, save_gallery, save_plan  # noqa: E402
 from graspbox.pictures.solids import Solid  # noqa: E402
@@ -65,6 +70,7 @@ __all__ = [
     "Solid",
     "Trial",
     "View",
+    "check_path",
     "firm_and_failed",
     "save_episode",
     "save_gallery",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graspbox.configs import CameraConfig, PictureConfig
 from graspbox.envs.expert import Expert, planned
 from graspbox.errors import ConfigError
-from graspbox.pictures.files import PathLike, checked, pixels, write
+from graspbox.pictures.files import PathLike, check_path, pixels, write
 
 #: Moments of an episode that are shown.
 MOMENTS = ("start", "approach", "closed", "lift", "held")
@@ -124,7 +124,7 @@ def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str =
     FileError
         If the file cannot be written.
     """
-    target = checked(path)
+    target = check_path(path)
     figure = Figure(figsize=(10, 5.6), dpi=125)
     panels = figure.subplots(2, len(IMAGES), gridspec_kw={"height_ratios": (1.2, 1.0)})
     figure.subplots_adjust(left=0.004, right=0.996, bottom=0.1, top=0.905, wspace=0.03, hspace=0.12)
@@ -137,28 +137,25 @@ def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str =
         axes.imshow(colored(image), interpolation="nearest")
         axes.set_title(f'"{name}" at {observed}', fontsize=9, pad=3)
         if name.startswith("depth"):
-            _depth_bar(figure, axes, depth_scale(image))
+            _depth_bar(figure, axes, *depth_limits(image))
     for axes in panels.flat:
         axes.set_axis_off()
     figure.suptitle(f"graspbox/Grasp-v0, {episode.name}: the scripted expert", fontsize=11, weight="bold", y=0.985)
     write(figure, target, palette=False)
 
 
-def depth_scale(image: NDArray[Any]) -> LogNorm:
-    """Choose a logarithmic scale, metres, for the depths of an image; 0 (nothing seen) does not count.
-
-    Depths differ least near the camera, where a logarithmic scale shows them best.
-    """
+def depth_limits(image: NDArray[Any]) -> tuple[float, float]:
+    """Least and greatest depth in an image, metres, for a colour scale; 0 (nothing seen) does not count."""
     depths = image[image > 0]
     low, high = (float(depths.min()), float(depths.max())) if len(depths) else (0.1, 1.0)
-    return LogNorm(low, max(high, 1.01 * low))
+    return low, max(high, 1.01 * low)
 
 
-def depth_ticks(scale: LogNorm) -> list[float]:
-    """Choose round depths, metres, that leave room for their labels on a bar."""
+def depth_ticks(low: float, high: float) -> list[float]:
+    """Choose round depths, metres, that leave room for their labels on a logarithmic bar."""
     ticks: list[float] = []
-    for tick in (tick for tick in _TICKS if scale.vmin <= tick <= scale.vmax):
-        if not ticks or scale(tick) - scale(ticks[-1]) > _TICK_GAP:
+    for tick in (tick for tick in _TICKS if low <= tick <= high):
+        if not ticks or np.log(tick / ticks[-1]) > _TICK_GAP * np.log(high / low):
             ticks.append(tick)
     return ticks
 
@@ -166,7 +163,8 @@ def depth_ticks(scale: LogNorm) -> list[float]:
 def colored(image: NDArray[Any]) -> NDArray[Any]:
     """Turn an image (H, W, c) into colours (H, W, 3).
 
-    Depths go from yellow (near) to violet (far), white where nothing is seen; each label has a colour.
+    Depths go from yellow (near) to violet (far) on a logarithmic scale, which shows near ones best; where nothing is
+    seen it is white. Each label has a colour.
     """
     if image.shape[2] == 3:
         return image
@@ -175,18 +173,19 @@ def colored(image: NDArray[Any]) -> NDArray[Any]:
         links = max(0, int(values.max()) + 1 - len(_LABELS))
         colors = [*_LABELS, *(_LINKS[i % len(_LINKS)] for i in range(links))]
         return np.take([to_rgb(color) for color in colors], values, axis=0)
-    seen, scale = values > 0, depth_scale(image)
-    rgb = colormaps[_DEPTHS](scale(np.where(seen, values, scale.vmax)))[..., :3]
+    low, high = depth_limits(image)
+    seen = values > 0
+    rgb = colormaps[_DEPTHS](LogNorm(low, high)(np.where(seen, values, high)))[..., :3]
     rgb[~seen] = 1.0
     return np.asarray(rgb)
 
 
-def _depth_bar(figure: Figure, axes: Any, scale: LogNorm) -> None:
+def _depth_bar(figure: Figure, axes: Any, low: float, high: float) -> None:
     """Add a colour bar in metres below a depth image."""
     box = axes.get_position()
     place = figure.add_axes((box.x0 + 0.08 * box.width, box.y0 - 0.03, 0.84 * box.width, 0.016))
-    bar = figure.colorbar(ScalarMappable(scale, _DEPTHS), cax=place, orientation="horizontal")
-    ticks = depth_ticks(scale)
+    bar = figure.colorbar(ScalarMappable(LogNorm(low, high), _DEPTHS), cax=place, orientation="horizontal")
+    ticks = depth_ticks(low, high)
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     bar.ax.minorticks_off()
     bar.ax.tick_params(labelsize=8, length=2, pad=1)

@@ -1,6 +1,8 @@
 """Hands in pictures: posed hands, the joints that collision shapes leave out, and small glyphs for grasp poses."""
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -115,7 +117,7 @@ class PosedHand:
         return solids
 
 
-def _largest(chosen: np.ndarray[tuple[int], np.dtype[np.bool_]], halves: Floats) -> int:
+def _largest(chosen: Any, halves: Floats) -> int:
     """Find the shape of greatest volume among those chosen."""
     return int(np.where(chosen, halves.prod(axis=1), -1.0).argmax())
 
@@ -124,9 +126,7 @@ def _joint(before: Floats, after: Floats) -> tuple[Floats, Floats]:
     """Find the axis about which a shape's frame (4, 4) turned: its point nearest to the shape, and its direction."""
     moved = after @ np.linalg.inv(before)
     rotation = moved[:3, :3]
-    axis = np.array(
-        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
-    )
+    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
     axis /= np.linalg.norm(axis)
     point = np.linalg.lstsq(np.eye(3) - rotation, moved[:3, 3], rcond=1e-6)[0]
     return point + axis * ((before[:3, 3] - point) @ axis), axis
@@ -150,7 +150,7 @@ def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
     Returns
     -------
     (n, s, 2, 3) float64
-        Segments, in the frame of the poses, metres; s is 1 and 3 for each finger.
+        Segments, in the frame of the poses, metres; s is 1 plus 3 per finger.
     """
     angles = np.tile(_GLYPH_ANGLES, (hand.fingers, 1))
     shapes: dict[float, Floats] = {}
@@ -159,7 +159,7 @@ def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
         segments = [(np.array([0.0, 0.0, -_STEM]) / _GLYPH_SCALE, palm)]
         for finger in PosedHand(hand, np.eye(4), float(value), angles).skeleton():
             chain = [palm, finger.root, finger.knuckle, finger.tip]
-            segments += list(zip(chain[:-1], chain[1:], strict=True))
+            segments += pairwise(chain)
         shapes[float(value)] = _GLYPH_SCALE * np.array(segments)
     lines = [place(shapes[float(value)], pose) for pose, value in zip(poses, preshape, strict=True)]
-    return np.array(lines).reshape(len(poses), -1, 2, 3)
+    return np.array(lines) if lines else np.zeros((0, 1 + 3 * hand.fingers, 2, 3))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from graspbox.errors import ConfigError
 from graspbox.meshes import Mesh
-from graspbox.pictures.files import PathLike, checked, pixels, write
+from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand, glyphs
 from graspbox.pictures.solids import (
     FAILURE,
@@ -36,14 +36,14 @@ _MOST = 8
 
 @dataclass(frozen=True, eq=False)
 class GraspExample:
-    """An object, its plan, and what came of it.
+    """An object, its plan and its outcomes.
 
     Attributes
     ----------
     mesh, plan : Mesh, Plan
         The object, and its plan; poses in ranking order.
     outcomes : Outcomes or None
-        What came of the plan's first poses, in their order; None if none was simulated.
+        Outcomes of the plan's first poses, in their order; None if none was simulated.
     trial : Trial or None
         The trial to show; None for the open hand at the first pose.
     """
@@ -73,10 +73,17 @@ class GraspExample:
             poses = f"the best {len(best)} {noun}, not simulated"
         else:
             poses = f"{int(self.outcomes.success[: len(best)].sum())} of the best {len(best)} {noun} succeed"
+        return boxes, poses, self._grasp_caption(len(best))
+
+    def _grasp_caption(self, shown: int) -> str:
         if self.trial is not None:
-            told = self.trial.outcome.failure[0] or "held"
-            return boxes, poses, f"pose {self.trial.index + 1} in simulation: {told}"
-        return boxes, poses, "open hand at pose 1" if len(best) else "no feasible pose"
+            index, failure = self.trial.index, self.trial.outcome.failure[0]
+            return f"pose {index + 1}{' (bold)' if index < shown else ''} simulated: {failure or 'held'}"
+        if not shown:
+            return "no feasible pose"
+        if self.outcomes is None:
+            return "open hand at pose 1, not simulated"
+        return f"open hand at pose 1: {self.outcomes.failure[0] or 'succeeds'}"
 
 
 def save_plan(
@@ -99,9 +106,9 @@ def save_plan(
     mesh, plan : Mesh, Plan
         The object, and its plan.
     outcomes : Outcomes, optional
-        What came of the plan's best poses, in their order; colours them.
+        Outcomes of the plan's best poses, in their order; they choose the poses' colours.
     trial : Trial, optional
-        A trial whose last moment is shown; by default the open hand is shown at the first pose.
+        A trial of this plan whose last moment is shown; by default the open hand is shown at the first pose.
     hand : str or Hand
         The hand.
     count : int
@@ -116,7 +123,7 @@ def save_plan(
     FileError
         If the file cannot be written.
     """
-    target = checked(path)
+    target = check_path(path)
     figure = Figure(figsize=(11, 4.1), dpi=130)
     panels = figure.subplots(1, 3)
     figure.subplots_adjust(left=0.005, right=0.995, bottom=0.065, top=0.84, wspace=0.03)
@@ -149,11 +156,11 @@ def save_gallery(
     FileError
         If the file cannot be written.
     """
-    target = checked(path)
+    target = check_path(path)
     if not 1 <= len(examples) <= _MOST:
         raise ConfigError(f"{len(examples)} examples; give 1 to {_MOST}")
     found = load_hand(hand)
-    figure = Figure(figsize=(2.75 * len(examples), 8.8), dpi=125)
+    figure = Figure(figsize=(2.75 * len(examples), 8.8), dpi=115)
     panels = figure.subplots(3, len(examples), squeeze=False, gridspec_kw={"height_ratios": (1.0, 1.0, 1.25)})
     figure.subplots_adjust(left=0.004, right=0.996, bottom=0.035, top=0.925, wspace=0.03, hspace=0.1)
     for index, example in enumerate(examples):
@@ -165,13 +172,13 @@ def save_gallery(
     write(figure, target, palette=False)
 
 
-def _column(
-    panels: Sequence[Any], example: GraspExample, color: str, hand: Hand, count: int, camera: Camera | None
-) -> None:
+def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: int, camera: Camera | None) -> None:
     """Fill three panels with the example, seen from one direction."""
     best, outcomes = example.plan.best(count), example.outcomes
     if outcomes is not None and len(outcomes) < len(best):
-        raise ConfigError(f"{len(outcomes)} outcomes for {len(best)} poses; simulate all that are shown, or lower count")
+        raise ConfigError(
+            f"{len(outcomes)} outcomes for {len(best)} poses; simulate all that are shown, or lower count"
+        )
     world_from_object = example.plan.world_from_object
     poses = world_from_object @ best.poses
     posed, at_end = _grasp(example, poses, best.preshape, hand)
@@ -187,10 +194,12 @@ def _column(
         view.show(axes)
     for box, ink in colored_boxes(boxes):
         view.lines(panels[0], box_edges(box), ink, width=1.5, hidden=0.3)
-    inks = _inks(len(best), outcomes)
-    # The farthest first, so that nearer ones lie over it.
-    for index in np.argsort(-view.lens.project(poses[:, :3, 3])[:, 2]):
-        view.lines(panels[1], lines[index], inks[index], width=1.3, hidden=0.2, halo=0.8)
+    inks, simulated = _inks(len(best), outcomes), None if example.trial is None else example.trial.index
+    # The farthest first, so that nearer ones lie over it; last the one that is simulated.
+    order = np.argsort(-view.lens.project(poses[:, :3, 3])[:, 2], kind="stable")
+    for index in sorted(order, key=lambda i: i == simulated):
+        width, hidden = (2.6, 0.5) if index == simulated else (1.3, 0.2)
+        view.lines(panels[1], lines[index], inks[index], width=width, hidden=hidden, halo=0.8)
     held = Solid(example.mesh, color, at_end)
     reach = place(example.mesh.vertices, at_end)
     if posed is not None:

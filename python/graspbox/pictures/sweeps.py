@@ -10,15 +10,13 @@ from matplotlib.figure import Figure
 
 from graspbox.errors import ConfigError
 from graspbox.meshes import Mesh
-from graspbox.pictures.files import PathLike, checked, pixels, write
+from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.solids import OBJECT, Solid, box_edges, colored_boxes
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import BoxTree, decompose
 
 #: Shares of a face's area below which a cut is accepted, by fit: three that give different boxes for household objects.
-AREA_GAINS: Mapping[str, Sequence[float]] = MappingProxyType(
-    {"minimum": (0.9, 0.97, 0.99), "pca": (0.85, 0.93, 0.97)}
-)
+AREA_GAINS: Mapping[str, Sequence[float]] = MappingProxyType({"minimum": (0.9, 0.97, 0.99), "pca": (0.85, 0.93, 0.97)})
 #: Least volumes of a box that a cut makes, m3. The reference study (figures 2.3 and 2.4) goes up to 0.125 m3, but above
 #: these an object of a hand's size is one box.
 MIN_VOLUMES = (1.25e-4, 4e-5, 1.25e-5, 4e-6)
@@ -67,7 +65,7 @@ def save_sweep(
     FileError
         If the file cannot be written.
     """
-    target = checked(path)
+    target = check_path(path)
     rows = AREA_GAINS[fit] if area_gains is None else area_gains
     pairs = list(product(rows, min_volumes))
     if not 1 <= len(pairs) <= _MOST_PANELS:

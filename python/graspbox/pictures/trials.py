@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError
-from graspbox.pictures.files import PathLike, checked, pixels, write
+from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand
 from graspbox.pictures.solids import FAILURE, OBJECT, SUCCESS, Floats, Solid, place
 from graspbox.pictures.view import Camera, View
@@ -113,7 +113,7 @@ def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None
     FileError
         If the file cannot be written.
     """
-    target = checked(path)
+    target = check_path(path)
     for trial in (failed, firm):
         if len(trial.trace.time) < 2:
             raise ConfigError(f"pose {trial.index + 1} is infeasible: nothing moved, so there is no speed to plot")
@@ -127,9 +127,9 @@ def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None
     panels[1].set_ylim(0, 1.2 * top)
     panels[1].set_xlim(0, total)
     panels[1].set_xlabel("time since closing began (s)")
-    figure.suptitle(f"{name}: relative speed of hand and object", fontsize=12, weight="bold")
-    figure.text(0.5, 0.93, KINDNESS, ha="center", va="center", fontsize=9, color="#444444")
-    figure.tight_layout(rect=(0, 0, 1, 0.955))
+    figure.suptitle(f"{name}: relative speed of hand and object", fontsize=12, weight="bold", y=0.993)
+    figure.text(0.5, 0.922, KINDNESS, ha="center", va="center", fontsize=9, color="#444444")
+    figure.tight_layout(rect=(0, 0, 1, 0.945))
     write(figure, target)
 
 
@@ -198,7 +198,7 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
     FileError
         If the file cannot be written.
     """
-    target = checked(path)
+    target = check_path(path)
     if not 1 <= len(trials) <= _MOST_ROWS:
         raise ConfigError(f"{len(trials)} trials; give 1 to {_MOST_ROWS}")
     for trial in trials:
@@ -207,9 +207,7 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
     height = 3.5 * len(trials) + 0.45
     figure = Figure(figsize=(10.5, height), dpi=115)
     panels = figure.subplots(len(trials), 4, squeeze=False)
-    figure.subplots_adjust(
-        left=0.03, right=0.997, bottom=0.06 / height, top=1 - 0.68 / height, wspace=0.02, hspace=0.1
-    )
+    figure.subplots_adjust(left=0.03, right=0.997, bottom=0.06 / height, top=1 - 0.68 / height, wspace=0.02, hspace=0.1)
     for row, trial in zip(panels, trials, strict=True):
         _stages_row(row, scene, trial, camera)
     figure.suptitle(scene.name, fontsize=12, weight="bold", y=1 - 0.1 / height)

@@ -188,8 +188,8 @@ class View:
         }
         return _core.render(
             [s.mesh for s in solids],
-            np.array([s.world_from_mesh for s in solids]),
-            np.array([to_rgb(s.color) for s in solids]),
+            np.array([s.world_from_mesh for s in solids], dtype=np.float64).reshape(-1, 4, 4),
+            np.array([to_rgb(s.color) for s in solids], dtype=np.float64).reshape(-1, 3),
             [s.casts_shadow for s in solids],
             None if hand is None else (hand.hand, hand.world_from_hand, hand.preshape, *hand.angles()),
             self.lens.intrinsics,

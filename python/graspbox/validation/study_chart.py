@@ -3,9 +3,8 @@
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from graspbox.pictures.files import PathLike, checked, write
+from graspbox.pictures.files import Figure, PathLike, check_path, write
 from graspbox.validation.study import CUP_GUESS, TABLE_3_1, Comparison, StudyRow
 
 #: Succeeded and tried.
@@ -32,7 +31,7 @@ def save_comparison(path: PathLike, comparison: Comparison) -> None:
     FileError
         If the file cannot be written.
     """
-    target = checked(path)
+    target = check_path(path)
     rows = tried_rows(comparison)
     study: list[Count] = [(row.succeeded, row.tried) for row in rows]
     ours = [comparison.counts(row) for row in rows]
