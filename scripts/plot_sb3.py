@@ -1,4 +1,4 @@
-"""Plot the held-out success of runs of ``train_sb3.py``, with what random actions, zero actions and the planner reach.
+"""Plot the held-out success of runs of ``train_sb3.py``, with that of random actions, zero actions and the planner.
 
     python scripts/plot_sb3.py out/train/ppo out/train/sac --out success.png
 
@@ -20,14 +20,14 @@ LINES = {"planner": "--", "random": ":", "zero": "-."}
 
 
 def read(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
-    """Read settings, evaluations and references of a run."""
+    """Read settings, evaluations and baselines of a run."""
     path = folder / "evaluations.jsonl"
     if not path.is_file():
         raise typer.BadParameter(f"there is no run in {str(folder)!r}")
     first, *rows = (json.loads(line) for line in path.read_text().splitlines())
     if not rows:
         raise typer.BadParameter(f"the run in {str(folder)!r} has not been evaluated yet")
-    beside = folder / "references.json"
+    beside = folder / "baselines.json"
     return first["settings"], rows, json.loads(beside.read_text()) if beside.is_file() else {}
 
 
@@ -40,20 +40,24 @@ def main(
     known: dict[str, float] = {}
     for folder in folders:
         settings, rows, beside = read(folder)
-        success, error = (np.array([row[name] for row in rows]) for name in ("success", "error"))
+        success, intervals = (np.array([row[name] for row in rows]) for name in ("success", "ci95"))
         for panel, name, unit in ((panels[0], "timesteps", 1.0), (panels[1], "seconds", 60.0)):
             places = np.array([row[name] for row in rows]) / unit
             (line,) = panel.plot(places, success, marker=".", label=f"{settings['algorithm']}, seed {settings['seed']}")
-            panel.fill_between(places, success - error, success + error, color=line.get_color(), alpha=0.2, lw=0)
+            panel.fill_between(places, *intervals.T, color=line.get_color(), alpha=0.2, lw=0)
         known |= {name: found["success"] for name, found in beside.items()}
-    for panel, title in zip(panels, ("steps of all environments", "minutes, evaluations included"), strict=True):
+    for panel, title in zip(
+        panels, ("steps of all environments", "minutes of training, evaluations included"), strict=True
+    ):
         for name, rate in known.items():
             panel.axhline(rate, ls=LINES.get(name, "-"), color="0.4", lw=1, label=f"{name}: {rate:.0%}")
         panel.set(xlabel=title, ylim=(-0.03, 1.03))
         panel.grid(alpha=0.3)
-    panels[0].set(ylabel="share of held-out episodes that succeed")
+    panels[0].set(ylabel="share of held-out trials that succeed")
     panels[0].legend(loc="best")
-    figure.suptitle(f"{settings['id']}, split {settings['evaluate']}, {settings['episodes']} episodes")
+    figure.suptitle(
+        f"{settings['id']}, split {settings['evaluate']}, {settings['episodes']} trials; bands: 95 % intervals (Wilson)"
+    )
     path = out or folders[0] / "success.png"
     figure.savefig(path, dpi=120)
     typer.echo(str(path))
