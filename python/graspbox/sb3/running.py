@@ -162,7 +162,8 @@ class Run(BaseCallback):  # type: ignore[misc]
     minutes : float, optional
         The run ends after this time since the callback was made, evaluations included.
     every_minutes : float, optional
-        Evaluate also when this time has passed since the last evaluation.
+        Evaluate also when this time has passed since the last evaluation began, unless evaluations take longer than
+        training.
     seconds : float
         Training time before the run was resumed.
     value_warmup : int
@@ -233,8 +234,7 @@ class Run(BaseCallback):  # type: ignore[misc]
         for name in ("success", "secure", "return", "length"):
             self.logger.record(f"eval/{name}", found[name])
         self.logger.dump(self.model.num_timesteps)
-        self._evaluated = time.monotonic()
-        self._evaluation = self._evaluated - began
+        self._evaluated, self._evaluation = began, time.monotonic() - began
 
     def _on_training_start(self) -> None:
         # The curve begins with the policy before training.
@@ -265,8 +265,11 @@ class Run(BaseCallback):  # type: ignore[misc]
     def _is_due(self) -> bool:
         """Whether enough steps, or enough time, have passed since the last evaluation."""
         steps = self.num_timesteps - (self.last["timesteps"] if self.last else 0)
+        if steps >= self.every or self.every_minutes is None:
+            return steps >= self.every
+        # From start to start; but a run trains for at least as long as it evaluates.
         waited = time.monotonic() - self._evaluated
-        return steps >= self.every or (self.every_minutes is not None and waited >= 60 * self.every_minutes)
+        return waited >= max(60 * self.every_minutes, 2 * self._evaluation)
 
 
 class Linear:
