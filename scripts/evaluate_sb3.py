@@ -1,10 +1,11 @@
-"""Evaluate what ``train_sb3.py`` trained, on objects and episodes of your choice.
+"""Evaluate what ``train_sb3.py`` trained, on objects and trials of your choice.
 
-    python scripts/evaluate_sb3.py out/train/ppo --split test --episodes 500 --references
+    python scripts/evaluate_sb3.py out/train/ppo --split test --episodes 500 --baselines
     python scripts/evaluate_sb3.py out/train/ppo --best --objects procedural:mug:0-99
 
-A policy is to be judged in episodes by which neither it nor its settings were chosen: other seeds, other objects. Exit
-status: 0, or 2 for a folder or arguments that cannot be.
+Judge a policy on trials by which neither it nor its hyperparameters were selected: other seeds, other objects. A set
+has a test split only if it is large enough: ``procedural:mug`` names ten objects, of which none is in that split;
+``procedural:mug:0-99`` has 11. Exit status: 0, or 2 for a folder or arguments that cannot be used.
 
 Needs the extras ``cli`` and ``train``.
 """
@@ -13,63 +14,59 @@ import json
 from pathlib import Path
 from typing import Annotated, Any
 
-import gymnasium
-import torch
 import typer
 
+from graspbox import evaluation, sb3
 from graspbox.cli.common import Json, console, print_json, print_table
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.sb3.references import references
-from graspbox.sb3.running import ALGORITHMS, evaluate, load, make_env, normalized
 
-NEEDED = {"algorithm", "id", "env", "model", "normalize", "num_envs"}
+NEEDED = {"algorithm", "id", "env", "num_envs"}
 
 
 def settings_of(folder: Path) -> dict[str, Any]:
-    """Read what a run was begun with."""
+    """Read the settings of a run."""
     try:
         first = (folder / "evaluations.jsonl").read_text().splitlines()[0]
         found: dict[str, Any] = json.loads(first)["settings"]
         missing = NEEDED - set(found)
     except (OSError, ValueError, LookupError, TypeError):
         raise ConfigError(f"there is no run of train_sb3.py in {str(folder)!r}") from None
-    if missing or found["algorithm"] not in ALGORITHMS:
+    if missing:
         raise ConfigError(f"the run in {str(folder)!r} is of another version of train_sb3.py")
     return found
 
 
-def measure(folder: Path, best: bool, keywords: dict[str, Any], episodes: int, seed: int) -> dict[str, Any]:
-    """Let the policy of a run act."""
+def measure(
+    folder: Path, keywords: dict[str, Any], episodes: int, seed: int, *, best: bool = False, baselines: bool = False
+) -> dict[str, Any]:
+    """Evaluate the policy of a run, and the baselines on the same trials; summaries by name."""
+    sb3.require()
+    import torch
+
+    from graspbox.sb3.policy import evaluate_baselines, summary
+    from graspbox.sb3.running import load_policy
+
     run = settings_of(folder)
-    # Small networks are fast on one thread; the others are for the environments.
+    # Small networks are fastest on one thread; the other threads are for the environments.
     torch.set_num_threads(1)
-    scale = {"gamma": float(run["model"].get("gamma", 0.99)), **run["normalize"]}
-    try:
-        made = make_env(run["id"], min(run["num_envs"], episodes), **{**run["env"], **keywords})
-    except TypeError as error:
-        raise ConfigError(f"the run in {str(folder)!r} is of another version of its environment ({error})") from None
-    env = normalized(made, **scale, training=False)
-    where = folder / ("best" if best else "checkpoint")
-    model, _ = load(ALGORITHMS[run["algorithm"]], where, env, buffer=False, device="cpu")
-    scales = model.get_vec_normalize_env()
-    if scales is not None:
-        # They stay as the policy learned with them.
-        scales.training = scales.norm_reward = False
-    found = evaluate(model, model.get_env(), episodes, seed)
-    model.get_env().close()
-    return found
+    policy = load_policy(run["algorithm"], folder / ("best" if best else "checkpoint"))
+    settings, num_envs = {**run["env"], **keywords}, run["num_envs"]
+    found = evaluation.evaluate(policy, run["id"], trials=episodes, seed=seed, num_envs=num_envs, **settings)
+    summaries = {"policy": summary(found)}
+    if baselines:
+        summaries |= evaluate_baselines(run["id"], num_envs, episodes, seed, **settings)
+    return summaries
 
 
 def main(
     folder: Annotated[Path, typer.Argument(help="The run's folder.")],
     best: Annotated[bool, typer.Option(help="The model of the best evaluation instead of the last one.")] = False,
     split: Annotated[str, typer.Option(help="Split of the objects: train, validation or test.")] = "test",
-    objects: Annotated[list[str] | None, typer.Option(help="Other objects than the run's.")] = None,
-    episodes: Annotated[int, typer.Option(min=1, help="How many.")] = 200,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the first environment.")] = 50_000,
-    beside: Annotated[
-        bool,
-        typer.Option("--references", help="Random actions, zero actions and the planner too, in the same episodes."),
+    objects: Annotated[list[str] | None, typer.Option(help="Other objects than the run's; may be repeated.")] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Number of trials.")] = 200,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 50_000,
+    baselines: Annotated[
+        bool, typer.Option(help="Random actions, zero actions and the planner too, on the same trials.")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -77,20 +74,20 @@ def main(
     keywords: dict[str, Any] = {"split": split, **({"objects": objects} if objects else {})}
     try:
         with console.status("evaluating"):
-            found = {"policy": measure(folder, best, keywords, episodes, seed)}
-            if beside:
-                run = settings_of(folder)
-                envs = min(run["num_envs"], episodes)
-                found |= references(run["id"], envs, episodes, seed, **{**run["env"], **keywords})
-    except (GraspboxError, OSError, gymnasium.error.Error) as error:
+            found = measure(folder, keywords, episodes, seed, best=best, baselines=baselines)
+    except (GraspboxError, OSError) as error:
         console.print(f"error: {error}", markup=False)
         raise typer.Exit(2) from None
     if as_json:
         print_json(found)
         return
-    names = ("success", "error", "secure", "return", "length")
-    rows = [(who, *(f"{row[name]:.3f}" for name in names)) for who, row in found.items()]
-    print_table(f"{episodes} episodes, split {split}, seed {seed}", ("", *names), rows)
+    names = ("success", "secure", "return", "length")
+    rows = []
+    for who, row in found.items():
+        low, high = row["ci95"]
+        rows.append((who, *(f"{row[name]:.3f}" for name in names), f"{low:.3f} to {high:.3f}"))
+    title = f"{episodes} trials, split {split}, seed {seed}"
+    print_table(title, ("", *names, "95 % interval of success"), rows)
 
 
 if __name__ == "__main__":

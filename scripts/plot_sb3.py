@@ -1,4 +1,4 @@
-"""Plot the held-out success of runs of ``train_sb3.py`` beside that of random actions, zero actions and the planner.
+"""Plot the held-out success of runs of ``train_sb3.py``, with that of random actions, zero actions and the planner.
 
     python scripts/plot_sb3.py out/train/ppo out/train/sac --out success.png
 
@@ -19,14 +19,14 @@ LINES = {"planner": "--", "random": ":", "zero": "-."}
 
 
 def read(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
-    """Read settings, evaluations and references of a run."""
+    """Read settings, evaluations and baselines of a run."""
     path = folder / "evaluations.jsonl"
     if not path.is_file():
         raise typer.BadParameter(f"there is no run in {str(folder)!r}")
     first, *rows = (json.loads(line) for line in path.read_text().splitlines())
     if not rows:
         raise typer.BadParameter(f"the run in {str(folder)!r} has not been evaluated yet")
-    beside = folder / "references.json"
+    beside = folder / "baselines.json"
     return first["settings"], rows, json.loads(beside.read_text()) if beside.is_file() else {}
 
 
@@ -34,7 +34,7 @@ def main(
     folders: Annotated[list[Path], typer.Argument(help="Folders of runs.")],
     out: Annotated[Path | None, typer.Option(help="The picture; by default success.png in the first folder.")] = None,
 ) -> None:
-    """Plot success over steps and over minutes; bands are one standard error of the success rate on each side."""
+    """Plot success over steps and over minutes; bands are 95 % intervals."""
     try:
         path = check_path(out or folders[0] / "success.png")
     except GraspboxError as error:
@@ -45,26 +45,28 @@ def main(
 
 
 def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]]) -> Figure:
-    """Plot runs as `read` gives them: success with its standard error, and the references as horizontal lines."""
+    """Plot runs as `read` gives them: success with its 95 % interval, and the references as horizontal lines."""
     figure = Figure(figsize=(11, 4.4), dpi=120, layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     known: dict[str, float] = {}
     for settings, rows, beside in runs:
-        success, error = (np.array([row[name] for row in rows]) for name in ("success", "error"))
+        success, intervals = (np.array([row[name] for row in rows]) for name in ("success", "ci95"))
         for panel, name, unit in ((panels[0], "timesteps", 1.0), (panels[1], "seconds", 60.0)):
             places = np.array([row[name] for row in rows]) / unit
-            label = f"{settings['algorithm']}, seed {settings['seed']} (band: ± 1 standard error)"
+            label = f"{settings['algorithm']}, seed {settings['seed']} (band: 95 % interval)"
             (line,) = panel.plot(places, success, marker=".", label=label)
-            panel.fill_between(places, success - error, success + error, color=line.get_color(), alpha=0.2, lw=0)
+            panel.fill_between(places, *intervals.T, color=line.get_color(), alpha=0.2, lw=0)
         known |= {name: found["success"] for name, found in beside.items()}
-    for panel, title in zip(panels, ("steps of all environments", "minutes, evaluations included"), strict=True):
+    for panel, title in zip(
+        panels, ("steps of all environments", "minutes of training, evaluations included"), strict=True
+    ):
         for name, rate in known.items():
             panel.axhline(rate, ls=LINES.get(name, "-"), color="0.4", lw=1, label=f"{name}: {rate:.0%}")
         panel.set(xlabel=title, ylim=(-0.03, 1.03))
         panel.grid(alpha=0.3)
-    panels[0].set(ylabel="share of held-out episodes that succeed")
+    panels[0].set(ylabel="share of held-out trials that succeed")
     panels[0].legend(loc="best", fontsize=9)
-    figure.suptitle(f"{settings['id']}, split {settings['evaluate']}: {settings['episodes']} episodes per evaluation")
+    figure.suptitle(f"{settings['id']}, split {settings['evaluate']}, {settings['episodes']} trials; bands: Wilson's 95 % intervals")
     return figure
 
 

@@ -1,105 +1,129 @@
 """Train a policy with Stable-Baselines3 on graspbox's environments, and evaluate it on objects it has not seen.
 
     python scripts/train_sb3.py ppo out/train/ppo
-    python scripts/train_sb3.py sac out/train/sac --minutes 45 --evaluate test --references
-    python scripts/train_sb3.py ppo out/train/ppo --resume
+    python scripts/train_sb3.py sac out/train/sac --env graspbox/GraspPose-v0 --evaluate test --baselines
+    python scripts/train_sb3.py sac out/train/sac --env graspbox/GraspPose-v0 --resume --steps 48000
     python scripts/plot_sb3.py out/train/ppo
     python scripts/evaluate_sb3.py out/train/ppo
 
-The parameters stand in ``scripts/sb3.yaml``; ``--set model.gamma=0.98`` replaces one. Ctrl-C ends a run after the step
-that it is in and saves it (twice: at once, leaving the last checkpoint); ``--resume`` goes on from the checkpoint, with
-episodes that begin anew. What a run's folder holds: `graspbox.sb3.running`. Exit status: 0 for a run that came to its
-end and, with ``--target``, reached it; 1 for one that did not reach it, 2 for arguments that cannot be, 130 for one
-that was interrupted.
+A run ends after its number of steps, which is in ``scripts/sb3.yaml`` like all parameters; ``--steps`` and
+``--set model.gamma=0.98`` replace one. ``--resume`` continues an interrupted run from its checkpoint, and extends a
+finished one where ``--steps`` is larger; its episodes begin anew, and a learning rate that falls to zero starts again
+at the share of the new total that remains. Ctrl-C ends a run after its current step and saves it (twice: at once,
+keeping the last checkpoint). The files of a run's folder are documented in `graspbox.sb3.running`.
+
+Exit status: 0 for a run that came to its end and, with ``--target``, reached it; 1 for one that did not reach it, 2 for
+wrong arguments, 130 for an interrupted run.
 
 Needs the extras ``cli`` and ``train``.
 """
 
-import inspect
 import json
+import math
 import signal
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
-import gymnasium
-import numpy as np
-import torch
-import typer
+import tyro
 import yaml
-from stable_baselines3.common.noise import NormalActionNoise
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from graspbox import sb3
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.resume_log import ResumeLog
-from graspbox.sb3 import Extractor
-from graspbox.sb3.demonstrations import DemonstratedBuffer, clone, demonstrate
-from graspbox.sb3.references import references
-from graspbox.sb3.running import ALGORITHMS, Linear, Run, load, make_env, normalized
 
 PARAMETERS = Path(__file__).with_name("sb3.yaml")
-#: Evaluations take other episodes than training, whatever its seed.
+ALGORITHMS = ("ppo", "sac", "td3")
+#: Evaluations have other episodes than training, whatever its seed.
 EVALUATION_SEED = 10_000
-DEMONSTRATION_SEED = 20_000
 
 
 @dataclass(frozen=True)
 class Settings:
-    """One run."""
+    """Arguments of one run."""
 
-    algorithm: Annotated[str, typer.Argument(help="ppo, sac or td3.")]
-    folder: Annotated[Path, typer.Argument(help="The run's folder.")]
-    env: Annotated[str, typer.Option(help="Id of the environment.")] = "graspbox/Grasp-v0"
-    parameters: Annotated[Path, typer.Option(help="Parameters by algorithm and environment.")] = PARAMETERS
-    set: Annotated[list[str] | None, typer.Option(help="Replace a parameter: model.gamma=0.98, env.obs=depth")] = None
-    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0
-    minutes: Annotated[float | None, typer.Option(min=0, help="End after so much time, evaluations included.")] = None
-    evaluate: Annotated[str, typer.Option(help="Split that evaluations take; training takes `train`.")] = "validation"
-    episodes: Annotated[int, typer.Option(min=1, help="Episodes of an evaluation.")] = 100
-    references: Annotated[bool, typer.Option(help="Evaluate random actions, zero actions and the planner too.")] = False
-    target: Annotated[float | None, typer.Option(min=0, max=1, help="Successes that the end must show.")] = None
-    resume: Annotated[bool, typer.Option(help="Go on with the run in the folder, if there is one.")] = False
-    torch_threads: Annotated[int, typer.Option(min=1, help="Threads of the networks; small ones are fast on one.")] = 1
-    device: Annotated[str, typer.Option(help="Where the networks are: cpu, cuda.")] = "cpu"
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")] = False
+    algorithm: tyro.conf.Positional[str]
+    """ppo, sac or td3."""
+    folder: tyro.conf.Positional[Path]
+    """Folder of the run."""
+    env: str = "graspbox/Grasp-v0"
+    """Id of the environment."""
+    parameters: Path = PARAMETERS
+    """File of parameters, by algorithm and environment."""
+    set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Replace a parameter, for example model.gamma=0.98 or env.obs=depth; may be repeated."""
+    steps: int | None = None
+    """Steps of all environments together after which the run ends; by default that of the parameters."""
+    minutes: float | None = None
+    """End this call earlier, after about this time; results then depend on the speed of the machine."""
+    evaluations: int = 10
+    """Evaluations after the one at the start, evenly spaced in steps (with --minutes also in time)."""
+    episodes: int = 100
+    """Trials of an evaluation."""
+    evaluate: str = "validation"
+    """Split of the objects that evaluations take; training takes `train`."""
+    seed: int = 0
+    """Seed of everything random."""
+    baselines: bool = False
+    """Evaluate random actions, zero actions and the planner on the same trials."""
+    target: float | None = None
+    """Success rate that the last evaluation must reach."""
+    resume: bool = False
+    """Continue the run in the folder, if there is one."""
+    torch_threads: int = 1
+    """Threads of the networks; one is fastest for small ones."""
+    device: str = "cpu"
+    """Where the networks run: cpu, cuda."""
+    json: bool = False
+    """Print JSON, and nothing else, on standard output."""
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """What ``scripts/sb3.yaml`` says for an algorithm and an environment."""
+    """An entry of ``scripts/sb3.yaml``: an algorithm in an environment."""
 
     #: Steps of all environments together.
-    timesteps: int
+    steps: int
     num_envs: int
-    #: Steps between two evaluations, each with a checkpoint.
-    every: int
-    #: Whether vectors of observations, and rewards, are scaled by what has been seen of them.
+    #: Whether vector observations, and rewards, are scaled by running statistics.
     normalize: dict[str, bool]
     #: Keywords of the environment.
     env: dict[str, Any]
-    #: Keywords of the algorithm.
+    #: Arguments of the algorithm.
     model: dict[str, Any]
-    #: Successful episodes of the scripted expert: sac and td3 learn from them beside their own, ppo begins as a copy.
+    #: Successful episodes of the scripted expert: sac and td3 learn from them beside their own, ppo clones them.
     demonstrations: int = 0
-    #: How often each step of them is looked at to begin as their copy.
+    #: Passes over the demonstrations when cloning.
     clone_epochs: int = 60
-    #: For so many steps after that only the values learn, not the policy.
-    values_first: int = 0
+    #: Number of first steps in which a cloned policy's value function learns alone.
+    value_warmup: int = 0
+
+
+def check(settings: Settings) -> None:
+    """Refuse arguments that are out of range."""
+    if settings.algorithm not in ALGORITHMS:
+        raise ConfigError(f"there is no algorithm {settings.algorithm!r}; choose from {', '.join(ALGORITHMS)}")
+    for name, least in (("steps", 1), ("evaluations", 1), ("episodes", 1), ("torch_threads", 1), ("seed", 0)):
+        value = getattr(settings, name)
+        if value is not None and value < least:
+            raise ConfigError(f"--{name.replace('_', '-')} is {value}; give {least} or more")
+    if settings.minutes is not None and not settings.minutes > 0:
+        raise ConfigError(f"--minutes is {settings.minutes}; give a positive number")
+    if settings.target is not None and not 0 <= settings.target <= 1:
+        raise ConfigError(f"--target is {settings.target}; give a rate between 0 and 1")
 
 
 def read_parameters(settings: Settings) -> Parameters:
-    """Read the parameters of an algorithm and an environment, and replace some."""
-    if settings.algorithm not in ALGORITHMS:
-        raise ConfigError(f"there is no algorithm {settings.algorithm!r}; choose from {', '.join(ALGORITHMS)}")
+    """Read the entry of an algorithm and an environment, and replace what ``--set`` and ``--steps`` name."""
     found = yaml.safe_load(settings.parameters.read_text())
     try:
         values = found[settings.algorithm][settings.env]
     except (KeyError, TypeError):
         where = str(settings.parameters)
         raise ConfigError(f"{where!r} has no entry {settings.algorithm!r}, {settings.env!r}; add one") from None
-    for change in settings.set or ():
+    for change in settings.set:
         path, equals, value = change.partition("=")
         *parents, name = path.split(".")
         place = values
@@ -108,68 +132,43 @@ def read_parameters(settings: Settings) -> Parameters:
         if not equals or not isinstance(place, dict):
             raise ConfigError(f"--set {change!r} names no parameter; write, for example, model.gamma=0.98")
         place[name] = yaml.safe_load(value)
+    if settings.steps is not None:
+        values["steps"] = settings.steps
     try:
         return Parameters(**values)
     except TypeError as error:
         raise ConfigError(f"parameters are {', '.join(Parameters.__annotations__)} ({error})") from None
 
 
-def number(value: Any) -> Any:
-    """Read what YAML takes for a string: 1e-3 without a point, and linear_1e-3."""
-    if not isinstance(value, str):
-        return value
-    return Linear(float(value.removeprefix("linear_"))) if value.startswith("linear_") else float(value)
+def has_run(folder: Path) -> bool:
+    """Whether a folder holds a run that can be continued."""
+    if any((folder / name).exists() for name in ("checkpoint", "checkpoint.old")):
+        return True
+    log = folder / "evaluations.jsonl"
+    if log.exists() and len(log.read_text().splitlines()) > 1:
+        raise ConfigError(f"{str(folder)!r} holds evaluations but no checkpoint to continue from; name another folder")
+    return False
 
 
-def model_settings(algorithm: Any, given: dict[str, Any], env: Any, demonstrations: int) -> dict[str, Any]:
-    """Turn names into what the algorithm takes, and choose policy and extractor by the observation."""
-    policy = dict(given.get("policy_kwargs", {}))
-    if "activation_fn" in policy:
-        policy["activation_fn"] = getattr(torch.nn, policy["activation_fn"])
-    seen = env.observation_space
-    named = isinstance(seen, gymnasium.spaces.Dict)
-    if any(len(space.shape) > 1 for space in (seen.values() if named else [seen])):
-        policy.setdefault("features_extractor_class", Extractor)
-    found = {**given, "policy": "MultiInputPolicy" if named else "MlpPolicy", "policy_kwargs": policy}
-    if demonstrations and issubclass(algorithm, OffPolicyAlgorithm):
-        found["replay_buffer_class"] = DemonstratedBuffer
-    if "learning_rate" in found:
-        found["learning_rate"] = number(found["learning_rate"])
-    if "action_noise" in found:
-        size = env.action_space.shape
-        found["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, found["action_noise"]))
-    return found
+def open_log(settings: Settings, parameters: Parameters, begun: bool) -> ResumeLog:
+    """Open the log of evaluations, whose first line holds all that must stay the same when a run is resumed."""
+    if begun and not settings.resume:
+        raise ConfigError(f"{str(settings.folder)!r} holds a run; continue it with --resume, or name another folder")
+    what = {"algorithm": settings.algorithm, "id": settings.env, "evaluate": settings.evaluate}
+    # A run may be extended.
+    what |= {"seed": settings.seed, "episodes": settings.episodes, **asdict(replace(parameters, steps=0))}
+    path = settings.folder / "evaluations.jsonl"
+    if not begun:
+        # Left by a run that was interrupted before its first checkpoint.
+        path.unlink(missing_ok=True)
+    return ResumeLog(path, what)
 
 
-def show(model: Any, settings: Settings, parameters: Parameters) -> None:
-    """Let the expert fill the part of the replay buffer that is its own, or clone it where there is none."""
-    clones = not isinstance(model, OffPolicyAlgorithm)
-    if clones and parameters.normalize["reward"]:
-        raise ConfigError("a clone's observations keep the demonstrations' scales; set normalize.reward=false with it")
-    keywords = {**parameters.env, "split": "train"}
-    stage = make_env(settings.env, parameters.num_envs, **keywords)
-    with progress() as bar:
-        task = bar.add_task("demonstrations", total=parameters.demonstrations)
-        settled = {"step": lambda done: bar.update(task, completed=done), **keywords}
-        buffer, rate = demonstrate(stage, settings.env, parameters.demonstrations, DEMONSTRATION_SEED, **settled)
-    stage.close()
-    console.print(f"{buffer.size()} steps of demonstrations; the expert succeeded in {rate:.0%} of its episodes")
-    statistics = model.get_vec_normalize_env()
-    if statistics is not None and statistics.norm_obs:
-        statistics.obs_rms.update(buffer.observations[: buffer.size(), 0])
-    if not clones:
-        model.replay_buffer.demonstrations = buffer
-        return
-    if statistics is not None:
-        # Scales that went on to change would change what the policy does.
-        statistics.training = False
-    with console.status("cloning"):
-        errors = clone(model, buffer, parameters.clone_epochs, seed=settings.seed)
-    console.print(f"cloned: mean squared error of an action {errors[0]:.4f}, held out {errors[1]:.4f}")
+def make_model(settings: Settings, parameters: Parameters, env: Any, begun: bool) -> tuple[Any, float]:
+    """Load the model of a run, or make one; with its training time so far in seconds, demonstrations included."""
+    from graspbox.sb3.running import ALGORITHMS, load
+    from graspbox.sb3.training import add_demonstrations, model_arguments
 
-
-def begin(settings: Settings, parameters: Parameters, env: Any, begun: bool) -> tuple[Any, float]:
-    """Load the model of a run, or make one; with the seconds that it has taken so far, demonstrations included."""
     algorithm, began = ALGORITHMS[settings.algorithm], time.monotonic()
     logs = {"tensorboard_log": str(settings.folder / "tensorboard"), "device": settings.device}
     if begun:
@@ -177,104 +176,111 @@ def begin(settings: Settings, parameters: Parameters, env: Any, begun: bool) -> 
         # Other episodes and actions than those that the run began with.
         model.set_random_seed(settings.seed + model.num_timesteps)
         return model, seconds
-    keywords = model_settings(algorithm, parameters.model, env, parameters.demonstrations)
-    model = algorithm(env=env, seed=settings.seed, **keywords, **logs)
+    arguments = model_arguments(algorithm, parameters.model, env, parameters.demonstrations)
+    if parameters.demonstrations and settings.algorithm == "ppo" and parameters.normalize["reward"]:
+        raise ConfigError("a cloned policy needs the statistics of its demonstrations; set normalize.reward=false")
+    model = algorithm(env=env, seed=settings.seed, **arguments, **logs)
     if parameters.demonstrations:
-        show(model, settings, parameters)
+        with progress() as bar:
+            task = bar.add_task("demonstrations", total=parameters.demonstrations)
+            told = add_demonstrations(
+                model,
+                settings.env,
+                parameters.num_envs,
+                parameters.demonstrations,
+                clone_epochs=parameters.clone_epochs,
+                seed=settings.seed,
+                step=lambda done: bar.update(task, completed=done),
+                **{**parameters.env, "split": "train"},
+            )
+        console.print(told)
     return model, time.monotonic() - began
 
 
-def checkpointed(folder: Path) -> bool:
-    """Tell whether a folder holds a run that can go on."""
-    if any((folder / name).exists() for name in ("checkpoint", "checkpoint.old")):
-        return True
-    log = folder / "evaluations.jsonl"
-    if log.exists() and len(log.read_text().splitlines()) > 1:
-        raise ConfigError(f"{str(folder)!r} holds evaluations but no checkpoint to go on from; name another folder")
-    return False
-
-
 def train(settings: Settings) -> int:
-    """Train; the exit status."""
+    """Train; returns the exit status."""
+    began = time.monotonic()
+    check(settings)
     parameters = read_parameters(settings)
-    begun = checkpointed(settings.folder)
-    if begun and not settings.resume:
-        raise ConfigError(f"{str(settings.folder)!r} holds a run; --resume goes on with it, or name another folder")
-    what = {"algorithm": settings.algorithm, "id": settings.env, "evaluate": settings.evaluate}
-    # A run may go on for longer than it was begun for.
-    what |= {"seed": settings.seed, "episodes": settings.episodes, **asdict(replace(parameters, timesteps=0))}
-    path = settings.folder / "evaluations.jsonl"
-    if not begun:
-        # What a run leaves that was interrupted before its first checkpoint.
-        path.unlink(missing_ok=True)
-    log = ResumeLog(path, what)
-    torch.set_num_threads(settings.torch_threads)
+    sb3.require()
+    import torch
 
-    scale = {"gamma": float(parameters.model.get("gamma", 0.99)), **parameters.normalize}
+    from graspbox.sb3.policy import evaluate_baselines
+    from graspbox.sb3.running import Run, make_env, make_held_out, normalized
+
+    begun = has_run(settings.folder)
+    log = open_log(settings, parameters, begun)
+    torch.set_num_threads(settings.torch_threads)
     held_out = {**parameters.env, "split": settings.evaluate}
     eval_envs = min(parameters.num_envs, settings.episodes)
-    env = normalized(
-        make_env(settings.env, parameters.num_envs, **{**parameters.env, "split": "train"}), **scale, training=True
+    env = make_env(settings.env, parameters.num_envs, **{**parameters.env, "split": "train"})
+    env = normalized(env, float(parameters.model.get("gamma", 0.99)), **parameters.normalize)
+    test = make_held_out(settings.env, eval_envs, **held_out)
+    model, seconds = make_model(settings, parameters, env, begun)
+    if settings.baselines:
+        with console.status("baselines"):
+            found = evaluate_baselines(settings.env, eval_envs, settings.episodes, EVALUATION_SEED, **held_out)
+        (settings.folder / "baselines.json").write_text(json.dumps(found, indent=2))
+    spent = (time.monotonic() - began) / 60
+    run = Run(
+        settings.folder,
+        test,
+        log,
+        every=math.ceil(parameters.steps / settings.evaluations),
+        episodes=settings.episodes,
+        seed=EVALUATION_SEED,
+        minutes=None if settings.minutes is None else settings.minutes - spent,
+        every_minutes=None if settings.minutes is None else settings.minutes / settings.evaluations,
+        seconds=seconds,
+        value_warmup=parameters.value_warmup if parameters.demonstrations else 0,
     )
-    test = normalized(make_env(settings.env, eval_envs, **held_out), **scale, training=False)
-    model, seconds = begin(settings, parameters, env, begun)
-    if settings.references:
-        with console.status("references"):
-            found = references(settings.env, eval_envs, settings.episodes, EVALUATION_SEED, **held_out)
-        (settings.folder / "references.json").write_text(json.dumps(found, indent=2))
+    before = model.num_timesteps
+    try:
+        learn(model, run, settings.algorithm, parameters.steps, begun)
+    finally:
+        env.close()
+        test.close()
+    return report(settings, run, model.num_timesteps - before, run.seconds - seconds)
 
+
+def learn(model: Any, run: Any, name: str, steps: int, begun: bool) -> None:
+    """Train until the run has its number of steps, with a progress bar and a last evaluation."""
     with progress() as bar:
-        task = bar.add_task(settings.algorithm, total=parameters.timesteps)
+        task = bar.add_task(name, total=steps)
 
-        def step(steps: int, last: dict[str, Any] | None) -> None:
-            rate = f", {last['success']:.0%} of held-out episodes succeed" if last else ""
-            bar.update(task, completed=steps, description=settings.algorithm + rate)
+        def show(done: int, last: dict[str, Any] | None) -> None:
+            rate = f", {last['success']:.0%} of held-out trials succeed" if last else ""
+            bar.update(task, completed=done, description=name + rate)
 
-        run = Run(
-            settings.folder,
-            test,
-            log,
-            every=parameters.every,
-            episodes=settings.episodes,
-            seed=EVALUATION_SEED,
-            minutes=settings.minutes,
-            seconds=seconds,
-            step=step,
-            values_first=parameters.values_first if parameters.demonstrations else 0,
-        )
+        run.on_progress = show
         handlers = {number: signal.signal(number, stopper(run)) for number in (signal.SIGINT, signal.SIGTERM)}
-        before = model.num_timesteps
         try:
-            model.learn(
-                max(parameters.timesteps - before, 0), callback=run, tb_log_name="run", reset_num_timesteps=not begun
-            )
+            left = max(steps - model.num_timesteps, 0)
+            model.learn(left, callback=run, tb_log_name="run", reset_num_timesteps=not begun)
             if run.interrupted or (run.last and run.last["timesteps"] == model.num_timesteps):
-                # What an evaluation saved in the midst of a step did not have that step's transitions.
+                # A checkpoint that was written within a step lacks that step's transitions.
                 run.save()
             else:
                 run.evaluate()
         finally:
-            for which, handler in handlers.items():
-                signal.signal(which, handler)
-            env.close()
-            test.close()
-    return report(settings, run, model.num_timesteps - before, run.seconds - seconds)
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
 
 
-def stopper(run: Run) -> Any:
-    """Make a signal handler: the first signal ends the run after its step, the second at once."""
+def stopper(run: Any) -> Any:
+    """Make a signal handler: the first signal ends the run after its current step, the second at once."""
 
     def stop(*_: Any) -> None:
         if run.interrupted:
             raise KeyboardInterrupt
         run.interrupt()
-        console.print("saving the run; once more to end at once")
+        console.print("saving the run; press Ctrl-C again to end at once")
 
     return stop
 
 
-def report(settings: Settings, run: Run, steps: int, seconds: float) -> int:
-    """Say what came of it; the exit status."""
+def report(settings: Settings, run: Any, steps: int, seconds: float) -> int:
+    """Print the result of a run; returns the exit status."""
     last = run.last
     result = {
         "folder": str(settings.folder),
@@ -283,6 +289,7 @@ def report(settings: Settings, run: Run, steps: int, seconds: float) -> int:
         "seconds": round(run.seconds, 1),
         "steps_per_s": round(steps / seconds, 1),
         "success": last["success"] if last else None,
+        "ci95": last["ci95"] if last else None,
         "best": run.best if last else None,
         "target": settings.target,
         "reached": None if settings.target is None or last is None else last["success"] >= settings.target,
@@ -297,21 +304,15 @@ def report(settings: Settings, run: Run, steps: int, seconds: float) -> int:
     return 1 if result["reached"] is False else 0
 
 
-def main(**values: Any) -> None:
-    """Train a policy with Stable-Baselines3 and evaluate it on objects it has not seen."""
-    settings = Settings(**values)
+def main(arguments: list[str] | None = None) -> int:
+    """Parse the arguments and train; returns the exit status."""
+    settings = tyro.cli(Settings, args=arguments, description=__doc__)
     try:
-        status = train(settings)
+        return train(settings)
     except (GraspboxError, OSError, yaml.YAMLError) as error:
         console.print(f"error: {error}", markup=False)
-        status = 2
-    raise typer.Exit(status)
-
-
-# The dataclass is the command line.
-main.__signature__ = inspect.signature(Settings)  # type: ignore[attr-defined]
-main.__annotations__ = get_type_hints(Settings, include_extras=True)
+        return 2
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    raise SystemExit(main())

@@ -1,7 +1,8 @@
-"""A file of JSON lines that lets a long job go on where it was interrupted."""
+"""A log of JSON lines from which a long job resumes after an interruption."""
 
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,19 @@ __all__ = ["ResumeLog"]
 
 
 class ResumeLog:
-    """Rows that are on the disk as soon as they are appended.
+    """Rows of results; each is on the disk when `append` returns.
 
     Parameters
     ----------
     path : str or PathLike
-        The file; its folder is made if need be. A last line that an interruption cut off is dropped.
+        The file; its folder is created. An incomplete last line, left by an interruption, is removed.
     settings : dict
-        What the rows depend on, as plain JSON values; the first line of the file.
+        What the rows depend on, as plain JSON values; written as the first line.
 
     Raises
     ------
     ConfigError
-        If the file holds rows of other settings, or is no such file.
+        If the file was begun with other settings, or is not a log.
     """
 
     def __init__(self, path: str | os.PathLike[str], settings: dict[str, Any]) -> None:
@@ -43,12 +44,13 @@ class ResumeLog:
         except (ValueError, TypeError, KeyError):
             raise ConfigError(f"{str(self.path)!r} is not a log of this program; name another file") from None
         if known != settings:
-            raise ConfigError(f"{str(self.path)!r} was begun with other settings, {known}; name another file")
+            changes = "; ".join(_changes(known, settings))
+            raise ConfigError(f"{str(self.path)!r} was begun with other settings: {changes}; name another file")
         if len(whole) < len(content):
             os.truncate(self.path, len(whole))
 
     def append(self, row: dict[str, Any]) -> None:
-        """Add a row, and wait until it is on the disk."""
+        """Write a row to the disk."""
         self._write(row)
         self.rows.append(row)
 
@@ -57,3 +59,22 @@ class ResumeLog:
             file.write(json.dumps(row, allow_nan=False) + "\n")
             file.flush()
             os.fsync(file.fileno())
+
+
+def _changes(old: Any, new: Any, name: str = "") -> Iterator[str]:
+    """Name what differs between two settings, nested ones by a path with dots."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in {**old, **new}:
+            yield from _changes(old.get(key, _ABSENT), new.get(key, _ABSENT), f"{name}.{key}" if name else key)
+    elif isinstance(new, dict) and new:
+        yield from _changes({}, new, name)
+    elif old != new:
+        yield f"{name} was {old!r}, is now {new!r}"
+
+
+class _Absent:
+    def __repr__(self) -> str:
+        return "absent"
+
+
+_ABSENT = _Absent()

@@ -1,4 +1,4 @@
-"""`scripts/train_sb3.py`: what it writes, that it stops and goes on, and that it tells the truth. Needs ``train``."""
+"""`scripts/train_sb3.py`: its files, interruption, resumption, evaluations, baselines. Needs the extra ``train``."""
 
 import json
 import shutil
@@ -24,8 +24,8 @@ typer = pytest.importorskip("typer")
 ppo = pytest.importorskip("graspbox.sb3.ppo")
 
 SMALL = ("num_envs=4", "demonstrations=0", "env.max_episode_steps=12", 'env.objects=["procedural:can:0-9"]')
-PPO = (*SMALL, "timesteps=256", "every=128", "model.n_steps=16", "model.batch_size=32", "model.n_epochs=1")
-SAC = (*SMALL, "timesteps=128", "every=64", "model.learning_starts=32", "model.buffer_size=512", "model.batch_size=16")
+PPO = (*SMALL, "steps=256", "model.n_steps=16", "model.batch_size=32", "model.n_epochs=1")
+SAC = (*SMALL, "steps=128", "model.learning_starts=32", "model.buffer_size=512", "model.batch_size=16")
 
 
 @pytest.fixture(autouse=True)
@@ -39,8 +39,8 @@ def one_thread() -> Iterator[None]:
 def run(algorithm: str, folder: Path, changes: tuple[str, ...], **settings: Any) -> int:
     """Train in this process; the exit status."""
     program = script("train_sb3")
-    given = {"episodes": 4, **settings}
-    return int(program.train(program.Settings(algorithm, folder, set=list(changes), **given)))
+    given = {"episodes": 4, "evaluations": 2, **settings}
+    return int(program.train(program.Settings(algorithm, folder, set=changes, **given)))
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
@@ -63,18 +63,18 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
         run("ppo", folder, PPO)
     with pytest.raises(ConfigError, match="other settings"):
         run("ppo", folder, (*PPO, "model.gamma=0.5"), resume=True)
-    longer = (*PPO, "timesteps=512")
-    assert run("ppo", folder, longer, resume=True) == 0
+    # A finished run is extended.
+    assert run("ppo", folder, PPO, resume=True, steps=512, evaluations=4) == 0
     assert [row["timesteps"] for row in rows_of(folder)] == [0, 128, 256, 384, 512]
     second = ppo.PPO.load(folder / "checkpoint/model.zip")
     assert (first.num_timesteps, second.num_timesteps) == (256, 512)
-    # The statistics went on too: each of the 512 steps, and one reset for each environment and run, is in them.
+    # The statistics continue: they hold each of the 512 steps, and one reset per environment and run.
     import pickle
 
     statistics = pickle.loads((folder / "checkpoint/normalize.pkl").read_bytes())
     assert statistics.obs_rms.count == pytest.approx(512 + 2 * 4, abs=0.01)
     # Its end is reached: nothing is left to do.
-    assert run("ppo", folder, longer, resume=True) == 0
+    assert run("ppo", folder, PPO, resume=True, steps=512) == 0
     assert len(rows_of(folder)) == 5
 
 
@@ -92,7 +92,7 @@ def test_the_same_seed_trains_the_same_policy(tmp_path: Path) -> None:
 def test_an_off_policy_run_keeps_its_replay_buffer(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert run("sac", folder, SAC) == 0
-    assert run("sac", folder, (*SAC, "timesteps=192"), resume=True) == 0
+    assert run("sac", folder, SAC, resume=True, steps=192) == 0
     model = sb3.SAC.load(folder / "checkpoint/model.zip")
     model.load_replay_buffer(folder / "checkpoint/replay_buffer.pkl")
     assert model.replay_buffer.size() * 4 == 192
@@ -100,18 +100,17 @@ def test_an_off_policy_run_keeps_its_replay_buffer(tmp_path: Path) -> None:
 
 
 def test_decisions_are_trained_too(tmp_path: Path) -> None:
-    """Td3, one decision an episode; what the run does not reach it says."""
+    """TD3, one decision per episode; a target that is not reached fails the run."""
     changes = (
         "num_envs=2",
         'env.objects=["procedural:can:0-9"]',
-        "timesteps=16",
-        "every=16",
+        "steps=16",
         "model.learning_starts=8",
     )
-    settings = {"env": "graspbox/GraspPose-v0", "target": 1.0, "references": True, "episodes": 6}
+    settings = {"env": "graspbox/GraspPose-v0", "target": 1.0, "baselines": True, "episodes": 6}
     folder = tmp_path / "run"
     assert run("td3", folder, changes, **settings) == 1
-    found = json.loads((folder / "references.json").read_text())
+    found = json.loads((folder / "baselines.json").read_text())
     assert found["zero"]["success"] == 0.0
     assert found["planner"]["success"] > max(0.5, found["random"]["success"])
     plot = script("plot_sb3")
@@ -123,8 +122,8 @@ SHOWN = ("env.frame_skip=4", "env.max_episode_steps=50", "normalize.reward=false
 
 
 def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
-    """The first row of a run tells what the copy is worth, more than a policy that knows nothing."""
-    small = ("timesteps=32", "model.n_steps=8", "model.batch_size=32", "clone_epochs=80", "values_first=1000")
+    """The first evaluation of a run is that of the cloned policy."""
+    small = ("steps=32", "model.n_steps=8", "model.batch_size=32", "clone_epochs=80", "value_warmup=1000")
     changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', *small)
     folder = tmp_path / "run"
     assert run("ppo", folder, changes, episodes=12) == 0
@@ -132,14 +131,14 @@ def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
     assert clone["timesteps"] == 0
     # It reaches the object and touches it, whether it holds it or not.
     assert clone["failures"].get("no_contact", 0) <= 6
-    # Only its values learn at first.
+    # At first its value function learns alone.
     first = ppo.PPO.load(folder / "checkpoint/model.zip").policy
-    assert run("ppo", folder, (*changes, "timesteps=96"), episodes=12, resume=True) == 0
+    assert run("ppo", folder, changes, episodes=12, resume=True, steps=96) == 0
     last = ppo.PPO.load(folder / "checkpoint/model.zip").policy
     for part in ("action_net", "mlp_extractor.policy_net"):
         pairs = zip(first.get_submodule(part).parameters(), last.get_submodule(part).parameters(), strict=True)
         assert all((a == b).all() for a, b in pairs)
-    # Nor does it act otherwise: the scales of what it observes stay.
+    # Its actions stay the same, as do the statistics that scale its observations.
     assert len({(row["success"], row["return"]) for row in rows_of(folder)}) == 1
     with pytest.raises(ConfigError, match=r"normalize\.reward"):
         run("ppo", tmp_path / "scaled", (*changes, "normalize.reward=true"))
@@ -152,7 +151,7 @@ def test_demonstrations_are_half_of_what_sac_sees(tmp_path: Path) -> None:
     from graspbox.sb3.demonstrations import DemonstratedBuffer
 
     folder = tmp_path / "run"
-    changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', "demonstrations=2", "timesteps=64", "every=64")
+    changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', "demonstrations=2", "steps=64")
     assert run("sac", folder, (*changes, "model.learning_starts=16", "model.buffer_size=512")) == 0
     model = sb3.SAC.load(folder / "checkpoint/model.zip", custom_objects={"replay_buffer_class": DemonstratedBuffer})
     model.load_replay_buffer(folder / "checkpoint/replay_buffer.pkl")
@@ -166,16 +165,21 @@ def test_demonstrations_are_half_of_what_sac_sees(tmp_path: Path) -> None:
     assert sum(row in shown for row in drawn) == 16
 
 
-def test_the_planner_drives_the_closed_loop() -> None:
-    from graspbox.sb3.references import references
+def test_baselines_share_the_trials_of_a_policy() -> None:
+    from graspbox import evaluation
+    from graspbox.sb3.policy import evaluate_baselines, summary
 
-    found = references("graspbox/Grasp-v0", 3, 6, 0, objects="procedural:can:0-9", max_episode_steps=200)
+    env_id = "graspbox/Grasp-v0"
+    trials: dict[str, Any] = {"objects": "procedural:can:0-9", "max_episode_steps": 200}
+    found = evaluate_baselines(env_id, 3, 6, 0, **trials)
+    assert list(found) == ["random", "zero", "planner"]
     assert found["zero"]["success"] == found["random"]["success"] == 0.0
     assert found["planner"]["success"] > 0.5
+    assert found["planner"] == summary(evaluation.evaluate("planner", env_id, trials=6, seed=0, **trials))
 
 
 def test_images_are_trained_on(tmp_path: Path) -> None:
-    changes = (*PPO, "env.obs=[proprio, depth]", "env.image_size=16", "timesteps=128")
+    changes = (*PPO, "env.obs=[proprio, depth]", "env.image_size=16", "steps=128")
     assert run("ppo", tmp_path / "run", changes) == 0
     model = ppo.PPO.load(tmp_path / "run/checkpoint/model.zip")
     assert type(model.policy.features_extractor).__name__ == "Extractor"
@@ -183,8 +187,10 @@ def test_images_are_trained_on(tmp_path: Path) -> None:
 
 def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    changes = [part for change in (*PPO, "timesteps=1000000") for part in ("--set", change)]
+    changes = [part for change in PPO for part in ("--set", change)]
     command = [sys.executable, str(SCRIPTS / "train_sb3.py"), "ppo", str(folder), "--episodes", "4", "--json", *changes]
+    # An evaluation every 128 steps.
+    command += ["--steps", "1000064", "--evaluations", "7813"]
     log = folder / "evaluations.jsonl"
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         while child.poll() is None and not (log.is_file() and len(log.read_text().splitlines()) > 3):
@@ -198,7 +204,7 @@ def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
     assert steps == result["timesteps"] >= 256
     assert not list(folder.glob("checkpoint.*"))
     end = steps + 128
-    assert run("ppo", folder, (*PPO, f"timesteps={end}"), resume=True) == 0
+    assert run("ppo", folder, PPO, resume=True, steps=end) == 0
     assert rows_of(folder)[-1]["timesteps"] >= end
     assert np.all(np.diff([row["seconds"] for row in rows_of(folder)]) > 0)
 
@@ -209,7 +215,7 @@ def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
         ("dqn", (), "choose from ppo, sac, td3"),
         ("ppo", ("gamma",), "names no parameter"),
         ("ppo", ("model.gamma.x=1",), "names no parameter"),
-        ("ppo", ("colour=1",), "parameters are timesteps"),
+        ("ppo", ("colour=1",), "parameters are steps"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path: Path, algorithm: str, changes: tuple[str, ...], message: str) -> None:
@@ -224,29 +230,28 @@ def test_every_entry_names_what_exists() -> None:
 
     program = script("train_sb3")
     found = yaml.safe_load((SCRIPTS / "sb3.yaml").read_text())
-    from graspbox.sb3.running import make_env
+    from graspbox.sb3.running import ALGORITHMS, make_env
+    from graspbox.sb3.training import model_arguments
 
     for algorithm, entries in found.items():
         for env_id, values in entries.items():
             parameters = program.Parameters(**values)
             env = make_env(env_id, 1, **{**parameters.env, "objects": "procedural:ball:0"})
-            settings = program.model_settings(
-                program.ALGORITHMS[algorithm], parameters.model, env, parameters.demonstrations
-            )
+            settings = model_arguments(ALGORITHMS[algorithm], parameters.model, env, parameters.demonstrations)
             if "buffer_size" in settings:
                 settings["buffer_size"] = 16
             else:
                 settings["n_steps"] = settings["batch_size"]
-            model = program.ALGORITHMS[algorithm](env=env, device="cpu", **settings)
+            model = ALGORITHMS[algorithm](env=env, device="cpu", **settings)
             assert model.gamma == parameters.model["gamma"]
             env.close()
 
 
-def test_values_may_learn_faster_than_the_policy(tmp_path: Path) -> None:
-    """Each has its rate, which outlives a checkpoint."""
+def test_the_value_function_has_its_own_learning_rate(tmp_path: Path) -> None:
+    """A checkpoint keeps both rates."""
     env: Any = program_env()
     model = ppo.PPO(
-        "MlpPolicy", env, n_steps=8, batch_size=16, learning_rate=1e-3, value_rate=5.0, device="cpu", seed=0
+        "MlpPolicy", env, n_steps=8, batch_size=16, learning_rate=1e-3, value_lr_scale=5.0, device="cpu", seed=0
     )
     model.learn(32)
     assert [group["lr"] for group in model.policy.optimizer.param_groups] == pytest.approx([1e-3, 5e-3])
@@ -268,16 +273,36 @@ def program_env() -> Any:
 def test_a_run_interrupted_before_its_first_checkpoint_begins_anew(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    journal = folder / "evaluations.jsonl"
-    journal.write_text('{"settings": {"algorithm": "none"}}\n')
+    log = folder / "evaluations.jsonl"
+    log.write_text('{"settings": {"algorithm": "none"}}\n')
     assert run("ppo", folder, PPO, resume=True) == 0
-    kept = journal.read_text()
+    kept = log.read_text()
     # Evaluations are not thrown away.
     shutil.rmtree(folder / "checkpoint")
     for resume in (False, True):
         with pytest.raises(ConfigError, match="no checkpoint"):
             run("ppo", folder, PPO, resume=resume)
-    assert journal.read_text() == kept
+    assert log.read_text() == kept
+
+
+def test_minutes_cap_a_run_and_space_its_evaluations(tmp_path: Path) -> None:
+    """A run that would take hours ends after 12 s, with about ten evaluations."""
+    folder = tmp_path / "run"
+    began = time.monotonic()
+    assert run("ppo", folder, PPO, steps=10**7, minutes=0.2, evaluations=10) == 0
+    assert time.monotonic() - began < 24
+    assert len(rows_of(folder)) >= 8
+    # The cap is that of a call: resumed, the run continues for as long.
+    before = rows_of(folder)[-1]["timesteps"]
+    assert run("ppo", folder, PPO, steps=10**7, minutes=0.05, resume=True) == 0
+    assert rows_of(folder)[-1]["timesteps"] > before
+
+
+def test_a_run_has_ten_evaluations_by_default(tmp_path: Path) -> None:
+    program = script("train_sb3")
+    given = {"set": PPO, "steps": 1280, "episodes": 2}
+    assert program.train(program.Settings("ppo", tmp_path / "run", **given)) == 0
+    assert [row["timesteps"] for row in rows_of(tmp_path / "run")] == [128 * i for i in range(11)]
 
 
 def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -286,18 +311,19 @@ def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path, capsys: py
     assert run("ppo", folder, PPO) == 0
     last, program = rows_of(folder)[-1], script("evaluate_sb3")
     keywords: dict[str, Any] = {"split": "validation"}
-    found = program.measure(folder, False, keywords, last["episodes"], script("train_sb3").EVALUATION_SEED)
+    seed = script("train_sb3").EVALUATION_SEED
+    found = program.measure(folder, keywords, last["episodes"], seed)["policy"]
     assert found == {name: last[name] for name in found}
     again = {"best": False, "split": "test", "objects": None, "episodes": 4, "seed": 9}
     capsys.readouterr()
-    program.main(folder, beside=True, as_json=True, **again)
+    program.main(folder, baselines=True, as_json=True, **again)
     shown = json.loads(capsys.readouterr().out)
     assert set(shown) == {"policy", "random", "zero", "planner"}
     assert all(row["episodes"] == 4 for row in shown.values())
     (tmp_path / "evaluations.jsonl").write_text('{"settings": {"algorithm": "ppo"}}\n')
     for wrong in (tmp_path, tmp_path / "nothing"):
         with pytest.raises(typer.Exit) as ended:
-            program.main(wrong, beside=False, as_json=True, **again)
+            program.main(wrong, baselines=False, as_json=True, **again)
         assert ended.value.exit_code == 2
 
 
@@ -306,5 +332,5 @@ def test_an_off_policy_run_is_evaluated_without_its_buffer(tmp_path: Path) -> No
     assert run("sac", folder, SAC) == 0
     (folder / "checkpoint/replay_buffer.pkl").unlink()
     for best in (False, True):
-        found = script("evaluate_sb3").measure(folder, best, {"split": "test"}, 4, 9)
-        assert found["episodes"] == 4
+        found = script("evaluate_sb3").measure(folder, {"split": "test"}, 4, 9, best=best)
+        assert found["policy"]["episodes"] == 4

@@ -1,7 +1,8 @@
-"""The programs in ``scripts``: what they compute, and that they go on where they were interrupted."""
+"""The programs in ``scripts``: their results, and that they resume after an interruption."""
 
 import importlib.util
 import json
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -21,29 +22,33 @@ def script(name: str) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up there.
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
 
 
-def test_a_journal_goes_on_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "journal.jsonl"
-    journal = ResumeLog(path, {"poses": 3})
-    journal.append({"name": "a"})
-    journal.append({"name": "b"})
+def test_a_log_continues_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "log.jsonl"
+    log = ResumeLog(path, {"poses": 3})
+    log.append({"name": "a"})
+    log.append({"name": "b"})
     path.write_bytes(path.read_bytes()[:-4])
     again = ResumeLog(path, {"poses": 3})
     assert again.rows == [{"name": "a"}]
     again.append({"name": "c"})
     assert ResumeLog(path, {"poses": 3}).rows == [{"name": "a"}, {"name": "c"}]
-    with pytest.raises(ConfigError, match=r"begun with other settings, \{.poses.: 3\}"):
+    with pytest.raises(ConfigError, match=r"begun with other settings: poses was 3, is now 4; name another file"):
         ResumeLog(path, {"poses": 4})
+    with pytest.raises(ConfigError, match=r"poses was 3, is now absent; env\.obs was absent, is now 'rgb'"):
+        ResumeLog(path, {"env": {"obs": "rgb"}})
 
 
 @pytest.mark.parametrize("content", ["hello\n", "[1]\n", '{"name": "a"}\n'])
-def test_a_file_that_is_no_journal_is_left_alone(tmp_path: Path, content: str) -> None:
+def test_a_file_that_is_no_log_is_left_alone(tmp_path: Path, content: str) -> None:
     path = tmp_path / "precious.txt"
     path.write_text(content)
-    with pytest.raises(ConfigError, match="not a journal"):
+    with pytest.raises(ConfigError, match="not a log of this program"):
         ResumeLog(path, {})
     assert path.read_text() == content
 

@@ -1,77 +1,122 @@
-"""Stable-Baselines3 takes the environments as they are. Needs the extra ``train``; `make test-train` runs these."""
+"""Arguments of `scripts/train_sb3.py`; parsing them needs no torch."""
 
-import warnings
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-import gymnasium
-import numpy as np
 import pytest
 
-from graspbox.envs import IDS
-from test_conformance import CASES, factory, label
+from graspbox.errors import ConfigError
+from test_scripts import SCRIPTS, script
 
-pytestmark = pytest.mark.train
+pytest.importorskip("tyro", reason="scripts/train_sb3.py needs tyro, from the extra 'train'")
+pytest.importorskip("yaml", reason="scripts/train_sb3.py needs pyyaml, from the extra 'train'")
 
-sb3 = pytest.importorskip("stable_baselines3")
-yaml = pytest.importorskip("yaml")
+import tyro
 
-
-ZOO = Path(__file__).parents[2] / "scripts/rl_zoo3"
-#: What Stable-Baselines3 says of images that are no pictures: depth in metres, points, voxels, labels. Its own networks
-#: do not take them as they are; nothing is wrong with them.
-NO_PICTURE = (
-    r".* is an image but its `dtype` is \(float32\)",
-    r".* is an image but the upper and lower bounds are not in \[0, 255\]",
-    r"The minimal resolution for an image is 36x36",
-)
+PROGRAM = str(SCRIPTS / "train_sb3.py")
 
 
-@pytest.mark.parametrize("case", CASES, ids=label)
-def test_check_env_has_no_warning(case: Any) -> None:
-    from stable_baselines3.common.env_checker import check_env
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for message in NO_PICTURE if case[1]["obs"] not in ("rgb", "state", "proprio", "tactile") else ():
-            warnings.filterwarnings("ignore", message)
-        check_env(factory(case)().unwrapped)
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, PROGRAM, *arguments], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("env_id", IDS)
-def test_ppo_learns_for_a_few_steps(env_id: str) -> None:
-    env = gymnasium.make(env_id, objects="procedural:ball:0-1")
-    model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=0, device="cpu")
-    before = [p.clone() for p in model.policy.parameters()]
-    model.learn(32)
-    assert model.num_timesteps == 32
-    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
+def test_help_names_every_argument() -> None:
+    done = run("--help")
+    assert done.returncode == 0
+    for name in script("train_sb3").Settings.__annotations__:
+        if name not in ("algorithm", "folder"):
+            assert f"--{name.replace('_', '-')}" in done.stdout
+    assert "ppo, sac or td3" in done.stdout
+    assert "Exit status" in done.stdout
 
 
-@pytest.mark.parametrize("env_id", IDS)
+def test_arguments_replace_the_defaults(tmp_path: Path) -> None:
+    program = script("train_sb3")
+    plain = tyro.cli(program.Settings, args=["sac", str(tmp_path)])
+    assert (plain.algorithm, plain.folder, plain.set, plain.steps, plain.resume) == ("sac", tmp_path, (), None, False)
+    assert plain.evaluations >= 10
+    given = ["ppo", "x", "--steps", "64", "--set", "model.gamma=0.5", "--set", "env.obs=[proprio, depth]", "--resume"]
+    found = tyro.cli(program.Settings, args=[*given, "--target", "0.5", "--torch-threads", "2"])
+    assert (found.steps, found.resume, found.target, found.torch_threads) == (64, True, 0.5, 2)
+    assert found.set == ("model.gamma=0.5", "env.obs=[proprio, depth]")
+
+
+def test_parameters_are_those_of_the_file_but_for_what_is_replaced(tmp_path: Path) -> None:
+    program = script("train_sb3")
+    before = program.read_parameters(program.Settings("ppo", tmp_path))
+    changes = ("model.gamma=0.5", "model.policy_kwargs.net_arch=[8]", "env.obs=[proprio, depth]", "num_envs=3")
+    after = program.read_parameters(program.Settings("ppo", tmp_path, set=changes, steps=64))
+    assert (after.steps, after.num_envs, after.model["gamma"]) == (64, 3, 0.5)
+    assert after.env == {**before.env, "obs": ["proprio", "depth"]}
+    assert after.model["policy_kwargs"] == {**before.model["policy_kwargs"], "net_arch": [8]}
+    unchanged = set(before.model) - {"gamma", "policy_kwargs"}
+    assert {name: after.model[name] for name in unchanged} == {name: before.model[name] for name in unchanged}
+
+
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
-def test_the_files_for_rl_zoo_make_models(algorithm: str, env_id: str) -> None:
-    """Every entry is read as RL Zoo reads it, and takes a few steps; RL Zoo itself is in no extra."""
-    import torch
-    from stable_baselines3.common.noise import NormalActionNoise
+@pytest.mark.parametrize("env_id", ["graspbox/GraspPose-v0", "graspbox/Grasp-v0"])
+def test_every_algorithm_has_parameters_for_every_environment(algorithm: str, env_id: str, tmp_path: Path) -> None:
+    program = script("train_sb3")
+    found = program.read_parameters(program.Settings(algorithm, tmp_path, env=env_id))
+    assert found.steps >= 10_000
+    assert set(found.normalize) == {"observations", "reward"}
 
-    found = yaml.safe_load((ZOO / f"{algorithm}.yml").read_text())[env_id]
-    policy, normalize = found.pop("policy"), found.pop("normalize")
-    assert normalize is True or set(eval(normalize)) == {"norm_obs", "norm_reward"}
-    assert found.pop("n_envs") >= 1
-    assert found.pop("n_timesteps") >= 1e5
-    found["policy_kwargs"] = eval(found["policy_kwargs"], {"nn": torch.nn})
-    if isinstance(found["learning_rate"], str):
-        kind, rate = found["learning_rate"].split("_")
-        assert kind == "lin"
-        found["learning_rate"] = float(rate)
-    env = gymnasium.make(env_id, objects="procedural:ball:0")
-    if "noise_type" in found:
-        assert found.pop("noise_type") == "normal"
-        size = env.action_space.shape or ()
-        found["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, found.pop("noise_std")))
-    # Small enough for a test.
-    small = {"n_steps": 8, "batch_size": 8} if algorithm == "ppo" else {"buffer_size": 100, "learning_starts": 4}
-    model = getattr(sb3, algorithm.upper())(policy, env, device="cpu", seed=0, **{**found, **small})
-    model.learn(8)
-    assert model.num_timesteps == 8
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("dqn", "x"), "no algorithm 'dqn'; choose from ppo, sac, td3"),
+        (("ppo", "x", "--steps", "0"), "--steps is 0; give 1 or more"),
+        (("ppo", "x", "--evaluations", "0"), "--evaluations is 0; give 1 or more"),
+        (("ppo", "x", "--episodes", "-1"), "--episodes is -1; give 1 or more"),
+        (("ppo", "x", "--torch-threads", "0"), "--torch-threads is 0"),
+        (("ppo", "x", "--seed", "-1"), "--seed is -1; give 0 or more"),
+        (("ppo", "x", "--minutes", "0"), "--minutes is 0.0; give a positive number"),
+        (("ppo", "x", "--minutes", "nan"), "--minutes is nan"),
+        (("ppo", "x", "--target", "80"), "--target is 80.0; give a rate between 0 and 1"),
+        (("ppo", "x", "--env", "CartPole-v1"), "has no entry 'ppo', 'CartPole-v1'"),
+        (("ppo", "x", "--parameters", "none.yaml"), "none.yaml"),
+        (("ppo", "x", "--set", "gamma"), "--set 'gamma' names no parameter"),
+        (("ppo", "x", "--set", "model.gamma.x=1"), "names no parameter"),
+        (("ppo", "x", "--set", "colour=1"), "parameters are steps, num_envs"),
+        (("ppo", "x", "--steps", "many"), "Error parsing --steps"),
+        (("ppo",), "PATH"),
+    ],
+)
+def test_wrong_arguments_are_named(
+    arguments: tuple[str, ...],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program = script("train_sb3")
+    try:
+        status = program.main(list(arguments))
+    except SystemExit as ended:
+        status = ended.code
+    assert status == 2
+    assert message in " ".join(capfd.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_with_evaluations_but_no_checkpoint_is_refused(tmp_path: Path) -> None:
+    program = script("train_sb3")
+    assert not program.has_run(tmp_path)
+    (tmp_path / "evaluations.jsonl").write_text('{"settings": {}}\n{"success": 0.5}\n')
+    with pytest.raises(ConfigError, match="evaluations but no checkpoint"):
+        program.has_run(tmp_path)
+    (tmp_path / "checkpoint.old").mkdir()
+    assert program.has_run(tmp_path)
+
+
+@pytest.mark.skipif(find_spec("torch") is not None, reason="torch is installed")
+def test_without_torch_the_extra_is_named(tmp_path: Path) -> None:
+    done = run("ppo", str(tmp_path / "run"))
+    assert done.returncode == 2
+    assert "pip install 'graspbox[train]'" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "run").exists()

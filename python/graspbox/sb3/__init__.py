@@ -2,23 +2,40 @@
 
 | name | what it is |
 |---|---|
-| `graspbox.sb3.VecEnv` | the native vector environments as Stable-Baselines3 takes them |
-| `graspbox.sb3.Extractor` | features of images, depth, labels, points and voxels, chosen by the space |
-| `graspbox.sb3.running` | what a training run needs: evaluation on held-out objects, checkpoints |
-| `graspbox.sb3.references` | random actions, zero actions and the planner, to compare with |
-| `graspbox.sb3.demonstrations` | the scripted expert shows how: copies to begin with, episodes to learn from |
-| `graspbox.sb3.ppo` | PPO whose values learn faster than its policy |
+| `graspbox.sb3.VecEnv` | the native vector environments as a ``VecEnv`` of Stable-Baselines3 |
+| `graspbox.sb3.Extractor` | a features extractor with a suitable network for each kind of observation |
+| `graspbox.sb3.policy` | a trained model as a `graspbox.policies.Policy`; baselines to compare it with |
+| `graspbox.sb3.training` | makes the model of a run: parameters, policy class, demonstrations |
+| `graspbox.sb3.running` | evaluation on held-out objects, checkpoints |
+| `graspbox.sb3.demonstrations` | demonstrations of the scripted expert: behaviour cloning, replay |
+| `graspbox.sb3.ppo` | PPO with a learning rate of its own for the value function |
 
-Nothing of Stable-Baselines3 is imported before one of these is asked for.
+Nothing of Stable-Baselines3 is imported before one of these is asked for; `require` tells whether it is there.
 """
 
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
+
+from graspbox.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from graspbox.sb3.extractors import Extractor
     from graspbox.sb3.vec_env import VecEnv
 
-__all__ = ["Extractor", "VecEnv"]
+__all__ = ["Extractor", "VecEnv", "require"]
+
+
+def require() -> None:
+    """Check that torch and Stable-Baselines3 are installed.
+
+    Raises
+    ------
+    MissingExtraError
+        If one of them is not.
+    """
+    missing = [name for name in ("torch", "stable_baselines3") if find_spec(name) is None]
+    if missing:
+        raise MissingExtraError(f"training needs {' and '.join(missing)}: pip install 'graspbox[train]'")
 
 
 def __getattr__(name: str) -> Any:

@@ -1,8 +1,9 @@
-"""Demonstrations: what the scripted expert does, to learn from beside, or before, what a learner does itself.
+"""Demonstrations of the scripted expert, for learning from them.
 
 An off-policy learner draws half of each batch from the expert's successful episodes (`DemonstratedBuffer`; Ball, Smith,
-Kostrikov, Levine, "Efficient Online Reinforcement Learning with Offline Data", 2023). An on-policy one begins as a copy
-of the expert (`clone`). The expert knows the objects' meshes; the policy that learns from it does not.
+Kostrikov, Levine, "Efficient Online Reinforcement Learning with Offline Data", 2023). An on-policy learner is
+initialised by behaviour cloning (`clone`). The expert knows the objects' meshes; the policy that learns from it does
+not.
 """
 
 from collections.abc import Callable
@@ -10,32 +11,29 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
+from graspbox import policies
 from graspbox.errors import ConfigError
-from graspbox.sb3.references import PLANNED, Planner
+from graspbox.policies import Task
 
 __all__ = ["DemonstratedBuffer", "clone", "demonstrate"]
 
-#: The expert takes, of so many of the planner's best poses, the nearest one: a policy can only copy what its
-#: observations tell, and which of several equal poses the planner names first they do not.
-_CHOICES = 40
-#: Cloning: rows of a batch, and weight of the error of values beside that of actions.
+#: Cloning: batch size, and weight of the value loss relative to the action loss.
 _BATCH, _VALUE_SHARE = 256, 0.1
 
 
 class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc]
-    """A replay buffer, a share of whose samples are demonstrations, once there are any.
+    """A replay buffer that draws a share of each batch from demonstrations, once it has any.
 
     Parameters
     ----------
     *args, **kwargs
         As Stable-Baselines3's.
     share : float
-        Share of a batch that `demonstrations` give.
+        Share of a batch that comes from `demonstrations`.
     """
 
     def __init__(self, *args: Any, share: float = 0.5, **kwargs: Any) -> None:
@@ -44,7 +42,7 @@ class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc]
         self.demonstrations: ReplayBuffer | None = None
 
     def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
-        """Draw a batch."""
+        """Sample a batch."""
         shown = round(batch_size * self.share)
         if self.demonstrations is None or not shown:
             return super().sample(batch_size, env=env)
@@ -54,52 +52,47 @@ class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc]
 
 
 def demonstrate(
-    env: Any,
-    env_id: str,
-    episodes: int,
-    seed: int,
-    *,
-    step: Callable[[int], None] = lambda _: None,
-    **settings: Any,
+    env: Any, episodes: int, seed: int, *, step: Callable[[int], None] = lambda _: None
 ) -> tuple[ReplayBuffer, float]:
-    """Let the expert act until it has succeeded in so many episodes; episodes that fail are left out.
+    """Run the expert until it has succeeded in a number of episodes; failed episodes are left out.
+
+    In ``Grasp-v0`` the demonstrator is the policy ``expert``, in ``GraspPose-v0`` it is ``planner``.
 
     Parameters
     ----------
     env : VecEnv
-        What `graspbox.sb3.running.make_env` made, not normalized.
-    env_id : str
-        Its id.
+        Made by `graspbox.sb3.running.make_env`, not normalized; it observes ``state``.
     episodes : int
-        How many.
+        Number of successful episodes to collect.
     seed : int
         Seed of the first environment.
     step : callable
         Called with the number of successes so far.
-    **settings
-        The environment's keywords, ``control`` and ``frame_skip`` among them.
 
     Returns
     -------
     buffer, rate
-        All transitions, and the share of the expert's episodes that succeeded.
+        All transitions, and the expert's success rate.
 
     Raises
     ------
     ConfigError
-        If the environment does not observe its state, or the expert hardly ever succeeds.
+        If the environment does not observe ``state``, or the expert fails in 20 + 9 times `episodes` episodes.
     """
-    if not isinstance(env.observation_space, spaces.Box) or settings.get("obs", "state") != "state":
-        raise ConfigError("demonstrations need obs='state'; the expert looks at nothing else")
-    named = {name: settings[name] for name in PLANNED if name in settings}
-    expert = Planner(env, env_id, choices=_CHOICES, **named)
+    task = Task.of(env.unwrapped.env)
+    if task.obs != "state":
+        raise ConfigError(f"the environments have obs={task.obs!r}; demonstrations need obs='state'")
+    expert = policies.load("expert" if task.closed_loop else "planner")
+    expert.bind(task)
     rows: list[tuple[Any, ...]] = []
     open_rows: list[list[tuple[Any, ...]]] = [[] for _ in range(env.num_envs)]
     ended, succeeded = 0, 0
     env.seed(seed)
     seen, starts = env.reset(), np.ones(env.num_envs, dtype=bool)
     while succeeded < episodes:
-        actions, _ = expert.predict(seen, episode_start=starts)
+        objects = np.array([info["object"] for info in env.unwrapped.reset_infos], dtype=object)
+        expert.reset(mask=starts, info={"object": objects})
+        actions = expert.act(seen)
         following, rewards, starts, infos = env.step(actions)
         for i, info in enumerate(infos):
             last = info["terminal_observation"] if starts[i] else following[i]
@@ -113,7 +106,7 @@ def demonstrate(
         seen = following
         step(succeeded)
         if ended >= 20 + 10 * episodes:
-            raise ConfigError(f"the expert succeeded in {succeeded} of {ended} episodes; let it show other objects")
+            raise ConfigError(f"the expert succeeded in {succeeded} of {ended} episodes; demonstrate other objects")
     buffer = ReplayBuffer(len(rows), env.observation_space, env.action_space, device="cpu", n_envs=1)
     for observation, last, action, reward, done, info in rows:
         buffer.add(observation[None], last[None], action[None], np.array([reward]), np.array([done]), [info])
@@ -121,23 +114,23 @@ def demonstrate(
 
 
 def clone(model: Any, buffer: ReplayBuffer, epochs: int, *, seed: int = 0) -> tuple[float, float]:
-    """Train the policy of an on-policy model to act as the demonstrations do, and its values to tell their returns.
+    """Train the policy of an on-policy model on the demonstrated actions, and its value function on their returns.
 
     Parameters
     ----------
     model : OnPolicyAlgorithm
-        As Stable-Baselines3's PPO; what `VecNormalize` has seen scales the observations.
+        Such as Stable-Baselines3's PPO; the statistics of its `VecNormalize` scale the observations.
     buffer : ReplayBuffer
-        What `demonstrate` gave.
+        Demonstrations, from `demonstrate`.
     epochs : int
-        How often each step is looked at.
+        Passes over the demonstrations.
     seed : int
-        Seed of the order.
+        Seed of the order of batches.
 
     Returns
     -------
     trained, held_out : float
-        Mean squared error of the actions in the last epoch; held out is every tenth step.
+        Mean squared error of the actions in the last epoch; every tenth step is held out.
     """
     scaled = buffer._normalize_obs(buffer.observations[: buffer.size(), 0], model.get_vec_normalize_env())
     observations = torch.as_tensor(scaled, dtype=torch.float32, device=model.device)
@@ -169,7 +162,7 @@ def clone(model: Any, buffer: ReplayBuffer, epochs: int, *, seed: int = 0) -> tu
 
 
 def _returns(buffer: ReplayBuffer, gamma: float) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Sum up what each step and those after it in its episode paid, discounted."""
+    """Discounted return of every step to the end of its episode."""
     rewards, dones = buffer.rewards[: buffer.size(), 0], buffer.dones[: buffer.size(), 0]
     returns: np.ndarray[Any, np.dtype[np.float32]] = np.zeros_like(rewards)
     following = 0.0

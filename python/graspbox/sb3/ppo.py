@@ -1,7 +1,7 @@
-"""PPO whose values may learn faster than its policy.
+"""PPO with a learning rate of its own for the value function.
 
-A policy that begins as a copy of an expert must move slowly, or it forgets; its values know nothing yet, and must learn
-fast, or what they say of its actions is noise. Stable-Baselines3 has one learning rate for both.
+A policy initialised by cloning must change slowly, or it forgets; its value function starts from scratch and must learn
+fast, or its advantages are noise. Stable-Baselines3 has one learning rate for both.
 """
 
 from typing import Any
@@ -19,28 +19,28 @@ class PPO(_PPO):  # type: ignore[misc]
     ----------
     *args, **kwargs
         As Stable-Baselines3's.
-    value_rate : float
-        The values learn at so many times the learning rate. With another one than 1, what `save` writes is for `load`
-        of this class: the optimizer's parameters stand in two groups.
+    value_lr_scale : float
+        Learning rate of the value function, as a multiple of the learning rate. For values other than 1 only this class
+        can load what `save` writes: the optimizer has two parameter groups.
     """
 
-    def __init__(self, *args: Any, value_rate: float = 1.0, **kwargs: Any) -> None:
-        self.value_rate = value_rate
+    def __init__(self, *args: Any, value_lr_scale: float = 1.0, **kwargs: Any) -> None:
+        self.value_lr_scale = value_lr_scale
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        if self.value_rate == 1.0:
+        if self.value_lr_scale == 1.0:
             return
         policy: Any = self.policy
         values = [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()]
         known = {id(parameter) for parameter in values}
         rest = [parameter for parameter in policy.parameters() if id(parameter) not in known]
-        groups = [{"params": rest, "rate": 1.0}, {"params": values, "rate": self.value_rate}]
+        groups = [{"params": rest, "scale": 1.0}, {"params": values, "scale": self.value_lr_scale}]
         policy.optimizer = policy.optimizer_class(groups, lr=self.lr_schedule(1), **policy.optimizer_kwargs)
 
     def _update_learning_rate(self, optimizers: list[torch.optim.Optimizer] | torch.optim.Optimizer) -> None:
         super()._update_learning_rate(optimizers)
         for optimizer in optimizers if isinstance(optimizers, list) else [optimizers]:
             for group in optimizer.param_groups:
-                group["lr"] *= group.get("rate", 1.0)
+                group["lr"] *= group.get("scale", 1.0)

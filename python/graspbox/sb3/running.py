@@ -1,51 +1,53 @@
-"""What a training run with Stable-Baselines3 needs: environments, evaluation on held-out objects, checkpoints.
+"""Parts of a training run with Stable-Baselines3: environments, evaluation on held-out objects, checkpoints.
 
-``scripts/train_sb3.py`` puts these together; a run's folder holds
+``scripts/train_sb3.py`` combines them. The folder of a run holds
 
-| file | what |
+| file | contents |
 |---|---|
-| ``evaluations.jsonl`` | the settings, then a row for each evaluation (a `graspbox.resume_log.ResumeLog`) |
-| ``references.json`` | what random actions, zero actions and the planner reach in the same episodes |
+| ``evaluations.jsonl`` | the settings, then a row per evaluation (a `graspbox.resume_log.ResumeLog`) |
+| ``baselines.json`` | random actions, zero actions and the planner on the same trials |
 | ``checkpoint/`` | model, replay buffer, statistics of `VecNormalize`, time: all that a resumed run needs |
 | ``best/`` | the model of the best evaluation, without the replay buffer |
 | ``tensorboard/`` | curves |
 """
 
 import json
+import pickle
 import shutil
 import time
 from collections.abc import Callable
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import gymnasium
-import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from graspbox.errors import ConfigError
+from graspbox.evaluation import run_trials, trial_seeds
+from graspbox.policies import Task
 from graspbox.resume_log import ResumeLog
+from graspbox.sb3.policy import ModelPolicy, summary
 from graspbox.sb3.ppo import PPO
 from graspbox.sb3.vec_env import VecEnv
 
-__all__ = ["ALGORITHMS", "Linear", "Run", "evaluate", "load", "make_env", "normalized", "save"]
+__all__ = ["ALGORITHMS", "Linear", "Run", "load", "load_policy", "make_env", "make_held_out", "normalized", "save"]
 
-#: What can be trained, by name.
+#: Algorithms by name.
 ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC, "td3": TD3}
 
 
 def make_env(env_id: str, num_envs: int, **settings: Any) -> VecMonitor:
-    """Make environments side by side that say how long their episodes were and what they paid."""
+    """Make environments that record the length and return of their episodes."""
     return VecMonitor(VecEnv.make(env_id, num_envs, **settings))
 
 
-def normalized(env: Any, gamma: float, *, observations: bool, reward: bool, training: bool) -> Any:
-    """Scale vectors of observations, and rewards, by what has been seen of them; images stay as they are."""
+def normalized(env: Any, gamma: float, *, observations: bool, reward: bool) -> Any:
+    """Scale vector observations, and rewards, by running statistics; images stay as they are."""
     space = env.observation_space
     keys = None
     if isinstance(space, gymnasium.spaces.Dict):
@@ -55,56 +57,16 @@ def normalized(env: Any, gamma: float, *, observations: bool, reward: bool, trai
         observations = False
     if not observations and not reward:
         return env
-    return VecNormalize(
-        env, training, norm_obs=observations, norm_reward=reward and training, gamma=gamma, norm_obs_keys=keys
-    )
+    return VecNormalize(env, norm_obs=observations, norm_reward=reward, gamma=gamma, norm_obs_keys=keys)
 
 
-def evaluate(policy: Any, env: Any, episodes: int, seed: int) -> dict[str, Any]:
-    """Let a policy act, deterministically, in the episodes that a seed gives.
-
-    Parameters
-    ----------
-    policy : object with ``predict``
-        As Stable-Baselines3's.
-    env : VecEnv
-        What `make_env` made.
-    episodes : int
-        How many; each environment has its share, so that short episodes count no more than long ones.
-    seed : int
-        Seed of the first environment.
-
-    Returns
-    -------
-    dict
-        Shares of ``success`` and ``secure``, their standard error, mean ``return`` and ``length``, ``episodes``, and
-        how often each ``failure`` occurred.
-    """
-    ends: list[dict[str, Any]] = []
-
-    def look(found: dict[str, Any], _: dict[str, Any]) -> None:
-        if found["done"]:
-            ends.append(found["info"])
-
-    env.seed(seed)
-    returns, lengths = evaluate_policy(
-        policy, env, n_eval_episodes=episodes, callback=look, return_episode_rewards=True
-    )
-    success = float(np.mean([end["is_success"] for end in ends]))
-    failures = sorted(end["failure"] for end in ends if not end["is_success"])
-    return {
-        "success": success,
-        "error": float(np.sqrt(success * (1 - success) / episodes)),
-        "secure": float(np.mean([end["is_secure"] for end in ends])),
-        "return": float(np.mean(returns)),
-        "length": float(np.mean(lengths)),
-        "episodes": episodes,
-        "failures": {name: failures.count(name) for name in dict.fromkeys(failures)},
-    }
+def make_held_out(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any, Any]:
+    """Make the environments of evaluations; `graspbox.evaluation.run_trials` resets them."""
+    return gymnasium.make_vec(env_id, num_envs=num_envs, autoreset_mode=AutoresetMode.DISABLED, **settings)
 
 
 def _fresh(folder: Path, write: Callable[[Path], None]) -> None:
-    """Replace a folder as a whole: whenever this is interrupted, a complete one remains, here or beside."""
+    """Replace a folder atomically: if this is interrupted, a complete one remains, here or as ``.old``."""
     new, old = (folder.with_name(folder.name + end) for end in (".new", ".old"))
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir(parents=True)
@@ -131,29 +93,55 @@ def save(model: BaseAlgorithm, folder: Path, seconds: float, *, buffer: bool = T
     _fresh(folder, write)
 
 
-def load(
-    algorithm: type[BaseAlgorithm], folder: Path, env: Any, *, buffer: bool = True, **settings: Any
-) -> tuple[Any, float]:
-    """Load what `save` wrote; the model and the seconds it has been trained for.
+def load(algorithm: type[BaseAlgorithm], folder: Path, env: Any, **settings: Any) -> tuple[Any, float]:
+    """Load a checkpoint to continue training: the model, and the seconds it has been trained for.
 
-    Episodes begin anew: with the environment's present seed, not where they stood. Without `buffer` a model is to act,
-    not to go on learning.
+    Episodes begin anew, with the environment's present seed.
 
     Raises
     ------
     ConfigError
-        If there is nothing to load.
+        If there is no checkpoint.
     """
-    found = folder if folder.exists() else folder.with_name(folder.name + ".old")
-    if not (found / "progress.json").is_file():
-        raise ConfigError(f"there is no checkpoint in {str(folder.parent)!r}; begin a run without --resume")
+    found = _checkpoint(folder)
     statistics = found / "normalize.pkl"
     if statistics.is_file():
         env = VecNormalize.load(str(statistics), env.venv)
     model = algorithm.load(found / "model.zip", env=env, **settings)
-    if buffer and isinstance(model, OffPolicyAlgorithm):
+    if isinstance(model, OffPolicyAlgorithm):
         model.load_replay_buffer(found / "replay_buffer.pkl")
     return model, float(json.loads((found / "progress.json").read_text())["seconds"])
+
+
+def load_policy(name: str, folder: Path, device: str = "cpu") -> ModelPolicy:
+    """Load a checkpoint as a policy that acts but does not learn; it needs no replay buffer.
+
+    Parameters
+    ----------
+    name : str
+        Algorithm, one of `ALGORITHMS`; the policy has this name too.
+    folder : Path
+        A folder that `save` wrote.
+    device : str
+        Where the networks run.
+
+    Raises
+    ------
+    ConfigError
+        If there is no checkpoint.
+    """
+    found = _checkpoint(folder)
+    statistics = found / "normalize.pkl"
+    scales = pickle.loads(statistics.read_bytes()) if statistics.is_file() else None
+    return ModelPolicy(ALGORITHMS[name].load(found / "model.zip", device=device), scales, name)
+
+
+def _checkpoint(folder: Path) -> Path:
+    """Find the complete one of a folder and the one that it was about to replace."""
+    found = folder if folder.exists() else folder.with_name(folder.name + ".old")
+    if not (found / "progress.json").is_file():
+        raise ConfigError(f"there is no checkpoint in {str(folder.parent)!r}; begin a run without --resume")
+    return found
 
 
 class Run(BaseCallback):  # type: ignore[misc]
@@ -163,49 +151,53 @@ class Run(BaseCallback):  # type: ignore[misc]
     ----------
     folder : Path
         The run's folder.
-    env : VecEnv
-        Held-out episodes: what `make_env` made, wrapped by `normalized` if the model's environment is.
+    envs : VectorEnv
+        Held-out environments, from `make_held_out`.
     log : ResumeLog
-        Takes a row for each evaluation.
-    every, episodes : int
-        Steps between two evaluations, and their length. Every evaluation goes with a checkpoint.
-    seed : int
-        Seed of the evaluations: all see the same episodes.
+        Receives a row per evaluation.
+    every : int
+        Steps between two evaluations. A checkpoint is written with each of them.
+    episodes, seed : int
+        Number and seed of the trials of an evaluation; all evaluations have the same trials.
     minutes : float, optional
-        The run ends after so much time; evaluations count.
+        The run ends after this time since the callback was made, evaluations included.
+    every_minutes : float, optional
+        Evaluate also when this time has passed since the last evaluation began, unless evaluations take longer than
+        training.
     seconds : float
-        Time that the run has taken before.
-    step : callable
-        Called with the number of steps and the last evaluation, if any, after each step.
-    values_first : int
-        For so many steps an on-policy model learns its values alone: a policy that was cloned knows more than they do,
-        and would be led astray by them.
+        Training time before the run was resumed.
+    value_warmup : int
+        Number of first steps in which an on-policy model learns its value function alone: after cloning the policy is
+        better than the value function, whose first advantages would spoil it.
     """
 
     def __init__(
         self,
         folder: Path,
-        env: Any,
+        envs: VectorEnv[Any, Any, Any],
         log: ResumeLog,
         *,
         every: int,
         episodes: int,
         seed: int,
         minutes: float | None = None,
+        every_minutes: float | None = None,
         seconds: float = 0.0,
-        step: Callable[[int, dict[str, Any] | None], None] = lambda *_: None,
-        values_first: int = 0,
+        value_warmup: int = 0,
     ) -> None:
         super().__init__()
-        self.values_first = values_first
-        self.folder, self.env, self.log = folder, env, log
-        self.every, self.episodes, self.seed, self.minutes = every, episodes, seed, minutes
+        self.folder, self.log, self.value_warmup = folder, log, value_warmup
+        self.every, self.minutes, self.every_minutes = every, minutes, every_minutes
+        self._envs, self._seeds = envs, trial_seeds(seed, episodes)
+        #: Called after each step with the number of steps and the last evaluation, if any.
+        self.on_progress: Callable[[int, dict[str, Any] | None], None] = lambda *_: None
         self.interrupted, self._evaluation = False, 0.0
-        self._before, self._began, self._step = seconds, time.monotonic(), step
+        self._before, self._began = seconds, time.monotonic()
+        self._evaluated = self._began
 
     @property
     def seconds(self) -> float:
-        """Time that the run has taken, that before it was resumed included."""
+        """Training time in seconds, including that before the run was resumed."""
         return self._before + time.monotonic() - self._began
 
     @property
@@ -230,29 +222,29 @@ class Run(BaseCallback):  # type: ignore[misc]
         """Evaluate now, and write the checkpoint."""
         began = time.monotonic()
         statistics = self.model.get_vec_normalize_env()
-        if statistics is not None and statistics.norm_obs:
-            self.env.obs_rms = deepcopy(statistics.obs_rms)
-        found = evaluate(self.model, self.env, self.episodes, self.seed)
+        policy = ModelPolicy(self.model, statistics)
+        policy.bind(Task.of(self._envs))
+        found = summary(run_trials(policy, self._envs, self._seeds))
         row = {"timesteps": self.model.num_timesteps, "seconds": round(self.seconds, 1), **found}
         if found["success"] > self.best:
             save(self.model, self.folder / "best", self.seconds, buffer=False)
         self.save()
-        # A row tells of a checkpoint that exists: a resumed run does not write it again.
+        # The row comes after its checkpoint: a resumed run does not repeat it.
         self.log.append(row)
         for name in ("success", "secure", "return", "length"):
             self.logger.record(f"eval/{name}", found[name])
         self.logger.dump(self.model.num_timesteps)
-        self._evaluation = time.monotonic() - began
+        self._evaluated, self._evaluation = began, time.monotonic() - began
 
     def _on_training_start(self) -> None:
-        # The curve begins with what the policy is worth before it learns.
+        # The curve begins with the policy before training.
         if self.last is None:
             self.evaluate()
 
     def _on_rollout_start(self) -> None:
-        if self.values_first:
+        if self.value_warmup:
             policy: Any = self.model.policy
-            learns = self.num_timesteps >= self.values_first
+            learns = self.num_timesteps >= self.value_warmup
             for part in (
                 *policy.mlp_extractor.policy_net.parameters(),
                 *policy.action_net.parameters(),
@@ -263,20 +255,29 @@ class Run(BaseCallback):  # type: ignore[misc]
     def _on_step(self) -> bool:
         if self.interrupted:
             return False
-        due = self.last["timesteps"] if self.last else 0
-        if self.num_timesteps >= due + self.every:
+        if self._is_due():
             self.evaluate()
-        self._step(self.num_timesteps, self.last)
-        # The last evaluation takes as long as the one before, and counts.
-        return self.minutes is None or self.seconds + self._evaluation < 60 * self.minutes
+        self.on_progress(self.num_timesteps, self.last)
+        # The evaluation at the end takes about as long as the one before.
+        spent = time.monotonic() - self._began + self._evaluation
+        return self.minutes is None or spent < 60 * self.minutes
+
+    def _is_due(self) -> bool:
+        """Whether enough steps, or enough time, have passed since the last evaluation."""
+        steps = self.num_timesteps - (self.last["timesteps"] if self.last else 0)
+        if steps >= self.every or self.every_minutes is None:
+            return steps >= self.every
+        # From start to start; but a run trains for at least as long as it evaluates.
+        waited = time.monotonic() - self._evaluated
+        return waited >= max(60 * self.every_minutes, 2 * self._evaluation)
 
 
 class Linear:
-    """Falls from a value to zero as the remaining share of a run does."""
+    """A schedule that falls linearly from a value to zero over a run."""
 
     def __init__(self, start: float) -> None:
         self.start = start
 
     def __call__(self, remaining: float) -> float:
-        """Value where this share of the run remains."""
+        """Value where this share of the run remains, 1 at its start and 0 at its end."""
         return self.start * remaining

@@ -1,0 +1,80 @@
+"""Models of Stable-Baselines3 as policies, and what evaluations of a run record."""
+
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+
+from graspbox import evaluation, policies
+from graspbox.evaluation import Evaluation
+from graspbox.policies import Actions, Policy
+
+__all__ = ["ModelPolicy", "evaluate_baselines", "summary"]
+
+#: Policies that a learner is compared with.
+BASELINES = ("random", "zero", "planner")
+
+
+class ModelPolicy(Policy):
+    """The deterministic actions of a model.
+
+    Parameters
+    ----------
+    model : BaseAlgorithm
+        PPO, SAC, TD3 or another algorithm of Stable-Baselines3.
+    statistics : VecNormalize, optional
+        Scales the observations; its statistics are read, not updated.
+    name : str
+        What results are listed under.
+    """
+
+    def __init__(self, model: BaseAlgorithm, statistics: VecNormalize | None = None, name: str = "policy") -> None:
+        self._model, self._statistics, self.name = model, statistics, name
+
+    def act(self, observation: Any) -> Actions:
+        """Scale the observations and predict."""
+        if self._statistics is not None:
+            observation = self._statistics.normalize_obs(observation)
+        actions, _ = self._model.predict(observation, deterministic=True)
+        return np.asarray(actions, dtype=np.float32)
+
+
+def summary(found: Evaluation) -> dict[str, Any]:
+    """Sum an evaluation up for the log of a run.
+
+    Returns
+    -------
+    dict
+        Shares of ``success`` and ``secure``, ``ci95`` of the success (Wilson), mean ``return`` and ``length``, number
+        of ``episodes``, and number of ``failures`` by kind.
+    """
+    trials = found.trials
+    return {
+        "success": found.rate,
+        "ci95": list(found.ci95),
+        "secure": found.secure / len(trials),
+        "return": float(np.mean([trial.reward for trial in trials])),
+        "length": float(np.mean([trial.steps for trial in trials])),
+        "episodes": len(trials),
+        "failures": found.failures,
+    }
+
+
+def evaluate_baselines(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, Any]:
+    """Evaluate random actions, zero actions and the planner on the trials of a policy.
+
+    Parameters
+    ----------
+    env_id, num_envs, **settings
+        As for `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``.
+    episodes, seed : int
+        Number and seed of the trials.
+
+    Returns
+    -------
+    dict
+        `summary` by name of the policy.
+    """
+    keywords = {**settings, "obs": "state", "trials": episodes, "seed": seed, "num_envs": num_envs}
+    return {name: summary(evaluation.evaluate(policies.load(name), env_id, **keywords)) for name in BASELINES}
