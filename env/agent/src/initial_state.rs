@@ -16,11 +16,12 @@ use crate::objects::Prepared;
 use crate::random_stream::RandomStream;
 use graspbox_episode::scene::OUT_OF_THE_WAY;
 use graspbox_episode::{Episode, Scene, SuccessCriterion};
+use graspbox_hand::rigid_motion;
 use graspbox_mesh::TriMesh;
 use graspbox_plan::{CollisionScene, OpenHand};
 use graspbox_sim::scenery::TABLE_SIDE;
 use graspbox_vision::Viewpoint;
-use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -44,8 +45,6 @@ pub const HAND_TILT: f64 = 0.2;
 const RAISE: f64 = 0.05;
 /// More raises than this would leave the workspace.
 const MOST_RAISES: usize = 10;
-/// A rotation may be off by this much in any entry of R^T R.
-const ORTHONORMAL: f64 = 1e-5;
 /// A given object pose may reach this far into the table, metres.
 const SUNK: f64 = 1e-3;
 
@@ -442,17 +441,8 @@ impl Room<'_> {
 
 /// The rigid motion of a homogeneous matrix.
 pub(crate) fn rigid(rows: &[[f64; 4]; 4], option: &'static str) -> Result<Isometry3<f64>, AgentError> {
-    let matrix = Matrix4::from_fn(|i, j| rows[i][j]);
-    let rotation: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
-    let skew = (rotation.tr_mul(&rotation) - Matrix3::identity()).amax();
-    let bottom = (0..4).any(|j| (rows[3][j] - if j == 3 { 1.0 } else { 0.0 }).abs() > ORTHONORMAL);
-    let finite = rows.iter().flatten().all(|x| x.is_finite());
-    if !finite || bottom || skew > ORTHONORMAL || rotation.determinant() < 0.0 {
-        return Err(bad_option(
-            option,
-            "give a homogeneous matrix: a rotation, a translation column, the last row 0 0 0 1",
-        ));
-    }
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-    Ok(Isometry3::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation))
+    let rows: [f64; 16] = std::array::from_fn(|i| rows[i / 4][i % 4]);
+    rigid_motion(&rows).ok_or_else(|| {
+        bad_option(option, "give a homogeneous matrix: a rotation, a translation column, the last row 0 0 0 1")
+    })
 }

@@ -7,9 +7,9 @@
 //! | [`error`] | errors in these files, with file and line |
 //! | [`reflex`] | the ReFlex hand, embedded |
 //! | [`kinematics`] | from joint angles to the poses of links and shapes |
-//! | [`tendon`] | tendon statics; encoders, and the distal angle estimated from them |
-//! | [`motor`] | position, velocity and force commands; tactile stops |
-//! | [`pose`] | the grasp pose: where the hand goes, and its preshape |
+//! | [`tendon`] | tendon statics: tension and joint torques |
+//! | [`motor`] | position, velocity and force commands |
+//! | [`pose`] | the grasp pose: where the hand goes, and its preshape; rigid motions from matrices |
 //!
 //! The hand frame is the grasp frame: the base's axes, its origin on the palm's surface (`base_from_hand`).
 //!
@@ -44,5 +44,4 @@ pub use model::{
     Collider, Finger, Flexure, Friction, Hand, Joint, Link, Material, Motor, MotorKind, Shape, TactileSensor, Tendon,
 };
 pub use motor::{Hold, MotorCommand, MotorState};
-pub use pose::{GraspPose, HandFrame};
-pub use tendon::FingerEncoders;
+pub use pose::{GraspPose, rigid_motion};

@@ -1,7 +1,7 @@
 //! Motors: position, velocity and force commands, and the resulting angle of the spool.
 //!
-//! Positions and speeds are on the joint's side of the gear: at the spool, or at the swivel. The motor's own shaft turns
-//! `ratio` times as far. The gear is self-locking: without a command to move, or with a load at its limit, the spool does not move.
+//! Positions and speeds are on the joint's side of the gear: at the spool, or at the swivel. The gear is self-locking: without a
+//! command to move, or with a load at its limit, the spool does not move.
 
 use serde::{Deserialize, Serialize};
 
@@ -33,8 +33,6 @@ pub enum Hold {
     Free,
     /// The load is at its limit.
     Load,
-    /// One of the finger's own sensors reports contact, and tactile stops are on.
-    Contact,
     /// It is at the end of its travel.
     Travel,
 }
@@ -51,54 +49,36 @@ pub struct MotorState {
     pub load: f64,
     /// Why it does not move.
     pub hold: Hold,
-    /// Whether it stops closing while its finger reports contact; the driver's `enable_tactile_stops`.
-    pub tactile_stops: bool,
 }
 
 impl MotorState {
-    /// A motor at rest, tactile stops off.
+    /// A motor at rest.
     ///
     /// * `position`: radians, clipped to the travel.
     #[must_use]
     pub fn new(motor: &Motor, position: f64) -> Self {
         let position = position.max(motor.travel[0]).min(motor.travel[1]);
-        Self { position, velocity: 0.0, load: 0.0, hold: Hold::Free, tactile_stops: false }
-    }
-
-    /// Angle of the motor's own shaft, radians, as its encoder counts it.
-    #[must_use]
-    pub fn shaft(&self, motor: &Motor) -> f64 {
-        motor.ratio * self.position
+        Self { position, velocity: 0.0, load: 0.0, hold: Hold::Free }
     }
 
     /// Moves the motor through one step; returns the spool's angle, radians.
     ///
-    /// Speeds are reached at once: the rotor's inertia is part of the joints' `armature`. A load at its limit, or a
-    /// contact with tactile stops on, stops closing but never opening; when it falls, the command resumes.
+    /// Speeds are reached at once: the rotor's inertia is part of the joints' `armature`. A load at its limit stops closing but never
+    /// opening; when it falls, the command resumes.
     ///
     /// * `load`: tension of the tendon now, N (torque on the swivel, N m, for the preshape).
-    /// * `contact`: true when one of the finger's own sensors reports contact.
     /// * `dt`: seconds, greater than 0.
     ///
     /// # Errors
     /// [`HandError::NotFinite`] for a command or load that is NaN or infinite, [`HandError::TimeStep`] for a step
     /// that is not greater than 0; the state does not change.
-    pub fn step(
-        &mut self,
-        motor: &Motor,
-        command: MotorCommand,
-        load: f64,
-        contact: bool,
-        dt: f64,
-    ) -> Result<f64, HandError> {
+    pub fn step(&mut self, motor: &Motor, command: MotorCommand, load: f64, dt: f64) -> Result<f64, HandError> {
         check(command, load, dt)?;
         let [lower, upper] = motor.travel;
         let mut speed = wanted_speed(motor, command, self.position, load, dt);
         self.hold = Hold::Free;
         if speed > 0.0 && load >= motor.load_limit {
             (speed, self.hold) = (0.0, Hold::Load);
-        } else if speed > 0.0 && contact && self.tactile_stops {
-            (speed, self.hold) = (0.0, Hold::Contact);
         }
         let wanted = self.position + speed * dt;
         let next = wanted.max(lower).min(upper);

@@ -1,11 +1,9 @@
-//! Tendon statics, encoders, and the estimate of the distal angle.
+//! Tendon statics: one spool, two joints.
 //!
 //! With the proximal and distal angles `q_p`, `q_d`, the joints take up `l = r_p q_p + r_d q_d` of tendon; the spool
 //! takes up `r_s s`. The difference is the stretch of the tendon.
 
-use serde::{Deserialize, Serialize};
-
-use crate::model::{Finger, Flexure, Hand, Tendon};
+use crate::model::{Flexure, Tendon};
 
 impl Tendon {
     /// Tendon length that the joints take up, metres.
@@ -41,33 +39,5 @@ impl Tendon {
             self.proximal_arm * tension - flexure.proximal_stiffness * (proximal - flexure.proximal_rest),
             self.distal_arm * tension - flexure.stiffness * (distal - flexure.rest),
         ]
-    }
-}
-
-/// Sensor readings of one finger.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FingerEncoders {
-    /// Proximal encoder: the joint's angle, radians.
-    pub proximal: f64,
-    /// Tendon spool encoder: the spool's angle, radians.
-    pub spool: f64,
-    /// Distal angle estimated from their difference, radians.
-    pub distal_estimate: f64,
-}
-
-impl Hand {
-    /// Readings of a finger's encoders.
-    ///
-    /// The flexure has no encoder. Its angle is estimated as if the tendon were taut and did not stretch:
-    /// `q_d = (r_s s - r_p q_p) / r_d`, within the joint's limits. A tendon under tension `T` makes it too large by
-    /// `T / (k r_d)`: 0.17 rad for the ReFlex at 50 N.
-    ///
-    /// * `spool`, `proximal`: true angles, radians.
-    #[must_use]
-    pub fn encoders(&self, finger: &Finger, spool: f64, proximal: f64) -> FingerEncoders {
-        let tendon = &finger.tendon;
-        let [lower, upper] = self.joints[finger.distal].limits;
-        let estimate = tendon.stretch(spool, proximal, 0.0) / tendon.distal_arm;
-        FingerEncoders { proximal, spool, distal_estimate: estimate.max(lower).min(upper) }
     }
 }

@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use graspbox_hand::{GraspPose, Hand, HandConfiguration, HandFrame};
+use graspbox_hand::{Hand, HandConfiguration, rigid_motion};
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
@@ -78,44 +78,21 @@ proptest! {
         }
     }
 
-    /// Both conventions put z into the object and their own axis along the long side, and name the same palm.
+    /// A matrix that was rounded to float32 is a rigid motion again; anything else is none.
     #[test]
-    fn hand_frames_follow_their_conventions(long in directions(), into in directions(), pose in poses()) {
-        prop_assume!(long.cross(&into).norm() > 1e-3);
-        for frame in [HandFrame::ReFlex, HandFrame::SoftHand] {
-            let turn = frame.rotation(&long, &into).unwrap();
-            let axis = turn * frame.long_axis().into_inner();
-            prop_assert!((turn * Vector3::z() - into.into_inner()).norm() < 1e-9);
-            prop_assert!(axis.dot(&into).abs() < 1e-9 && axis.dot(&long) > 0.0);
-            prop_assert!(axis.cross(&into).dot(&long).abs() < 1e-9, "in the plane of both");
-            let reflex = frame.to_reflex(&Isometry3::from_parts(Vector3::zeros().into(), turn));
-            let expected = HandFrame::ReFlex.rotation(&long, &into).unwrap();
-            prop_assert!(reflex.rotation.angle_to(&expected) < 1e-7);
-            let back = frame.from_reflex(&frame.to_reflex(&pose));
-            prop_assert!((back.to_homogeneous() - pose.to_homogeneous()).norm() < 1e-12);
-        }
+    fn rigid_motions_come_back_from_their_matrices(pose in poses(), bad in 0..16usize) {
+        let matrix = pose.to_homogeneous();
+        let rows: [f64; 16] = std::array::from_fn(|i| f64::from(matrix[(i / 4, i % 4)] as f32));
+        let back = rigid_motion(&rows).unwrap();
+        prop_assert!((back.to_homogeneous() - matrix).norm() < 1e-6);
+        let turn = back.rotation.to_rotation_matrix();
+        prop_assert!((turn.matrix().tr_mul(turn.matrix()) - nalgebra::Matrix3::identity()).amax() < 1e-14);
+        let mut broken = rows;
+        broken[bad] = f64::NAN;
+        prop_assert_eq!(rigid_motion(&broken), None);
+        let mirrored: [f64; 16] = std::array::from_fn(|i| if i % 4 == 0 { -rows[i] } else { rows[i] });
+        prop_assert_eq!(rigid_motion(&mirrored), None);
     }
-
-    #[test]
-    fn a_grasp_pose_moves_along_its_approach(pose in poses(), preshape in 0.0..1.5f64, distance in -0.2..0.2f64) {
-        let grasp = GraspPose { object_from_hand: pose, preshape };
-        let moved = grasp.advanced(distance);
-        let step = moved.object_from_hand.translation.vector - pose.translation.vector;
-        prop_assert!((step - grasp.approach().into_inner() * distance).norm() < 1e-12);
-        prop_assert_eq!(moved.object_from_hand.rotation, pose.rotation);
-        let turned = grasp.turned(PI);
-        prop_assert!((turned.approach().into_inner() - grasp.approach().into_inner()).norm() < 1e-12);
-        prop_assert!((turned.object_from_hand * Vector3::x() + pose * Vector3::x()).norm() < 1e-12);
-        let base = grasp.object_from_base(reflex()) * reflex().base_from_hand;
-        prop_assert!((base.to_homogeneous() - pose.to_homogeneous()).norm() < 1e-12);
-    }
-}
-
-#[test]
-fn a_long_side_along_the_approach_has_no_rotation() {
-    let z = Vector3::z_axis();
-    assert_eq!(HandFrame::ReFlex.rotation(&z, &z), None);
-    assert_eq!(HandFrame::SoftHand.rotation(&-z, &z), None);
 }
 
 #[test]

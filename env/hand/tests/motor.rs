@@ -1,4 +1,4 @@
-//! Motors: speeds, travels, loads, tactile stops.
+//! Motors: speeds, travels, loads.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use graspbox_hand::{Hand, Hold, Motor, MotorCommand, MotorState};
@@ -19,7 +19,7 @@ fn run(state: &mut MotorState, command: MotorCommand, load: impl Fn(&MotorState)
     for step in 0..10_000 {
         let before = state.position;
         let load = load(state);
-        state.step(motor(), command, load, false, DT).unwrap();
+        state.step(motor(), command, load, DT).unwrap();
         if state.position == before {
             return f64::from(step) * DT;
         }
@@ -34,7 +34,6 @@ fn a_finger_closes_at_its_default_speed_and_opens_in_a_second_at_its_greatest() 
     assert_eq!(state.position, 3.6, "the target is cut to the travel");
     assert!((closing - 3.6 / 3.0).abs() <= 1.5 * DT, "closed in {closing} s");
     assert_eq!(state.hold, Hold::Free, "it has arrived");
-    assert!((state.shaft(motor()) - 1.42 * 3.6).abs() < 1e-12);
     let fast = MotorCommand::Position { target: 0.0, speed: Some(100.0) };
     let opening = run(&mut state, fast, |_| 0.0);
     assert_eq!(state.position, 0.0);
@@ -44,7 +43,7 @@ fn a_finger_closes_at_its_default_speed_and_opens_in_a_second_at_its_greatest() 
 #[test]
 fn a_velocity_command_runs_to_the_end_of_the_travel() {
     let mut state = MotorState::new(motor(), 1.0);
-    state.step(motor(), MotorCommand::Velocity(0.5), 0.0, false, DT).unwrap();
+    state.step(motor(), MotorCommand::Velocity(0.5), 0.0, DT).unwrap();
     assert!((state.position - (1.0 + 0.5 * DT)).abs() < 1e-15);
     run(&mut state, MotorCommand::Velocity(9.0), |_| 0.0);
     assert_eq!((state.position, state.hold), (3.6, Hold::Travel));
@@ -66,7 +65,7 @@ fn a_finger_whose_load_passes_its_limit_stops_pulling() {
     // 50 N stretch the tendon by 1 mm, 0.08 rad of the spool; a step adds at most 6 mrad.
     assert!((2.08..=2.08 + 3.0 * DT + 1e-9).contains(&state.position), "{}", state.position);
     let held = state.position;
-    state.step(motor(), go(0.0), 50.0, false, DT).unwrap();
+    state.step(motor(), go(0.0), 50.0, DT).unwrap();
     assert!(state.position < held, "a load never stops opening");
 }
 
@@ -75,29 +74,15 @@ fn a_force_command_reaches_its_load_and_holds_it() {
     let mut state = MotorState::new(motor(), 1.9);
     for _ in 0..500 {
         let load = blocked(&state);
-        state.step(motor(), MotorCommand::Force(20.0), load, false, DT).unwrap();
+        state.step(motor(), MotorCommand::Force(20.0), load, DT).unwrap();
     }
     assert!((blocked(&state) - 20.0).abs() < 0.01, "{} N", blocked(&state));
     for _ in 0..500 {
         let load = blocked(&state);
-        state.step(motor(), MotorCommand::Force(0.0), load, false, DT).unwrap();
+        state.step(motor(), MotorCommand::Force(0.0), load, DT).unwrap();
     }
     assert!(blocked(&state) < 0.01, "a command of 0 N lets go");
     assert!(state.position > 1.99, "and does not open further");
-}
-
-#[test]
-fn tactile_stops_hold_a_touching_finger_only_when_enabled() {
-    let mut state = MotorState::new(motor(), 1.0);
-    state.step(motor(), go(3.6), 0.0, true, DT).unwrap();
-    assert!(state.position > 1.0, "off by default");
-    state.tactile_stops = true;
-    let held = state.step(motor(), go(3.6), 0.0, true, DT).unwrap();
-    assert_eq!((state.hold, state.velocity), (Hold::Contact, 0.0));
-    let free = state.step(motor(), go(3.6), 0.0, false, DT).unwrap();
-    assert!(free > held, "goes on when the contact ends");
-    let open = state.step(motor(), go(0.0), 0.0, true, DT).unwrap();
-    assert!(open < free, "a contact never stops opening");
 }
 
 #[test]
@@ -105,9 +90,9 @@ fn a_command_that_is_no_number_changes_nothing() {
     let mut state = MotorState::new(motor(), 1.0);
     let before = state;
     for command in [go(f64::NAN), MotorCommand::Velocity(f64::INFINITY), MotorCommand::Force(f64::NAN)] {
-        assert!(state.step(motor(), command, 0.0, false, DT).is_err());
+        assert!(state.step(motor(), command, 0.0, DT).is_err());
     }
-    let message = state.step(motor(), go(1.0), 0.0, false, 0.0).unwrap_err().to_string();
+    let message = state.step(motor(), go(1.0), 0.0, 0.0).unwrap_err().to_string();
     assert_eq!(message, "the time step is 0 s; give a finite one greater than 0");
     assert_eq!(state, before);
 }
@@ -116,11 +101,11 @@ proptest! {
     /// Whatever is commanded, the travel and the greatest speed hold; and a state survives a snapshot.
     #[test]
     fn travel_and_speed_hold_for_any_commands(
-        commands in prop::collection::vec((0..3u8, -20.0..70.0f64, 0.0..80.0f64, any::<bool>()), 1..60),
+        commands in prop::collection::vec((0..3u8, -20.0..70.0f64, 0.0..80.0f64), 1..60),
         dt in 1e-4..0.05f64,
     ) {
         let mut state = MotorState::new(motor(), 1.8);
-        for (kind, value, load, contact) in commands {
+        for (kind, value, load) in commands {
             let command = match kind {
                 0 => MotorCommand::Position { target: value, speed: Some(value) },
                 1 => MotorCommand::Velocity(value),
@@ -129,8 +114,8 @@ proptest! {
             let bytes = postcard::to_allocvec(&(state, command)).unwrap();
             let (mut copy, again): (MotorState, MotorCommand) = postcard::from_bytes(&bytes).unwrap();
             let before = state.position;
-            state.step(motor(), command, load, contact, dt).unwrap();
-            copy.step(motor(), again, load, contact, dt).unwrap();
+            state.step(motor(), command, load, dt).unwrap();
+            copy.step(motor(), again, load, dt).unwrap();
             prop_assert_eq!(copy, state);
             prop_assert!((0.0..=3.6).contains(&state.position));
             prop_assert!((state.position - before).abs() <= 3.5 * dt + 1e-12);

@@ -1,4 +1,4 @@
-//! Tendon statics and encoders against virtual work.
+//! Tendon statics against virtual work.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use graspbox_hand::{Finger, Hand, HandConfiguration};
@@ -44,24 +44,6 @@ proptest! {
         let still = finger().tendon.tension(stretch, 0.0);
         prop_assert!((tension - still) * rate >= 0.0, "damping must resist the stretching");
     }
-
-    /// Without stretch the distal angle is known; with it, the estimate is too large by T / (k r_d).
-    #[test]
-    fn the_distal_estimate_is_off_by_the_stretch(p in 0.0..2.8f64, d in 0.0..2.5f64, tension in 0.0..50.0f64) {
-        let (hand, t) = (Hand::reflex().unwrap(), &finger().tendon);
-        let spool = (t.take_up(p, d) + tension / t.stiffness) / t.spool_radius;
-        let reading = hand.encoders(finger(), spool, p);
-        let expected = (d + tension / (t.stiffness * t.distal_arm)).min(hand.joints[finger().distal].limits[1]);
-        prop_assert!((reading.distal_estimate - expected).abs() < 1e-9);
-        prop_assert_eq!((reading.proximal, reading.spool), (p, spool));
-    }
-}
-
-/// A slack tendon says nothing: the estimate stays within the joint's range.
-#[test]
-fn a_slack_tendon_does_not_bend_the_estimate_backwards() {
-    let reading = Hand::reflex().unwrap().encoders(finger(), 0.0, 1.0);
-    assert_eq!(reading.distal_estimate, 0.0);
 }
 
 /// The spool of a free finger takes up both joints' whole range within the motor's travel.

@@ -3,7 +3,8 @@
 //! Arrays that come in must be C-contiguous float64; `graspbox`'s public functions see to that. Arrays that go out are fresh.
 
 use crate::errors::CoreError;
-use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion};
+use graspbox_hand::rigid_motion;
+use nalgebra::{Isometry3, Matrix3, Point3};
 use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -13,9 +14,6 @@ use serde::de::DeserializeOwned;
 pub type Array<'py, T> = Bound<'py, PyArrayDyn<T>>;
 /// A float64 array of any shape, as it comes in.
 pub type Floats<'py> = PyReadonlyArrayDyn<'py, f64>;
-
-/// A rotation may be off by this much in any entry of R^T R: the rounding of a matrix printed with 6 digits.
-const ORTHONORMAL: f64 = 1e-5;
 
 /// The entries of `array`, which must have the shape `shape`; `None` stands for any length.
 ///
@@ -93,24 +91,11 @@ pub fn isometries(array: &Floats<'_>, what: &str) -> Result<Vec<Isometry3<f64>>,
 }
 
 fn rigid(rows: &[f64], what: &str) -> Result<Isometry3<f64>, CoreError> {
-    let matrix = Matrix4::from_row_slice(rows);
-    let rotation: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
-    let bottom = [matrix[(3, 0)], matrix[(3, 1)], matrix[(3, 2)], matrix[(3, 3)] - 1.0];
-    let skew = (rotation.tr_mul(&rotation) - Matrix3::identity()).amax();
-    if skew > ORTHONORMAL || rotation.determinant() < 0.0 || bottom.iter().any(|x| x.abs() > ORTHONORMAL) {
-        return Err(CoreError::Config(format!(
+    rows.try_into().ok().and_then(rigid_motion).ok_or_else(|| {
+        CoreError::Config(format!(
             "{what} is not a rigid motion; give a rotation matrix, a translation column and the last row 0 0 0 1"
-        )));
-    }
-    // Clears what is left of the skew, so that long products stay rigid.
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
-        &rotation,
-        1e-12,
-        20,
-        Rotation3::from_matrix_unchecked(rotation),
-    ));
-    let translation = Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);
-    Ok(Isometry3::from_parts(translation, rotation))
+        ))
+    })
 }
 
 /// The homogeneous matrix of `pose`, row-major.

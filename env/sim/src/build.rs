@@ -185,6 +185,16 @@ fn insert_base(world: &mut PhysicsWorld, hand: &Hand) {
     insert_colliders(world, hand, &carrier(hand, 0), body, PALM, Group::ALL);
 }
 
+/// Where the engine's shape of a collider stands in its link: the engine's cylinders are about y, URDF's about z.
+pub(crate) fn link_from_engine(collider: &graspbox_hand::Collider) -> Isometry3<f64> {
+    match collider.shape {
+        Shape::Cylinder { .. } => {
+            collider.link_from_shape * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2)
+        }
+        Shape::Cuboid(_) | Shape::Sphere { .. } => collider.link_from_shape,
+    }
+}
+
 fn insert_colliders(
     world: &mut PhysicsWorld,
     hand: &Hand,
@@ -205,15 +215,8 @@ fn insert_colliders(
                     SharedShape::cylinder(frames::length(half_length), frames::length(radius))
                 }
             };
-            // The engine's cylinders stand along y, URDF's along z.
-            let turn = match collider.shape {
-                Shape::Cylinder { .. } => {
-                    UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2)
-                }
-                _ => UnitQuaternion::identity(),
-            };
             let factor = hand.friction.of(collider.material);
-            let pose = carrier_from_link * collider.link_from_shape * turn;
+            let pose = carrier_from_link * link_from_engine(collider);
             let part = Part::Link { link: *link, shape: index };
             let built = surface(shape, factor, part, member, filter).position(frames::pose(&pose));
             world.colliders.insert_with_parent(built, body, &mut world.bodies);

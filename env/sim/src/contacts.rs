@@ -1,6 +1,6 @@
 //! Who touches whom, how deep and how hard.
 
-use crate::build::Part;
+use crate::build::{Part, link_from_engine};
 use crate::frames;
 use crate::world::World;
 use nalgebra::{Point3, Vector3};
@@ -134,8 +134,7 @@ impl World {
                 let Part::Link { link, shape } = self.part(collider) else {
                     continue;
                 };
-                // Only boxes and balls carry pads; their shape frames are the engine's.
-                let pose = self.hand().links[link].colliders[shape].link_from_shape;
+                let pose = link_from_engine(&self.hand().links[link].colliders[shape]);
                 for (manifold, p) in pressed(pair) {
                     let (local, normal) =
                         if first { (p.local_p1, -manifold.local_n1) } else { (p.local_p2, -manifold.local_n2) };

@@ -7,7 +7,7 @@ use rapier3d::prelude::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
 /// Leads every snapshot; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbworld2";
+const MAGIC: &[u8; 8] = b"gbworld3";
 /// Length of the checksum that follows.
 const CHECKSUM: usize = 32;
 

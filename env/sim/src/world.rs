@@ -32,9 +32,6 @@ pub struct FingerState {
     pub tension: f64,
 }
 
-/// A sensor reports contact from this force on, N: a touch with the weight of 10 g.
-const CONTACT_FORCE: f64 = 0.1;
-
 /// A joint below this speed is still, rad/s: it sways in its flexure when the hand is moved.
 const STILL: f64 = 0.2;
 
@@ -254,35 +251,17 @@ impl World {
 
     fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) -> Result<(), SimError> {
         let shared = Arc::clone(&self.shared);
-        let touched = self.touched_fingers();
         for (i, motor) in shared.hand.motors.iter().enumerate() {
             let Some(command) = commands.get(i) else { continue };
-            let (load, contact) = match motor.kind {
-                MotorKind::Finger(finger) => (self.state.tensions[finger], touched.contains(&finger)),
+            let load = match motor.kind {
+                MotorKind::Finger(finger) => self.state.tensions[finger],
                 // The swivel's gear holds against any load of a grasp.
-                MotorKind::Preshape => (0.0, false),
+                MotorKind::Preshape => 0.0,
             };
             let motor_state = &mut self.state.motors[i];
-            motor_state.step(motor, *command, load, contact, dt).map_err(|_| SimError::BadCommand { motor: i })?;
+            motor_state.step(motor, *command, load, dt).map_err(|_| SimError::BadCommand { motor: i })?;
         }
         Ok(())
-    }
-
-    /// Fingers whose own sensors feel contact, as far as a motor that stops on contact wants to know.
-    fn touched_fingers(&self) -> Vec<usize> {
-        if !self.state.motors.iter().any(|m| m.tactile_stops) {
-            return Vec::new();
-        }
-        let force = self.tactile().force;
-        let sensors = self.shared.hand.sensors.iter().zip(force);
-        let mut fingers: Vec<usize> = sensors.filter(|(_, f)| *f >= CONTACT_FORCE).map(|(s, _)| s.finger).collect();
-        fingers.dedup();
-        fingers
-    }
-
-    /// Lets finger motors stop (or no longer stop) when their own sensors report contact.
-    pub fn enable_tactile_stops(&mut self, enabled: bool) {
-        self.state.motors.iter_mut().for_each(|m| m.tactile_stops = enabled);
     }
 
     fn drive_fingers(&mut self, dt: f64) {

@@ -1,0 +1,122 @@
+//! Inputs that nobody can mean are refused with an error that names them, and simulations that blow up are called unstable.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use graspbox_episode::{
+    Body, EpisodeError, FailureKind, ObjectSpec, Progress, Scene, SuccessCriterion, TrialConfig, TrialOutcome,
+    run_trials,
+};
+use graspbox_hand::{GraspPose, Hand};
+use graspbox_mesh::convex_hull;
+use graspbox_sim::PhysicsConfig;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
+
+fn reflex() -> Hand {
+    Hand::reflex().unwrap().clone()
+}
+
+/// A box of the given sides (metres) and mass (kg).
+fn block(sides: [f64; 3], mass: Option<f64>) -> Body {
+    let corner = |i: usize| Point3::from(Vector3::from_fn(|k, _| sides[k] * (f64::from((i >> k & 1) as u8) - 0.5)));
+    let mesh = convex_hull(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
+    Body::prepare(&ObjectSpec { name: "block".into(), mesh, mass, parts: None }, None).unwrap()
+}
+
+fn scene(body: &Body, hand: Hand) -> Result<Arc<Scene>, EpisodeError> {
+    Ok(Arc::new(Scene::new(body, Arc::new(hand), PhysicsConfig::default(), None)?))
+}
+
+/// A hand above a block of 6 x 6 x 10 cm, palm down.
+fn from_above(preshape: f64) -> GraspPose {
+    let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    GraspPose { object_from_hand: Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.07), down), preshape }
+}
+
+fn small() -> Body {
+    block([0.06, 0.06, 0.10], Some(0.2))
+}
+
+fn attempt(hand: Hand, pose: GraspPose, config: TrialConfig) -> Result<TrialOutcome, EpisodeError> {
+    let outcomes = run_trials(&scene(&small(), hand).unwrap(), &[pose], config, &Progress::default())?;
+    Ok(outcomes.into_iter().next().unwrap())
+}
+
+/// A bug here: preshapes beyond the hand's joints that are simulated, degrees above all: 30 gave a lift of 22.8 m.
+#[test]
+fn preshapes_beyond_the_hand_are_refused() {
+    for value in [-1.0, 2.0, 30.0, 180.0, f64::NAN] {
+        let error = attempt(reflex(), from_above(value), TrialConfig::default()).unwrap_err();
+        assert!(matches!(error, EpisodeError::BadPreshape { index: 0, .. }), "{error}");
+    }
+    let told = |value| attempt(reflex(), from_above(value), TrialConfig::default()).unwrap_err().to_string();
+    assert_eq!(
+        told(30.0),
+        "preshape[0] is 30 rad, but the hand takes 0 to 1.5707963267948966 rad; 30 looks like degrees: give 0.5236 rad"
+    );
+    assert!(!told(180.0).contains("degrees"), "pi is beyond the hand as well");
+    assert!(attempt(reflex(), from_above(FRAC_PI_2 + 5e-8), TrialConfig::default()).is_ok(), "pi/2 as a float32");
+}
+
+/// A bug here: poses in millimetres, or broken ones, that are simulated far away from the object.
+#[test]
+fn poses_far_away_are_refused() {
+    let mut pose = from_above(0.0);
+    pose.object_from_hand.translation.vector *= 1000.0;
+    let error = attempt(reflex(), pose, TrialConfig::default()).unwrap_err().to_string();
+    assert!(error.starts_with("poses[0] puts the hand 70 m from the object's origin"), "{error}");
+    pose.object_from_hand.translation.vector.x = f64::NAN;
+    assert!(matches!(attempt(reflex(), pose, TrialConfig::default()), Err(EpisodeError::BadPose { .. })));
+}
+
+/// A bug here: files in another unit, or masses in grams, that are simulated as they are.
+#[test]
+fn sizes_and_masses_of_another_unit_are_refused() {
+    let refused = |sides, mass| scene(&block(sides, mass), reflex()).map(|_| ()).unwrap_err().to_string();
+    let told = refused([60.0, 60.0, 100.0], Some(0.2));
+    assert!(
+        told.contains("60 x 60 x 100 m") && told.contains("the open hand 0.") && told.contains("by 0.001 "),
+        "{told}"
+    );
+    assert!(refused([0.8, 0.8, 0.8], Some(0.2)).contains("the open hand is"));
+    assert!(refused([6e-5, 6e-5, 1e-4], Some(0.2)).contains("multiply `scale=` by 1000 "));
+    assert!(refused([0.06, 0.06, 0.1], Some(118.0)).contains("weighs 118 kg"));
+    assert!(refused([0.01, 0.01, 0.01], Some(0.118)).contains("osmium"));
+    assert!(scene(&block([1.1, 0.05, 0.05], Some(1.0)), reflex()).is_ok(), "a long stick is no mistake");
+}
+
+/// A bug here: a world that blew up and threw the object away, reported as a hand that missed it.
+#[test]
+fn a_world_that_blows_up_is_unstable() {
+    let mut hand = reflex();
+    for finger in &mut hand.fingers {
+        finger.tendon.stiffness = 1e9;
+        finger.tendon.max_tension = 1e9;
+        finger.flexure.stop_stiffness = 1e9;
+    }
+    for motor in &mut hand.motors {
+        motor.load_limit = 1e9;
+    }
+    let outcome = attempt(hand, from_above(0.0), TrialConfig::default()).unwrap();
+    assert_eq!((outcome.success, outcome.failure), (false, Some(FailureKind::Unstable)), "{outcome:?}");
+}
+
+/// A bug here: a criterion that trials do not look at, or ranges that do not follow it.
+#[test]
+fn the_criterion_decides() {
+    let default = attempt(reflex(), from_above(0.0), TrialConfig::default()).unwrap();
+    assert!(default.success, "{default:?}");
+    let lifts_high = SuccessCriterion { lift_height: 0.19, ..SuccessCriterion::default() };
+    let never_still = SuccessCriterion { rest_speed: 1e-4, hold_time: 1.0, ..SuccessCriterion::default() };
+    let higher =
+        attempt(reflex(), from_above(0.0), TrialConfig { success: lifts_high, ..TrialConfig::default() }).unwrap();
+    let stiller =
+        attempt(reflex(), from_above(0.0), TrialConfig { success: never_still, ..TrialConfig::default() }).unwrap();
+    assert!(higher.success && !stiller.success, "{higher:?} {stiller:?}");
+    assert_eq!(stiller.failure, Some(FailureKind::Unstable), "held high, but not still for a whole second");
+    let low = TrialConfig { lift_height: 0.15, success: lifts_high, ..TrialConfig::default() };
+    assert_eq!(low.validate().unwrap_err().to_string(), "`lift_height` is 0.15, but it must be between 0.19 and 1 m");
+    let none = SuccessCriterion { rest_speed: 0.0, ..SuccessCriterion::default() };
+    let told = none.validate().unwrap_err().to_string();
+    assert_eq!(told, "`success.rest_speed` is 0, but it must be between 0.0001 and 1 m/s");
+}

@@ -1,0 +1,75 @@
+"""Inputs that nobody can mean are refused, with a message that names them and says what to do."""
+
+import numpy as np
+import pytest
+
+import graspbox
+from graspbox import errors
+from test_core import cuboid, from_above
+
+
+@pytest.fixture(scope="module")
+def scene() -> graspbox.Scene:
+    return graspbox.Scene(cuboid(0.06, 0.06, 0.1))
+
+
+@pytest.mark.parametrize("preshape", [-1.0, 2.0, 3.0, 10.0, 30.0, 180.0])
+def test_preshapes_beyond_the_hand_are_refused(scene: graspbox.Scene, preshape: float) -> None:
+    poses = np.stack([from_above(0.12)] * 3)
+    with pytest.raises(errors.ConfigError, match=r"preshape\[1\] is .* but the hand takes 0 to 1.57"):
+        scene.simulate(poses, [0.0, preshape, 0.0])
+    with pytest.raises(errors.ConfigError, match=r"preshape\[0\]"):
+        scene.trace(poses[0], preshape)
+
+
+def test_degrees_are_recognized(scene: graspbox.Scene) -> None:
+    with pytest.raises(errors.ConfigError, match="30 looks like degrees: give 0.5236 rad"):
+        scene.simulate(from_above(0.12)[None], 30.0)
+
+
+def test_poses_in_millimetres_are_refused(scene: graspbox.Scene) -> None:
+    with pytest.raises(errors.ConfigError, match=r"poses\[0\] puts the hand 120 m from the object"):
+        scene.simulate(from_above(120.0)[None], 0.0)
+
+
+@pytest.mark.parametrize(("scale", "factor"), [(1000.0, "0.001"), (100.0, "0.01"), (0.001, "1000")])
+def test_a_file_in_another_unit_is_refused_with_its_likely_scale(scale: float, factor: str) -> None:
+    mesh = cuboid(0.08 * scale, 0.08 * scale, 0.1 * scale)
+    with pytest.raises(errors.MeshError, match=f"multiply `scale=` by {factor} "):
+        graspbox.Scene(mesh)
+    with pytest.raises(errors.MeshError, match="open hand|cannot be simulated"):
+        graspbox.plan(mesh)
+
+
+def test_a_mass_in_grams_is_refused() -> None:
+    with pytest.raises(errors.MeshError, match="weighs 118 kg"):
+        graspbox.Scene(cuboid(0.08, 0.08, 0.1, mass=118.0))
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [
+        graspbox.PoseConfig(variations=10**6),
+        graspbox.PoseConfig(variations=10**9),
+        graspbox.PoseConfig(standoffs=(0.01,) * 10**5),
+        graspbox.PoseConfig(variations=10_000, standoffs=(0.01,) * 1000),
+    ],
+)
+def test_counts_of_candidates_are_bounded(poses: graspbox.PoseConfig) -> None:
+    with pytest.raises(errors.ConfigError, match="variations|standoffs"):
+        graspbox.plan(cuboid(0.06, 0.06, 0.1), config=graspbox.PlanConfig(poses=poses))
+
+
+def test_the_criterion_of_success_is_a_setting(scene: graspbox.Scene) -> None:
+    pose = from_above(0.12)[None]
+    strict = graspbox.TrialConfig(success=graspbox.SuccessCriterion(rest_speed=1e-4, hold_time=1.0))
+    assert scene.simulate(pose, 0.0).success[0]
+    outcome = scene.simulate(pose, 0.0, config=strict)
+    assert not outcome.success[0]
+    assert outcome.failure[0] == "unstable"
+    low = graspbox.TrialConfig(lift_height=0.15, success=graspbox.SuccessCriterion(lift_height=0.19))
+    with pytest.raises(errors.ConfigError, match="`lift_height` is 0.15, but it must be between 0.19 and 1 m"):
+        scene.simulate(pose, 0.0, config=low)
+    nothing = graspbox.TrialConfig(success=graspbox.SuccessCriterion(rest_speed=0.0))
+    with pytest.raises(errors.ConfigError, match="`success.rest_speed` is 0"):
+        scene.simulate(pose, 0.0, config=nothing)
