@@ -5,7 +5,7 @@ Arrays are float64 and C-contiguous unless they say otherwise; the ones returned
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import NotRequired, TypedDict, final, type_check_only
+from typing import Any, NotRequired, TypedDict, final, type_check_only
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +85,10 @@ class SampleArrays(TypedDict):
 
 @type_check_only
 class EnvArrays(TypedDict):
-    """One row an environment. Observations are float32 (rows, size), and there as far as the config names them."""
+    """One row per environment. Observations are float32 (rows, size), if the config names them.
+
+    ``info`` holds an array per row of the core's table: bool, float64 or int64; indices into names where it says ``str``.
+    """
 
     proprio: NotRequired[NDArray[np.float32]]
     tactile: NotRequired[NDArray[np.float32]]
@@ -94,15 +97,8 @@ class EnvArrays(TypedDict):
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
     reset: NDArray[np.bool_]
-    is_success: NDArray[np.bool_]
-    is_secure: NDArray[np.bool_]
-    touches: NDArray[np.bool_]
-    protective_stop: NDArray[np.bool_]
     env: NDArray[np.int64]
-    object: NDArray[np.int64]
-    resting: NDArray[np.int64]
-    failure: NDArray[np.uint8]
-    lift: NDArray[np.float64]
+    info: dict[str, NDArray[Any]]
 
 @final
 class Mesh:

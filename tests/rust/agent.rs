@@ -5,15 +5,14 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use graspbox_agent::env_pool::Stepped;
-use graspbox_agent::initial_state::ObjectChoice;
 use graspbox_agent::{
-    AgentConfig, AgentError, Autoreset, Batch, Control, EnvPool, Objects, Observation, Randomization, ResetOptions,
+    AgentConfig, AgentError, Autoreset, Batch, Control, EnvPool, Objects, Randomization, ResetOptions,
 };
 use graspbox_episode::EpisodeError;
 use graspbox_hand::Hand;
 use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
-use graspbox_tests::agent::{batch_bits, objects, pool, seeds};
+use graspbox_tests::agent::{batch_bits, flags, indices, numbers, objects, pool, row_bits, seeds};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -54,38 +53,10 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     pool.install(work)
 }
 
-/// Row `row` of a batch, as bits.
-fn row(pool: &EnvPool, batch: &Batch, row: usize) -> Vec<u32> {
-    let count = batch.len();
-    let cut = |array: &Vec<f32>| {
-        let size = array.len() / count;
-        array[row * size..(row + 1) * size].to_vec()
-    };
-    let one = Batch {
-        images: Vec::new(),
-        envs: vec![0],
-        observations: batch.observations.iter().map(cut).collect(),
-        terms: cut(&batch.terms),
-        terminated: vec![batch.terminated[row]],
-        truncated: vec![batch.truncated[row]],
-        reset: vec![batch.reset[row]],
-        is_success: vec![batch.is_success[row]],
-        is_secure: vec![batch.is_secure[row]],
-        failure: vec![batch.failure[row]],
-        lift: vec![batch.lift[row]],
-        object: vec![batch.object[row]],
-        resting: vec![batch.resting[row]],
-        touches: vec![batch.touches[row]],
-        protective_stop: vec![batch.protective_stop[row]],
-    };
-    assert_eq!(one.observations.len(), pool.spec().tables.len());
-    batch_bits(&one)
-}
-
 /// Resets and steps; the bits of every environment, step by step.
-fn run(pool: &EnvPool, steps: usize) -> Vec<Vec<Vec<u32>>> {
+fn run(pool: &EnvPool, steps: usize) -> Vec<Vec<Vec<u64>>> {
     let first = pool.reset(&seeds(pool), None, &ResetOptions::default()).unwrap();
-    let rows = |batch: &Batch| (0..pool.len()).map(|i| row(pool, batch, i)).collect();
+    let rows = |batch: &Batch| (0..pool.len()).map(|i| row_bits(batch, i)).collect();
     let mut bits = vec![rows(&first)];
     bits.extend((0..steps).map(|step| rows(&pool.step(&actions(pool, step)).unwrap().now)));
     bits
@@ -109,7 +80,7 @@ fn results_depend_on_neither_threads_nor_neighbours() {
         alone.reset(&[Some(env as u64)], None, &ResetOptions::default()).unwrap();
         for (step, all) in bits[1..].iter().enumerate() {
             let now = alone.step(&action(alone.spec().action, env, step)).unwrap().now;
-            assert_eq!(all[env], row(&alone, &now, 0), "environment {env} at step {step}");
+            assert_eq!(all[env], row_bits(&now, 0), "environment {env} at step {step}");
         }
     }
 }
@@ -122,7 +93,7 @@ fn starts_vary_and_an_unseeded_reset_continues_the_stream() {
     assert!(matches!(pool.reset(&none, None, &options), Err(AgentError::NotSeeded { env: 0 })));
     let first = pool.reset(&seeds(&pool), None, &options).unwrap();
     let second = pool.reset(&none, None, &options).unwrap();
-    let rows: Vec<_> = (0..4).map(|i| row(&pool, &first, i)).chain((0..4).map(|i| row(&pool, &second, i))).collect();
+    let rows: Vec<_> = (0..4).map(|i| row_bits(&first, i)).chain((0..4).map(|i| row_bits(&second, i))).collect();
     for (i, a) in rows.iter().enumerate() {
         assert!(rows[i + 1..].iter().all(|b| a != b), "start {i} came twice");
     }
@@ -134,7 +105,7 @@ fn starts_vary_and_an_unseeded_reset_continues_the_stream() {
     let partial = pool.reset(&none, Some(&[true, false, true, false]), &options).unwrap();
     for env in 0..4 {
         let expected = if env % 2 == 0 { &second } else { &first };
-        assert_eq!(row(&pool, &partial, env), row(&pool, expected, env));
+        assert_eq!(row_bits(&partial, env), row_bits(expected, env));
     }
     pool.reset(&none, Some(&[false, true, false, true]), &options).unwrap();
     assert_eq!(third, pool.reset(&none, None, &options).unwrap());
@@ -164,7 +135,8 @@ fn every_autoreset_mode_does_what_it_says() {
             assert_eq!(b.now.reset, [ends; 2]);
             if ends {
                 assert_eq!(b.last.observations, a.now.observations);
-                assert_eq!((&b.last.lift, &b.last.failure), (&a.now.lift, &a.now.failure));
+                assert_eq!(numbers(&b.last, "lift"), numbers(&a.now, "lift"));
+                assert_eq!(indices(&b.last, "failure"), indices(&a.now, "failure"));
                 // The next step begins anew, whatever the action says.
                 let mut ignored = actions(&next, i);
                 ignored[0] = f32::NAN;
@@ -190,23 +162,23 @@ fn a_saved_state_goes_on_bit_for_bit() {
     for step in 0..25 {
         pool.step(&actions(&pool, step)).unwrap();
     }
-    let states: Vec<Vec<u8>> = (0..2).map(|env| pool.slot(env).unwrap().save(pool.spec(), env).unwrap()).collect();
+    let states: Vec<Vec<u8>> = (0..2).map(|env| pool.env(env).unwrap().save(pool.spec(), env).unwrap()).collect();
     let seen = pool.now();
     let go_on =
         |pool: &EnvPool| -> Vec<Stepped> { (25..60).map(|step| pool.step(&actions(pool, step)).unwrap()).collect() };
     let expected = go_on(&pool);
     assert!(expected.iter().any(|s| s.now.reset[0]), "no autoreset on the way");
-    assert!(expected.iter().any(|s| s.now.touches.contains(&true)), "no contact on the way");
+    assert!(expected.iter().any(|s| flags(&s.now, "touches").contains(&true)), "no contact on the way");
     let other = configured(&objects, config.clone(), 2);
     for (env, state) in states.iter().enumerate() {
-        other.slot(env).unwrap().restore(other.spec(), state).unwrap();
-        assert_eq!(other.slot(env).unwrap().save(other.spec(), env).unwrap(), *state);
+        other.env(env).unwrap().restore(other.spec(), state).unwrap();
+        assert_eq!(other.env(env).unwrap().save(other.spec(), env).unwrap(), *state);
     }
     assert_eq!(other.now().observations, seen.observations);
     assert_eq!(expected, go_on(&other));
     // Damage, other objects, another control mode.
     let refuse = |pool: &EnvPool, bytes: &[u8]| {
-        let refused = pool.slot(0).unwrap().restore(pool.spec(), bytes);
+        let refused = pool.env(0).unwrap().restore(pool.spec(), bytes);
         assert!(refused.is_err());
     };
     for cut in [0, 4, 40, states[0].len() - 1] {
@@ -241,15 +213,11 @@ fn sent_environments_arrive_as_if_stepped_together() {
             apart.send(&envs, &rows, move |env, result| sender.send((env, result)).unwrap()).unwrap();
         }
         assert!(matches!(apart.step(&actions(&apart, step)), Err(AgentError::Busy { .. })));
-        assert!(matches!(apart.slot(1).map(|_| ()), Err(AgentError::Busy { env: 1 })));
+        assert!(matches!(apart.env(1).map(|_| ()), Err(AgentError::Busy { env: 1 })));
         for _ in 0..4 {
             let (env, result) = arrivals.recv().unwrap();
             apart.arrived(env);
-            assert_eq!(
-                row(&apart, &result.unwrap().now, 0),
-                row(&whole, &expected, env),
-                "environment {env}, step {step}"
-            );
+            assert_eq!(row_bits(&result.unwrap().now, 0), row_bits(&expected, env), "environment {env}, step {step}");
         }
         assert_eq!(apart.away(), 0);
     }
@@ -278,6 +246,34 @@ fn a_stopped_call_leaves_environments_as_they_are() {
     assert_eq!(batch_bits(&ours.now), batch_bits(&theirs.now));
 }
 
+/// Environments that were sent off and have not begun to step can be called back: they stay as they are.
+#[test]
+fn environments_that_are_called_back_stay_as_they_are() {
+    let pool = pool(&objects(&[Family::Can]), Control::Twist, 3);
+    let first = pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
+    let (sender, arrivals) = channel();
+    // Nothing that is sent from the only thread of a rayon pool begins before this closure returns.
+    in_pool(1, || {
+        let action = actions(&pool, 0);
+        pool.send(&[0, 1, 2], &action, move |env, result| sender.send((env, result)).unwrap()).unwrap();
+        assert_eq!(pool.away(), 3);
+        pool.call_back();
+    });
+    while pool.away() > 0 {
+        std::thread::yield_now();
+    }
+    assert!(arrivals.recv().is_err(), "an environment stepped");
+    assert_eq!(pool.now(), first);
+    let other = pool_of_same(&pool);
+    let [ours, theirs] = [&pool, &other].map(|p| p.step(&actions(p, 0)).unwrap());
+    assert_eq!(ours, theirs);
+    // What is sent afterwards steps.
+    let (sender, arrivals) = channel();
+    pool.send(&[1], &actions(&pool, 1)[..pool.spec().action], move |env, result| sender.send((env, result)).unwrap())
+        .unwrap();
+    assert!(arrivals.recv().unwrap().1.is_ok());
+}
+
 /// Another pool of the same objects that begins the same episodes.
 fn pool_of_same(pool: &EnvPool) -> Arc<EnvPool> {
     let other = configured(&pool.spec().objects, pool.spec().config.clone(), pool.len());
@@ -291,7 +287,7 @@ fn bad_actions_are_refused_before_anything_moves() {
     let pool = pool(&objects(&[Family::Box]), Control::DeltaPose, 3);
     assert!(matches!(pool.step(&actions(&pool, 0)), Err(AgentError::NotReset { env: 0 })));
     pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
-    let before: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.spec(), env).unwrap()).collect();
+    let before: Vec<_> = (0..3).map(|env| pool.env(env).unwrap().save(pool.spec(), env).unwrap()).collect();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut wrong = actions(&pool, 0);
         wrong[2 * pool.spec().action + 4] = bad;
@@ -301,89 +297,16 @@ fn bad_actions_are_refused_before_anything_moves() {
     }
     let short = pool.step(&actions(&pool, 0)[1..]);
     assert!(matches!(short, Err(AgentError::BadLength { .. })));
-    let after: Vec<_> = (0..3).map(|env| pool.slot(env).unwrap().save(pool.spec(), env).unwrap()).collect();
+    let after: Vec<_> = (0..3).map(|env| pool.env(env).unwrap().save(pool.spec(), env).unwrap()).collect();
     assert_eq!(before, after);
     // Beyond [-1, 1] counts as the bound.
     let far: Vec<f32> = actions(&pool, 0).iter().map(|a| a.signum() * 7.0).collect();
     let near: Vec<f32> = far.iter().map(|a| a.clamp(-1.0, 1.0)).collect();
     let one = pool.step(&far).unwrap();
     for (env, state) in before.iter().enumerate() {
-        pool.slot(env).unwrap().restore(pool.spec(), state).unwrap();
+        pool.env(env).unwrap().restore(pool.spec(), state).unwrap();
     }
     assert_eq!(one, pool.step(&near).unwrap());
-}
-
-#[test]
-fn options_fix_what_they_name_and_nothing_else() {
-    let pool = pool(&objects(&FAMILIES), Control::Twist, 1);
-    let start = |options: &ResetOptions| {
-        pool.reset(&[Some(3)], None, options)?;
-        let slot = pool.slot(0)?;
-        let play = slot.play().unwrap();
-        let world = play.episode().world();
-        Ok::<_, AgentError>((slot.outcome().info.object, world.world_from_object(), world.world_from_hand()))
-    };
-    let drawn = start(&ResetOptions::default()).unwrap();
-    let heavier = ResetOptions { mass: Some(2.0), friction: Some(0.5), ..ResetOptions::default() };
-    assert_eq!(start(&heavier).unwrap(), drawn);
-    let placed = ResetOptions {
-        object: Some(ObjectChoice::Name("can".into())),
-        place: Some([0.02, -0.03, 0.0]),
-        ..ResetOptions::default()
-    };
-    let (object, pose, hand) = start(&placed).unwrap();
-    assert_eq!((object, hand), (1, drawn.2));
-    assert!((pose.translation.vector.xy() - nalgebra::Vector2::new(0.02, -0.03)).norm() < 2e-3);
-    let rows = |z: f64| Some([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, z], [0.0, 0.0, 0.0, 1.0]]);
-    let posed = ResetOptions { world_from_hand: rows(0.4), preshape: Some(0.7), ..ResetOptions::default() };
-    assert!((start(&posed).unwrap().2.translation.z - 0.4).abs() < 1e-12);
-    let wrong = |change: fn(&mut ResetOptions)| {
-        let mut options = ResetOptions::default();
-        change(&mut options);
-        start(&options).unwrap_err().to_string()
-    };
-    for (message, part) in [
-        (wrong(|o| o.object = Some(ObjectChoice::Index(9))), "no object 9"),
-        (wrong(|o| o.object = Some(ObjectChoice::Name("x".into()))), "\"x\""),
-        (wrong(|o| o.resting = Some(99)), "resting poses"),
-        (wrong(|o| o.preshape = Some(9.0)), "preshape"),
-        (wrong(|o| o.mass = Some(0.0)), "mass"),
-        (wrong(|o| o.place = Some([f64::NAN, 0.0, 0.0])), "finite"),
-        (wrong(|o| o.world_from_hand = Some([[2.0; 4]; 4])), "homogeneous"),
-        (
-            wrong(|o| {
-                o.world_from_hand =
-                    Some([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
-            }),
-            "table",
-        ),
-    ] {
-        assert!(message.contains(part), "{message}");
-    }
-}
-
-#[test]
-fn settings_out_of_range_are_refused() {
-    let objects = objects(&[Family::Box]);
-    let refused = |change: fn(&mut AgentConfig)| {
-        let mut config = AgentConfig::default();
-        change(&mut config);
-        EnvPool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string()
-    };
-    for (message, part) in [
-        (refused(|c| c.max_episode_steps = Some(0)), "max_episode_steps"),
-        (refused(|c| c.randomization.mass = [2.0, 1.0]), "randomization.mass"),
-        (refused(|c| c.randomization.friction = [0.0, 1.0]), "randomization.friction"),
-        (refused(|c| c.observations = vec![Observation::State; 2]), "state"),
-    ] {
-        assert!(message.contains(part), "{message}");
-    }
-    assert!(EnvPool::new(Arc::clone(&objects), AgentConfig::default(), 0).is_err());
-    let physics = PhysicsConfig { dt: 0.003, ..PhysicsConfig::default() };
-    let hand = Arc::clone(objects.hand());
-    let odd = Objects::new(vec![objects.source(0).unwrap().clone()], hand, physics, None).unwrap();
-    let message = EnvPool::new(Arc::new(odd), AgentConfig::default(), 1).map(|_| ()).unwrap_err().to_string();
-    assert!(message.contains("physics.dt"), "{message}");
 }
 
 /// A hand of two fingers without a preshape: fewer numbers, the same environments.
@@ -401,7 +324,7 @@ fn another_hand_acts_as_well() {
         for step in 0..20 {
             let batch = pool.step(&actions(&pool, step)).unwrap().now;
             assert_eq!(batch.observations[1].len(), 2 * sensors);
-            let proprio: usize = pool.spec().tables[0].1.iter().map(|f| f.size).sum();
+            let proprio: usize = pool.spec().observations[0].size;
             assert_eq!((proprio, batch.observations[0].len()), (16 + 4 * fingers, 2 * proprio));
         }
     }

@@ -1,21 +1,22 @@
-//! What an agent can do to the world, and what it cannot: limits of the servo, table, protective stop, endings, success.
+//! What an agent can do to the world, and what it cannot: limits of the arm, table, protective stop, endings, success.
 //!
 //! A bug here: a hand that jerks what it holds, that is driven into the table or crushes an object; an ending that is missed.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_agent::action::PRESHAPE_SPOOL;
-use graspbox_agent::agent_episode::FAILURES;
 use graspbox_agent::arm_controller::{
     ANGULAR_ACCELERATION, ANGULAR_SPEED, ArmController, Goal, LINEAR_ACCELERATION, LINEAR_SPEED,
 };
-use graspbox_agent::config::CONTROL_PERIOD;
-use graspbox_agent::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
-use graspbox_agent::initial_state::ObjectChoice;
-use graspbox_agent::reward::TERM_TABLE;
+use graspbox_agent::control::CONTROL_PERIOD;
+use graspbox_agent::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE};
+use graspbox_agent::info::failure_names;
+use graspbox_agent::reset_options::ObjectChoice;
+use graspbox_agent::reward::TERMS;
+use graspbox_agent::workspace::{LOST_DISTANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_agent::{Control, EnvPool, Observation, ResetOptions};
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, HandLoad, PhysicsConfig};
-use graspbox_tests::agent::{follow, objects, pool, seeds};
+use graspbox_tests::agent::{flags, follow, indices, numbers, objects, pool, seeds};
 use graspbox_tests::bench::{at, palm_down, reflex, template, turn_rate};
 use graspbox_tests::scenes::{planned, procedural};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -32,15 +33,15 @@ struct Worst {
     lowest: f64,
 }
 
-/// Drives a servo through `goals`, one a control period, and measures every step.
-fn drive(servo: &mut ArmController, guard: &Guard, goals: impl Iterator<Item = Goal>) -> Worst {
+/// Drives an arm through `goals`, one a control period, and measures every step.
+fn drive(arm: &mut ArmController, guard: &Guard, goals: impl Iterator<Item = Goal>) -> Worst {
     let mut worst = Worst { lowest: f64::INFINITY, ..Worst::default() };
     let mut before = (Vector3::zeros(), Vector3::zeros());
     for goal in goals {
-        let motion = servo.begin(&goal);
+        let motion = arm.begin(&goal);
         for i in 0..25 {
-            let from = servo.world_from_hand();
-            let to = servo.advance(&motion, f64::from(i) * DT, DT, guard, &NO_LOAD);
+            let from = arm.world_from_hand();
+            let to = arm.advance(&motion, f64::from(i) * DT, DT, guard, &NO_LOAD);
             let now = ((to.translation.vector - from.translation.vector) / DT, turn_rate(&from, &to, DT));
             for (k, (a, b)) in [(now.0, before.0), (now.1, before.1)].into_iter().enumerate() {
                 worst.speed[k] = worst.speed[k].max(a.norm());
@@ -81,11 +82,11 @@ fn random_goals(seed: u64) -> impl Iterator<Item = Goal> {
 
 /// In free space the limits hold to the digit.
 #[test]
-fn the_servo_keeps_its_limits() {
+fn the_arm_keeps_its_limits() {
     let guard = Guard::new(&reflex()).unwrap();
     let high = palm_down(0.0, 0.0, 0.4);
     for seed in 0..20 {
-        let mut servo = ArmController::new(&high, &Isometry3::identity());
+        let mut arm = ArmController::new(&high, &Isometry3::identity());
         let free = random_goals(seed).map(|goal| match goal {
             Goal::Pose(pose) => Goal::Pose(Isometry3::from_parts(
                 Translation3::from(pose.translation.vector * 0.2 + Vector3::new(0.0, 0.0, 0.34)),
@@ -94,7 +95,7 @@ fn the_servo_keeps_its_limits() {
             // Towards the middle, so that no wall is met.
             _ => Goal::Pose(high),
         });
-        let worst = drive(&mut servo, &guard, free);
+        let worst = drive(&mut arm, &guard, free);
         assert!(worst.speed[0] <= LINEAR_SPEED + 1e-9 && worst.speed[1] <= ANGULAR_SPEED + 1e-6, "{worst:?}");
         assert!(worst.speed[0] > 0.5 * LINEAR_SPEED && worst.speed[1] > 0.9 * ANGULAR_SPEED, "{worst:?}");
         assert!(worst.acceleration[0] <= LINEAR_ACCELERATION + 1e-6, "{worst:?}");
@@ -109,7 +110,7 @@ fn the_palm_never_meets_the_table() {
     let mut lowest = f64::INFINITY;
     for seed in 0..40 {
         let error = Isometry3::new(Vector3::new(0.005, -0.005, 0.005), Vector3::new(0.03, 0.02, -0.03));
-        let mut servo = ArmController::new(&palm_down(0.1, 0.0, 0.2), &error);
+        let mut arm = ArmController::new(&palm_down(0.1, 0.0, 0.2), &error);
         let sinking = random_goals(seed).map(|goal| match goal {
             Goal::Pose(mut pose) => {
                 pose.translation.vector.z -= 0.3;
@@ -117,7 +118,7 @@ fn the_palm_never_meets_the_table() {
             }
             other => other,
         });
-        let worst = drive(&mut servo, &guard, sinking);
+        let worst = drive(&mut arm, &guard, sinking);
         lowest = lowest.min(worst.lowest);
         println!("{worst:?}");
         assert!(worst.acceleration[0] < 4.0 * LINEAR_ACCELERATION, "{worst:?}");
@@ -130,29 +131,29 @@ fn the_palm_never_meets_the_table() {
 fn goals_are_reached_and_followed() {
     let guard = Guard::new(&reflex()).unwrap();
     let start = palm_down(0.0, 0.0, 0.2);
-    let mut servo = ArmController::new(&start, &Isometry3::identity());
+    let mut arm = ArmController::new(&start, &Isometry3::identity());
     for i in 1..=20 {
         let s = f64::from(i) * CONTROL_PERIOD;
         let rise = 0.2 * s * s * s * (10.0 + s * (6.0 * s - 15.0));
         let goal = Translation3::new(0.0, 0.0, rise) * start;
-        drive(&mut servo, &guard, std::iter::once(Goal::Pose(goal)));
-        let lag = (servo.world_from_hand().translation.vector - goal.translation.vector).norm();
+        drive(&mut arm, &guard, std::iter::once(Goal::Pose(goal)));
+        let lag = (arm.world_from_hand().translation.vector - goal.translation.vector).norm();
         assert!(lag < 1.5e-3, "{lag} m behind at {s} s");
     }
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.5, -1.0, 2.0));
     let goal = Isometry3::from_parts(Translation3::new(0.2, -0.2, 0.5), turn * start.rotation);
-    let here = servo.world_from_hand();
-    drive(&mut servo, &guard, std::iter::repeat_n(Goal::Pose(here), 10));
-    let worst = drive(&mut servo, &guard, std::iter::repeat_n(Goal::Pose(goal), 50));
-    let at = servo.world_from_hand();
+    let here = arm.world_from_hand();
+    drive(&mut arm, &guard, std::iter::repeat_n(Goal::Pose(here), 10));
+    let worst = drive(&mut arm, &guard, std::iter::repeat_n(Goal::Pose(goal), 50));
+    let at = arm.world_from_hand();
     assert!((at.translation.vector - goal.translation.vector).norm() < 1e-5, "{at}");
     assert!(at.rotation.angle_to(&goal.rotation) < 1e-4, "{at}");
     assert!(worst.acceleration[0] <= LINEAR_ACCELERATION + 1e-6, "{worst:?}");
     // Steps add up, and a hand that stands still stays where it is.
     let step = Isometry3::new(Vector3::new(0.0, 0.0, 0.01), Vector3::zeros());
-    drive(&mut servo, &guard, std::iter::repeat_n(Goal::Delta(step), 10));
-    drive(&mut servo, &guard, std::iter::repeat_n(Goal::Delta(Isometry3::identity()), 20));
-    let moved = goal.inverse() * servo.world_from_hand();
+    drive(&mut arm, &guard, std::iter::repeat_n(Goal::Delta(step), 10));
+    drive(&mut arm, &guard, std::iter::repeat_n(Goal::Delta(Isometry3::identity()), 20));
+    let moved = goal.inverse() * arm.world_from_hand();
     assert!((moved.translation.vector - Vector3::new(0.0, 0.0, 0.1)).norm() < 1e-4, "{moved}");
 }
 
@@ -184,16 +185,16 @@ fn an_object_under_the_palm_is_not_crushed() {
             if batch.terminated[0] {
                 break;
             }
-            stopped += usize::from(batch.protective_stop[0]);
-            let slot = pool.slot(0).unwrap();
-            let play = slot.play().unwrap();
-            let force = play.arm().stop.force();
+            stopped += usize::from(flags(&batch, "protective_stop")[0]);
+            let env = pool.env(0).unwrap();
+            let episode = env.episode().unwrap();
+            let force = episode.arm().stop.force();
             peak = peak.max(force);
             pressed += usize::from(force > STOP_FORCE);
-            deepest = deepest.max(play.episode().world().contacts().hand_depth);
+            deepest = deepest.max(episode.episode().world().contacts().hand_depth);
             late = if i >= 60 { late.max(force) } else { late };
         }
-        let low = pool.slot(0).unwrap().play().unwrap().arm().believed().translation.z;
+        let low = pool.env(0).unwrap().episode().unwrap().arm().believed().translation.z;
         println!(
             "object {object}: stopped in {stopped} steps, force {peak:.0} N at most, {late:.0} N late, depth {deepest:.4} m, hand at {low:.3} m"
         );
@@ -204,7 +205,7 @@ fn an_object_under_the_palm_is_not_crushed() {
         for _ in 0..10 {
             pool.step(&vertical(&pool, 1.0)).unwrap();
         }
-        let high = pool.slot(0).unwrap().play().unwrap().arm().believed().translation.z;
+        let high = pool.env(0).unwrap().episode().unwrap().arm().believed().translation.z;
         assert!(high > low + 0.1, "the hand is caught at {high}");
     }
 }
@@ -221,31 +222,45 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
             let driven = follow(&pool, &options, seed as u64, grasp);
             assert!(driven.success, "{family:?} {seed}: {driven:?}");
             assert_eq!((driven.failure, driven.stopped), (0, 0));
-            let sum = |name: &str| driven.terms[TERM_TABLE.iter().position(|row| row.0 == name).unwrap()];
+            let sum = |name: &str| driven.terms[TERMS.iter().position(|term| term.name == name).unwrap()];
             println!(
                 "{family:?} {seed}: {:?}",
-                TERM_TABLE.iter().zip(driven.terms).map(|(row, t)| (row.0, t)).collect::<Vec<_>>()
+                TERMS.iter().zip(driven.terms).map(|(term, t)| (term.name, t)).collect::<Vec<_>>()
             );
             assert_eq!((sum("success"), sum("failure"), sum("stop")), (1.0, 0.0, 0.0));
             assert!((sum("hold") - 1.0).abs() < 1e-5 && (sum("lift") - 1.0).abs() < 1e-5);
             assert!((0.0..=1.0).contains(&sum("reach")) && (0.5..1.00001).contains(&sum("contact")), "{driven:?}");
             let state = pool.now();
-            assert!(state.is_success[0] && state.touches[0] && state.lift[0] > 0.15);
+            assert!(flags(&state, "is_success")[0] && flags(&state, "touches")[0] && numbers(&state, "lift")[0] > 0.15);
         }
     }
 }
 
+/// Pushed out of the workspace, a ball is lost; where nobody moves anything, nothing is.
 #[test]
 fn a_lost_object_ends_the_episode() {
     let pool = pool(&objects(&[Family::Ball]), Control::Twist, 1);
-    for place in [[0.52, 0.0, 0.0], [0.0, 0.58, 0.0]] {
-        let options = ResetOptions { place: Some(place), ..ResetOptions::default() };
-        pool.reset(&[Some(0)], None, &options).unwrap();
-        let batch = pool.step(&vertical(&pool, 0.0)).unwrap().now;
-        assert!(batch.terminated[0] && !batch.is_success[0]);
-        assert_eq!(FAILURES[usize::from(batch.failure[0])], "no_contact");
-    }
-    // Nothing is lost where nobody moves anything.
+    let hand = palm_down(0.18, 0.0, 0.11).to_homogeneous();
+    let options = ResetOptions {
+        place: Some([0.3, 0.0, 0.0]),
+        world_from_hand: Some(std::array::from_fn(|i| std::array::from_fn(|j| hand[(i, j)]))),
+        ..ResetOptions::default()
+    };
+    pool.reset(&[Some(0)], None, &options).unwrap();
+    let mut push = vec![0.0; pool.spec().action];
+    push[0] = 1.0;
+    let ended = (0..200).find_map(|_| {
+        let batch = pool.step(&push).unwrap().now;
+        batch.terminated[0].then_some(batch)
+    });
+    let batch = ended.unwrap();
+    let env = pool.env(0).unwrap();
+    let center = env.episode().unwrap().episode().world().object_center();
+    assert!(center.coords.xy().norm() > LOST_DISTANCE, "{center}");
+    assert!(!flags(&batch, "is_success")[0]);
+    assert_eq!(failure_names()[indices(&batch, "failure")[0] as usize], "slipped");
+    assert_eq!(batch.terms[TERMS.iter().position(|term| term.name == "failure").unwrap()], -1.0);
+    drop(env);
     pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
     for _ in 0..40 {
         assert!(!pool.step(&vertical(&pool, 0.0)).unwrap().now.terminated[0]);
@@ -262,21 +277,22 @@ fn observations_and_terms_stay_in_their_bounds() {
         for _ in 0..120 {
             let actions: Vec<f32> = (0..4 * pool.spec().action).map(|_| (2.0 * unit()) as f32).collect();
             let batch = pool.step(&actions).unwrap().now;
-            for ((observation, fields), values) in pool.spec().tables.iter().zip(&batch.observations) {
-                let bounds: Vec<(f32, f32)> =
-                    fields.iter().flat_map(|f| std::iter::repeat_n((f.low as f32, f.high as f32), f.size)).collect();
+            for (spec, values) in pool.spec().observations.iter().zip(&batch.observations) {
+                let bounds = spec.columns.iter().map(|c| std::iter::repeat_n((c.low as f32, c.high as f32), c.size));
+                let bounds: Vec<(f32, f32)> = bounds.flatten().collect();
                 assert_eq!(values.len(), 4 * bounds.len());
                 for (i, value) in values.iter().enumerate() {
                     let (low, high) = bounds[i % bounds.len()];
-                    assert!((low..=high).contains(value), "{} {i}: {value}", observation.name());
+                    assert!((low..=high).contains(value), "{} {i}: {value}", spec.observation.name());
                 }
             }
-            // What the hand never touched stays where it is, however the hand is thrown about.
-            let lost = batch.terminated.iter().zip(&batch.failure);
-            assert!(lost.into_iter().all(|(ended, code)| !ended || FAILURES[usize::from(*code)] != "no_contact"));
-            for (i, term) in batch.terms.iter().enumerate() {
-                let (name, low, high, _) = TERM_TABLE[i % TERM_TABLE.len()];
-                assert!((low as f32 - 1e-6..=high as f32 + 1e-6).contains(term), "{name}: {term}");
+            // What the hand never touched stays where it is, whatever the hand does.
+            let mut lost = batch.terminated.iter().zip(indices(&batch, "failure"));
+            assert!(lost.all(|(ended, code)| !ended || failure_names()[*code as usize] != "no_contact"));
+            for (i, value) in batch.terms.iter().enumerate() {
+                let term = &TERMS[i % TERMS.len()];
+                let range = term.step.low as f32 - 1e-6..=term.step.high as f32 + 1e-6;
+                assert!(range.contains(value), "{}: {value}", term.name);
             }
         }
     }
@@ -317,16 +333,16 @@ fn a_varied_object_weighs_and_slides_as_it_was_told() {
 fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
     let objects = objects(&[Family::Can, Family::Banana]);
     let pool = pool(&objects, Control::Twist, 1);
-    let seen = |object: usize, place: [f64; 3]| {
+    let sensed = |object: usize, place: [f64; 3]| {
         let options =
             ResetOptions { object: Some(ObjectChoice::Index(object)), place: Some(place), ..ResetOptions::default() };
         pool.reset(&[Some(5)], None, &options).unwrap();
         let moved = pool.step(&vertical(&pool, 0.3)).unwrap().now;
-        let of = |name| pool.spec().tables.iter().position(|(o, _)| *o == name).unwrap();
+        let of = |name| pool.spec().observations.iter().position(|spec| spec.observation == name).unwrap();
         [Observation::Proprio, Observation::Tactile, Observation::State]
             .map(|name| moved.observations[of(name)].clone())
     };
-    let (a, b) = (seen(0, [0.05, 0.0, 0.0]), seen(1, [-0.05, 0.02, 1.0]));
+    let (a, b) = (sensed(0, [0.05, 0.0, 0.0]), sensed(1, [-0.05, 0.02, 1.0]));
     assert_eq!((&a[0], &a[1]), (&b[0], &b[1]));
     assert_ne!(a[2], b[2]);
 }
@@ -363,8 +379,8 @@ fn closed_fingers_keep_the_preshape() {
         for _ in 0..steps {
             pool.step(&action).unwrap();
         }
-        let slot = pool.slot(0).unwrap();
-        slot.play().unwrap().episode().world().preshape()
+        let env = pool.env(0).unwrap();
+        env.episode().unwrap().episode().world().preshape()
     };
     let shaped = std::f64::consts::FRAC_PI_4;
     assert!((act(0.0, 0.0, 10) - shaped).abs() < 1e-6);

@@ -6,14 +6,14 @@ use graspbox_agent::{AgentConfig, Autoreset, Control, EnvPool, Objects, Observat
 use graspbox_episode::{Progress, Scene, TrialConfig, run_trials};
 use graspbox_hand::GraspPose;
 use graspbox_objects::Family;
-use graspbox_tests::agent::{batch_bits, objects, seeds};
+use graspbox_tests::agent::{batch_bits, flags, indices, numbers, objects, seeds};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use std::sync::Arc;
 
 const FAMILIES: [Family; 3] = [Family::Box, Family::Can, Family::Ball];
 /// Index of a reward term.
 const REACH: usize = 0;
-const TERMS: usize = graspbox_agent::reward::TERMS;
+const TERMS: usize = graspbox_agent::reward::TERM_COUNT;
 
 fn decisions(objects: &Arc<Objects>, count: usize, randomization: Randomization) -> EnvPool {
     let config = AgentConfig {
@@ -50,8 +50,8 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 
 /// Scene and object pose of an environment.
 fn lies(pool: &EnvPool, env: usize) -> (Arc<Scene>, Isometry3<f64>) {
-    let slot = pool.slot(env).unwrap();
-    let episode = slot.play().unwrap().episode();
+    let env = pool.env(env).unwrap();
+    let episode = env.episode().unwrap().episode();
     (Arc::clone(episode.scene()), episode.world().world_from_object())
 }
 
@@ -74,11 +74,13 @@ fn a_decision_is_a_trial() {
             let object_from_hand = object.inverse() * hand;
             let grasp = GraspPose { object_from_hand, preshape };
             let trial = &run_trials(scene, &[grasp], TrialConfig::default(), &Progress::default()).unwrap()[0];
-            let failure = trial.failure.map_or(0, |f| f as u8 + 1);
-            kinds[usize::from(failure)] += 1;
+            let failure = trial.failure.map_or(0, |f| f as i64 + 1);
+            kinds[failure as usize] += 1;
             total += 1;
-            let lift = (last.lift[row] - trial.lift).abs() < 2e-3 || failure == 5;
-            same += usize::from(last.failure[row] == failure && lift && last.is_success[row] == trial.success);
+            let lift = (numbers(last, "lift")[row] - trial.lift).abs() < 2e-3 || failure == 5;
+            same += usize::from(
+                indices(last, "failure")[row] == failure && lift && flags(last, "is_success")[row] == trial.success,
+            );
         }
     }
     // Where contact is a matter of rounding the verdict is too.
@@ -89,7 +91,7 @@ fn a_decision_is_a_trial() {
 #[test]
 fn results_depend_neither_on_neighbours_nor_on_threads() {
     let objects = objects(&FAMILIES);
-    let run = |count: usize, threads: usize| -> Vec<Vec<u32>> {
+    let run = |count: usize, threads: usize| -> Vec<Vec<u64>> {
         in_pool(threads, || {
             let pool = decisions(&objects, count, Randomization::standard());
             let first = pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
@@ -119,8 +121,8 @@ fn a_saved_state_goes_on_with_the_same_bits() {
     pool.reset(&[Some(5)], None, &ResetOptions::default()).unwrap();
     other.reset(&[Some(6)], None, &ResetOptions::default()).unwrap();
     for step in 0..2 {
-        let state = pool.slot(0).unwrap().save(pool.spec(), 0).unwrap();
-        other.slot(0).unwrap().restore(other.spec(), &state).unwrap();
+        let state = pool.env(0).unwrap().save(pool.spec(), 0).unwrap();
+        other.env(0).unwrap().restore(other.spec(), &state).unwrap();
         assert_eq!(pool.now().observations, other.now().observations);
         let [ours, theirs] = [&pool, &other].map(|p| p.step(&action(step + 40)).unwrap());
         assert_eq!(batch_bits(&ours.last), batch_bits(&theirs.last));
@@ -163,5 +165,6 @@ fn what_a_decision_cannot_be_is_refused() {
     assert!(pool.reset(&[Some(0)], None, &options).unwrap_err().to_string().contains("preshape"));
     pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
     let degenerate = pool.step(&[0.0; 10]).unwrap();
-    assert_eq!((degenerate.now.terms[REACH], degenerate.last.failure[0]), (0.0, 1));
+    assert_eq!((degenerate.now.terms[REACH], indices(&degenerate.last, "failure")[0]), (0.0, 1));
+    assert!(flags(&degenerate.last, "infeasible")[0]);
 }

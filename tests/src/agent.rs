@@ -1,8 +1,9 @@
 //! Environments of procedural objects, and a driver that follows a planned grasp by ordinary actions.
 
-use graspbox_agent::config::CONTROL_PERIOD;
-use graspbox_agent::guard::{WORKSPACE_HIGH, WORKSPACE_LOW};
-use graspbox_agent::reward::TERMS;
+use graspbox_agent::control::CONTROL_PERIOD;
+use graspbox_agent::info::InfoArray;
+use graspbox_agent::reward::{TERM_COUNT, TermValues};
+use graspbox_agent::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_agent::{AgentConfig, Batch, Control, EnvPool, Objects, ResetOptions, Source};
 use graspbox_episode::TrialConfig;
 use graspbox_episode::trial::minimum_jerk;
@@ -38,22 +39,47 @@ pub fn seeds(pool: &EnvPool) -> Vec<Option<u64>> {
 }
 
 /// Every number of a batch, as bits.
-pub fn batch_bits(batch: &Batch) -> Vec<u32> {
-    let numbers = batch.observations.iter().flatten().chain(&batch.terms).map(|x| x.to_bits());
-    let flags = [
-        &batch.terminated,
-        &batch.truncated,
-        &batch.reset,
-        &batch.is_success,
-        &batch.is_secure,
-        &batch.touches,
-        &batch.protective_stop,
-    ];
-    let flags = flags.into_iter().flatten().map(|f| u32::from(*f));
-    let codes = batch.failure.iter().map(|c| u32::from(*c));
-    let lift = batch.lift.iter().map(|l| (*l as f32).to_bits());
-    let objects = batch.object.iter().chain(&batch.resting).map(|i| *i as u32);
-    numbers.chain(flags).chain(codes).chain(lift).chain(objects).collect()
+pub fn batch_bits(batch: &Batch) -> Vec<u64> {
+    (0..batch.len()).flat_map(|row| row_bits(batch, row)).collect()
+}
+
+/// Every number of a row of a batch but the index of its environment, as bits.
+pub fn row_bits(batch: &Batch, row: usize) -> Vec<u64> {
+    let numbers = batch.observations.iter().chain([&batch.terms]).flat_map(|values| {
+        let size = values.len() / batch.len();
+        values[row * size..(row + 1) * size].iter().map(|value| u64::from(value.to_bits()))
+    });
+    let flags = [&batch.terminated, &batch.truncated, &batch.reset].map(|values| u64::from(values[row]));
+    let info = batch.info.iter().map(|values| match values {
+        InfoArray::Flags(values) => u64::from(values[row]),
+        InfoArray::Numbers(values) => values[row].to_bits(),
+        InfoArray::Indices(values) => values[row] as u64,
+    });
+    numbers.chain(flags).chain(info).collect()
+}
+
+/// An entry of the infos that holds truth values.
+pub fn flags<'a>(batch: &'a Batch, name: &str) -> &'a [bool] {
+    match batch.info(name).unwrap() {
+        InfoArray::Flags(values) => values,
+        other => panic!("{name} is {other:?}"),
+    }
+}
+
+/// An entry of the infos that holds numbers.
+pub fn numbers<'a>(batch: &'a Batch, name: &str) -> &'a [f64] {
+    match batch.info(name).unwrap() {
+        InfoArray::Numbers(values) => values,
+        other => panic!("{name} is {other:?}"),
+    }
+}
+
+/// An entry of the infos that holds integers or indices into names.
+pub fn indices<'a>(batch: &'a Batch, name: &str) -> &'a [i64] {
+    match batch.info(name).unwrap() {
+        InfoArray::Indices(values) => values,
+        other => panic!("{name} is {other:?}"),
+    }
 }
 
 /// The `target_pose` action that sends the hand to `world_from_hand`; fingers close with `spool` in [-1, 1].
@@ -80,23 +106,34 @@ pub struct Driven {
     /// It succeeded.
     pub success: bool,
     /// Failure code at the end.
-    pub failure: u8,
+    pub failure: i64,
     /// Actions that were sent.
     pub steps: usize,
     /// Of these, with the protective stop active.
     pub stopped: usize,
     /// Reward terms, summed.
-    pub terms: [f32; TERMS],
+    pub terms: TermValues,
 }
 
 /// Follows `grasp` in environment 0 of a pool of one in `target_pose` mode: over the object, to the standoff, down, close, lift, hold.
 pub fn follow(pool: &EnvPool, options: &ResetOptions, seed: u64, grasp: &GraspPose) -> Driven {
+    follow_until(pool, options, seed, grasp, |_| false)
+}
+
+/// As [`follow`], until `enough` says so after a step.
+pub fn follow_until(
+    pool: &EnvPool,
+    options: &ResetOptions,
+    seed: u64,
+    grasp: &GraspPose,
+    mut enough: impl FnMut(&Batch) -> bool,
+) -> Driven {
     pool.reset(&[Some(seed)], None, options).unwrap();
     let hand = Arc::clone(pool.spec().hand());
     let trial = TrialConfig::default();
     let (start, object) = {
-        let slot = pool.slot(0).unwrap();
-        let world = slot.play().unwrap().episode().world();
+        let env = pool.env(0).unwrap();
+        let world = env.episode().unwrap().episode().world();
         (world.world_from_hand(), world.world_from_object())
     };
     let goal = object * grasp.object_from_hand;
@@ -107,20 +144,20 @@ pub fn follow(pool: &EnvPool, options: &ResetOptions, seed: u64, grasp: &GraspPo
         pose.translation.vector.z = high;
         pose
     };
-    let mut driven = Driven { success: false, failure: 0, steps: 0, stopped: 0, terms: [0.0; TERMS] };
+    let mut driven = Driven { success: false, failure: 0, steps: 0, stopped: 0, terms: [0.0; TERM_COUNT] };
     let mut go = |pose: &Isometry3<f64>, spool: f64| {
         let batch = pool.step(&target(&hand, pose, spool, grasp.preshape)).unwrap().now;
-        driven.success = batch.is_success[0];
-        driven.failure = batch.failure[0];
+        driven.success = flags(&batch, "is_success")[0];
+        driven.failure = indices(&batch, "failure")[0];
         driven.steps += 1;
-        driven.stopped += usize::from(batch.protective_stop[0]);
+        driven.stopped += usize::from(flags(&batch, "protective_stop")[0]);
         driven.terms.iter_mut().zip(&batch.terms).for_each(|(sum, term)| *sum += term);
-        batch.terminated[0]
+        batch.terminated[0] || enough(&batch)
     };
     let near = |pose: &Isometry3<f64>| {
-        let slot = pool.slot(0).unwrap();
-        let at = *slot.play().unwrap().arm().believed();
-        let still = slot.play().unwrap().arm().velocity().0.norm() < 0.005;
+        let env = pool.env(0).unwrap();
+        let arm = env.episode().unwrap().arm();
+        let (at, still) = (*arm.believed(), arm.velocity().0.norm() < 0.005);
         still
             && (at.translation.vector - pose.translation.vector).norm() < 5e-4
             && at.rotation.angle_to(&pose.rotation) < 5e-3

@@ -16,7 +16,7 @@
 //! run(&mut world, &away(), &[], 0.2);
 //! assert!((world.object_center().z - 0.03).abs() < 5e-4); // it rests
 //! ```
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 pub mod agent;
 pub mod bench;

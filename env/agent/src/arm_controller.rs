@@ -1,9 +1,9 @@
 //! Moves the hand towards its goal within limits of speed and acceleration.
 //!
-//! A jump of velocity would be a jerk of hundreds of m/s2 for what the hand holds. A goal pose is approached along a line in one
+//! A jump of velocity would accelerate what the hand holds by hundreds of m/s2. A goal pose is approached along a line in one
 //! control period, with the speed of that line fed forward: a goal that moves smoothly is followed without lag.
 
-use crate::config::CONTROL_PERIOD;
+use crate::control::CONTROL_PERIOD;
 use crate::guard::{Brake, Guard, ProtectiveStop, TABLE_CLEARANCE};
 use graspbox_sim::HandLoad;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -22,7 +22,7 @@ const GAIN: f64 = 20.0;
 /// The reference of `delta_pose` never runs further ahead of the hand than this, metres and radians: two steps at full speed.
 const LEASH: [f64; 2] = [0.05, 0.2];
 
-/// What the hand is told to do for one control period.
+/// The command of one control period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal {
     /// A velocity in the hand's axes, m/s and rad/s.
@@ -73,14 +73,14 @@ impl ArmController {
         }
     }
 
-    /// The arm takes the hand to where it believes `pose` is; where the hand truly is then, in the world.
+    /// Moves the hand at once to where the arm believes `pose` is; returns its true pose in the world.
     pub fn teleport(&mut self, pose: &Isometry3<f64>) -> Isometry3<f64> {
         self.pose = *pose;
         self.reference = *pose;
         pose * self.error
     }
 
-    /// Somebody else moved the hand, which stands at `world_from_hand` now.
+    /// Resets the controller to a hand moved externally to `world_from_hand`.
     pub fn sync(&mut self, world_from_hand: &Isometry3<f64>) {
         *self = Self::new(world_from_hand, &self.error);
     }

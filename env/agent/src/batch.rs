@@ -1,18 +1,19 @@
-//! What a step of many environments showed, as flat arrays.
+//! Results of many environments, as flat arrays.
 
-use crate::env::Outcome;
 use crate::env_spec::EnvSpec;
-use crate::reward::TERMS;
+use crate::info::{INFO, InfoArray};
+use crate::reward::TERM_COUNT;
+use crate::step_result::StepResult;
 use graspbox_vision::Pixels;
 
-/// One row an environment; every array is C-contiguous.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// One row per environment; every array is C-contiguous.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Batch {
-    /// Index of each row's environment.
+    /// Index of the environment of each row.
     pub envs: Vec<usize>,
-    /// One array an observation, in the order of the config.
+    /// One array per observation, in the order of the config.
     pub observations: Vec<Vec<f32>>,
-    /// One array an image, in the order of the config.
+    /// One array per image, in the order of the config.
     pub images: Vec<Pixels>,
     /// Reward terms, (rows, terms).
     pub terms: Vec<f32>,
@@ -22,62 +23,44 @@ pub struct Batch {
     pub truncated: Vec<bool>,
     /// A new episode began instead of a step.
     pub reset: Vec<bool>,
-    /// See [`Info::is_success`](crate::Info).
-    pub is_success: Vec<bool>,
-    /// See [`Info::is_secure`](crate::Info).
-    pub is_secure: Vec<bool>,
-    /// See [`Info::failure`](crate::Info).
-    pub failure: Vec<u8>,
-    /// See [`Info::lift`](crate::Info).
-    pub lift: Vec<f64>,
-    /// See [`Info::object`](crate::Info).
-    pub object: Vec<i64>,
-    /// See [`Info::resting`](crate::Info).
-    pub resting: Vec<i64>,
-    /// See [`Info::touches`](crate::Info).
-    pub touches: Vec<bool>,
-    /// See [`Info::protective_stop`](crate::Info).
-    pub protective_stop: Vec<bool>,
+    /// One array per entry of the info, in the order of [`INFO`].
+    pub info: Vec<InfoArray>,
 }
 
 impl Batch {
     /// No rows, with room for `rows`.
     pub fn new(spec: &EnvSpec, rows: usize) -> Self {
-        let size = |fields: &[crate::Field]| fields.iter().map(|f| f.size).sum::<usize>();
         Self {
-            observations: spec.tables.iter().map(|(_, f)| Vec::with_capacity(rows * size(f))).collect(),
+            envs: Vec::with_capacity(rows),
+            observations: spec.observations.iter().map(|o| Vec::with_capacity(rows * o.size)).collect(),
             images: spec.observer.blank(rows),
-            terms: Vec::with_capacity(rows * TERMS),
-            ..Self::default()
+            terms: Vec::with_capacity(rows * TERM_COUNT),
+            terminated: Vec::with_capacity(rows),
+            truncated: Vec::with_capacity(rows),
+            reset: Vec::with_capacity(rows),
+            info: INFO.iter().map(|row| InfoArray::with_capacity(row, rows)).collect(),
         }
     }
 
     /// Adds a row.
-    pub fn push(&mut self, spec: &EnvSpec, env: usize, outcome: &Outcome) {
+    pub fn push(&mut self, spec: &EnvSpec, env: usize, result: &StepResult) {
         self.envs.push(env);
-        let mut rest = outcome.observations.as_slice();
-        for ((_, fields), array) in spec.tables.iter().zip(&mut self.observations) {
-            let size = fields.iter().map(|f| f.size).sum::<usize>().min(rest.len());
-            let (own, others) = rest.split_at(size);
+        let mut rest = result.observations.as_slice();
+        for (observation, array) in spec.observations.iter().zip(&mut self.observations) {
+            let (own, others) = rest.split_at(observation.size.min(rest.len()));
             array.extend_from_slice(own);
             rest = others;
         }
-        for (array, image) in self.images.iter_mut().zip(&outcome.images) {
+        for (array, image) in self.images.iter_mut().zip(&result.images) {
             array.extend(image);
         }
-        self.terms.extend_from_slice(&outcome.terms);
-        self.terminated.push(outcome.terminated);
-        self.truncated.push(outcome.truncated);
-        self.reset.push(outcome.reset);
-        let info = &outcome.info;
-        self.is_success.push(info.is_success);
-        self.is_secure.push(info.is_secure);
-        self.failure.push(info.failure);
-        self.lift.push(info.lift);
-        self.object.push(info.object as i64);
-        self.resting.push(info.resting);
-        self.touches.push(info.touches);
-        self.protective_stop.push(info.protective_stop);
+        self.terms.extend_from_slice(&result.terms);
+        self.terminated.push(result.terminated);
+        self.truncated.push(result.truncated);
+        self.reset.push(result.reset);
+        for (array, value) in self.info.iter_mut().zip(result.info) {
+            array.push(value);
+        }
     }
 
     /// Adds the rows of another batch of the same pool.
@@ -93,14 +76,9 @@ impl Batch {
         self.terminated.append(&mut other.terminated);
         self.truncated.append(&mut other.truncated);
         self.reset.append(&mut other.reset);
-        self.is_success.append(&mut other.is_success);
-        self.is_secure.append(&mut other.is_secure);
-        self.failure.append(&mut other.failure);
-        self.lift.append(&mut other.lift);
-        self.object.append(&mut other.object);
-        self.resting.append(&mut other.resting);
-        self.touches.append(&mut other.touches);
-        self.protective_stop.append(&mut other.protective_stop);
+        for (array, more) in self.info.iter_mut().zip(&mut other.info) {
+            array.append(more);
+        }
     }
 
     /// Number of rows.
@@ -111,5 +89,10 @@ impl Batch {
     /// True without rows.
     pub fn is_empty(&self) -> bool {
         self.envs.is_empty()
+    }
+
+    /// The entry `name` of the infos; none if there is no such entry.
+    pub fn info(&self, name: &str) -> Option<&InfoArray> {
+        INFO.iter().position(|row| row.name == name).and_then(|index| self.info.get(index))
     }
 }

@@ -1,14 +1,14 @@
-//! How the environments are steered, ended and varied.
+//! Settings of environments: control, endings, observations, randomization.
 
 use crate::AgentError;
-use crate::action::Control;
-use crate::observation_spec::Observation;
+use crate::control::Control;
+use crate::observation::Observation;
 use graspbox_episode::{SuccessCriterion, TrialConfig};
 use graspbox_vision::CamerasConfig;
 use serde::{Deserialize, Serialize};
 
-/// Seconds between two actions: 20 Hz.
-pub const CONTROL_PERIOD: f64 = 0.05;
+/// A step lasts at most this many control periods: 5 s.
+const MOST_FRAME_SKIP: u32 = 100;
 
 /// When an environment whose episode is over begins the next one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,13 +17,13 @@ pub enum Autoreset {
     /// At the next step, which then ignores the action.
     #[default]
     NextStep,
-    /// At once; what the ended episode showed last comes back separately.
+    /// At once; the last observation and info of the ended episode come back separately.
     SameStep,
     /// Only when it is reset.
     Disabled,
 }
 
-/// What varies from episode to episode beside object and start; every range at its neutral value is off.
+/// What varies from episode to episode beside object and initial poses; every range at its neutral value is off.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Randomization {
@@ -31,7 +31,7 @@ pub struct Randomization {
     pub friction: [f64; 2],
     /// Least and greatest factor on the object's mass.
     pub mass: [f64; 2],
-    /// The object's place varies by so much more in x and y, metres.
+    /// Additional variation of the object's x and y, metres.
     pub object_position: f64,
     /// Greatest constant error of the hand's position in an episode along each axis, metres.
     pub hand_position: f64,
@@ -77,23 +77,23 @@ impl Randomization {
     }
 }
 
-/// Everything that steers a pool of environments.
+/// Settings of a pool of environments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AgentConfig {
     /// What an action means.
     pub control: Control,
-    /// When a finished environment begins again.
+    /// When an environment whose episode is over begins the next one.
     pub autoreset: Autoreset,
     /// Control periods that a step lasts: its action holds for all of them.
     pub frame_skip: u32,
-    /// An episode is cut off after so many steps; none: never.
+    /// An episode is cut off after this many steps; none: never.
     pub max_episode_steps: Option<u32>,
-    /// What is observed, in this order.
+    /// Observations, in this order.
     pub observations: Vec<Observation>,
     /// What varies.
     pub randomization: Randomization,
-    /// What is seen.
+    /// Cameras and images.
     pub cameras: CamerasConfig,
     /// What counts as success, in every control mode.
     pub success: SuccessCriterion,
@@ -117,7 +117,55 @@ impl Default for AgentConfig {
     }
 }
 
+/// A setting and its range.
+struct Range {
+    field: &'static str,
+    value: f64,
+    low: f64,
+    high: f64,
+    unit: &'static str,
+}
+
+impl Range {
+    fn check(&self) -> Result<(), AgentError> {
+        let Self { field, value, low, high, unit } = *self;
+        if (low..=high).contains(&value) {
+            return Ok(());
+        }
+        let expected = if low == high { format!("{low}") } else { format!("between {low} and {high}{unit}") };
+        Err(AgentError::BadConfig { field, value, expected })
+    }
+}
+
+impl Randomization {
+    fn ranges(&self) -> [Range; 10] {
+        let range = |field, value, low, high, unit| Range { field, value, low, high, unit };
+        [
+            range("randomization.friction[0]", self.friction[0], 0.1, 10.0, ""),
+            range("randomization.friction[1]", self.friction[1], self.friction[0], 10.0, ""),
+            range("randomization.mass[0]", self.mass[0], 0.1, 10.0, ""),
+            range("randomization.mass[1]", self.mass[1], self.mass[0], 10.0, ""),
+            range("randomization.object_position", self.object_position, 0.0, 0.15, " m"),
+            range("randomization.hand_position", self.hand_position, 0.0, 0.05, " m"),
+            range("randomization.hand_rotation", self.hand_rotation, 0.0, 0.5, " rad"),
+            range("randomization.camera_position", self.camera_position, 0.0, 1.0, " m"),
+            range("randomization.camera_rotation", self.camera_rotation, 0.0, 0.5, " rad"),
+            range("randomization.light", self.light, 0.0, 1.0, ""),
+        ]
+    }
+}
+
 impl AgentConfig {
+    fn ranges(&self) -> [Range; 2] {
+        let skip = if self.control.decides() { 1 } else { MOST_FRAME_SKIP };
+        let steps = self.max_episode_steps.unwrap_or(1);
+        let range = |field, value: u32, high: u32| {
+            let (value, high) = (f64::from(value), f64::from(high));
+            Range { field, value, low: 1.0, high, unit: "" }
+        };
+        [range("frame_skip", self.frame_skip, skip), range("max_episode_steps", steps, u32::MAX)]
+    }
+
     /// The trial that follows a decision, judged by [`AgentConfig::success`].
     pub fn trial(&self) -> TrialConfig {
         TrialConfig { success: self.success, ..self.trial }
@@ -128,38 +176,8 @@ impl AgentConfig {
     /// # Errors
     /// [`AgentError::BadConfig`], naming the first setting that is out of range; [`AgentError::Twice`] for an observation.
     pub fn validate(&self) -> Result<(), AgentError> {
-        let r = &self.randomization;
-        let rows = [
-            ("randomization.friction[0]", r.friction[0], 0.1, 10.0, "between 0.1 and 10"),
-            ("randomization.friction[1]", r.friction[1], r.friction[0], 10.0, "between the first factor and 10"),
-            ("randomization.mass[0]", r.mass[0], 0.1, 10.0, "between 0.1 and 10"),
-            ("randomization.mass[1]", r.mass[1], r.mass[0], 10.0, "between the first factor and 10"),
-            ("randomization.object_position", r.object_position, 0.0, 0.15, "between 0 and 0.15 m"),
-            ("randomization.hand_position", r.hand_position, 0.0, 0.05, "between 0 and 0.05 m"),
-            ("randomization.hand_rotation", r.hand_rotation, 0.0, 0.5, "between 0 and 0.5 rad"),
-            ("randomization.camera_position", r.camera_position, 0.0, 1.0, "between 0 and 1 m"),
-            ("randomization.camera_rotation", r.camera_rotation, 0.0, 0.5, "between 0 and 0.5 rad"),
-            ("randomization.light", r.light, 0.0, 1.0, "between 0 and 1"),
-            (
-                "frame_skip",
-                f64::from(self.frame_skip),
-                1.0,
-                if self.control.decides() { 1.0 } else { 100.0 },
-                "between 1 and 100; 1 where an episode is one decision",
-            ),
-            (
-                "max_episode_steps",
-                f64::from(self.max_episode_steps.unwrap_or(1)),
-                1.0,
-                f64::from(u32::MAX),
-                "at least 1",
-            ),
-        ];
-        for (field, value, low, high, expected) in rows {
-            if !(low..=high).contains(&value) {
-                return Err(AgentError::BadConfig { field, value, expected });
-            }
-        }
+        self.randomization.ranges().iter().try_for_each(Range::check)?;
+        self.ranges().iter().try_for_each(Range::check)?;
         self.success.validate()?;
         if self.trial.success != SuccessCriterion::default() && self.trial.success != self.success {
             return Err(AgentError::TwoCriteria);
@@ -174,20 +192,4 @@ impl AgentConfig {
         }
         Ok(())
     }
-}
-
-/// Physics steps in a control period of [`CONTROL_PERIOD`].
-///
-/// # Errors
-/// [`AgentError::BadConfig`] for a time step that does not divide it.
-pub fn steps_per_control(dt: f64) -> Result<u32, AgentError> {
-    let steps = (CONTROL_PERIOD / dt).round();
-    if steps < 1.0 || (steps * dt - CONTROL_PERIOD).abs() > 1e-9 {
-        return Err(AgentError::BadConfig {
-            field: "physics.dt",
-            value: dt,
-            expected: "a whole fraction of the control period of 0.05 s",
-        });
-    }
-    Ok(steps as u32)
 }

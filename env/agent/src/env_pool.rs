@@ -5,8 +5,8 @@ use crate::batch::Batch;
 use crate::config::AgentConfig;
 use crate::env::Env;
 use crate::env_spec::EnvSpec;
-use crate::initial_state::ResetOptions;
 use crate::objects::Objects;
+use crate::reset_options::ResetOptions;
 use graspbox_episode::EpisodeError;
 use rayon::prelude::*;
 use std::any::Any;
@@ -14,42 +14,49 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+/// Most environments in a pool: about 10 GB of worlds.
+pub const MOST_ENVS: usize = 65_536;
+
 /// Environments side by side; a single one is a pool of one.
 pub struct EnvPool {
     spec: EnvSpec,
-    slots: Vec<Mutex<Env>>,
+    envs: Vec<Mutex<Env>>,
     /// Environments that were sent off and not received yet.
     away: Vec<AtomicBool>,
+    /// Set to call back what was sent off; the next ones that are sent get a flag of their own.
+    recall: Mutex<Arc<AtomicBool>>,
 }
 
-/// What a panic said.
+/// The message of a panic.
 pub fn panic_text(payload: &(dyn Any + Send)) -> String {
     let text = payload.downcast_ref::<&str>().copied();
     text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message").to_owned()
 }
 
-/// What a step of all environments showed.
+/// What a step of several environments returned.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stepped {
-    /// One row an environment.
+    /// One row per environment.
     pub now: Batch,
-    /// What episodes showed last that ended and began anew in this step; one row each.
+    /// The last results of episodes that ended and were followed by the next one in this step; one row each.
     pub last: Batch,
 }
 
 impl EnvPool {
-    /// Makes `count` environments that draw from `objects`; each needs a reset before its first step.
+    /// Makes `count` environments that sample from `objects`; each needs a reset before its first step.
     ///
     /// # Errors
-    /// No environment, a setting out of range, or a hand whose kinematics fail.
+    /// No environment or more than [`MOST_ENVS`], a setting out of range, or a hand whose kinematics fail.
     pub fn new(objects: Arc<Objects>, config: AgentConfig, count: usize) -> Result<Self, AgentError> {
-        if count == 0 {
-            return Err(AgentError::BadConfig { field: "num_envs", value: 0.0, expected: "at least 1" });
+        if !(1..=MOST_ENVS).contains(&count) {
+            let expected = format!("between 1 and {MOST_ENVS}");
+            return Err(AgentError::BadConfig { field: "num_envs", value: count as f64, expected });
         }
         Ok(Self {
             spec: EnvSpec::new(objects, config)?,
-            slots: (0..count).map(|_| Mutex::default()).collect(),
+            envs: (0..count).map(|_| Mutex::default()).collect(),
             away: (0..count).map(|_| AtomicBool::new(false)).collect(),
+            recall: Mutex::default(),
         })
     }
 
@@ -60,20 +67,20 @@ impl EnvPool {
 
     /// Number of environments.
     pub fn len(&self) -> usize {
-        self.slots.len()
+        self.envs.len()
     }
 
     /// Never true: a pool without environments is refused.
     pub fn is_empty(&self) -> bool {
-        self.slots.is_empty()
+        self.envs.is_empty()
     }
 
-    /// Environment `env`, for as long as nobody else needs it.
+    /// Exclusive access to environment `env`.
     ///
     /// # Errors
     /// An index that does not exist, or an environment that was sent off.
-    pub fn slot(&self, env: usize) -> Result<MutexGuard<'_, Env>, AgentError> {
-        let count = self.slots.len();
+    pub fn env(&self, env: usize) -> Result<MutexGuard<'_, Env>, AgentError> {
+        let count = self.envs.len();
         let away = self.away.get(env).ok_or(AgentError::NoSuchEnv { env, count })?;
         if away.load(Ordering::Acquire) {
             return Err(AgentError::Busy { env });
@@ -82,8 +89,8 @@ impl EnvPool {
     }
 
     fn lock(&self, env: usize) -> MutexGuard<'_, Env> {
-        // A slot changes as a whole at the end of a reset; a step that panicked leaves a world that a reset replaces.
-        self.slots[env].lock().unwrap_or_else(PoisonError::into_inner)
+        // An environment changes as a whole at the end of a reset; a step that panicked leaves a world that a reset replaces.
+        self.envs[env].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn all_here(&self) -> Result<(), AgentError> {
@@ -93,7 +100,7 @@ impl EnvPool {
         }
     }
 
-    /// Does `work` with every environment that it comes to before `stop` is set; the others stay as they are.
+    /// Runs `work` on every environment that it reaches before `stop` is set; the others stay as they are.
     fn each<F>(&self, stop: &AtomicBool, work: F) -> Result<(), AgentError>
     where
         F: Fn(usize, &mut Env) -> Result<(), AgentError> + Sync,
@@ -102,9 +109,9 @@ impl EnvPool {
         let results: Vec<Option<Result<(), AgentError>>> = (0..self.len())
             .into_par_iter()
             .with_max_len(1)
-            .map(|env| {
-                let mut slot = self.lock(env);
-                (!stop.load(Ordering::Acquire)).then(|| work(env, &mut slot))
+            .map(|index| {
+                let mut env = self.lock(index);
+                (!stop.load(Ordering::Acquire)).then(|| work(index, &mut env))
             })
             .collect();
         let (done, total) = (results.iter().flatten().count(), results.len());
@@ -117,10 +124,10 @@ impl EnvPool {
 
     /// Begins new episodes where `mask` says so (everywhere without one); all rows come back.
     ///
-    /// * `seeds`: one an environment; none continues its stream.
+    /// * `seeds`: one per environment; none continues its stream.
     ///
     /// # Errors
-    /// Lists of another length, an environment's first reset without a seed, an option that cannot be, or an object that cannot be
+    /// Lists of another length, an environment's first reset without a seed, an option out of place, or an object that cannot be
     /// prepared; the error of the first environment is given.
     pub fn reset(
         &self,
@@ -134,7 +141,7 @@ impl EnvPool {
     /// As [`EnvPool::reset`], until `stop` is set.
     ///
     /// # Errors
-    /// As [`EnvPool::reset`], and [`AgentError::Cancelled`] where environments were left as they were.
+    /// As [`EnvPool::reset`], and [`EpisodeError::Cancelled`] if some environments were left as they were.
     pub fn reset_until(
         &self,
         stop: &AtomicBool,
@@ -147,17 +154,17 @@ impl EnvPool {
         if let Some(mask) = mask {
             self.has_length("the reset mask", mask.len())?;
         }
-        let wanted = |env: usize| mask.is_none_or(|m| m[env]);
-        self.each(stop, |env, slot| match wanted(env) {
-            true => slot.reset(&self.spec, env, seeds[env], options),
-            false => slot.ready_to_show(env),
+        let wanted = |index: usize| mask.is_none_or(|m| m[index]);
+        self.each(stop, |index, env| match wanted(index) {
+            true => env.reset(&self.spec, index, seeds[index], options),
+            false => env.ready_to_observe(index),
         })?;
         Ok(self.now())
     }
 
     /// One step of every environment.
     ///
-    /// * `actions`: one row an environment, in [-1, 1]; where an environment begins anew, its row is ignored.
+    /// * `actions`: one row per environment, in [-1, 1]; the row of an environment that begins an episode instead is ignored.
     ///
     /// # Errors
     /// A list of another length, a number that is not finite, or an environment that cannot step: then nothing was moved.
@@ -168,21 +175,21 @@ impl EnvPool {
     /// As [`EnvPool::step`], until `stop` is set.
     ///
     /// # Errors
-    /// As [`EnvPool::step`], and [`AgentError::Cancelled`] where environments were left as they were.
+    /// As [`EnvPool::step`], and [`EpisodeError::Cancelled`] if some environments were left as they were.
     pub fn step_until(&self, stop: &AtomicBool, actions: &[f32]) -> Result<Stepped, AgentError> {
         self.all_here()?;
         let envs: Vec<usize> = (0..self.len()).collect();
         self.check(&envs, actions)?;
         let size = self.spec.action;
-        self.each(stop, |env, slot| slot.step(&self.spec, env, &actions[env * size..(env + 1) * size]))?;
+        self.each(stop, |index, env| env.step(&self.spec, index, &actions[index * size..(index + 1) * size]))?;
         Ok(self.stepped())
     }
 
-    /// Sends environments off to step on the current rayon pool; `done` is called for each, in whatever order they arrive, and
+    /// Sends environments off to step on the current rayon pool; `done` is called for each, in the order in which they finish, and
     /// nobody can use one until it is reported by [`EnvPool::arrived`].
     ///
     /// # Errors
-    /// As [`EnvPool::step`], or an environment that is still away; what happens on the way, a panic too, reaches `done`.
+    /// As [`EnvPool::step`], or an environment that is still away. Errors of a step, panics included, reach `done`.
     pub fn send<F>(self: &Arc<Self>, envs: &[usize], actions: &[f32], done: F) -> Result<(), AgentError>
     where
         F: Fn(usize, Result<Stepped, AgentError>) + Clone + Send + 'static,
@@ -192,25 +199,50 @@ impl EnvPool {
         if let Some(&env) = envs.iter().find(|env| std::mem::replace(&mut named[**env], true)) {
             return Err(AgentError::Busy { env });
         }
-        let size = self.spec.action;
+        let (size, actions) = (self.spec.action, actions.to_vec());
+        self.dispatch(envs, done, move |pool, row, index| {
+            let mut env = pool.lock(index);
+            env.step(&pool.spec, index, &actions[row * size..(row + 1) * size])?;
+            Ok(pool.row(index, &env))
+        });
+        Ok(())
+    }
+
+    /// Runs `work` for each of `envs` on the current rayon pool, unless they are called back before.
+    ///
+    /// * `work`: gets the pool, the place in `envs`, and the index of the environment.
+    fn dispatch<F, W>(self: &Arc<Self>, envs: &[usize], done: F, work: W)
+    where
+        F: Fn(usize, Result<Stepped, AgentError>) + Clone + Send + 'static,
+        W: Fn(&Self, usize, usize) -> Result<Stepped, AgentError> + Send + Sync + 'static,
+    {
+        let (work, recalled) = (Arc::new(work), Arc::clone(&self.recall()));
         for (row, &env) in envs.iter().enumerate() {
             self.away[env].store(true, Ordering::Release);
-            let (pool, done) = (Arc::clone(self), done.clone());
-            let action = actions[row * size..(row + 1) * size].to_vec();
+            let (pool, work, recalled, done) =
+                (Arc::clone(self), Arc::clone(&work), Arc::clone(&recalled), done.clone());
             rayon::spawn(move || {
-                let step = || {
-                    let mut slot = pool.lock(env);
-                    slot.step(&pool.spec, env, &action).map(|()| pool.rows(env, &slot))
-                };
+                if recalled.load(Ordering::Acquire) {
+                    return pool.arrived(env);
+                }
                 // Nobody waits for this task: a panic would end the process, and silence would leave the receiver waiting.
-                let result = catch_unwind(AssertUnwindSafe(step)).unwrap_or_else(|payload| {
+                let result = catch_unwind(AssertUnwindSafe(|| work(&pool, row, env))).unwrap_or_else(|payload| {
                     let why = panic_text(payload.as_ref());
                     Err(AgentError::Broken { env, why })
                 });
                 done(env, result);
             });
         }
-        Ok(())
+    }
+
+    fn recall(&self) -> MutexGuard<'_, Arc<AtomicBool>> {
+        self.recall.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Calls back environments that were sent off: those that have not begun to step stay as they are and are here again soon, without
+    /// a call of `done`; the others arrive as usual.
+    pub fn call_back(&self) {
+        std::mem::take(&mut *self.recall()).store(true, Ordering::Release);
     }
 
     /// Number of environments that were sent off and not received yet.
@@ -218,51 +250,51 @@ impl EnvPool {
         self.away.iter().filter(|away| away.load(Ordering::Acquire)).count()
     }
 
-    /// An environment that was sent off is back: it can be stepped, reset or looked at again.
+    /// An environment that was sent off is here again: it can be stepped, reset or observed.
     pub fn arrived(&self, env: usize) {
         if let Some(away) = self.away.get(env) {
             away.store(false, Ordering::Release);
         }
     }
 
-    /// Every environment as it stands.
+    /// The results of every environment as it stands.
     pub fn now(&self) -> Batch {
         let mut batch = Batch::new(&self.spec, self.len());
         for env in 0..self.len() {
-            batch.push(&self.spec, env, self.lock(env).outcome());
+            batch.push(&self.spec, env, self.lock(env).result());
         }
         batch
     }
 
     fn stepped(&self) -> Stepped {
         let mut stepped = Stepped { now: Batch::new(&self.spec, self.len()), last: Batch::new(&self.spec, 0) };
-        for env in 0..self.len() {
-            let slot = self.lock(env);
-            stepped.now.push(&self.spec, env, slot.outcome());
-            if let Some(last) = slot.last() {
-                stepped.last.push(&self.spec, env, last);
-            }
+        for index in 0..self.len() {
+            self.push(&mut stepped, index, &self.lock(index));
         }
         stepped
     }
 
-    /// Takes up a state that [`Env::save`] gave; environment `env` as it stands then.
+    fn row(&self, index: usize, env: &Env) -> Stepped {
+        let mut stepped = Stepped { now: Batch::new(&self.spec, 1), last: Batch::new(&self.spec, 0) };
+        self.push(&mut stepped, index, env);
+        stepped
+    }
+
+    fn push(&self, stepped: &mut Stepped, index: usize, env: &Env) {
+        stepped.now.push(&self.spec, index, env.result());
+        if let Some(last) = env.last() {
+            stepped.last.push(&self.spec, index, last);
+        }
+    }
+
+    /// Restores a state that [`Env::save`] gave; returns the results of environment `env` as it stands then.
     ///
     /// # Errors
-    /// As [`EnvPool::slot`] and [`Env::restore`].
-    pub fn restore(&self, env: usize, state: &[u8]) -> Result<Batch, AgentError> {
-        let mut slot = self.slot(env)?;
-        slot.restore(&self.spec, state)?;
-        Ok(self.rows(env, &slot).now)
-    }
-
-    fn rows(&self, env: usize, slot: &Env) -> Stepped {
-        let mut stepped = Stepped { now: Batch::new(&self.spec, 1), last: Batch::new(&self.spec, 0) };
-        stepped.now.push(&self.spec, env, slot.outcome());
-        if let Some(last) = slot.last() {
-            stepped.last.push(&self.spec, env, last);
-        }
-        stepped
+    /// As [`EnvPool::env`] and [`Env::restore`].
+    pub fn restore(&self, index: usize, state: &[u8]) -> Result<Batch, AgentError> {
+        let mut env = self.env(index)?;
+        env.restore(&self.spec, state)?;
+        Ok(self.row(index, &env).now)
     }
 
     fn has_length(&self, what: &'static str, found: usize) -> Result<(), AgentError> {
@@ -280,15 +312,57 @@ impl EnvPool {
                 expected: envs.len() * size,
             });
         }
-        for (row, &env) in envs.iter().enumerate() {
-            let slot = self.slot(env)?;
-            slot.ready(&self.spec, env)?;
+        for (row, &index) in envs.iter().enumerate() {
+            let env = self.env(index)?;
+            env.ready(&self.spec, index)?;
             let action = &actions[row * size..(row + 1) * size];
             let bad = action.iter().position(|a| !a.is_finite());
-            if let (Some(index), false) = (bad, slot.resets_next(&self.spec)) {
-                return Err(AgentError::BadAction { env, why: format!("holds {} at index {index}", action[index]) });
+            if let (Some(at), false) = (bad, env.resets_next(&self.spec)) {
+                let why = format!("holds {} at index {at}", action[at]);
+                return Err(AgentError::BadAction { env: index, why });
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::panic)]
+mod tests {
+    use super::*;
+    use crate::source::Source;
+    use graspbox_hand::Hand;
+    use graspbox_objects::Family;
+    use graspbox_sim::PhysicsConfig;
+    use std::sync::mpsc::channel;
+
+    /// A panic in a step that was sent off is an error of that environment alone, and a reset makes it usable again.
+    #[test]
+    fn a_panic_of_a_sent_environment_is_its_error() {
+        let ball = Source::Procedural { name: "ball".into(), family: Family::Ball, seed: 0, scale: 1.0, mass: None };
+        let hand = Arc::new(Hand::reflex().unwrap());
+        let objects = Objects::new(vec![ball], hand, PhysicsConfig::default(), None).unwrap();
+        let pool = Arc::new(EnvPool::new(Arc::new(objects), AgentConfig::default(), 2).unwrap());
+        pool.reset(&[Some(0), Some(1)], None, &ResetOptions::default()).unwrap();
+        let (sender, arrivals) = channel();
+        let done = move |env, result| sender.send((env, result)).unwrap();
+        pool.dispatch(&[0, 1], done, |pool, row, index| {
+            let env = pool.lock(index);
+            assert!(row != 1, "no step today");
+            Ok(pool.row(index, &env))
+        });
+        for _ in 0..2 {
+            let (env, result) = arrivals.recv().unwrap();
+            assert!(matches!(pool.env(env), Err(AgentError::Busy { .. })));
+            pool.arrived(env);
+            match (env, result) {
+                (0, Ok(stepped)) => assert_eq!(stepped.now.envs, [0]),
+                (1, Err(AgentError::Broken { env: 1, why })) => assert!(why.contains("no step today"), "{why}"),
+                (env, result) => panic!("environment {env}: {:?}", result.map(|s| s.now.envs)),
+            }
+        }
+        let zeros = vec![0.0; 2 * pool.spec().action];
+        pool.reset(&[None, None], Some(&[false, true]), &ResetOptions::default()).unwrap();
+        assert_eq!(pool.step(&zeros).unwrap().now.len(), 2);
     }
 }

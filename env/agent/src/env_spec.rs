@@ -1,36 +1,37 @@
-//! What every environment of a pool shares and none changes.
+//! What all environments of a pool share; nothing of it changes.
 
 use crate::AgentError;
-use crate::config::{AgentConfig, steps_per_control};
+use crate::config::AgentConfig;
+use crate::control::steps_per_control;
 use crate::guard::Guard;
 use crate::objects::Objects;
-use crate::observation_spec::{Field, Observation};
+use crate::observation::ObservationSpec;
 use graspbox_hand::{Hand, Shape};
 use graspbox_plan::OpenHand;
 use graspbox_vision::Observer;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// Room around the open hand where an episode begins, metres.
+/// Clearance around the open hand when an episode begins, metres.
 const START_CLEARANCE: f64 = 0.01;
 
-/// What every environment of a pool shares and none changes.
+/// What all environments of a pool share; nothing of it changes.
 pub struct EnvSpec {
-    /// How it is steered.
+    /// The settings.
     pub config: AgentConfig,
-    /// What there is to grasp.
+    /// The objects.
     pub objects: Arc<Objects>,
     /// What keeps the hand off the table.
     pub guard: Guard,
-    /// The tables of the observations that were asked for.
-    pub tables: Vec<(Observation, Vec<Field>)>,
-    /// What it sees with.
+    /// The observations that the config asks for, in its order.
+    pub observations: Vec<ObservationSpec>,
+    /// Renders the images.
     pub observer: Observer,
-    /// Physics steps between two actions; 0 where there is one decision an episode.
+    /// Physics steps between two actions; 0 if an episode is one decision.
     pub substeps: u32,
-    /// Numbers of an action.
+    /// Entries of an action.
     pub action: usize,
-    /// The open hand at its least preshape, where episodes begin unless they are told otherwise.
+    /// The open hand at its least preshape, with which episodes begin by default.
     pub open: OpenHand,
     /// No part of the hand is ever further from the grasp frame than this, metres.
     pub reach: f64,
@@ -47,7 +48,8 @@ impl EnvSpec {
         config.validate()?;
         let hand = Arc::clone(objects.hand());
         let action = config.control.size(&hand);
-        let tables = config.observations.iter().map(|o| (*o, o.table(&hand, config.control))).collect();
+        let observations =
+            config.observations.iter().map(|o| ObservationSpec::new(*o, &hand, config.control)).collect();
         Ok(Self {
             reach: reach(&hand)?,
             open: open_hand(&hand, hand.preshape_limits[0])?,
@@ -55,7 +57,7 @@ impl EnvSpec {
             substeps: if config.control.decides() { 0 } else { steps_per_control(objects.physics().dt)? },
             flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
             observer: Observer::new(Arc::clone(&hand), config.cameras.clone(), objects.visual_models())?,
-            tables,
+            observations,
             action,
             objects,
             config,
@@ -67,13 +69,13 @@ impl EnvSpec {
         self.objects.hand()
     }
 
-    /// Numbers of all observations together.
+    /// Entries of all observations together.
     pub fn observed(&self) -> usize {
-        self.tables.iter().flat_map(|(_, fields)| fields).map(|f| f.size).sum()
+        self.observations.iter().map(|observation| observation.size).sum()
     }
 }
 
-/// Distance from the grasp frame that no part of a hand exceeds, metres, however its fingers stand: the sum of the ways from joint to
+/// Distance from the grasp frame that no part of a hand exceeds in any configuration, metres: the sum of the distances from joint to
 /// joint, and the furthest shape.
 ///
 /// # Errors
@@ -95,18 +97,18 @@ fn reach(hand: &Hand) -> Result<f64, AgentError> {
             let own = (0..hand.links.len()).filter(|link| hand.finger_of_link(*link) == Some(finger));
             own.filter(|link| *link <= shape.link).collect()
         });
-        let (mut from, mut way) = (Vector3::zeros(), 0.0);
+        let (mut from, mut length) = (Vector3::zeros(), 0.0);
         for link in chain {
             let joint = links[link].translation.vector;
-            way += (joint - from).norm();
+            length += (joint - from).norm();
             from = joint;
         }
-        most = most.max(way + (at - from).norm() + size);
+        most = most.max(length + (at - from).norm() + size);
     }
     Ok(most)
 }
 
-/// The open hand at `preshape`, with the room that it needs to begin.
+/// The open hand at `preshape`, with its clearance at the beginning of an episode.
 ///
 /// # Errors
 /// A preshape that the hand does not take.

@@ -1,6 +1,6 @@
-//! What can be wrong with environments and what they are given; each variant is a sentence about the input.
+//! Errors of environments and their inputs; each variant is a sentence about the input.
 
-/// What can be wrong with environments and what they are given.
+/// An error of an environment or its input.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AgentError {
@@ -17,7 +17,7 @@ pub enum AgentError {
         /// What was given.
         value: f64,
         /// What would be accepted.
-        expected: &'static str,
+        expected: String,
     },
     /// An observation is asked for twice.
     #[error("the observation `{name}` is named twice; name it once")]
@@ -72,9 +72,9 @@ pub enum AgentError {
     },
     /// No room for the open hand over the object.
     #[error(
-        "object `{object}` leaves the open hand no room inside the workspace to begin; take a smaller object or give world_from_hand"
+        "object `{object}` leaves no room for the open hand inside the workspace; use a smaller object or give world_from_hand"
     )]
-    NoStart {
+    NoRoom {
         /// Name of the object.
         object: String,
     },
@@ -111,13 +111,13 @@ pub enum AgentError {
         env: usize,
     },
     /// The first reset needs a seed.
-    #[error("environment {env} was never seeded; give a seed at its first reset")]
+    #[error("environment {env} has no random stream yet; give a seed at its first reset")]
     NotSeeded {
         /// Index of the environment.
         env: usize,
     },
     /// The episode is over, and nothing resets it by itself.
-    #[error("the episode of environment {env} is over; reset it before the next step")]
+    #[error("the episode of environment {env} is over; reset the environment before the next step")]
     Over {
         /// Index of the environment.
         env: usize,
@@ -135,6 +135,34 @@ pub enum AgentError {
         env: usize,
         /// What the panic said.
         why: String,
+    },
+    /// A reader of an observation does not fit its row.
+    #[error(
+        "the row of `{column}` has {expected} entries, but its reader gives {found}; this is an error of graspbox: report it"
+    )]
+    WrongSize {
+        /// Name of the column.
+        column: &'static str,
+        /// Entries that the reader gave.
+        found: usize,
+        /// Entries that the row says.
+        expected: usize,
+    },
+    /// An object's description is incomplete or contradictory.
+    #[error("object {object:?}: {why}")]
+    BadObject {
+        /// Name of the object.
+        object: String,
+        /// What is wrong, and what would be accepted.
+        why: String,
+    },
+    /// Environments were called back before they stepped.
+    #[error("{count} environments are awaited, but only {away} are on their way; the others were called back")]
+    CalledBack {
+        /// Environments that are awaited.
+        count: usize,
+        /// Environments on their way.
+        away: usize,
     },
     /// A saved state does not fit.
     #[error("the state cannot be restored: {why}")]
@@ -164,7 +192,7 @@ impl AgentError {
                     | EpisodeError::BadSize { .. }
                     | EpisodeError::BadMass { .. }
             ),
-            Self::NoStart { .. } | Self::Undrawable { .. } => true,
+            Self::NoRoom { .. } | Self::Undrawable { .. } => true,
             _ => false,
         }
     }

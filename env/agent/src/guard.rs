@@ -1,22 +1,18 @@
-//! What no command may do: drive the palm into the table, leave the workspace, or crush what stands in the way.
+//! Limits of every command: the palm stays off the table and inside the workspace, and crushes nothing in its way.
 //!
 //! The hand's root moves with infinite force in the simulation. A real arm brakes before its own geometry meets the table, and
 //! stops when the force at its wrist passes a limit; so does this one.
 
 use crate::AgentError;
+use crate::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_hand::{Hand, Shape};
 use graspbox_sim::HandLoad;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Corners of the box that the grasp frame stays in, world frame, metres: what it takes to reach an object near the middle from
-/// every side and to lift it.
-pub const WORKSPACE_LOW: [f64; 3] = [-0.35, -0.35, 0.0];
-/// See [`WORKSPACE_LOW`].
-pub const WORKSPACE_HIGH: [f64; 3] = [0.35, 0.35, 0.75];
 /// Room that stays between the palm's shell and the table, metres.
 pub const TABLE_CLEARANCE: f64 = 0.002;
-/// Net contact force on the hand from which on it moves no further against it, N: a heavy object weighs 15 N, and collaborative arms
-/// stop at 60 to 140 N.
+/// Net contact force above which the hand moves no further against it, N: a heavy object weighs 15 N, and collaborative arms stop at
+/// 60 to 140 N.
 pub const STOP_FORCE: f64 = 60.0;
 /// The hand backs off, and the stop holds, until the force has fallen to this share of [`STOP_FORCE`].
 const RELAXED: f64 = 0.8;
@@ -28,7 +24,7 @@ const FORCE_TIME: f64 = 0.02;
 const BACK_OFF: f64 = 0.1;
 /// How fast it takes up that speed, m/s2: more than the arm's own acceleration, which may pull the other way.
 const BACK_OFF_ACCELERATION: f64 = 10.0;
-/// Greatest deceleration of the protective stop, m/s2 and rad/s2: ten times the arm's, as a collision would have it. The world is
+/// Greatest deceleration of the protective stop, m/s2 and rad/s2: ten times the arm's, as in a collision. The world is
 /// simulated in the hand's frame, where more of it would shake what lies on the table.
 const STOP_DECELERATION: [f64; 2] = [50.0, 200.0];
 
@@ -72,7 +68,7 @@ impl Guard {
         heights.fold(f64::INFINITY, f64::min)
     }
 
-    /// The velocity (m/s and rad/s, world axes) nearest to the given one from which the hand can still stop before table and walls.
+    /// Limits a velocity (m/s and rad/s, world axes) to one from which the hand can still stop before table and walls.
     pub fn limit(&self, pose: &Isometry3<f64>, linear: &mut Vector3<f64>, angular: &Vector3<f64>, brake: &Brake) {
         for axis in 0..3 {
             let at = pose.translation.vector[axis];
@@ -101,7 +97,7 @@ pub struct Brake {
 }
 
 impl Brake {
-    /// Greatest speed from which one can stop within `distance`; 0 for a negative one.
+    /// Greatest speed from which the hand can stop within `distance`; 0 for a negative one.
     pub fn speed(&self, distance: f64) -> f64 {
         if distance <= 0.0 {
             return 0.0;
@@ -115,7 +111,7 @@ impl Brake {
 
 /// The protective stop: watches the force on the hand and takes away motion against it.
 ///
-/// It holds until the force has relaxed and the command no longer points against it: else a command that goes on would hammer on
+/// It holds until the force has relaxed and the command no longer points against it: otherwise a persistent command would hammer on
 /// whatever is in the way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ProtectiveStop {

@@ -1,16 +1,16 @@
-//! Objects that are prepared at their first use and shared by every environment that draws from them.
+//! Objects that are prepared at their first use and shared by every environment that samples from them.
 //!
-//! Preparing an object (reading, convex parts, mass) and settling it in a resting pose take up to seconds; what comes of it depends on
-//! the object alone. So it is kept until room is needed, and dropping it costs time, never a different result. No lock is held
-//! while an object is prepared: threads that want the same one at the same time do the work twice and keep the first.
+//! Preparing an object (reading, convex parts, mass) and settling it in a resting pose take up to seconds; the result depends on the
+//! object alone. It is kept in a cache, and removing it costs time, never a different result. No lock is held while an object is
+//! prepared: threads that need the same one at the same time do the work twice and keep the first.
 
 use crate::AgentError;
+use crate::source::Source;
 use graspbox_camera::Model;
 use graspbox_episode::EpisodeError;
 use graspbox_episode::{Body, ObjectSpec, Scene};
 use graspbox_hand::Hand;
-use graspbox_mesh::{CleanOptions, LoadOptions, RestingOptions, TriMesh, convex_hull, resting_poses};
-use graspbox_objects::{Family, generate};
+use graspbox_mesh::{RestingOptions, TriMesh, convex_hull, resting_poses};
 use graspbox_sim::PhysicsConfig;
 use graspbox_vision::VisualModels;
 use nalgebra::{Isometry3, Point3};
@@ -18,84 +18,20 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Objects kept ready; one takes 1 to 4 MB with its resting poses. A set with more of them prepares one anew in many a reset.
+/// Objects in the cache; one takes 1 to 4 MB with its resting poses. Larger sets prepare an object again in many resets.
 const KEPT: usize = 512;
 /// Resting poses less probable than this are left out, unless none is more probable.
 const LEAST_PROBABILITY: f64 = 0.05;
 /// Resting poses that are kept for an object, the most probable ones.
 const MOST_POSES: usize = 6;
 
-/// Where an object comes from.
-#[derive(Clone, Debug)]
-pub enum Source {
-    /// An object in memory.
-    Given(Arc<ObjectSpec>),
-    /// A mesh file.
-    File {
-        /// Name of the object.
-        name: String,
-        /// The file.
-        path: PathBuf,
-        /// Metres in one unit of the file.
-        scale: f64,
-        /// Mass, kg.
-        mass: Option<f64>,
-    },
-    /// A procedural object.
-    Procedural {
-        /// Name of the object.
-        name: String,
-        /// Its family.
-        family: Family,
-        /// Its seed.
-        seed: u64,
-        /// Factor on its size.
-        scale: f64,
-        /// Mass, kg; by default the family's times `scale` cubed.
-        mass: Option<f64>,
-    },
-}
-
-impl Source {
-    /// Name of the object.
-    pub fn name(&self) -> &str {
-        match self {
-            Self::Given(spec) => &spec.name,
-            Self::File { name, .. } | Self::Procedural { name, .. } => name,
-        }
-    }
-
-    fn read(&self) -> Result<ObjectSpec, AgentError> {
-        let mesh_error = |source| EpisodeError::Mesh { object: self.name().to_owned(), source };
-        match self {
-            Self::Given(spec) => Ok(ObjectSpec::clone(spec)),
-            Self::File { name, path, scale, mass } => {
-                let options = LoadOptions { scale: *scale, ..LoadOptions::default() };
-                let mesh = graspbox_mesh::load(path, &options).map_err(mesh_error)?;
-                let (mesh, _) = graspbox_mesh::clean(&mesh, &CleanOptions::default()).map_err(mesh_error)?;
-                Ok(ObjectSpec { name: name.clone(), mesh, mass: *mass, parts: None })
-            }
-            Self::Procedural { name, family, seed, scale, mass } => {
-                let made = generate(*family, *seed).map_err(mesh_error)?;
-                let grow = |part: Vec<Point3<f64>>| part.iter().map(|p| p * *scale).collect();
-                Ok(ObjectSpec {
-                    name: name.clone(),
-                    mesh: made.mesh.scaled(*scale),
-                    mass: Some(mass.unwrap_or(made.mass * scale.powi(3))),
-                    parts: made.parts.map(|parts| parts.into_iter().map(grow).collect()),
-                })
-            }
-        }
-    }
-}
-
-/// An object ready to be drawn, with the resting_poses in which it can lie.
+/// An object ready for episodes, with its resting poses.
 pub struct Prepared {
     body: Body,
     resting_poses: Vec<RestingPose>,
     /// Middle and half sides of the bounds along the object's axes, metres.
     bounds: [Point3<f64>; 2],
-    /// How it looks; made when it is first seen.
+    /// Its model for the renderer, made at its first use.
     model: OnceLock<Model>,
 }
 
@@ -137,7 +73,7 @@ impl Prepared {
     /// The object as the renderer takes it, made at its first use.
     ///
     /// # Errors
-    /// A mesh that cannot be drawn.
+    /// A mesh that cannot be rendered.
     pub fn model(&self) -> Result<&Model, AgentError> {
         if let Some(model) = self.model.get() {
             return Ok(model);
@@ -147,7 +83,7 @@ impl Prepared {
         Ok(self.model.get_or_init(|| made))
     }
 
-    /// Chances of the resting poses, in order.
+    /// Probabilities of the resting poses, in order.
     pub fn probabilities(&self) -> impl ExactSizeIterator<Item = f64> + Clone {
         self.resting_poses.iter().map(|resting| resting.probability)
     }
@@ -163,19 +99,19 @@ impl Prepared {
     }
 }
 
-/// A list of objects, a hand and a physics setting, with everything that was prepared so far.
+/// A list of objects, a hand and physics settings, with the objects prepared so far.
 pub struct Objects {
     sources: Vec<Source>,
     hand: Arc<Hand>,
     physics: PhysicsConfig,
     cache: Option<PathBuf>,
     visual_models: Arc<OnceLock<VisualModels>>,
-    cache_lock: Mutex<Cache>,
+    prepared: Mutex<Cache>,
 }
 
 #[derive(Default)]
 struct Cache {
-    /// When each object was asked for last, and the object.
+    /// When each object was last used, and the object.
     kept: BTreeMap<usize, (u64, Arc<Prepared>)>,
     clock: u64,
 }
@@ -194,7 +130,7 @@ impl Objects {
         if sources.is_empty() {
             return Err(AgentError::NoObjects);
         }
-        Ok(Self { sources, hand, physics, cache, visual_models: Arc::default(), cache_lock: Mutex::default() })
+        Ok(Self { sources, hand, physics, cache, visual_models: Arc::default(), prepared: Mutex::default() })
     }
 
     /// Number of objects.
@@ -222,7 +158,7 @@ impl Objects {
         &self.hand
     }
 
-    /// The models of the hand, made when it is first seen.
+    /// The models of the hand, made at their first use.
     pub fn visual_models(&self) -> Arc<OnceLock<VisualModels>> {
         Arc::clone(&self.visual_models)
     }
@@ -245,7 +181,7 @@ impl Objects {
         Ok(self.cache_lock().keep(index, made))
     }
 
-    /// Resting pose `resting` of an object, or the next one that comes to rest; with the index of the one that was taken.
+    /// The object at rest in pose `resting`, or in the next pose in which it comes to rest; and the index of that pose.
     ///
     /// # Errors
     /// [`AgentError::NoRest`] if none does.
@@ -278,8 +214,8 @@ impl Objects {
     }
 
     fn cache_lock(&self) -> std::sync::MutexGuard<'_, Cache> {
-        // Nothing inside the lock can leave the cache_lock half changed.
-        self.cache_lock.lock().unwrap_or_else(PoisonError::into_inner)
+        // Nothing inside the lock can leave the cache half changed.
+        self.prepared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

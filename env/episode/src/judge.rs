@@ -61,6 +61,22 @@ pub enum FailureKind {
     Unstable,
 }
 
+impl FailureKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::Infeasible, Self::NoContact, Self::Slipped, Self::Dropped, Self::Unstable];
+
+    /// Its name in outcomes and infos.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Infeasible => "infeasible",
+            Self::NoContact => "no_contact",
+            Self::Slipped => "slipped",
+            Self::Dropped => "dropped",
+            Self::Unstable => "unstable",
+        }
+    }
+}
+
 /// What the judge can say at any time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {

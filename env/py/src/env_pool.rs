@@ -1,17 +1,20 @@
-//! `graspbox._core.EnvPool`: many environments in one call; `Objects`: what they draw from.
+//! `graspbox._core.EnvPool`: many environments in one call; `Objects`: what they sample from.
 
-use crate::convert::{Array, array, config, entries};
+use crate::convert::{Array, array, config, entries, json};
 use crate::errors::CoreError;
 use crate::gil::{awaited, detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::Mesh;
-use graspbox_agent::{self as agent, AgentConfig, AgentError, Batch, Control, Observation, ResetOptions, Source};
-use graspbox_agent::{EnvSpec, env_pool::Stepped, reward};
+use graspbox_agent::env_pool::Stepped;
+use graspbox_agent::info::{INFO, InfoArray};
+use graspbox_agent::reward::TERM_COUNT;
+use graspbox_agent::{
+    self as agent, AgentConfig, AgentError, Batch, EnvSpec, ObjectDescription, ResetOptions, Source, Tables,
+};
 use graspbox_sim::PhysicsConfig;
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use serde::Deserialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -19,43 +22,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// float32 arrays, as they come in.
 type Singles<'py> = PyReadonlyArrayDyn<'py, f32>;
-
-/// An object that is read or made at its first use, as `graspbox.object_sets.ObjectSpec` describes it.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Described {
-    name: String,
-    #[serde(default)]
-    path: Option<PathBuf>,
-    #[serde(default)]
-    family: Option<String>,
-    #[serde(default)]
-    seed: Option<u64>,
-    #[serde(default = "unscaled")]
-    scale: f64,
-    #[serde(default)]
-    mass: Option<f64>,
-}
-
-fn unscaled() -> f64 {
-    1.0
-}
-
-impl Described {
-    fn source(self) -> Result<Source, CoreError> {
-        let Self { name, scale, mass, .. } = self;
-        if !(scale.is_finite() && scale > 0.0) {
-            return Err(CoreError::Config(format!("object {name:?}: scale is {scale}; give a positive factor")));
-        }
-        match (self.path, self.family, self.seed) {
-            (Some(path), None, None) => Ok(Source::File { name, path, scale, mass }),
-            (None, Some(family), Some(seed)) => {
-                Ok(Source::Procedural { name, family: crate::objects::family(&family)?, seed, scale, mass })
-            }
-            _ => Err(CoreError::Config(format!("object {name:?} needs either a path, or a family and a seed"))),
-        }
-    }
-}
 
 #[derive(FromPyObject)]
 enum Given<'py> {
@@ -76,7 +42,7 @@ impl Objects {
         let physics: PhysicsConfig = config(physics, "PhysicsConfig")?;
         let source = |given: Given<'_>| match given {
             Given::Mesh(mesh) => Ok(Source::Given(Arc::new(mesh.0.spec.clone()))),
-            Given::Json(text) => config::<Described>(&text, "an object")?.source(),
+            Given::Json(text) => Ok(config::<ObjectDescription>(&text, "an object")?.try_into()?),
         };
         let sources = sources.into_iter().map(source).collect::<Result<Vec<_>, CoreError>>()?;
         let objects = agent::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
@@ -97,11 +63,11 @@ impl Objects {
         let objects = Arc::clone(&self.0);
         detached(py, None, move || {
             let prepared = objects.prepared(index)?;
-            let ways = prepared.probabilities().len();
-            for way in 0..ways {
-                objects.scene(&prepared, way)?;
+            let count = prepared.probabilities().len();
+            for resting in 0..count {
+                objects.scene(&prepared, resting)?;
             }
-            Ok::<_, CoreError>(ways)
+            Ok::<_, CoreError>(count)
         })
     }
 
@@ -110,7 +76,7 @@ impl Objects {
     }
 }
 
-/// An environment that comes back, with what its step showed.
+/// An environment that comes back, with the results of its step.
 type Arrival = (usize, Result<Stepped, CoreError>);
 
 /// Environments side by side.
@@ -122,7 +88,7 @@ pub struct EnvPool {
     arrivals: Mutex<Receiver<Arrival>>,
 }
 
-/// What a call gives back: arrays of every environment; and of the ended episodes, where any ended and began anew in the call.
+/// What a call returns: arrays of every environment; and of the ended episodes, if any ended and was followed by the next in the call.
 type Rows<'py> = (Bound<'py, PyDict>, Option<Bound<'py, PyDict>>);
 
 #[pymethods]
@@ -142,7 +108,7 @@ impl EnvPool {
         self.core.len()
     }
 
-    /// Begins new episodes where `mask` says so; `options` is JSON.
+    /// Begins new episodes where `mask` is true; `options` is JSON.
     #[pyo3(signature = (seeds=None, mask=None, options=None, out=None))]
     fn reset<'py>(
         &self,
@@ -181,47 +147,38 @@ impl EnvPool {
         self.rows(py, stepped, out)
     }
 
-    /// Sends environments off to step; `recv` gives them back in the order in which they arrive.
+    /// Sends environments off to step; `recv` returns them in the order in which they arrive.
     fn send(&self, py: Python<'_>, actions: Singles<'_>, envs: Vec<usize>) -> PyResult<()> {
         let actions = self.actions(&actions, envs.len())?;
         let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let core = Arc::clone(&self.core);
         detached(py, self.num_threads, move || {
             core.send(&envs, &actions, move |env, result| {
-                // Nobody listens any more once the pool was dropped.
+                // Nobody listens any more once the pool has been dropped.
                 drop(sender.send((env, result.map_err(CoreError::from))));
             })
         })
     }
 
-    /// The next `count` environments that arrive, as [`EnvPool::step`] gives them; the array `env` tells which they are.
+    /// The next `count` environments that arrive, as [`EnvPool::step`] returns them; the array `env` says which they are.
+    ///
+    /// A signal calls back environments that have not begun to step; they stay as they are.
     #[pyo3(signature = (count))]
     fn recv<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Rows<'py>> {
         let away = self.core.away();
         if count == 0 || count > away {
             return Err(CoreError::Config(format!("count is {count}; {away} environments are on their way")).into());
         }
-        let spec = self.core.spec();
         let mut arrived = Vec::with_capacity(count);
-        while arrived.len() < count {
-            let error = match awaited(py, &self.arrivals) {
-                Ok((env, Ok(stepped))) => {
-                    arrived.push((env, stepped));
-                    continue;
-                }
-                Ok((env, Err(error))) => {
-                    self.core.arrived(env);
-                    error.into()
-                }
-                Err(error) => error,
-            };
-            // Those that arrived before are there for the next call.
+        if let Err(error) = self.gather(py, &mut arrived, count) {
+            // Those that arrived before are kept for the next call.
             let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
             for (env, stepped) in arrived {
                 drop(sender.send((env, Ok(stepped))));
             }
             return Err(error);
         }
+        let spec = self.core.spec();
         let (mut now, mut last) = (Batch::new(spec, count), Batch::new(spec, 0));
         for (env, stepped) in arrived {
             self.core.arrived(env);
@@ -239,27 +196,27 @@ impl EnvPool {
     /// Everything that the future of an environment depends on.
     fn get_state<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyBytes>> {
         let core = Arc::clone(&self.core);
-        let bytes = detached(py, self.num_threads, move || core.slot(env)?.save(core.spec(), env))?;
+        let bytes = detached(py, self.num_threads, move || core.env(env)?.save(core.spec(), env))?;
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Takes up a state that `get_state` gave; arrays of that environment alone.
+    /// Restores a state that `get_state` gave; arrays of that environment alone.
     fn set_state<'py>(&self, py: Python<'py>, env: usize, state: &[u8]) -> PyResult<Bound<'py, PyDict>> {
         let (core, state) = (Arc::clone(&self.core), state.to_vec());
         let batch = detached(py, self.num_threads, move || core.restore(env, &state))?;
         arrays(py, self.core.spec(), batch, None)
     }
 
-    /// Object (world_from_object), hand (world_from_hand) and what the arm believes of the hand, (num_envs, 4, 4) each.
+    /// Object (world_from_object), hand (world_from_hand) and the hand as the arm knows it, (num_envs, 4, 4) each.
     fn poses<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py, f64>; 3]> {
         let mut poses = [const { Vec::new() }; 3];
         for env in 0..self.core.len() {
-            let slot = self.core.slot(env).map_err(CoreError::from)?;
-            let play = slot.play().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
-            let world = play.episode().world();
+            let locked = self.core.env(env).map_err(CoreError::from)?;
+            let episode = locked.episode().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+            let world = episode.episode().world();
             poses[0].push(world.world_from_object());
             poses[1].push(world.world_from_hand());
-            poses[2].push(*play.arm().believed());
+            poses[2].push(*episode.arm().believed());
         }
         let [object, hand, believed] = poses.map(|p| crate::convert::matrices(py, p.into_iter()));
         Ok([object?, hand?, believed?])
@@ -270,14 +227,45 @@ impl EnvPool {
     }
 }
 
-/// A flag for one call, and what sets it after a signal: environments that the call has not come to by then stay as they are.
+/// A flag for one call, and what sets it after a signal: environments that the call has not reached by then stay as they are.
 fn stopper() -> (Arc<AtomicBool>, impl FnOnce()) {
     let flag = Arc::new(AtomicBool::new(false));
     let set = Arc::clone(&flag);
     (flag, move || set.store(true, Ordering::Release))
 }
 
+impl Drop for EnvPool {
+    fn drop(&mut self) {
+        self.core.call_back();
+    }
+}
+
 impl EnvPool {
+    /// Waits until `count` environments have arrived; a signal calls back those that have not begun to step.
+    fn gather(&self, py: Python<'_>, arrived: &mut Vec<(usize, Stepped)>, count: usize) -> PyResult<()> {
+        while arrived.len() < count {
+            match awaited(py, &self.arrivals) {
+                Ok(Some((env, Ok(stepped)))) => arrived.push((env, stepped)),
+                Ok(Some((env, Err(error)))) => {
+                    self.core.arrived(env);
+                    return Err(error.into());
+                }
+                Ok(None) => {
+                    // Those that arrived still count as away. Another thread may have called back what this one waits for.
+                    let away = self.core.away();
+                    if away < count {
+                        return Err(CoreError::from(AgentError::CalledBack { count, away }).into());
+                    }
+                }
+                Err(signal) => {
+                    self.core.call_back();
+                    return Err(signal);
+                }
+            }
+        }
+        Ok(())
+    }
+
     fn actions(&self, actions: &Singles<'_>, rows: usize) -> Result<Vec<f32>, CoreError> {
         let shape = [Some(rows), Some(self.core.spec().action)];
         entries(actions, "actions", &shape).map(<[f32]>::to_vec)
@@ -299,38 +287,37 @@ fn arrays<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let rows = batch.len();
     let dict = PyDict::new(py);
-    for ((observation, _), values) in spec.tables.iter().zip(batch.observations) {
-        let name = observation.name();
+    for (observation, values) in spec.observations.iter().zip(batch.observations) {
+        let name = observation.observation.name();
         let given = out.map(|out| out.get_item(name)).transpose()?.flatten();
         let found = match given {
             Some(given) => filled(given.cast_into::<PyArrayDyn<f32>>()?, name, &values, rows)?,
-            None => {
-                let size = values.len() / rows.max(1);
-                array(py, values, &[rows, size])?
-            }
+            None => array(py, values, &[rows, observation.size])?,
         };
         dict.set_item(name, found)?;
     }
     crate::vision::images(py, spec, batch.images, rows, &dict, out)?;
-    dict.set_item("terms", array(py, batch.terms, &[rows, reward::TERMS])?)?;
-    let flags = [
-        ("terminated", batch.terminated),
-        ("truncated", batch.truncated),
-        ("reset", batch.reset),
-        ("is_success", batch.is_success),
-        ("is_secure", batch.is_secure),
-        ("touches", batch.touches),
-        ("protective_stop", batch.protective_stop),
-    ];
+    dict.set_item("terms", array(py, batch.terms, &[rows, TERM_COUNT])?)?;
+    let flags = [("terminated", batch.terminated), ("truncated", batch.truncated), ("reset", batch.reset)];
     for (name, values) in flags {
         dict.set_item(name, array(py, values, &[rows])?)?;
     }
-    let indices = batch.envs.iter().map(|env| *env as i64).collect();
-    for (name, values) in [("env", indices), ("object", batch.object), ("resting", batch.resting)] {
-        dict.set_item(name, array::<i64>(py, values, &[rows])?)?;
+    let envs = batch.envs.iter().map(|env| *env as i64).collect();
+    dict.set_item("env", array::<i64>(py, envs, &[rows])?)?;
+    dict.set_item("info", infos(py, batch.info, rows)?)?;
+    Ok(dict)
+}
+
+/// The entries of the info as arrays by name.
+fn infos<'py>(py: Python<'py>, info: Vec<InfoArray>, rows: usize) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (row, values) in INFO.iter().zip(info) {
+        match values {
+            InfoArray::Flags(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
+            InfoArray::Numbers(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
+            InfoArray::Indices(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
+        }
     }
-    dict.set_item("failure", array(py, batch.failure, &[rows])?)?;
-    dict.set_item("lift", array(py, batch.lift, &[rows])?)?;
     Ok(dict)
 }
 
@@ -357,38 +344,8 @@ pub(crate) fn filled<'py, T: Element + Copy>(
     Ok(given)
 }
 
-/// Names, sizes, bounds, units and meanings of everything that the environments take and give, as JSON.
+/// The tables of everything that the environments of a hand take and return, as JSON.
 #[pyfunction]
 pub fn agent_tables(hand: &Hand) -> PyResult<String> {
-    let hand = &hand.0;
-    // The state holds the last action, whose length is the control's.
-    let observations = |control: Control| -> serde_json::Map<_, _> {
-        let rows = Observation::ALL.iter();
-        rows.map(|o| (o.name().to_owned(), serde_json::json!(o.table(hand, control)))).collect()
-    };
-    let by_name = |make: &dyn Fn(Control) -> serde_json::Value| -> serde_json::Map<_, _> {
-        let controls = Control::CLOSED_LOOP.iter();
-        controls.map(|c| (c.name().to_owned(), make(*c))).collect()
-    };
-    let terms: Vec<_> = reward::TERM_TABLE
-        .iter()
-        .map(|(name, low, high, meaning)| serde_json::json!({"name": name, "low": low, "high": high, "meaning": meaning}))
-        .collect();
-    let privileged: Vec<_> = Observation::ALL.iter().filter(|o| o.privileged()).map(|o| o.name()).collect();
-    let tables = serde_json::json!({
-        "actions": by_name(&|c| serde_json::json!(c.table(hand))),
-        "observations": by_name(&|c| observations(c).into()),
-        "decision": {
-            "actions": Control::GraspPose.table(hand),
-            "observations": observations(Control::GraspPose),
-        },
-        "privileged": privileged,
-        "terms": terms,
-        "failures": agent::agent_episode::FAILURES,
-        "control_period": agent::config::CONTROL_PERIOD,
-        "workspace": [agent::guard::WORKSPACE_LOW, agent::guard::WORKSPACE_HIGH],
-        "stop_force": agent::guard::STOP_FORCE,
-        "randomization": {"standard": agent::Randomization::standard()},
-    });
-    Ok(tables.to_string())
+    Ok(json(&Tables::new(&hand.0))?)
 }

@@ -140,16 +140,6 @@ impl Scene {
     }
 }
 
-fn failure_name(kind: FailureKind) -> &'static str {
-    match kind {
-        FailureKind::Infeasible => "infeasible",
-        FailureKind::NoContact => "no_contact",
-        FailureKind::Slipped => "slipped",
-        FailureKind::Dropped => "dropped",
-        FailureKind::Unstable => "unstable",
-    }
-}
-
 fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<Bound<'py, PyDict>> {
     let n = &[outcomes.len()];
     let numbers = |get: fn(&TrialOutcome) -> f64| array(py, outcomes.iter().map(get).collect(), n);
@@ -162,7 +152,7 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     dict.set_item("kindness_rate", numbers(|o| o.kindness_rate.unwrap_or(f64::NAN))?)?;
     dict.set_item("lift", numbers(|o| o.lift)?)?;
     dict.set_item("time", numbers(|o| o.time)?)?;
-    let names = outcomes.iter().map(|o| o.failure.map_or("", failure_name)).collect::<Vec<_>>();
+    let names = outcomes.iter().map(|o| o.failure.map_or("", FailureKind::name)).collect::<Vec<_>>();
     dict.set_item("failure", names)?;
     Ok(dict)
 }

@@ -150,11 +150,11 @@ impl From<AgentError> for CoreError {
         match error {
             AgentError::Episode(source) => source.into(),
             AgentError::Vision(source) => source.into(),
-            AgentError::Broken { .. } => Self::Internal(error.to_string()),
+            AgentError::Broken { .. } | AgentError::WrongSize { .. } => Self::Internal(error.to_string()),
             AgentError::BadHand { source } => source.into(),
             AgentError::Unusable { source } => source.into(),
             AgentError::Undrawable { object, source } => Self::from(source).about(&format!("object `{object}`")),
-            AgentError::NoStart { .. } => Self::Simulation(error.to_string()),
+            AgentError::NoRoom { .. } => Self::Simulation(error.to_string()),
             _ => Self::Config(error.to_string()),
         }
     }

@@ -135,22 +135,21 @@ where
     interruptible(py, num_threads, || (), work)
 }
 
-/// The next of what other threads send, waited for without the GIL.
+/// The next of what other threads send, waited for without the GIL for at most [`PATIENCE`]; none if nothing came.
 ///
 /// # Errors
-/// The signal handler's exception after a signal; an internal error if nobody can send any more.
-pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResult<T> {
-    loop {
-        let answer = py.detach(|| {
-            let results = results.lock().unwrap_or_else(PoisonError::into_inner);
-            results.recv_timeout(PATIENCE)
-        });
-        match answer {
-            Ok(result) => return Ok(result),
-            Err(RecvTimeoutError::Disconnected) => {
-                return Err(CoreError::Internal("the workers went away without a result".into()).into());
-            }
-            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+/// The signal handler's exception after a signal, also while results keep coming; an internal error if nobody can send any more.
+pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResult<Option<T>> {
+    py.check_signals()?;
+    let answer = py.detach(|| {
+        let results = results.lock().unwrap_or_else(PoisonError::into_inner);
+        results.recv_timeout(PATIENCE)
+    });
+    match answer {
+        Ok(result) => Ok(Some(result)),
+        Err(RecvTimeoutError::Timeout) => Ok(None),
+        Err(RecvTimeoutError::Disconnected) => {
+            Err(CoreError::Internal("the workers went away without a result".into()).into())
         }
     }
 }

@@ -1,11 +1,12 @@
 //! Images of environments and objects, pictures, cameras.
 
-use crate::convert::{Array, Floats, array, config, isometries, isometry, matrices, point};
+use crate::convert::{Array, Floats, array, config, isometries, isometry, json, matrices, point};
 use crate::env_pool::{EnvPool, filled};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
+use graspbox_agent::tables::image_tables as image_tables_of;
 use graspbox_agent::{AgentError, EnvSpec};
 use graspbox_camera::{Camera, Channels, DepthView, Frame, Intrinsics, Light, ViewPlan};
 use graspbox_mesh::VoxelFrame;
@@ -24,8 +25,7 @@ use std::time::Instant;
 #[pyfunction]
 pub fn image_tables(hand: &Hand, cameras: &str) -> PyResult<String> {
     let config: CamerasConfig = config(cameras, "CamerasConfig")?;
-    let observer = Observer::new(Arc::clone(&hand.0), config, Arc::default()).map_err(CoreError::from)?;
-    Ok(serde_json::json!(observer.tables()).to_string())
+    Ok(json(&image_tables_of(&hand.0, config).map_err(CoreError::from)?)?)
 }
 
 /// Puts images as arrays by name into `dict`; into the arrays of `out` where it has them.
@@ -73,9 +73,9 @@ pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture:
     let (core, count) = (Arc::clone(&pool.core), envs.len());
     let pixels = detached(py, pool.num_threads, move || {
         let made = envs.par_iter().map(|&env| {
-            let slot = core.slot(env)?;
-            let play = slot.play().ok_or(AgentError::NotReset { env })?;
-            Ok(core.spec().observer.picture(&play.scene_pose()?, &play.viewpoint().light, &picture)?)
+            let locked = core.env(env)?;
+            let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
+            Ok(core.spec().observer.picture(&episode.scene_pose()?, &episode.viewpoint().light, &picture)?)
         });
         let made: Vec<_> = made.collect();
         made.into_iter().collect::<Result<Vec<_>, AgentError>>()
@@ -90,10 +90,10 @@ pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &EnvPool) -> PyResult<Bound<
     let observer = &core.spec().observer;
     let mut poses = vec![Vec::new(); observer.mounted_cameras().len()];
     for env in 0..core.len() {
-        let slot = core.slot(env).map_err(CoreError::from)?;
-        let play = slot.play().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
-        let hand = play.episode().world().world_from_hand();
-        let cameras = observer.cameras(play.viewpoint(), &hand).map_err(CoreError::from)?;
+        let locked = core.env(env).map_err(CoreError::from)?;
+        let episode = locked.episode().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+        let hand = episode.episode().world().world_from_hand();
+        let cameras = observer.cameras(episode.viewpoint(), &hand).map_err(CoreError::from)?;
         for (poses, camera) in poses.iter_mut().zip(cameras) {
             poses.push(*camera.world_from_camera());
         }
@@ -239,13 +239,13 @@ pub fn time_images<'py>(
     let core = Arc::clone(&pool.core);
     let seconds = detached(py, Some(1), move || {
         let observer = Observer::new(Arc::clone(core.spec().hand()), config, core.spec().objects.visual_models())?;
-        let slot = core.slot(env)?;
-        let play = slot.play().ok_or(AgentError::NotReset { env })?;
+        let locked = core.env(env)?;
+        let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
         let mut images = Vec::new();
         let mut seconds = Vec::with_capacity(repeats);
         for _ in 0..repeats {
             let started = Instant::now();
-            observer.see(&play.scene_pose()?, play.viewpoint(), &mut images)?;
+            observer.see(&episode.scene_pose()?, episode.viewpoint(), &mut images)?;
             seconds.push(started.elapsed().as_secs_f64());
         }
         Ok::<_, AgentError>(seconds)

@@ -75,7 +75,7 @@ class Codec:
     def __init__(self, control: str, hand: HandArgument = "reflex") -> None:
         found = spaces.tables(load_hand(hand))
         self._control, self._period = control, found["control_period"]
-        self._actions, observations = spaces.fields_of(control, found)
+        self._actions, observations = spaces.columns_of(control, found)
         self._places: dict[str, slice] = {}
         self.state_size = 0
         for row in observations["state"]:

@@ -130,7 +130,7 @@ class GraspCore:
         if trial is None and control not in self.tables["actions"]:
             raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(self.tables['actions'])}")
         self.action_space = spaces.action_space(control, self.tables)
-        self.action_size = spaces.size(spaces.fields_of(control, self.tables)[0])
+        self.action_size = spaces.size(spaces.columns_of(control, self.tables)[0])
         seen = spaces.images(self.hand, cameras)
         self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
         # A space sorts its names.
@@ -151,10 +151,10 @@ class GraspCore:
         self.config = config
         self.pool = _core.EnvPool(self.handle, to_json(config), num_envs, num_threads)
         self._picture = to_json(picture)
-        self._decides = trial is not None
         self._terms = [term["name"] for term in self.tables["terms"]]
-        self._failures = np.array(self.tables["failures"], dtype=object)
-        self._names = np.array(self.handle.names, dtype=object)
+        self._entries = spaces.entries(control, self.tables)
+        names_of = {"failures": self.tables["failures"], "objects": self.handle.names}
+        self._names = {kind: np.array(found, dtype=object) for kind, found in names_of.items()}
 
     def observations(self, arrays: "_core.EnvArrays") -> Any:
         """Pick the observations of all rows: an array, or a dictionary of arrays."""
@@ -181,23 +181,18 @@ class GraspCore:
         return total(self.weights, arrays["terms"])
 
     def columns(self, arrays: "_core.EnvArrays") -> dict[str, Any]:
-        """Name what is said beside: an array an entry."""
+        """Info of all rows, as the core's table lists it: an array per entry, and one per reward term."""
         terms = np.ascontiguousarray(arrays["terms"].T, dtype=np.float64)
         if arrays["reset"].any():
             # Where an episode ended and the next began in one step, the terms are those of the end.
             terms[:, arrays["reset"]] = 0.0
-        return {
-            "is_success": arrays["is_success"],
-            "is_secure": arrays["is_secure"],
-            "failure": self._failures[arrays["failure"]],
-            "lift": arrays["lift"],
-            "object": self._names[arrays["object"]],
-            "resting": arrays["resting"],
-            "touches": arrays["touches"],
-            "protective_stop": arrays["protective_stop"],
-            "reward_terms": dict(zip(self._terms, terms, strict=True)),
-            **({"infeasible": self._failures[arrays["failure"]] == "infeasible"} if self._decides else {}),
-        }
+        info = {entry["name"]: self._entry(entry, arrays["info"][entry["name"]]) for entry in self._entries}
+        return {**info, "reward_terms": dict(zip(self._terms, terms, strict=True))}
+
+    def _entry(self, entry: spaces.Entry, values: NDArray[Any]) -> NDArray[Any]:
+        """Replace indices by the names that they mean."""
+        names: NDArray[Any] | None = self._names.get(entry["names"] or "")
+        return values if names is None else names[values]
 
     def action(self, action: Any, rows: int) -> NDArray[np.float32]:
         """Actions as the core takes them; it checks that they are finite where they count."""

@@ -1,7 +1,7 @@
 """Spaces of the environments, made from the core's tables: one place for shapes, dtypes and bounds.
 
-A vector observation is a list of fields, each with its size, bounds and unit; its space is a ``Box`` of float32. An
-image is one row: kind, camera, shape, dtype, bounds. An observation is asked for by name, or several by a sequence of
+A vector observation is a list of columns, each with its size, bounds and unit; its space is a ``Box`` of float32. An
+image is one row: kind, camera, shape, dtype, bounds. An observation is requested by name, or several by a sequence of
 names, which gives a ``Dict``.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import is_dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 import gymnasium
 import numpy as np
@@ -25,18 +25,22 @@ from graspbox.meshes import to_json
 
 __all__ = [
     "IMAGES",
-    "Field",
+    "Column",
+    "Entry",
     "Image",
     "Tables",
+    "Term",
     "action_space",
     "action_table",
     "image_names",
     "image_table",
     "images",
+    "info_table",
     "keyword_table",
     "observation_space",
     "observation_table",
     "tables",
+    "term_table",
     "vector_table",
 ]
 
@@ -44,8 +48,8 @@ __all__ = [
 IMAGES = ("rgb", "depth", "rgbd", "segmentation", "points", "voxels")
 
 
-class Field(TypedDict):
-    """Some neighbouring numbers of an observation or an action."""
+class Column(TypedDict):
+    """Neighbouring entries of an observation or an action."""
 
     name: str
     size: int
@@ -53,10 +57,11 @@ class Field(TypedDict):
     high: float
     unit: str
     meaning: str
+    privileged: bool
 
 
 class Image(TypedDict):
-    """An image: what the core says about it. One bound stands for all channels."""
+    """An image. A single bound applies to all channels."""
 
     name: str
     kind: str
@@ -73,7 +78,7 @@ class Image(TypedDict):
 
 
 class Term(TypedDict):
-    """A reward term: its range in one step, and what it means."""
+    """A reward term: its range in one step, and its meaning."""
 
     name: str
     low: float
@@ -81,21 +86,37 @@ class Term(TypedDict):
     meaning: str
 
 
-class Decision(TypedDict):
-    """What one decision an episode takes and gives."""
+class Entry(TypedDict):
+    """An entry of the info: its dtype (``bool``, ``float64``, ``int64`` or ``str``), its unit and its meaning.
 
-    actions: list[Field]
-    observations: dict[str, list[Field]]
+    The arrays of a ``str`` hold indices into a list of names: ``failures`` or ``objects``.
+    """
+
+    name: str
+    dtype: str
+    names: Literal["failures", "objects"] | None
+    unit: str
+    meaning: str
+
+
+class Decision(TypedDict):
+    """What environments with one decision per episode take and return."""
+
+    actions: list[Column]
+    observations: dict[str, list[Column]]
+    terms: list[Term]
+    info: list[Entry]
 
 
 class Tables(TypedDict):
-    """What the core says about a hand's environments; observations are by control mode, then by name."""
+    """What a hand's environments take and return; observations are by control mode, then by name."""
 
-    actions: dict[str, list[Field]]
-    observations: dict[str, dict[str, list[Field]]]
+    actions: dict[str, list[Column]]
+    observations: dict[str, dict[str, list[Column]]]
     decision: Decision
     privileged: list[str]
     terms: list[Term]
+    info: list[Entry]
     failures: list[str]
     control_period: float
     workspace: list[list[float]]
@@ -110,7 +131,7 @@ def _parse(text: str) -> Tables:
 
 
 def tables(hand: Hand) -> Tables:
-    """Everything that the environments of a hand take and give; to be read, not changed."""
+    """Everything that the environments of a hand take and return; to be read, not changed."""
     return _parse(_core.agent_tables(hand))
 
 
@@ -138,11 +159,11 @@ def image_space(row: Image) -> gymnasium.Space[Any]:
     return gymnasium.spaces.Box(low, high, dtype=dtype.type)
 
 
-def _bounds(fields: Sequence[Field]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Least and greatest value of every number of a vector."""
-    sizes = [field["size"] for field in fields]
-    low = np.repeat(np.array([field["low"] for field in fields], dtype=np.float32), sizes)
-    high = np.repeat(np.array([field["high"] for field in fields], dtype=np.float32), sizes)
+def _bounds(columns: Sequence[Column]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Least and greatest value of every entry of a vector."""
+    sizes = [column["size"] for column in columns]
+    low = np.repeat(np.array([column["low"] for column in columns], dtype=np.float32), sizes)
+    high = np.repeat(np.array([column["high"] for column in columns], dtype=np.float32), sizes)
     return low, high
 
 
@@ -164,8 +185,8 @@ def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[s
     return names
 
 
-def fields_of(control: str, found: Tables) -> tuple[list[Field], dict[str, list[Field]]]:
-    """Find the rows of the actions and of the observations of a control mode, or of ``"grasp_pose"``.
+def columns_of(control: str, found: Tables) -> tuple[list[Column], dict[str, list[Column]]]:
+    """Find the columns of the actions and of the observations of a control mode, or of ``"grasp_pose"``.
 
     Raises
     ------
@@ -180,7 +201,7 @@ def fields_of(control: str, found: Tables) -> tuple[list[Field], dict[str, list[
 
 
 def observation_space(
-    obs: str | Iterable[str], control: str, found: Tables, seen: Iterable[Image] = ()
+    obs: str | Iterable[str], control: str, found: Tables, image_rows: Iterable[Image] = ()
 ) -> gymnasium.Space[Any]:
     """Space of one observation, or a ``Dict`` of several.
 
@@ -191,17 +212,17 @@ def observation_space(
     control : str
         The control mode: the state holds the last action.
     found : Tables
-        What `tables` gave.
-    seen : iterable of Image
-        What `images` gave.
+        What `tables` returned.
+    image_rows : iterable of Image
+        What `images` returned.
 
     Raises
     ------
     ConfigError
         As `observation_names`.
     """
-    _, vectors = fields_of(control, found)
-    pictures = {row["name"]: row for row in seen}
+    _, vectors = columns_of(control, found)
+    pictures = {row["name"]: row for row in image_rows}
     names = observation_names(obs, dict.fromkeys([*vectors, *IMAGES, *pictures]))
     boxes: dict[str, gymnasium.Space[Any]] = {
         name: image_space(pictures[name])
@@ -212,20 +233,20 @@ def observation_space(
     return boxes[obs] if isinstance(obs, str) else gymnasium.spaces.Dict(boxes)
 
 
-def size(fields: Sequence[Field]) -> int:
-    """Count the numbers of a vector."""
-    return sum(field["size"] for field in fields)
+def size(columns: Sequence[Column]) -> int:
+    """Count the entries of a vector."""
+    return sum(column["size"] for column in columns)
 
 
 def action_space(control: str, found: Tables) -> gymnasium.Space[Any]:
-    """Space of the actions of a control mode: every number in [-1, 1].
+    """Space of the actions of a control mode: every entry in [-1, 1].
 
     Raises
     ------
     ConfigError
         For a mode that does not exist.
     """
-    actions, _ = fields_of(control, found)
+    actions, _ = columns_of(control, found)
     return gymnasium.spaces.Box(-1.0, 1.0, (size(actions),), dtype=np.float32)
 
 
@@ -242,7 +263,7 @@ def action_table(control: str, found: Tables) -> str:
     """Write the table of a control mode's actions, as Markdown."""
     lines = ["| index | name | -1 | 1 | unit | meaning |", "|---|---|---|---|---|---|"]
     first = 0
-    for row in fields_of(control, found)[0]:
+    for row in columns_of(control, found)[0]:
         cells = (_place(first, row["size"]), row["name"], _number(row["low"]), _number(row["high"]), row["unit"])
         lines.append(f"| {' | '.join(cells)} | {row['meaning']} |")
         first += row["size"]
@@ -250,30 +271,52 @@ def action_table(control: str, found: Tables) -> str:
 
 
 def observation_table(control: str, found: Tables) -> str:
-    """Write the table of all observations, as Markdown: where each field stands in which observation."""
-    _, columns = fields_of(control, found)
-    lines = [f"| field | {' | '.join(columns)} | min | max | unit | meaning |", "|---" * (len(columns) + 5) + "|"]
+    """Write the table of all observations, as Markdown: the indices of each column in each observation."""
+    _, vectors = columns_of(control, found)
+    lines = [f"| column | {' | '.join(vectors)} | min | max | unit | meaning |", "|---" * (len(vectors) + 5) + "|"]
     places: dict[str, dict[str, str]] = {}
-    fields: dict[str, Field] = {}
-    for name, rows in columns.items():
+    columns: dict[str, Column] = {}
+    for vector, rows in vectors.items():
         first = 0
         for row in rows:
-            places.setdefault(row["name"], {})[name] = _place(first, row["size"])
-            fields[row["name"]] = row
+            places.setdefault(row["name"], {})[vector] = _place(first, row["size"])
+            columns[row["name"]] = row
             first += row["size"]
-    for name, row in fields.items():
-        where = " | ".join(places[name].get(column, "") for column in columns)
+    for name, row in columns.items():
+        where = " | ".join(places[name].get(vector, "") for vector in vectors)
         bounds = f"{_number(row['low'])} | {_number(row['high'])}"
         lines.append(f"| {name} | {where} | {bounds} | {row['unit']} | {row['meaning']} |")
     return "\n".join(lines)
 
 
 def vector_table(control: str, found: Tables) -> str:
-    """Write the table of the vectors as wholes, as Markdown; `observation_table` tells of their fields."""
+    """Write the table of the vectors as wholes, as Markdown; `observation_table` lists their columns."""
     lines = ["| vector | shape | dtype | privileged |", "|---|---|---|---|"]
-    for name, fields in fields_of(control, found)[1].items():
+    for name, columns in columns_of(control, found)[1].items():
         privileged = "yes" if name in found["privileged"] else "no"
-        lines.append(f"| {name} | {size(fields)} | float32 | {privileged} |")
+        lines.append(f"| {name} | {size(columns)} | float32 | {privileged} |")
+    return "\n".join(lines)
+
+
+def term_table(control: str, found: Tables) -> str:
+    """Write the table of a control mode's reward terms, as Markdown; terms that are always 0 are left out."""
+    rows = found["decision"]["terms"] if control == "grasp_pose" else found["terms"]
+    lines = ["| term | min | max | meaning |", "|---|---|---|---|"]
+    lines += [f"| {row['name']} | {row['low']:g} | {row['high']:g} | {row['meaning']} |" for row in rows]
+    return "\n".join(lines)
+
+
+def entries(control: str, found: Tables) -> list[Entry]:
+    """Find the entries of a control mode's info."""
+    return found["decision"]["info"] if control == "grasp_pose" else found["info"]
+
+
+def info_table(control: str, found: Tables) -> str:
+    """Write the table of a control mode's info, as Markdown; ``reward_terms`` comes beside these entries."""
+    lines = ["| entry | type | unit | meaning |", "|---|---|---|---|"]
+    for row in entries(control, found):
+        kind = {"float64": "float", "int64": "int"}.get(row["dtype"], row["dtype"])
+        lines.append(f"| {row['name']} | {kind} | {row['unit']} | {row['meaning']} |")
     return "\n".join(lines)
 
 

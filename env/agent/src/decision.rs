@@ -1,0 +1,114 @@
+//! One decision per episode: the hand is sent to a pose, and a trial follows there.
+
+use crate::AgentError;
+use crate::env_spec::EnvSpec;
+use crate::objects::Prepared;
+use crate::potentials::Potentials;
+use crate::reward::Attempt;
+use graspbox_episode::trial::Trial;
+use graspbox_episode::{Episode, FailureKind};
+use graspbox_hand::GraspPose;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// An object about to be grasped, as it rests.
+pub struct Decision<'a> {
+    /// What all environments share.
+    pub spec: &'a EnvSpec,
+    /// The object.
+    pub prepared: &'a Prepared,
+    /// Its centre of mass when the episode began, world, metres.
+    pub first_center: &'a Point3<f64>,
+    /// Factors on its friction and mass.
+    pub factors: [f64; 2],
+    /// Where it is.
+    pub world_from_object: Isometry3<f64>,
+}
+
+/// What a decision led to.
+pub struct Outcome {
+    /// The episode at its end.
+    pub episode: Episode,
+    /// What the reward terms depend on.
+    pub attempt: Attempt,
+    /// Why the grasp failed; none for a success.
+    pub failure: Option<FailureKind>,
+    /// The hand touched the object.
+    pub touched: bool,
+}
+
+impl Decision<'_> {
+    /// Tries a grasp: the hand opens at `world_from_hand` with `preshape` (rad), closes, lifts and holds.
+    ///
+    /// * `episode`: the episode before the decision.
+    ///
+    /// # Errors
+    /// A preshape or a motor command that the hand does not take, which a finite action never gives.
+    pub fn attempt(
+        &self,
+        episode: &Episode,
+        world_from_hand: &Isometry3<f64>,
+        preshape: f64,
+    ) -> Result<Outcome, AgentError> {
+        let feasible = self.feasible(episode, world_from_hand, preshape)?;
+        let (object, criterion) = (&self.world_from_object, self.spec.config.success);
+        let episode = Episode::reset_at(episode.scene(), world_from_hand, object, preshape, self.factors, criterion);
+        let before = self.potentials(&episode);
+        if feasible && !self.out_of_reach(&episode) {
+            return self.trial(episode, world_from_hand, preshape, &before);
+        }
+        let failure = Some(if feasible { FailureKind::NoContact } else { FailureKind::Infeasible });
+        let attempt = Attempt { potentials: before, success: false, infeasible: !feasible };
+        Ok(Outcome { episode, attempt, failure, touched: false })
+    }
+
+    /// * `before`: potentials before the hand closes, of which the nearness counts.
+    fn trial(
+        &self,
+        episode: Episode,
+        world_from_hand: &Isometry3<f64>,
+        preshape: f64,
+        before: &Potentials,
+    ) -> Result<Outcome, AgentError> {
+        let mut trial = Trial::of(episode, world_from_hand, preshape, self.spec.config.trial(), false);
+        trial.close(&|| false)?;
+        let closed = self.potentials(trial.episode());
+        trial.lift(&|| false)?;
+        let outcome = trial.outcome();
+        let episode = trial.into_episode();
+        let lifted = self.potentials(&episode);
+        let highest = episode.judge().highest() / self.spec.config.success.lift_height;
+        let potentials = Potentials {
+            reach: before.reach,
+            lift: if highest.is_finite() { highest.clamp(0.0, 1.0) } else { 0.0 },
+            hold: lifted.hold,
+            ..closed
+        };
+        Ok(Outcome {
+            episode,
+            attempt: Attempt { potentials, success: outcome.success, infeasible: false },
+            failure: outcome.failure,
+            touched: outcome.failure != Some(FailureKind::NoContact),
+        })
+    }
+
+    /// True if no finger can touch the object, neither while the hand closes nor while it rises: there is nothing to simulate.
+    fn out_of_reach(&self, episode: &Episode) -> bool {
+        let world = episode.world();
+        let center = world.world_from_object() * self.prepared.bounds_center();
+        let hand = Point3::from(world.world_from_hand().translation.vector);
+        let rise = (center.z - hand.z).clamp(0.0, self.spec.config.trial.lift_height);
+        let nearest = hand + Vector3::z() * rise;
+        (center - nearest).norm() > self.spec.reach + self.prepared.half_extents().norm()
+    }
+
+    fn potentials(&self, episode: &Episode) -> Potentials {
+        Potentials::of(episode, self.prepared, self.first_center)
+    }
+
+    /// True if the open hand reaches its pose without touching object or table.
+    fn feasible(&self, episode: &Episode, world_from_hand: &Isometry3<f64>, preshape: f64) -> Result<bool, AgentError> {
+        let pose = GraspPose { object_from_hand: self.world_from_object.inverse() * world_from_hand, preshape };
+        let standoff = self.spec.config.trial.standoff;
+        Ok(episode.scene().reachable_at(&pose, standoff, &self.world_from_object)?)
+    }
+}

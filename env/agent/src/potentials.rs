@@ -1,0 +1,82 @@
+//! Bounded potentials, whose changes are the shaping terms of the reward.
+
+use crate::grasp_quality::epsilon;
+use crate::objects::Prepared;
+use graspbox_episode::Episode;
+use graspbox_hand::Hand;
+use graspbox_sim::HandContact;
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// The grasp centre: where closed fingers meet, hand frame, metres.
+pub const GRASP_CENTER: [f64; 3] = [0.0, 0.0, 0.06];
+/// Distance at which reaching begins to pay, metres.
+pub(crate) const REACH: f64 = 0.4;
+/// The object's core: its bounds, shrunk to this share.
+const CORE: f64 = 0.5;
+/// Sideways motion of the object beyond this costs no more, metres.
+pub(crate) const PUSHED: f64 = 0.2;
+
+/// Potentials of the shaping terms, each in [0, 1].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Potentials {
+    /// Nearness of the grasp centre.
+    pub reach: f64,
+    /// Fingers that touch, and how they oppose.
+    pub contact: f64,
+    /// Epsilon quality.
+    pub closure: f64,
+    /// Share of the lift height.
+    pub lift: f64,
+    /// Share of the hold time.
+    pub hold: f64,
+    /// Share of the sideways motion that counts.
+    pub push: f64,
+}
+
+impl Potentials {
+    /// The potentials of an episode as it stands.
+    ///
+    /// * `first_center`: the object's centre of mass when the episode began, world.
+    pub fn of(episode: &Episode, prepared: &Prepared, first_center: &Point3<f64>) -> Self {
+        let (world, judge) = (episode.world(), episode.judge());
+        let hand = world.hand();
+        let hand_from_object = world.hand_from_object();
+        let contacts = world.hand_contacts();
+        let center = hand_from_object * episode.scene().center_of_mass();
+        let core = prepared.half_extents() * CORE;
+        let at = hand_from_object.inverse() * Point3::from(GRASP_CENTER) - prepared.bounds_center();
+        let outside = at.abs().zip_map(&core, |a, c| (a - c).max(0.0)).norm();
+        let touching = contacts.iter().any(|c| c.with_object);
+        let held = touching && !judge.on_scenery();
+        let lift = world.object_center().z - judge.resting_height();
+        let pushed = (world.object_center() - first_center).xy().norm();
+        let share = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
+        Self {
+            reach: share(1.0 - outside / REACH),
+            contact: share(opposition(hand, &contacts)),
+            closure: share(epsilon(hand, &contacts, &center)),
+            lift: if held { share(lift / judge.criterion().lift_height) } else { 0.0 },
+            hold: share(judge.held_share(world)),
+            push: share(pushed / PUSHED),
+        }
+    }
+}
+
+/// Mean of the share of fingers that press on the object, and of how far two parts of the hand oppose each other.
+fn opposition(hand: &Hand, contacts: &[HandContact]) -> f64 {
+    let palm = hand.fingers.len();
+    let mut presses = vec![Vector3::zeros(); palm + 1];
+    for contact in contacts.iter().filter(|c| c.with_object) {
+        presses[hand.finger_of_link(contact.link).unwrap_or(palm)] += contact.normal * contact.force;
+    }
+    let directions: Vec<_> = presses.iter().map(|p| p.try_normalize(1e-9)).collect();
+    let fingers = directions[..palm].iter().flatten().count() as f64 / palm.max(1) as f64;
+    let mut opposed = 0.0_f64;
+    for (i, a) in directions.iter().enumerate() {
+        for b in directions[i + 1..].iter().flatten() {
+            opposed = a.map_or(opposed, |a| opposed.max(-a.dot(b)));
+        }
+    }
+    0.5 * fingers + 0.5 * opposed
+}

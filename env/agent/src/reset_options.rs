@@ -1,0 +1,67 @@
+//! Options of a reset, and the checks that several of them share.
+
+use crate::AgentError;
+use graspbox_hand::rigid_motion;
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Which object.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum ObjectChoice {
+    /// By its index in the list.
+    Index(usize),
+    /// By its name.
+    Name(String),
+}
+
+/// What of an initial state is given; the rest is sampled. Matrices are rows, homogeneous.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ResetOptions {
+    /// The object.
+    pub object: Option<ObjectChoice>,
+    /// Its resting pose: an index, the most probable first.
+    pub resting: Option<usize>,
+    /// Its place: x, y (m) and turn about the vertical (rad) of the resting pose.
+    pub place: Option<[f64; 3]>,
+    /// Its pose; it is dropped there.
+    pub world_from_object: Option<[[f64; 4]; 4]>,
+    /// The hand's pose.
+    pub world_from_hand: Option<[[f64; 4]; 4]>,
+    /// The preshape, radians.
+    pub preshape: Option<f64>,
+    /// Factor on the object's friction.
+    pub friction: Option<f64>,
+    /// Factor on the object's mass.
+    pub mass: Option<f64>,
+    /// Poses of cameras by name, in the frame of what carries them.
+    pub cameras: BTreeMap<String, [[f64; 4]; 4]>,
+}
+
+pub(crate) fn bad_option(option: &'static str, why: impl Into<String>) -> AgentError {
+    AgentError::BadOption { option, why: why.into() }
+}
+
+pub(crate) fn finite(value: f64, option: &'static str) -> Result<f64, AgentError> {
+    if value.is_finite() { Ok(value) } else { Err(bad_option(option, "give finite numbers")) }
+}
+
+/// A factor that is given, or sampled.
+pub(crate) fn factor(given: Option<f64>, sampled: f64, option: &'static str) -> Result<f64, AgentError> {
+    let factor = given.unwrap_or(sampled);
+    if (0.01..=100.0).contains(&factor) {
+        Ok(factor)
+    } else {
+        Err(bad_option(option, format!("{factor} is out of range; give a factor between 0.01 and 100")))
+    }
+}
+
+/// The rigid motion of a homogeneous matrix.
+pub(crate) fn rigid(rows: &[[f64; 4]; 4], option: &'static str) -> Result<Isometry3<f64>, AgentError> {
+    let flat: [f64; 16] = std::array::from_fn(|i| rows[i / 4][i % 4]);
+    rigid_motion(&flat).ok_or_else(|| {
+        bad_option(option, "give a homogeneous matrix: a rotation, a translation column, the last row 0 0 0 1")
+    })
+}

@@ -1,0 +1,146 @@
+//! A saved state: everything that the future of an environment depends on, as bytes.
+//!
+//! Eight bytes that change with the layout, a BLAKE3 checksum, and the content in postcard's encoding.
+
+use crate::AgentError;
+use crate::agent_episode::AgentEpisode;
+use crate::arm_controller::ArmController;
+use crate::control::Control;
+use crate::env_spec::EnvSpec;
+use crate::random_stream::RandomStreamState;
+use crate::record::Record;
+use crate::reward::TermValues;
+use graspbox_episode::{Episode, EpisodeError, Judge};
+use graspbox_vision::Mount;
+use serde::{Deserialize, Serialize};
+
+/// Leads every saved state; the number changes with the layout.
+const MAGIC: &[u8; 8] = b"gbagent7";
+/// Length of the checksum that follows.
+const CHECKSUM: usize = 32;
+
+/// The content of a saved state.
+#[derive(Serialize, Deserialize)]
+pub struct SavedState {
+    control: Control,
+    frame_skip: u32,
+    /// Names of the cameras, and what carries them.
+    cameras: Vec<(String, Mount)>,
+    object: String,
+    /// The random stream.
+    pub stream: RandomStreamState,
+    world: Vec<u8>,
+    judge: Judge,
+    arm: ArmController,
+    record: Record,
+    /// The episode is over.
+    pub done: bool,
+    /// Reward terms of the last step.
+    pub terms: TermValues,
+    /// The last step ended the episode by success or loss.
+    pub terminated: bool,
+    /// The last step cut the episode off.
+    pub truncated: bool,
+}
+
+fn bad(why: impl Into<String>) -> AgentError {
+    AgentError::BadState { why: why.into() }
+}
+
+impl SavedState {
+    /// The state of an episode; `done` and what the last step returned are still to be filled in.
+    ///
+    /// # Errors
+    /// A world that cannot be written.
+    pub fn of(episode: &AgentEpisode, stream: RandomStreamState, spec: &EnvSpec) -> Result<Self, AgentError> {
+        let object = episode.prepared().body().name().to_owned();
+        let sim_error = |source| EpisodeError::Sim { object: object.clone(), source };
+        Ok(Self {
+            control: spec.config.control,
+            frame_skip: spec.config.frame_skip,
+            cameras: cameras(spec),
+            stream,
+            world: episode.episode().world().snapshot().map_err(sim_error)?,
+            judge: episode.judge().clone(),
+            arm: episode.arm().clone(),
+            record: episode.record().clone(),
+            done: false,
+            terms: TermValues::default(),
+            terminated: false,
+            truncated: false,
+            object,
+        })
+    }
+
+    /// As bytes.
+    ///
+    /// # Errors
+    /// Content that cannot be encoded.
+    pub fn encode(&self) -> Result<Vec<u8>, AgentError> {
+        let body = postcard::to_allocvec(self).map_err(|error| bad(error.to_string()))?;
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend_from_slice(blake3::hash(&body).as_bytes());
+        bytes.extend_from_slice(&body);
+        Ok(bytes)
+    }
+
+    /// From bytes.
+    ///
+    /// # Errors
+    /// Bytes of another version, or damaged ones.
+    pub fn decode(bytes: &[u8]) -> Result<Self, AgentError> {
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| bad("it is not a state of this version"))?;
+        let (sum, body) = rest.split_at_checked(CHECKSUM).ok_or_else(|| bad("it is too short"))?;
+        if blake3::hash(body).as_bytes() != sum {
+            return Err(bad("its checksum does not match; it was cut off or changed"));
+        }
+        postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))
+    }
+
+    /// Whether the state belongs to environments of `spec`.
+    fn fits(&self, spec: &EnvSpec) -> Result<(), AgentError> {
+        let index = self.record.object;
+        if spec.objects.names().nth(index) != Some(&self.object) {
+            return Err(bad(format!("object {index} of this set is not `{}`", self.object)));
+        }
+        if self.control != spec.config.control || self.frame_skip != spec.config.frame_skip {
+            let (control, skip) = (self.control.name(), self.frame_skip);
+            return Err(bad(format!("it has the control mode `{control}` with a frame_skip of {skip}")));
+        }
+        if *self.judge.criterion() != spec.config.success {
+            return Err(bad("it is judged by another criterion of success"));
+        }
+        if self.record.last_action.len() != spec.action {
+            return Err(bad("it has another hand"));
+        }
+        if self.cameras != cameras(spec) {
+            let names: Vec<_> = self.cameras.iter().map(|(name, _)| name.as_str()).collect();
+            return Err(bad(format!("its cameras are others, or carried by something else: {}", names.join(", "))));
+        }
+        if self.record.viewpoint.parent_from_camera.len() != self.cameras.len() {
+            return Err(bad("one of its cameras has no pose"));
+        }
+        Ok(())
+    }
+
+    /// The episode of the state.
+    ///
+    /// # Errors
+    /// A state of other objects, another hand, other physics, cameras, or another control mode.
+    pub fn episode(&self, spec: &EnvSpec) -> Result<AgentEpisode, AgentError> {
+        self.fits(spec)?;
+        let record = &self.record;
+        let prepared = spec.objects.prepared(record.object)?;
+        let (resting, scene) = spec.objects.scene(&prepared, record.resting)?;
+        if resting != record.resting {
+            return Err(bad("the object no longer rests in that pose"));
+        }
+        let episode = Episode::resume(&scene, &self.world, self.judge.clone())?;
+        Ok(AgentEpisode::resume(episode, prepared, self.arm.clone(), record.clone()))
+    }
+}
+
+fn cameras(spec: &EnvSpec) -> Vec<(String, Mount)> {
+    let all = spec.observer.config().cameras.iter();
+    all.map(|camera| (camera.name.clone(), camera.mount)).collect()
+}

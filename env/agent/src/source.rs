@@ -1,0 +1,125 @@
+//! Where an object comes from, and how Python describes it.
+
+use crate::AgentError;
+use graspbox_episode::{EpisodeError, ObjectSpec};
+use graspbox_mesh::{CleanOptions, LoadOptions};
+use graspbox_objects::{Family, generate};
+use nalgebra::Point3;
+use serde::Deserialize;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Where an object comes from.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// An object in memory.
+    Given(Arc<ObjectSpec>),
+    /// A mesh file.
+    File {
+        /// Name of the object.
+        name: String,
+        /// The file.
+        path: PathBuf,
+        /// Metres in one unit of the file.
+        scale: f64,
+        /// Mass, kg.
+        mass: Option<f64>,
+    },
+    /// A procedural object.
+    Procedural {
+        /// Name of the object.
+        name: String,
+        /// Its family.
+        family: Family,
+        /// Its seed.
+        seed: u64,
+        /// Factor on its size.
+        scale: f64,
+        /// Mass, kg; by default the family's times `scale` cubed.
+        mass: Option<f64>,
+    },
+}
+
+impl Source {
+    /// Name of the object.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Given(spec) => &spec.name,
+            Self::File { name, .. } | Self::Procedural { name, .. } => name,
+        }
+    }
+
+    /// Reads or makes the object.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a mesh that cannot be used.
+    pub fn read(&self) -> Result<ObjectSpec, AgentError> {
+        let mesh_error = |source| EpisodeError::Mesh { object: self.name().to_owned(), source };
+        match self {
+            Self::Given(spec) => Ok(ObjectSpec::clone(spec)),
+            Self::File { name, path, scale, mass } => {
+                let options = LoadOptions { scale: *scale, ..LoadOptions::default() };
+                let mesh = graspbox_mesh::load(path, &options).map_err(mesh_error)?;
+                let (mesh, _) = graspbox_mesh::clean(&mesh, &CleanOptions::default()).map_err(mesh_error)?;
+                Ok(ObjectSpec { name: name.clone(), mesh, mass: *mass, parts: None })
+            }
+            Self::Procedural { name, family, seed, scale, mass } => {
+                let made = generate(*family, *seed).map_err(mesh_error)?;
+                let grow = |part: Vec<Point3<f64>>| part.iter().map(|p| p * *scale).collect();
+                Ok(ObjectSpec {
+                    name: name.clone(),
+                    mesh: made.mesh.scaled(*scale),
+                    mass: Some(mass.unwrap_or(made.mass * scale.powi(3))),
+                    parts: made.parts.map(|parts| parts.into_iter().map(grow).collect()),
+                })
+            }
+        }
+    }
+}
+
+/// An object that is read or made at its first use, as `graspbox.object_sets.ObjectSpec` describes it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectDescription {
+    /// Name of the object.
+    pub name: String,
+    /// A mesh file; or `family` and `seed`.
+    #[serde(default)]
+    pub path: Option<PathBuf>,
+    /// A family of procedural objects.
+    #[serde(default)]
+    pub family: Option<String>,
+    /// Seed of a procedural object.
+    #[serde(default)]
+    pub seed: Option<u64>,
+    /// Metres in one unit of the file; factor on the size of a procedural object.
+    #[serde(default = "unscaled")]
+    pub scale: f64,
+    /// Mass, kg.
+    #[serde(default)]
+    pub mass: Option<f64>,
+}
+
+fn unscaled() -> f64 {
+    1.0
+}
+
+impl TryFrom<ObjectDescription> for Source {
+    type Error = AgentError;
+
+    fn try_from(description: ObjectDescription) -> Result<Self, AgentError> {
+        let ObjectDescription { name, path, family, seed, scale, mass } = description;
+        let bad = |object: &str, why: String| AgentError::BadObject { object: object.to_owned(), why };
+        if !(scale.is_finite() && scale > 0.0) {
+            return Err(bad(&name, format!("scale is {scale}; give a positive factor")));
+        }
+        match (path, family, seed) {
+            (Some(path), None, None) => Ok(Self::File { name, path, scale, mass }),
+            (None, Some(family), Some(seed)) => {
+                let family = family.parse::<Family>().map_err(|error| bad(&name, error.to_string()))?;
+                Ok(Self::Procedural { name, family, seed, scale, mass })
+            }
+            _ => Err(bad(&name, "it needs either a path, or a family and a seed".to_owned())),
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! What a step or a reset of one environment returns.
+
+use crate::AgentError;
+use crate::agent_episode::AgentEpisode;
+use crate::env_spec::EnvSpec;
+use crate::info::{Info, read_info};
+use crate::reward::TermValues;
+use graspbox_vision::Pixels;
+
+/// What a step or a reset of one environment returns; [`Batch`](crate::Batch) turns many of them into arrays.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StepResult {
+    /// All observations, one after another.
+    pub observations: Vec<f32>,
+    /// The images, in the order of the config.
+    pub images: Vec<Pixels>,
+    /// Reward terms; zeros after a reset.
+    pub terms: TermValues,
+    /// The episode ended by success or loss.
+    pub terminated: bool,
+    /// The episode was cut off.
+    pub truncated: bool,
+    /// A new episode began instead of a step.
+    pub reset: bool,
+    /// The info, in the order of [`INFO`](crate::info::INFO).
+    pub info: Info,
+}
+
+impl StepResult {
+    /// Fills observations, images and info from an episode as it stands; keeps the rest.
+    ///
+    /// # Errors
+    /// A mesh that cannot be drawn, or an observation whose reader does not fit its row.
+    pub fn observe(&mut self, episode: &AgentEpisode, spec: &EnvSpec) -> Result<(), AgentError> {
+        let view = episode.view(spec);
+        self.info = read_info(&view);
+        self.observations.clear();
+        for observation in &spec.observations {
+            observation.read(&view, &mut self.observations)?;
+        }
+        if spec.observer.specs().is_empty() {
+            return Ok(());
+        }
+        Ok(spec.observer.see(&episode.scene_pose()?, episode.viewpoint(), &mut self.images)?)
+    }
+}

@@ -1,0 +1,329 @@
+//! Tables of observations, reward terms and infos: the values of every row, by name, against queries of the world that do not use the
+//! tables. A new row needs an expected value here.
+//!
+//! A bug here: a reader in the wrong row, a row of the wrong size.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use graspbox_agent::action::PRESHAPE_SPOOL;
+use graspbox_agent::agent_episode::AgentEpisode;
+use graspbox_agent::info::{INFO, InfoValue, failure_names, info_table, read_info};
+use graspbox_agent::observation_row::{Row, Size};
+use graspbox_agent::potentials::Potentials;
+use graspbox_agent::reward::{Attempt, TERMS, TermValues, Transition, term_table};
+use graspbox_agent::view::View;
+use graspbox_agent::{AgentConfig, AgentError, Column, Control, EnvPool, Observation, Randomization, ResetOptions};
+use graspbox_episode::FailureKind;
+use graspbox_objects::Family;
+use graspbox_tests::agent::{follow_until, objects, pool, seeds};
+use graspbox_tests::scenes::{planned, procedural};
+use nalgebra::{Isometry3, Point3};
+use std::sync::Arc;
+
+fn columns_of(pose: &Isometry3<f64>) -> Vec<f64> {
+    let m = pose.rotation.to_rotation_matrix();
+    [m.matrix().column(0), m.matrix().column(1)]
+        .iter()
+        .flat_map(|column| column.iter().copied().collect::<Vec<_>>())
+        .collect()
+}
+
+fn point(p: &Point3<f64>) -> Vec<f64> {
+    p.coords.as_slice().to_vec()
+}
+
+fn flag(yes: bool) -> f64 {
+    if yes { 1.0 } else { 0.0 }
+}
+
+/// 1 where the object touches: proximal and distal link of each finger, palm.
+fn contact_flags(episode: &AgentEpisode) -> Vec<f64> {
+    let world = episode.episode().world();
+    let (hand, touching) = (world.hand(), world.contacts().links);
+    let mut expected = Vec::new();
+    for (index, finger) in hand.fingers.iter().enumerate() {
+        let distal = hand.joints[finger.distal].child;
+        let own = touching.iter().filter(|link| hand.finger_of_link(**link) == Some(index));
+        expected.push(flag(own.clone().any(|link| *link != distal)));
+        expected.push(flag(own.clone().any(|link| *link == distal)));
+    }
+    expected.push(flag(touching.iter().any(|link| hand.finger_of_link(*link).is_none())));
+    expected
+}
+
+/// What the column `name` of an observation has to hold.
+fn expected(name: &str, episode: &AgentEpisode, decides: bool) -> Vec<f64> {
+    let (world, arm) = (episode.episode().world(), episode.arm());
+    let hand = world.hand();
+    let (object, verdict) = (world.world_from_object(), episode.episode().verdict());
+    let in_hand = world.world_from_hand().inverse() * object;
+    let frame = if decides { object } else { in_hand };
+    let fingers = || (0..hand.fingers.len()).map(|finger| world.finger(finger));
+    match name {
+        "hand_position" => arm.believed().translation.vector.as_slice().to_vec(),
+        "hand_rotation" => columns_of(arm.believed()),
+        "hand_velocity" => arm.velocity().0.as_slice().to_vec(),
+        "hand_spin" => arm.velocity().1.as_slice().to_vec(),
+        "proximal" => fingers().map(|finger| finger.proximal).collect(),
+        "distal" => fingers().map(|finger| finger.distal).collect(),
+        "spool" => hand.fingers.iter().map(|finger| world.motors()[finger.motor].position).collect(),
+        "spool_speed" => hand.fingers.iter().map(|finger| world.motors()[finger.motor].velocity).collect(),
+        "load" => fingers().map(|finger| finger.tension).collect(),
+        "preshape" => vec![world.preshape()],
+        "tactile" => world.tactile().force,
+        "object_position" => object.translation.vector.as_slice().to_vec(),
+        "object_rotation" => columns_of(&object),
+        "object_in_hand_position" => in_hand.translation.vector.as_slice().to_vec(),
+        "object_in_hand_rotation" => columns_of(&in_hand),
+        "object_velocity" => world.object_velocity_in_hand().0.as_slice().to_vec(),
+        "object_spin" => world.object_velocity_in_hand().1.as_slice().to_vec(),
+        "center_of_mass" => point(&(frame * episode.episode().scene().center_of_mass())),
+        "bounds_center" => point(&(frame * episode.bounds_center())),
+        "half_extents" => episode.half_extents().as_slice().to_vec(),
+        "mass" => vec![world.object_mass() * episode.mass_factor()],
+        "contact" => contact_flags(episode),
+        "on_table" => vec![flag(world.contacts().scenery)],
+        "lift" => vec![world.object_center().z - episode.judge().resting_height()],
+        "held" => vec![episode.judge().held_time(world) / episode.judge().criterion().hold_time],
+        "shift" => vec![verdict.shift],
+        "turn" => vec![verdict.turn],
+        "closure" => vec![episode.potentials().closure],
+        "last_action" => episode.last_action().iter().map(|entry| f64::from(*entry)).collect(),
+        other => panic!("no expected value for the column {other}: add one"),
+    }
+}
+
+/// Compares the values of an observation with what its columns have to hold, by name.
+fn compare(columns: &[Column], values: &[f32], episode: &AgentEpisode, decides: bool) -> Result<(), String> {
+    let mut rest = values;
+    for column in columns {
+        let (own, others) = rest.split_at_checked(column.size).ok_or("too few values")?;
+        let wanted = expected(column.name, episode, decides);
+        let near = |(value, want): (&f32, &f64)| {
+            (f64::from(*value) - want.clamp(column.low, column.high)).abs() < 1e-6 * (1.0 + want.abs())
+        };
+        if wanted.len() != own.len() || !own.iter().zip(&wanted).all(near) {
+            return Err(format!("{} is {own:?} instead of {wanted:?}", column.name));
+        }
+        rest = others;
+    }
+    if rest.is_empty() { Ok(()) } else { Err("too many values".into()) }
+}
+
+/// Compares every observation of environment 0 of a pool of one, and looks whether two columns of equal size could be swapped.
+fn check_observations(pool: &EnvPool) {
+    let batch = pool.now();
+    let env = pool.env(0).unwrap();
+    let episode = env.episode().unwrap();
+    let decides = pool.spec().config.control.decides();
+    for (spec, values) in pool.spec().observations.iter().zip(&batch.observations) {
+        compare(&spec.columns, values, episode, decides).unwrap();
+        for (i, a) in spec.columns.iter().enumerate() {
+            for (j, b) in spec.columns.iter().enumerate().skip(i + 1).filter(|(_, b)| b.size == a.size) {
+                let mut swapped = spec.columns.clone();
+                swapped.swap(i, j);
+                let unseen = compare(&swapped, values, episode, decides).is_ok();
+                assert!(!unseen, "{}: {} and {} can be swapped", spec.observation.name(), a.name, b.name);
+            }
+        }
+    }
+}
+
+fn varied(control: Control, family: Family) -> Arc<EnvPool> {
+    let randomization = Randomization { hand_position: 0.002, hand_rotation: 0.01, ..Randomization::default() };
+    let config = AgentConfig { control, randomization, ..AgentConfig::default() };
+    Arc::new(EnvPool::new(objects(&[family]), config, 1).unwrap())
+}
+
+/// In the middle of a grasp, while the object is held and not yet for long enough, all columns of equal size differ.
+#[test]
+fn columns_hold_what_their_names_say() {
+    let pool = varied(Control::TargetPose, Family::Mug);
+    let objects = &pool.spec().objects;
+    let (_, scene) = objects.scene(&objects.prepared(0).unwrap(), 0).unwrap();
+    let options = ResetOptions { resting: Some(0), mass: Some(1.1), friction: Some(1.2), ..ResetOptions::default() };
+    let grasps = planned(&procedural(Family::Mug, 0), &scene, 10, 0);
+    let holds = || {
+        let env = pool.env(0).unwrap();
+        let episode = env.episode().unwrap();
+        episode.judge().held_time(episode.episode().world()) > 0.1
+    };
+    let shaped = grasps.iter().filter(|grasp| grasp.preshape > 0.1);
+    let held = shaped.into_iter().any(|grasp| {
+        let driven = follow_until(&pool, &options, 3, grasp, |_| holds());
+        holds() && !driven.success
+    });
+    assert!(held, "no grasp held the object");
+    check_observations(&pool);
+}
+
+#[test]
+fn columns_before_a_decision_hold_what_their_names_say() {
+    let config = AgentConfig {
+        control: Control::GraspPose,
+        observations: vec![Observation::State],
+        randomization: Randomization::standard(),
+        ..AgentConfig::default()
+    };
+    let pool = EnvPool::new(objects(&[Family::Kettle]), config, 1).unwrap();
+    pool.reset(&[Some(4)], None, &ResetOptions::default()).unwrap();
+    check_observations(&pool);
+}
+
+/// A reader that gives another number of entries than its row says is an error at the first reset, before anything is returned.
+#[test]
+fn a_reader_that_does_not_fit_its_row_is_refused() {
+    let pool = pool(&objects(&[Family::Box]), Control::Twist, 1);
+    pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
+    let env = pool.env(0).unwrap();
+    let view = env.episode().unwrap().view(pool.spec());
+    for (size, fits) in [(Size::Fixed(2), true), (Size::Fixed(1), false), (Size::Fingers, false)] {
+        let row = Row {
+            name: "odd",
+            size,
+            bounds: |_| [0.0, 1.0],
+            unit: "1",
+            meaning: "two numbers",
+            privileged: false,
+            read: |_, out| out.put([0.5, f64::NAN]),
+        };
+        let column = row.column(pool.spec().hand(), Control::Twist);
+        let mut out = Vec::new();
+        let read = row.read(&column, &view, &mut out);
+        assert_eq!(read.is_ok(), fits);
+        assert!(fits || matches!(read, Err(AgentError::WrongSize { column: "odd", found: 2, .. })));
+        assert_eq!(out, [0.5, 0.0]);
+    }
+}
+
+fn potentials(first: f64) -> Potentials {
+    let at = |k: f64| first + 0.07 * k * k;
+    Potentials { reach: at(0.0), contact: at(1.0), closure: at(2.0), lift: at(3.0), hold: at(1.5), push: at(2.5) }
+}
+
+/// The value of the term `name`.
+fn term(values: &TermValues, name: &str) -> f64 {
+    f64::from(values[TERMS.iter().position(|term| term.name == name).unwrap()])
+}
+
+/// Every term of a step by name, and that nothing else is a term.
+#[test]
+fn terms_of_a_step_are_what_their_names_say() {
+    let (before, after) = (Potentials { lift: 0.5, ..potentials(0.05) }, Potentials { reach: 0.9, ..potentials(0.2) });
+    let base = Transition { before, after, effort: 0.31, ..Transition::default() };
+    let cases = [
+        ("success", Transition { success: true, ..base }),
+        ("failure", Transition { lost: true, ..base }),
+        ("table", Transition { table: true, ..base }),
+        ("stop", Transition { stop: true, ..base }),
+    ];
+    for (raised, transition) in cases {
+        let flag = |name: &str| flag(name == raised);
+        for row in TERMS {
+            let expected = match row.name {
+                "reach" => after.reach - before.reach,
+                "contact" => after.contact - before.contact,
+                "closure" => after.closure - before.closure,
+                "lift" => after.lift - before.lift,
+                "hold" => after.hold - before.hold,
+                "push" => before.push - after.push,
+                "success" => flag("success"),
+                "effort" => -0.31,
+                cost @ ("failure" | "table" | "stop") => -flag(cost),
+                other => panic!("no expected value for the term {other}: add one"),
+            };
+            let value = term(&transition.terms(), row.name);
+            assert!((value - expected).abs() < 1e-6, "{} is {value} instead of {expected}", row.name);
+            assert!((row.step.low..=row.step.high).contains(&value), "{}", row.name);
+        }
+    }
+}
+
+/// Every term of a decision by name; those that are always 0 are not in its table.
+#[test]
+fn terms_of_a_decision_are_what_their_names_say() {
+    let potentials = potentials(0.1);
+    for (success, infeasible) in [(true, false), (false, true)] {
+        let values = Attempt { potentials, success, infeasible }.terms();
+        for row in TERMS {
+            let expected = match row.name {
+                "reach" => potentials.reach,
+                "contact" => potentials.contact,
+                "closure" => potentials.closure,
+                "lift" => potentials.lift,
+                "hold" => potentials.hold,
+                "push" => -potentials.push,
+                "success" => flag(success),
+                "failure" => -flag(infeasible),
+                "effort" | "table" | "stop" => 0.0,
+                other => panic!("no expected value for the term {other}: add one"),
+            };
+            let value = term(&values, row.name);
+            assert!((value - expected).abs() < 1e-6, "{} is {value} instead of {expected}", row.name);
+        }
+    }
+    let names: Vec<_> = term_table(Control::GraspPose).iter().map(|row| row.name).collect();
+    assert_eq!(names, ["reach", "contact", "closure", "lift", "hold", "success", "failure", "push"]);
+    assert_eq!(term_table(Control::Twist).len(), TERMS.len());
+}
+
+/// Every entry of the info by name, of an episode whose record and verdict are made up; no two entries of one type are always equal.
+#[test]
+fn infos_hold_what_their_names_say() {
+    let pool = pool(&objects(&[Family::Box]), Control::Twist, 1);
+    pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
+    let env = pool.env(0).unwrap();
+    let episode = env.episode().unwrap();
+    // Success, secure, touching, stopped, failure.
+    let cases = [
+        (true, true, true, false, None),
+        (true, false, false, true, None),
+        (false, false, true, true, Some(FailureKind::Dropped)),
+        (false, true, false, false, Some(FailureKind::Infeasible)),
+    ];
+    let mut seen = Vec::new();
+    for (i, (success, secure, touches, stopped, failure)) in cases.into_iter().enumerate() {
+        let mut view = episode.view(pool.spec());
+        let mut record = view.record.clone();
+        (record.success, record.failure, record.stopped) = (success, failure, stopped);
+        (record.object, record.resting, record.dropped) = (i + 7, i + 20, i == 3);
+        (view.verdict.secure, view.verdict.lift) = (secure, 0.1 * i as f64);
+        view.touching = if touches { vec![1] } else { Vec::new() };
+        let view = View { record: &record, ..view };
+        let info = read_info(&view);
+        for (row, value) in INFO.iter().zip(info) {
+            let expected = match row.name {
+                "is_success" => InfoValue::Flag(success),
+                "is_secure" => InfoValue::Flag(success && secure),
+                "failure" => {
+                    let name = failure.map_or("", FailureKind::name);
+                    InfoValue::Index(failure_names().iter().position(|other| *other == name).unwrap() as i64)
+                }
+                "lift" => InfoValue::Number(0.1 * i as f64),
+                "object" => InfoValue::Index(i as i64 + 7),
+                "resting" => InfoValue::Index(if i == 3 { -1 } else { i as i64 + 20 }),
+                "touches" => InfoValue::Flag(touches),
+                "protective_stop" => InfoValue::Flag(stopped),
+                "infeasible" => InfoValue::Flag(failure == Some(FailureKind::Infeasible)),
+                other => panic!("no expected value for the entry {other}: add one"),
+            };
+            assert_eq!(value, expected, "{} in case {i}", row.name);
+        }
+        seen.push(info);
+    }
+    for (i, a) in INFO.iter().enumerate() {
+        for (j, b) in INFO.iter().enumerate().skip(i + 1) {
+            assert!(seen.iter().any(|info| info[i] != info[j]), "{} and {} can be swapped", a.name, b.name);
+        }
+    }
+    let names = |control| info_table(control).iter().map(|row| row.name).collect::<Vec<_>>();
+    assert!(names(Control::GraspPose).contains(&"infeasible") && !names(Control::Twist).contains(&"infeasible"));
+}
+
+/// Texts in tables name the constants that they describe.
+#[test]
+fn meanings_name_their_constants() {
+    let pool = pool(&objects(&[Family::Box]), Control::Twist, 1);
+    let actions = Control::Twist.table(pool.spec().hand());
+    let preshape = actions.iter().find(|column| column.name == "preshape").unwrap();
+    assert!(preshape.meaning.contains(&format!("{PRESHAPE_SPOOL} rad")), "{}", preshape.meaning);
+}
