@@ -7,7 +7,8 @@ mod topology;
 
 pub use topology::{Defect, check_manifold, check_watertight, components, is_closed};
 
-use crate::{MeshError, TriMesh};
+use crate::error::MeshError;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, HashSet};

@@ -10,7 +10,8 @@ mod quadric;
 pub use distance::{Hausdorff, hausdorff};
 
 use crate::clean::compact;
-use crate::{MeshError, TriMesh};
+use crate::error::MeshError;
+use crate::trimesh::TriMesh;
 use distance::{Surface, centre};
 use nalgebra::{Point3, Vector3};
 use quadric::Quadric;

@@ -5,7 +5,7 @@
 //! still has an inside. A query near the surface measures the faces that its cell's corners know; so walls thinner than the
 //! grid keep their place.
 
-use crate::TriMesh;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 
 /// Nodes around the bounds, so that points just outside are on the grid.

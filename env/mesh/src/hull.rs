@@ -6,7 +6,8 @@
 
 mod quickhull;
 
-use crate::{MeshError, TriMesh};
+use crate::error::MeshError;
+use crate::trimesh::TriMesh;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use quickhull::quickhull;
 

@@ -6,17 +6,19 @@
 //! | [`io`] | STL, PLY, OBJ, OFF: bounded, with clear errors |
 //! | [`clean`](mod@clean) | weld, drop, orient, components, watertight test |
 //! | [`decimate`](mod@decimate) | fewer faces, still watertight |
-//! | [`sample`] | surface samples, uniform by area |
+//! | [`sample`] | surface samples, uniform by area; evenly spread directions |
 //! | [`mass`] | volume, centre of mass, inertia |
 //! | [`hull`] | convex hull |
 //! | [`distance_grid`] | signed distance on a grid |
 //! | [`parts`] | convex parts: the collision geometry |
 //! | [`resting`] | stable poses on a table |
 //! | [`voxel`] | solid and surface voxels, binvox files |
+//! | [`checksum`] | bytes with a magic number and a checksum: cache entries, snapshots |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
 //! Units are metres and kilograms; a mesh keeps the frame of its file.
 
+pub mod checksum;
 pub mod clean;
 pub mod decimate;
 pub mod distance_grid;
@@ -35,11 +37,11 @@ pub use decimate::{Decimated, Hausdorff, decimate, decimate_levels, hausdorff};
 pub use distance_grid::DistanceGrid;
 pub use error::MeshError;
 pub use hull::convex_hull;
-pub use io::{LoadOptions, MeshFormat, load, parse, write_obj, write_stl};
+pub use io::{LoadOptions, MeshFormat, load, parse, read_bounded, write_atomic, write_obj, write_stl};
 pub use mass::{Mass, MassMethod, MassProperties, mass_properties, mass_properties_of_parts};
-pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts};
+pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts, measure_parts};
 pub use resting::{RestingOptions, RestingPose, default_pose, resting_poses};
-pub use sample::{SurfaceSample, sample_surface};
+pub use sample::{SurfaceSample, fibonacci_sphere, sample_surface};
 pub use trimesh::{Aabb, TriMesh};
 pub use voxel::{
     FillRule, VoxelFrame, VoxelGrid, VoxelMode, VoxelOptions, load_binvox, parse_binvox, voxelize, write_binvox,

@@ -5,7 +5,8 @@
 //! to the neighbour where the centre of mass lies lowest, until it is stable (no dynamics: Goldberg, Mirtich, Zhuang, Craig,
 //! Carlisle, Canny, "Part pose statistics", 1999, their quasi-static estimate).
 
-use crate::{MeshError, TriMesh};
+use crate::error::MeshError;
+use crate::trimesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;

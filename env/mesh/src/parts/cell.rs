@@ -105,19 +105,6 @@ fn clip(
     }
 }
 
-/// `count` unit vectors spread evenly: the Fibonacci sphere.
-pub(super) fn directions(count: usize) -> Vec<Vector3<f64>> {
-    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    (0..count)
-        .map(|i| {
-            let z = 1.0 - (2 * i + 1) as f64 / count as f64;
-            let (s, c) = (golden * i as f64).sin_cos();
-            let r = (1.0 - z * z).sqrt();
-            Vector3::new(r * c, r * s, z)
-        })
-        .collect()
-}
-
 /// For each direction the point that lies farthest along it; each point once, ascending.
 pub(super) fn supports(points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<usize> {
     let mut best = vec![(f64::NEG_INFINITY, 0); directions.len()];

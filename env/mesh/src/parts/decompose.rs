@@ -4,8 +4,11 @@ use super::cell::{Cell, Pool, thicken};
 use super::cut::cut_down;
 use super::fit::Fit;
 use super::merge::merge;
-use super::{PartsParams, reduce::reduce};
-use crate::{MeshError, TriMesh, convex_hull};
+use super::params::PartsParams;
+use super::reduce::reduce;
+use crate::error::MeshError;
+use crate::hull::convex_hull;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 

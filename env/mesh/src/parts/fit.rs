@@ -3,7 +3,8 @@
 use super::cell::Hull;
 use crate::distance_grid::DistanceGrid;
 use crate::hull::planes;
-use crate::{TriMesh, sample_surface};
+use crate::sample::sample_surface;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 
 /// Samples on the mesh by which underfill is measured.
