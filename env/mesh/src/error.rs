@@ -170,3 +170,11 @@ pub enum MeshError {
         tries: usize,
     },
 }
+
+/// Refuses a parameter that is not `valid`; `rule` is a sentence about its range.
+///
+/// # Errors
+/// [`MeshError::BadParameter`].
+pub(crate) fn require(valid: bool, name: &'static str, value: f64, rule: &'static str) -> Result<(), MeshError> {
+    if valid { Ok(()) } else { Err(MeshError::BadParameter { name, value, rule }) }
+}

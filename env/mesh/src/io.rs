@@ -39,7 +39,7 @@ use std::path::Path;
 /// merged or repaired (see [`crate::clean()`]). Polygons become fans of triangles.
 ///
 /// # Errors
-/// [`MeshError::Io`], [`MeshError::UnknownFormat`], and everything that [`parse`] says.
+/// [`MeshError::Io`], [`MeshError::UnknownFormat`], and those of [`parse`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<TriMesh, MeshError> {
     let format = MeshFormat::from_path(path).ok_or_else(|| MeshError::UnknownFormat { path: path.to_path_buf() })?;
     let io = |source| MeshError::Io { path: path.to_path_buf(), source };

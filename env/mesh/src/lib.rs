@@ -17,6 +17,23 @@
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
 //! Units are metres and kilograms; a mesh keeps the frame of its file.
+//!
+//! ```
+//! use graspbox_mesh::{LoadOptions, Mass, MeshFormat, PartsParams, clean, convex_parts, mass_properties, parse};
+//!
+//! // A tetrahedron, 10 cm along each axis.
+//! let obj = b"v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+//! let millimetres = LoadOptions { scale: 0.001, ..LoadOptions::default() };
+//! let mesh = parse(obj, MeshFormat::Obj, &millimetres)?;
+//! let (mesh, report) = clean(&mesh, &Default::default())?;
+//! assert!(report.watertight);
+//!
+//! let properties = mass_properties(&mesh, Mass::Density(600.0))?;
+//! assert!((properties.mass - 0.1).abs() < 1e-12);
+//! let parts = convex_parts(&mesh, &PartsParams::default(), None)?;
+//! assert_eq!(parts.parts.len(), 1);
+//! # Ok::<(), graspbox_mesh::MeshError>(())
+//! ```
 
 pub mod checksum;
 pub mod clean;

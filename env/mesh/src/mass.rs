@@ -1,7 +1,7 @@
 //! Volume, centre of mass and inertia of the solid that a mesh bounds, of uniform density.
 
 use crate::clean::{compact, is_closed};
-use crate::error::MeshError;
+use crate::error::{MeshError, require};
 use crate::hull::convex_hull;
 use crate::trimesh::TriMesh;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -45,7 +45,7 @@ pub struct MassProperties {
 /// Mass properties of the solid inside `mesh`.
 ///
 /// A closed mesh is integrated exactly (signed tetrahedra), whichever way it is turned. An open mesh bounds nothing: its
-/// convex hull stands in, and [`MassProperties::method`] says so.
+/// convex hull is used instead, as [`MassProperties::method`] reports.
 ///
 /// # Errors
 /// [`MeshError::BadParameter`] for a mass or density that is not positive and finite; [`MeshError::Flat`] when there is no
@@ -129,8 +129,5 @@ fn finish(moments: Moments, mass: Mass, method: MassMethod) -> Result<MassProper
 }
 
 fn positive(name: &'static str, value: f64) -> Result<f64, MeshError> {
-    if value.is_finite() && value > 0.0 {
-        return Ok(value);
-    }
-    Err(MeshError::BadParameter { name, value, rule: "it must be positive and finite" })
+    require(value.is_finite() && value > 0.0, name, value, "it must be positive and finite").map(|()| value)
 }

@@ -39,7 +39,7 @@ const MIN_PARTS: u8 = 4;
 /// half-open rules: a centre on the surface is taken a billionth of a voxel towards (+x, +y, +z). A voxel is touched by what comes
 /// within a billionth of its size.
 ///
-/// Returns the grid, in the mesh's frame, and, for [`VoxelMode::Solid`], how inside was told from outside.
+/// Returns the grid, in the mesh's frame, and, for [`VoxelMode::Solid`], how inside was decided.
 ///
 /// # Errors
 /// [`MeshError::BadParameter`] for a resolution outside 1 to 1024 or one that cannot be halved so often, and for a mesh that is a

@@ -66,7 +66,7 @@ fn files_that_lie_are_refused() {
         (file(&dim("2 2 4"), &[0, 16]), "only cubes"),
         (file(&dim("0 0 0"), &[]), "only cubes"),
         (file(&dim("4000000000 4000000000 4000000000"), &[0, 8]), "only cubes"),
-        (file(&dim("2 2 2\ndim 2 2 2"), &[0, 8]), "has no place"),
+        (file(&dim("2 2 2\ndim 2 2 2"), &[0, 8]), "does not belong"),
         (file(&dim("2 2 2\nscale 0"), &[0, 8]), "positive"),
         (file(&dim("2 2 2\ntranslate 1 inf 0"), &[0, 8]), "finite"),
         (file(&dim("2 2 2"), &[0, 7]), "do not fill"),

@@ -1,4 +1,4 @@
-//! STL. The two kinds are told apart by size: many binary files begin with the word "solid" too.
+//! STL. Binary and ASCII are distinguished by size: many binary files begin with the word "solid" too.
 
 use super::format::{LoadOptions, MeshFormat, Raw, check_count};
 use crate::error::MeshError;

@@ -1,7 +1,7 @@
 //! A cell: the piece of the solid on one side of every cut so far, as the points that can lie on its hull.
 //!
 //! Its hull is that of the clipped surface and of inner points: where two cuts cross inside the solid, no surface marks the
-//! corner, and grid nodes inside the solid stand in for it.
+//! corner, and grid nodes inside the solid take its place.
 
 use crate::hull::hull_indexed;
 use nalgebra::{Point3, Vector3};

@@ -1,6 +1,6 @@
 //! Parameters, parts and how well they fit.
 
-use crate::error::MeshError;
+use crate::error::{MeshError, require};
 use crate::trimesh::TriMesh;
 use serde::{Deserialize, Serialize};
 
@@ -26,17 +26,11 @@ impl Default for PartsParams {
 
 impl PartsParams {
     pub(super) fn check(&self) -> Result<(), MeshError> {
-        let bad = |name, value, rule| Err(MeshError::BadParameter { name, value, rule });
-        if !(self.max_error.is_finite() && self.max_error > 0.0) {
-            return bad("max_error", self.max_error, "it must be a positive number of metres");
-        }
-        if self.max_parts == 0 {
-            return bad("max_parts", 0.0, "at least 1 part is needed");
-        }
-        if self.max_points < 8 {
-            return bad("max_points", self.max_points as f64, "a part needs at least 8 corners");
-        }
-        Ok(())
+        let Self { max_error, max_parts, max_points } = *self;
+        let rule = "it must be a positive number of metres";
+        require(max_error.is_finite() && max_error > 0.0, "max_error", max_error, rule)?;
+        require(max_parts > 0, "max_parts", 0.0, "at least 1 part is needed")?;
+        require(max_points >= 8, "max_points", max_points as f64, "a part needs at least 8 corners")
     }
 }
 

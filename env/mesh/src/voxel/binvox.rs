@@ -23,7 +23,7 @@ const DATA: &[u8] = b"data";
 /// Version 1 and 2; every value but 0 is a set voxel. Only cubes, which is all that the format allows.
 ///
 /// # Errors
-/// [`MeshError::Io`], and everything that [`parse_binvox`] says.
+/// [`MeshError::Io`], and those of [`parse_binvox`].
 pub fn load_binvox(path: &Path) -> Result<VoxelGrid, MeshError> {
     let io = |source| MeshError::Io { path: path.to_path_buf(), source };
     parse_binvox(&read_bounded(path, MAX_BYTES).map_err(io)?)
@@ -137,7 +137,7 @@ impl Header {
                 _ => false,
             };
             if !known {
-                return Err(malformed(format!("{text:?} has no place in its header")));
+                return Err(malformed(format!("{text:?} does not belong in its header")));
             }
         }
         let [depth, height, width] = dim.ok_or_else(|| malformed("its header has no line \"dim\"".into()))?;

@@ -1,10 +1,16 @@
 //! The cube that is cut into voxels, and which of them are set.
 
-use crate::error::MeshError;
+use crate::error::{MeshError, require};
 use nalgebra::{Point3, Vector3};
 
 /// Most voxels along a side: binvox's own limit; a grid of it takes 1 GiB.
 pub const MAX_RESOLUTION: usize = 1024;
+
+/// Refuses a number of voxels along a side.
+pub(super) fn check_resolution(resolution: usize) -> Result<(), MeshError> {
+    let valid = (1..=MAX_RESOLUTION).contains(&resolution);
+    require(valid, "resolution", resolution as f64, "give 1 to 1024 voxels a side")
+}
 
 /// A vector of `count` equal values; unlike `vec!`, it does not abort the process when memory runs out.
 ///
@@ -47,28 +53,13 @@ impl VoxelFrame {
     /// # Errors
     /// [`MeshError::BadParameter`] for a resolution outside 1 to 1024, corners that are not finite or a side that is not positive.
     pub fn new(resolution: usize, origin: Point3<f64>, side: f64) -> Result<Self, MeshError> {
-        if !(1..=MAX_RESOLUTION).contains(&resolution) {
-            return Err(MeshError::BadParameter {
-                name: "resolution",
-                value: resolution as f64,
-                rule: "give 1 to 1024 voxels a side",
-            });
-        }
+        check_resolution(resolution)?;
         let far = origin + Vector3::repeat(side);
         if let Some(&value) = origin.iter().chain(far.iter()).find(|x| !x.is_finite()) {
-            return Err(MeshError::BadParameter {
-                name: "a corner of the voxel grid",
-                value,
-                rule: "it must be finite",
-            });
+            require(false, "a corner of the voxel grid", value, "it must be finite")?;
         }
-        if side / resolution as f64 <= 0.0 {
-            return Err(MeshError::BadParameter {
-                name: "the side of the voxel grid",
-                value: side,
-                rule: "it must be positive; a mesh that is a single point has no voxels",
-            });
-        }
+        let rule = "it must be positive; a mesh that is a single point has no voxels";
+        require(side / resolution as f64 > 0.0, "the side of the voxel grid", side, rule)?;
         Ok(Self { resolution, origin, side })
     }
 
@@ -135,13 +126,8 @@ impl VoxelGrid {
     /// # Errors
     /// [`MeshError::BadParameter`] when there are fewer or more flags than voxels.
     pub fn new(frame: VoxelFrame, set: Vec<bool>) -> Result<Self, MeshError> {
-        if set.len() != frame.len() {
-            return Err(MeshError::BadParameter {
-                name: "the number of voxels",
-                value: set.len() as f64,
-                rule: "it must be the cube of the resolution",
-            });
-        }
+        let rule = "it must be the cube of the resolution";
+        require(set.len() == frame.len(), "the number of voxels", set.len() as f64, rule)?;
         Ok(Self { frame, set })
     }
 

@@ -1,7 +1,7 @@
 //! Which voxels are set, and how inside was decided.
 
-use super::grid::MAX_RESOLUTION;
-use crate::error::MeshError;
+use super::grid::check_resolution;
+use crate::error::{MeshError, require};
 use std::str::FromStr;
 
 /// Which voxels are set.
@@ -34,7 +34,7 @@ impl FromStr for VoxelMode {
     }
 }
 
-/// How inside was told from outside.
+/// How inside was decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FillRule {
     /// The mesh is closed and oriented: inside is what it winds around.
@@ -80,20 +80,9 @@ impl Default for VoxelOptions {
 
 impl VoxelOptions {
     pub(super) fn check(&self) -> Result<(), MeshError> {
-        if !(1..=MAX_RESOLUTION).contains(&self.resolution) {
-            return Err(MeshError::BadParameter {
-                name: "resolution",
-                value: self.resolution as f64,
-                rule: "give 1 to 1024 voxels a side",
-            });
-        }
-        if self.resolution.trailing_zeros() < self.down {
-            return Err(MeshError::BadParameter {
-                name: "down",
-                value: f64::from(self.down),
-                rule: "the resolution cannot be halved that often; choose a resolution that two divides often enough",
-            });
-        }
-        Ok(())
+        check_resolution(self.resolution)?;
+        let whole = self.resolution.trailing_zeros() >= self.down;
+        let rule = "the resolution cannot be halved that often; choose a resolution that two divides often enough";
+        require(whole, "down", f64::from(self.down), rule)
     }
 }

@@ -11,7 +11,7 @@ use crate::error::MeshError;
 /// How far centres are moved, in voxels: modelled objects have faces, edges and diagonals right through them. Above rounding
 /// (2e-13 in a grid of 1024), and different along the axes so that diagonals are left too.
 const TIE: [f64; 3] = [1.0e-9, 1.3e-9, 1.7e-9];
-/// So many of six rays make an inside: more than half.
+/// Rays of six that must find a voxel inside: more than half.
 const MAJORITY: u8 = 4;
 
 /// A face crosses a line between the centres `along - 1` and `along`.
