@@ -102,36 +102,66 @@ class EnvArrays(TypedDict):
 
 @final
 class Mesh:
-    """A triangle mesh with a name and a mass, held in Rust: metres, kilograms, the frame of its file."""
+    """A triangle mesh with a name and a mass, held in Rust: metres, kilograms, the frame of its file.
 
+    Immutable; copies share it, and it is pickled by its arrays.
+    """
+
+    def __new__(
+        cls,
+        vertices: NDArray[np.float64],
+        faces: NDArray[np.uint32],
+        name: str,
+        mass: float | None,
+        cleaning: str | None,
+        parts: Sequence[NDArray[np.float64]] | None,
+    ) -> Mesh: ...
+    def __getnewargs__(
+        self,
+    ) -> tuple[
+        NDArray[np.float64], NDArray[np.uint32], str, float | None, str | None, list[NDArray[np.float64]] | None
+    ]: ...
+    def __copy__(self) -> Mesh: ...
+    def __deepcopy__(self, _memo: object, /) -> Mesh: ...
     @staticmethod
     def load(path: str | PathLike[str], name: str, mass: float | None, options: str, cleaning: str | None) -> Mesh: ...
-    @staticmethod
-    def from_arrays(
-        vertices: NDArray[np.float64], faces: NDArray[np.uint32], name: str, mass: float | None
-    ) -> Mesh: ...
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name of the object."""
     @property
-    def vertices(self) -> NDArray[np.float64]: ...
+    def vertices(self) -> NDArray[np.float64]:
+        """Vertices (n, 3), metres: a fresh copy."""
     @property
-    def faces(self) -> NDArray[np.uint32]: ...
+    def faces(self) -> NDArray[np.uint32]:
+        """Faces (m, 3) as indices of vertices, counter-clockwise seen from outside: a fresh copy."""
     @property
-    def bounds(self) -> NDArray[np.float64]: ...
+    def bounds(self) -> NDArray[np.float64]:
+        """Least and greatest corner (2, 3) of the axis-aligned bounds, metres."""
     @property
-    def area(self) -> float: ...
+    def area(self) -> float:
+        """Surface area, m2."""
     @property
-    def volume(self) -> float: ...
+    def volume(self) -> float:
+        """Volume, m3: of the mesh if it is closed, else of its convex hull."""
     @property
-    def mass(self) -> float: ...
+    def mass(self) -> float:
+        """Mass, kg: as given, else the volume times 400 kg/m3."""
     @property
-    def center_of_mass(self) -> NDArray[np.float64]: ...
+    def center_of_mass(self) -> NDArray[np.float64]:
+        """Centre of mass (3,), metres, for uniform density."""
     @property
-    def inertia(self) -> NDArray[np.float64]: ...
+    def inertia(self) -> NDArray[np.float64]:
+        """Inertia tensor (3, 3) about the centre of mass, along the mesh's axes, kg m2."""
     @property
-    def watertight(self) -> bool: ...
-    def sample(self, count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-    def resting_poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def watertight(self) -> bool:
+        """Whether every edge has exactly two faces, which agree on a side."""
+    def sample(self, count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Points (n, 3) and outward unit normals (n, 3) of the surface, uniform by area.
+
+        `count` is at most 20 million. Same mesh, count and seed: same samples.
+        """
+    def resting_poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Stable poses on a table, the most probable first: (n, 4, 4) `world_from_object`, and probabilities (n,)."""
 
 @final
 class Hand:

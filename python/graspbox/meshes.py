@@ -1,4 +1,4 @@
-"""Meshes: read a file, or take arrays.
+"""Meshes: read a file, take arrays, or convert another library's.
 
 A `Mesh` is held in Rust; its arrays are fresh copies. Units are metres and kilograms, in the frame of the file.
 """
@@ -7,7 +7,7 @@ import json
 import os
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,23 @@ from graspbox._core import Mesh
 from graspbox.configs import CleanConfig, LoadConfig
 from graspbox.errors import ConfigError
 
-__all__ = ["Mesh", "load_mesh", "mesh_from_arrays"]
+__all__ = ["Mesh", "MeshLike", "as_mesh", "load_mesh", "mesh_from_arrays"]
+
+
+class Triangles(Protocol):
+    """A mesh of another library, such as a ``trimesh.Trimesh``."""
+
+    @property
+    def vertices(self) -> ArrayLike:
+        """Positions (n, 3), metres."""
+
+    @property
+    def faces(self) -> ArrayLike:
+        """Vertex indices (m, 3)."""
+
+
+#: What `as_mesh` takes.
+MeshLike = Mesh | Triangles
 
 
 def to_json(config: Any) -> str:
@@ -41,7 +57,7 @@ def load_mesh(
     Parameters
     ----------
     path : str or PathLike
-        The file.
+        A regular file; devices and pipes are refused.
     scale : float
         Metres in one unit of the file: 0.001 for millimetres.
     mass : float, optional
@@ -63,40 +79,95 @@ def load_mesh(
     FileError
         If the file cannot be read (also an OSError).
     MeshError
-        If it is empty, truncated, not made of polygons, or absurdly large or small (also a ValueError).
+        If it is empty, truncated, of another format than its ending says, not made of polygons, or absurdly large or
+        small (also a ValueError).
+
+    Warns
+    -----
+    UserWarning
+        Before a mesh of more than 300,000 faces is cleaned, which takes long.
     """
     path = Path(path)
     options = to_json(replace(limits, scale=limits.scale * scale))
     return Mesh.load(path, name or path.stem, mass, options, None if clean is None else to_json(clean))
 
 
-def mesh_from_arrays(vertices: ArrayLike, faces: ArrayLike, *, name: str = "mesh", mass: float | None = None) -> Mesh:
-    """Make a mesh from arrays.
+def mesh_from_arrays(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    *,
+    scale: float = 1.0,
+    mass: float | None = None,
+    name: str = "mesh",
+    clean: CleanConfig | None = CleanConfig(),  # noqa: B008 (frozen)
+) -> Mesh:
+    """Make a mesh from arrays; it is cleaned as `load_mesh` cleans a file.
 
     Parameters
     ----------
     vertices : (n, 3) array_like of float
-        Metres.
+        Positions, in units of `scale` metres. Vertices that no face uses are dropped.
     faces : (m, 3) array_like of int
         Vertex indices, counter-clockwise seen from outside.
-    name : str
-        Name of the object.
+    scale : float
+        Metres in one unit of `vertices`: 0.001 for millimetres.
     mass : float, optional
         Kilograms; as in `load_mesh`.
+    name : str
+        Name of the object.
+    clean : CleanConfig, optional
+        How to weld and orient the surface; None leaves it as it is.
 
     Raises
     ------
     MeshError
-        If an index does not exist, or a coordinate is not finite.
+        If an index does not exist, or the mesh is empty, absurdly large or small (also a ValueError).
     ConfigError
-        If an array has the wrong shape.
+        If an array has the wrong shape, or holds numbers that are not finite (also a ValueError).
     """
     indices = np.asarray(faces)
     if indices.ndim != 2 or indices.shape[1] != 3 or not np.issubdtype(indices.dtype, np.integer):
         raise ConfigError(f"faces has shape {indices.shape} and type {indices.dtype}; give (m, 3) integers")
     if indices.size and (indices.min() < 0 or indices.max() >= 2**32):
         raise ConfigError(f"faces holds {indices.min()} to {indices.max()}; vertex indices start at 0")
-    return Mesh.from_arrays(floats(vertices), np.ascontiguousarray(indices, dtype=np.uint32), name, mass)
+    if not 0.0 < scale < np.inf:
+        raise ConfigError(f"scale is {scale}; give the positive number of metres in one unit of the vertices")
+    points = floats(vertices)
+    if scale != 1.0:
+        points = points * float(scale)
+    corners = np.ascontiguousarray(indices, dtype=np.uint32)
+    return Mesh(points, corners, name, mass, None if clean is None else to_json(clean), None)
+
+
+def as_mesh(source: MeshLike, name: str = "mesh") -> Mesh:
+    """Take a mesh as it is, and convert another library's.
+
+    Parameters
+    ----------
+    source : Mesh or object
+        A `Mesh`, or an object with ``vertices`` (n, 3) in metres and ``faces`` (m, 3), such as a ``trimesh.Trimesh``;
+        it is converted by `mesh_from_arrays` at every call.
+    name : str
+        The argument that it was given as, for errors.
+
+    Raises
+    ------
+    ConfigError
+        If it is neither (also a ValueError).
+    MeshError
+        As `mesh_from_arrays`.
+    """
+    if isinstance(source, Mesh):
+        return source
+    vertices, faces = getattr(source, "vertices", None), getattr(source, "faces", None)
+    if vertices is None or faces is None:
+        if isinstance(source, str | os.PathLike):
+            raise ConfigError(f"{name} is the path {os.fspath(source)!r}; read it with graspbox.load_mesh")
+        raise ConfigError(
+            f"{name} is a {type(source).__name__}; give a graspbox.Mesh (made by load_mesh or mesh_from_arrays), "
+            "or an object with vertices and faces, such as a trimesh.Trimesh"
+        )
+    return mesh_from_arrays(vertices, faces)
 
 
 def floats(values: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

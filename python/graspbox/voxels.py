@@ -17,11 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
-from graspbox._core import Mesh
 from graspbox.errors import ConfigError
-from graspbox.meshes import floats
+from graspbox.meshes import MeshLike, as_mesh, floats
 
 __all__ = ["Fill", "Mode", "Voxels", "load_binvox", "save_binvox", "voxelize"]
+
+#: Most voxels along a side: binvox's own limit. A grid takes 1 byte per voxel, up to 3 while it is made.
+MAX_RESOLUTION = 1024
+#: Most halvings of such a grid.
+MAX_DOWN = 10
 
 Mode = Literal["solid", "surface"]
 Fill = Literal["winding", "parity", "vote"]
@@ -42,7 +46,7 @@ class Voxels:
     voxel_size : float
         Side of a voxel, metres.
     fill : str or None
-        How inside was told from outside. ``winding``: the mesh is closed and oriented; inside is what it winds around.
+        How inside was decided. ``winding``: the mesh is closed and oriented; inside is what it winds around.
         ``parity``: it is closed, but its faces disagree about a side; inside is where an odd number of crossings leads.
         ``vote``: it has holes; inside is what at least four of the six rays along the axes find it winding around.
         None for anything but a solid made here.
@@ -64,6 +68,7 @@ class Voxels:
             raise ConfigError(f"voxel_size is {self.voxel_size}; give a positive number of metres")
         object.__setattr__(self, "occupancy", occupancy)
         object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "voxel_size", float(self.voxel_size))
 
     def __repr__(self) -> str:
         n = self.resolution
@@ -98,7 +103,7 @@ class Voxels:
 
 
 def voxelize(
-    mesh: Mesh,
+    mesh: MeshLike,
     resolution: int = 32,
     mode: Mode = "solid",
     *,
@@ -114,8 +119,8 @@ def voxelize(
 
     Parameters
     ----------
-    mesh : Mesh
-        The object.
+    mesh : Mesh, or an object with vertices and faces
+        The object; see `graspbox.meshes.as_mesh`.
     resolution : int
         Voxels along each side before the grid is halved, 1 to 1024.
     mode : str
@@ -130,20 +135,21 @@ def voxelize(
     Returns
     -------
     Voxels
-        In the frame of the mesh, metres; ``fill`` tells how inside was told from outside.
+        In the frame of the mesh, metres; ``fill`` tells how inside was decided.
 
     Raises
     ------
     ConfigError
-        For an unknown mode, or a resolution that is out of range or cannot be halved so often.
+        For an unknown mode, a resolution that is out of range or cannot be halved so often, or a grid that does not
+        fit into memory.
     """
     if mode not in get_args(Mode):
         raise ConfigError(f"mode is {mode!r}; choose solid or surface")
-    if not 0 <= down <= 10 or resolution < 0:
-        raise ConfigError(
-            f"resolution is {resolution}, to be halved {down} times; neither can be negative nor down above 10"
-        )
-    grid, fill = _core.voxelize(mesh, resolution, mode, down, remove_internal, exact)
+    if not 1 <= resolution <= MAX_RESOLUTION:
+        raise ConfigError(f"resolution is {resolution}; give 1 to {MAX_RESOLUTION} voxels a side")
+    if not 0 <= down <= MAX_DOWN:
+        raise ConfigError(f"down is {down}; a grid can be halved 0 to {MAX_DOWN} times")
+    grid, fill = _core.voxelize(as_mesh(mesh), resolution, mode, down, remove_internal, exact)
     return Voxels(*grid, fill=cast(Fill | None, fill))
 
 
@@ -166,6 +172,8 @@ def save_binvox(path: str | os.PathLike[str], voxels: Voxels) -> None:
     Raises
     ------
     FileError
-        If the folder is missing, full or read-only (also an OSError); an older file is then left as it was.
+        If the folder is missing, full or read-only, or the path names a device or a pipe (also an OSError); an older
+        file is then left as it was. A link stays, and the file that it names is written; a new file gets the mode that
+        the umask leaves.
     """
     _core.save_binvox(path, voxels.occupancy, voxels.origin, voxels.voxel_size)

@@ -1,6 +1,7 @@
 """Voxels and their files: shapes, frames, errors, the command line, and an independent library on scanned objects."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -77,9 +78,9 @@ def test_files_read_back(tmp_path: Path) -> None:
 
 def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     mesh = corner_box()
-    for wrong, complaint in (({"resolution": 0}, "1 to 1024"), ({"resolution": -1}, "negative"),
+    for wrong, complaint in (({"resolution": 0}, "1 to 1024"), ({"resolution": -1}, "1 to 1024"),
                              ({"mode": "hollow"}, "solid or surface"), ({"down": 6}, "halved"),
-                             ({"down": -1}, "negative"), ({"resolution": 2000}, "1 to 1024")):  # fmt: skip
+                             ({"down": -1}, "0 to 10"), ({"down": 10**30}, "0 to 10"), ({"resolution": 10**30}, "1 to 1024")):  # fmt: skip
         with pytest.raises(errors.ConfigError, match=complaint):
             graspbox.voxelize(mesh, **wrong)
     flags = np.ones((2, 2, 2), dtype=bool)
@@ -100,6 +101,48 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     Voxels(np.arange(27).reshape(3, 3, 3).T % 2 == 0, [0, 0, 0], 1.0).save(tmp_path / "t.binvox")  # type: ignore[arg-type]
     read = graspbox.load_binvox(tmp_path / "t.binvox").occupancy
     assert (read == (np.arange(27).reshape(3, 3, 3).T % 2 == 0)).all()
+
+
+def test_a_grid_beyond_memory_is_an_error() -> None:
+    """An allocation that failed aborted the process."""
+    code = """
+import resource
+import numpy as np
+import graspbox
+mesh = graspbox.mesh_from_arrays(np.eye(4, 3), [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+graspbox.voxelize(mesh, 8)
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+for room, options in ((2**29, {}), (2**30 + 2**29, {"remove_internal": True})):
+    resource.setrlimit(resource.RLIMIT_AS, (used + room, resource.RLIM_INFINITY))
+    try:
+        graspbox.voxelize(mesh, 1024, **options)
+    except graspbox.GraspboxError as error:
+        print(error)
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert len(lines) == 2
+    assert all("could not be allocated" in line and str(2**30) in line for line in lines), lines
+
+
+def test_saving_keeps_links_and_respects_the_umask(tmp_path: Path) -> None:
+    """Files had mode 0600, and links and devices were replaced."""
+    voxels = graspbox.voxelize(corner_box(), 8)
+    target, link = tmp_path / "target.binvox", tmp_path / "link.binvox"
+    link.symlink_to(target.name)
+    plain = tmp_path / "plain"
+    plain.touch()
+    voxels.save(link)
+    assert link.is_symlink()
+    assert target.stat().st_mode == plain.stat().st_mode
+    assert (graspbox.load_binvox(target).occupancy == voxels.occupancy).all()
+    os.mkfifo(tmp_path / "pipe")
+    for special in (Path("/dev/null"), tmp_path / "pipe"):
+        with pytest.raises(errors.FileError, match="regular file"):
+            voxels.save(special)
+        with pytest.raises(errors.FileError, match="regular file"):
+            graspbox.load_binvox(special)
 
 
 def test_command(tmp_path: Path) -> None:

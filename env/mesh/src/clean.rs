@@ -7,7 +7,8 @@ mod topology;
 
 pub use topology::{Defect, check_manifold, check_watertight, components, is_closed};
 
-use crate::{MeshError, TriMesh};
+use crate::error::{MeshError, require};
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, HashSet};
@@ -85,10 +86,7 @@ pub fn clean(mesh: &TriMesh, options: &CleanOptions) -> Result<(TriMesh, CleanRe
 }
 
 fn check_share(name: &'static str, value: f64) -> Result<(), MeshError> {
-    if (0.0..1.0).contains(&value) {
-        return Ok(());
-    }
-    Err(MeshError::BadParameter { name, value, rule: "it must be a share in [0, 1)" })
+    require((0.0..1.0).contains(&value), name, value, "it must be a share in [0, 1)")
 }
 
 /// For each vertex the first one within `distance`: grid cells as wide as the distance, 27 looked at.
@@ -130,7 +128,7 @@ fn weld(vertices: &[Point3<f64>], distance: f64) -> Vec<u32> {
     remap
 }
 
-/// Largest share of faces that may vanish as flaps; more of them are a mesh that was drawn with both sides.
+/// Largest share of faces that may vanish as flaps; a mesh with more of them was modelled with both sides of its surface.
 const MAX_FLAPS: f64 = 0.01;
 
 /// The faces that still are triangles after welding, each once.

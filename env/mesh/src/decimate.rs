@@ -10,7 +10,8 @@ mod quadric;
 pub use distance::{Hausdorff, hausdorff};
 
 use crate::clean::compact;
-use crate::{MeshError, TriMesh};
+use crate::error::{MeshError, require};
+use crate::trimesh::TriMesh;
 use distance::{Surface, centre};
 use nalgebra::{Point3, Vector3};
 use quadric::Quadric;
@@ -84,14 +85,7 @@ pub fn decimate_levels(mesh: &TriMesh, targets: &[usize]) -> Result<Vec<Decimate
 }
 
 fn check_target(faces: usize) -> Result<(), MeshError> {
-    if faces < 4 {
-        return Err(MeshError::BadParameter {
-            name: "target_faces",
-            value: faces as f64,
-            rule: "a closed surface has at least 4 faces",
-        });
-    }
-    Ok(())
+    require(faces >= 4, "target_faces", faces as f64, "a closed surface has at least 4 faces")
 }
 
 /// An edge that may be collapsed, and where to. The least cost comes first; of equals the least edge.

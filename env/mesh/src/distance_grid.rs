@@ -5,7 +5,7 @@
 //! still has an inside. A query near the surface measures the faces that its cell's corners know; so walls thinner than the
 //! grid keep their place.
 
-use crate::TriMesh;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 
 /// Nodes around the bounds, so that points just outside are on the grid.
@@ -15,7 +15,7 @@ const MAX_NODES: f64 = 600_000.0;
 /// Most nodes along one side.
 const MAX_SIDE: f64 = 256.0;
 
-/// A signed distance field of a mesh on a grid: negative inside.
+/// A signed distance function of a mesh, sampled on a grid: negative inside.
 pub struct DistanceGrid<'a> {
     mesh: &'a TriMesh,
     origin: Point3<f64>,
@@ -29,7 +29,7 @@ pub struct DistanceGrid<'a> {
 }
 
 impl<'a> DistanceGrid<'a> {
-    /// Builds the field of `mesh` on a grid as fine as half a million nodes allow, but no finer than `min_step` metres.
+    /// Samples `mesh` on a grid as fine as half a million nodes allow, but no finer than `min_step` metres.
     pub fn new(mesh: &'a TriMesh, min_step: f64) -> Self {
         let aabb = mesh.aabb();
         let sides = aabb.max - aabb.min;
@@ -40,7 +40,7 @@ impl<'a> DistanceGrid<'a> {
         let size = [0, 1, 2].map(|k| (sides[k] / step).ceil() as usize + 1 + 2 * PAD);
         let origin = aabb.min - Vector3::repeat(PAD as f64 * step);
         let nodes = size.iter().product();
-        let mut field = Self {
+        let mut grid = Self {
             mesh,
             origin,
             step,
@@ -49,10 +49,10 @@ impl<'a> DistanceGrid<'a> {
             closest: vec![[f32::INFINITY; 3]; nodes],
             inside: vec![false; nodes],
         };
-        field.rasterise();
-        field.propagate();
-        field.vote();
-        field
+        grid.rasterise();
+        grid.propagate();
+        grid.vote();
+        grid
     }
 
     /// Distance between two nodes, metres.

@@ -85,6 +85,22 @@ pub enum MeshError {
         /// Where and how.
         detail: String,
     },
+    /// The content is of another format than the ending says.
+    #[error("it is named as {format}, but looks like {found}; give it the ending of its format, or convert it")]
+    WrongFormat {
+        /// The format that the ending names.
+        format: &'static str,
+        /// What the content looks like.
+        found: &'static str,
+    },
+    /// Memory for a result could not be allocated.
+    #[error("{bytes} bytes for {what} could not be allocated; choose a lower resolution or free memory")]
+    OutOfMemory {
+        /// What the memory is for.
+        what: &'static str,
+        /// How much was asked for.
+        bytes: u64,
+    },
     /// A face has fewer than three corners, so it is no triangle and cannot be cut into triangles.
     #[error("face {face} of the {format} file has {corners} corners; at least 3 are needed")]
     NotTriangles {
@@ -102,9 +118,7 @@ pub enum MeshError {
         scale: f64,
     },
     /// The mesh is absurdly large or far away: probably not in metres.
-    #[error(
-        "a coordinate is {value} m from the origin, more than {limit} m; if the file is not in metres, say so with scale="
-    )]
+    #[error("a coordinate is {value} m from the origin, more than {limit} m; if it is not in metres, give scale=")]
     TooFar {
         /// The greatest coordinate, metres.
         value: f64,
@@ -112,7 +126,7 @@ pub enum MeshError {
         limit: f64,
     },
     /// The mesh is absurdly small: probably not in metres.
-    #[error("the mesh measures only {extent} m, less than {limit} m; if the file is not in metres, say so with scale=")]
+    #[error("the mesh measures only {extent} m, less than {limit} m; if it is not in metres, give scale=")]
     TooSmall {
         /// Its longest side, metres.
         extent: f64,
@@ -155,4 +169,12 @@ pub enum MeshError {
         /// Grids tried.
         tries: usize,
     },
+}
+
+/// Refuses a parameter that is not `valid`; `rule` is a sentence about its range.
+///
+/// # Errors
+/// [`MeshError::BadParameter`].
+pub(crate) fn require(valid: bool, name: &'static str, value: f64, rule: &'static str) -> Result<(), MeshError> {
+    if valid { Ok(()) } else { Err(MeshError::BadParameter { name, value, rule }) }
 }

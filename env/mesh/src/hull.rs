@@ -1,12 +1,25 @@
 //! Convex hulls in f64.
 //!
-//! parry's quickhull in f32 leaves out points of many coplanar inputs (cut faces, modelled objects), so this crate has its own.
 //! Flat input is an error, never a panic. Corners are always points that were given, with their bits; nearly coplanar faces may
 //! fold by a ten-millionth of the size.
+//!
+//! Own code, because parry's quickhull loses corners of pieces with cut faces, which the convex decomposition makes all the
+//! time. Hulls that are missing, open, or wrong by more than 2 ten-thousandths of the size, the greatest distance between hull
+//! and points as a share of the size, and milliseconds per hull:
+//!
+//! | input | own | parry, f64 | parry, f32 |
+//! |---|---|---|---|
+//! | 88 procedural meshes | 0; 1.4e-6; 2.0 ms | 0; 2e-15; 1.7 ms | 1; 1.2e-6; 1.6 ms |
+//! | 78 YCB meshes | 0; 1.7e-6; 5.6 ms | 0; 0; 4.9 ms | 0; 1.1e-6; 4.2 ms |
+//! | 996 pieces with two cut faces | 2; 4.4e-6; 1.6 ms | 33; 1.3e-2; 1.7 ms | 51; 2.6e-2; 1.5 ms |
+//! | 23 lattices, prisms, domes | 0; 2.1e-6; 5.5 ms | 0; 2e-16; 272 ms | 2; 6.3e-5; 68 ms |
+//!
+//! `cargo run --release -p graspbox-objects --features compare --example compare_hulls -- FOLDER_OF_YCB_STL_FILES`
 
 mod quickhull;
 
-use crate::{MeshError, TriMesh};
+use crate::error::MeshError;
+use crate::trimesh::TriMesh;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use quickhull::quickhull;
 

@@ -1,7 +1,9 @@
 //! Volume, centre of mass and inertia of the solid that a mesh bounds, of uniform density.
 
-use crate::clean::is_closed;
-use crate::{MeshError, TriMesh, convex_hull};
+use crate::clean::{compact, is_closed};
+use crate::error::{MeshError, require};
+use crate::hull::convex_hull;
+use crate::trimesh::TriMesh;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -43,19 +45,21 @@ pub struct MassProperties {
 /// Mass properties of the solid inside `mesh`.
 ///
 /// A closed mesh is integrated exactly (signed tetrahedra), whichever way it is turned. An open mesh bounds nothing: its
-/// convex hull stands in, and [`MassProperties::method`] says so.
+/// convex hull is used instead, as [`MassProperties::method`] reports.
 ///
 /// # Errors
 /// [`MeshError::BadParameter`] for a mass or density that is not positive and finite; [`MeshError::Flat`] when there is no
 /// volume at all.
 pub fn mass_properties(mesh: &TriMesh, mass: Mass) -> Result<MassProperties, MeshError> {
-    let closed = is_closed(mesh).then(|| Moments::of(&[mesh], reference(mesh)));
-    let size = mesh.extent();
+    // Vertices without a face bound nothing: they must count neither for the size nor for the hull.
+    let used = compact(mesh.vertices(), mesh.faces().to_vec())?;
+    let closed = is_closed(mesh).then(|| Moments::of(&[mesh], reference(&used)));
+    let size = used.extent();
     // A closed sheet (two sides of the same paper) has no volume either.
     if let Some(moments) = closed.filter(|m| m.volume.abs() > 1e-9 * size.powi(3)) {
         return finish(moments, mass, MassMethod::Closed);
     }
-    let hull = convex_hull(mesh.vertices())?;
+    let hull = convex_hull(used.vertices())?;
     finish(Moments::of(&[&hull], reference(&hull)), mass, MassMethod::ConvexHull)
 }
 
@@ -125,8 +129,5 @@ fn finish(moments: Moments, mass: Mass, method: MassMethod) -> Result<MassProper
 }
 
 fn positive(name: &'static str, value: f64) -> Result<f64, MeshError> {
-    if value.is_finite() && value > 0.0 {
-        return Ok(value);
-    }
-    Err(MeshError::BadParameter { name, value, rule: "it must be positive and finite" })
+    require(value.is_finite() && value > 0.0, name, value, "it must be positive and finite").map(|()| value)
 }

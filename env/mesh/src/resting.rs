@@ -5,7 +5,8 @@
 //! to the neighbour where the centre of mass lies lowest, until it is stable (no dynamics: Goldberg, Mirtich, Zhuang, Craig,
 //! Carlisle, Canny, "Part pose statistics", 1999, their quasi-static estimate).
 
-use crate::{MeshError, TriMesh};
+use crate::error::{MeshError, require};
+use crate::trimesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -17,7 +18,7 @@ const SLIVER: f64 = 1e-6;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RestingOptions {
-    /// The centre of mass must lie at least so far inside the edge of the support, metres.
+    /// The centre of mass must lie at least this far inside the edge of its support, metres.
     pub min_margin: f64,
     /// Hull faces whose normals differ by less than this form one facet, radians.
     pub merge_angle: f64,
@@ -68,16 +69,12 @@ pub fn resting_poses(
     options: &RestingOptions,
 ) -> Result<Vec<RestingPose>, MeshError> {
     for (name, value) in [("min_margin", options.min_margin), ("merge_angle", options.merge_angle)] {
-        if value.is_nan() || value < 0.0 {
-            return Err(MeshError::BadParameter { name, value, rule: "it must not be negative" });
-        }
+        require(value >= 0.0, name, value, "it must not be negative")?;
     }
     let facets = facets(hull, center_of_mass, options.merge_angle);
     let lowest = facets.iter().map(|f| f.height).fold(f64::INFINITY, f64::min);
-    if lowest.is_nan() || lowest < -1e-9 * hull.extent() {
-        let rule = "the centre of mass must lie inside the hull; this is its distance inside";
-        return Err(MeshError::BadParameter { name: "center_of_mass", value: lowest, rule });
-    }
+    let rule = "the centre of mass must lie inside the hull; this is its distance inside";
+    require(lowest >= -1e-9 * hull.extent(), "center_of_mass", lowest, rule)?;
     let total: f64 = facets.iter().map(|f| f.solid_angle).sum();
     let mut probability = vec![0.0; facets.len()];
     for start in 0..facets.len() {

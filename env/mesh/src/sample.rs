@@ -1,6 +1,6 @@
-//! Surface samples, uniform by area.
+//! Surface samples, uniform by area, and evenly spread directions.
 
-use crate::TriMesh;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -64,4 +64,17 @@ fn sample_face(mesh: &TriMesh, face: usize, u: f64, v: f64) -> SurfaceSample {
         normal: mesh.face_area_vector(face).normalize(),
         face: face as u32,
     }
+}
+
+/// `count` unit vectors, evenly spread: the Fibonacci sphere, from +z to -z.
+pub fn fibonacci_sphere(count: usize) -> Vec<Vector3<f64>> {
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..count)
+        .map(|i| {
+            let z = 1.0 - (2 * i + 1) as f64 / count as f64;
+            let (s, c) = (golden * i as f64).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            Vector3::new(r * c, r * s, z)
+        })
+        .collect()
 }

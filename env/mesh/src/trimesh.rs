@@ -1,7 +1,12 @@
 //! The triangle mesh that every other crate takes.
 
-use crate::MeshError;
+use crate::error::MeshError;
 use nalgebra::{Isometry3, Point3, Vector3};
+
+/// Farthest coordinate from the origin, metres: no graspable object is a kilometre away; millimetre files read as metres are.
+const MAX_COORDINATE: f64 = 1e3;
+/// Least longest side, metres: below a micrometre nothing can be grasped and f32 collision queries break down.
+const MIN_EXTENT: f64 = 1e-6;
 
 /// An indexed triangle mesh in metres, in the frame of its file.
 ///
@@ -40,6 +45,24 @@ impl TriMesh {
             }
         }
         Ok(Self { vertices, faces })
+    }
+
+    /// Whether the coordinates can be metres of a graspable object.
+    ///
+    /// # Errors
+    /// [`MeshError::TooFar`] for a coordinate beyond a kilometre, [`MeshError::TooSmall`] for a longest side below a micrometre.
+    pub fn check_extent(&self) -> Result<(), MeshError> {
+        let aabb = self.aabb();
+        let value = aabb.min.coords.amax().max(aabb.max.coords.amax());
+        // An overflow to infinity by scaling is caught too.
+        if value.is_nan() || value > MAX_COORDINATE {
+            return Err(MeshError::TooFar { value, limit: MAX_COORDINATE });
+        }
+        let extent = self.extent();
+        if extent < MIN_EXTENT {
+            return Err(MeshError::TooSmall { extent, limit: MIN_EXTENT });
+        }
+        Ok(())
     }
 
     /// Vertices, metres.

@@ -147,6 +147,61 @@ fn headers_that_lie_are_refused_before_anything_is_allocated() {
     }
 }
 
+/// A header that names one triangle fewer would lose a part of the surface in silence; a short note at the end is harmless.
+#[test]
+fn an_stl_header_that_names_too_few_triangles_is_refused() {
+    let mut stl = written(&cuboid(Vector3::new(0.1, 0.1, 0.1)), "a.stl");
+    stl.extend(b"made by hand");
+    assert_eq!(parse(&stl, MeshFormat::Stl, &LoadOptions::default()).unwrap().faces().len(), 12);
+    stl[80..84].copy_from_slice(&11_u32.to_le_bytes());
+    let error = refusal(&stl, MeshFormat::Stl).to_string();
+    assert!(error.contains("62 bytes follow the 11 triangles"), "{error}");
+}
+
+/// A web page saved as .stl "named 1768453152 triangles".
+#[test]
+fn a_wrong_ending_is_named() {
+    let mesh = cuboid(Vector3::new(0.1, 0.1, 0.1));
+    let page =
+        b"<!DOCTYPE html>\n<html><head><title>Not found, try again later please</title></head><body>gone</body></html>";
+    let text =
+        b"Dear user, this model has moved to another address. Please ask for it there, and do so politely, thanks.";
+    let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22eadbb8f32b1258daaa5e2ca24d17e2393\nsize 12345\n";
+    let cases: [(&[u8], MeshFormat, &str); 9] = [
+        (page, MeshFormat::Stl, "web page"),
+        (page, MeshFormat::Ply, "web page"),
+        (text, MeshFormat::Stl, "plain text"),
+        (pointer, MeshFormat::Stl, "git lfs pull"),
+        (&ply_binary(&mesh, false), MeshFormat::Stl, "a PLY file"),
+        (&ply_ascii(&mesh), MeshFormat::Obj, "a PLY file"),
+        (&off(&mesh), MeshFormat::Ply, "an OFF file"),
+        (&written(&mesh, "a.obj"), MeshFormat::Stl, "an OBJ file"),
+        (&stl_ascii(&mesh), MeshFormat::Ply, "an ASCII STL file"),
+    ];
+    for (bytes, format, found) in cases {
+        let error = refusal(bytes, format);
+        assert!(matches!(error, MeshError::WrongFormat { .. }), "{error}");
+        assert!(error.to_string().contains(found) && error.to_string().contains(format.name()), "{error}");
+    }
+    // What is of the right format, but cut off, is not blamed on its ending.
+    let ascii = stl_ascii(&mesh);
+    let cut = refusal(&ascii[..ascii.len() / 2], MeshFormat::Stl);
+    assert!(!matches!(cut, MeshError::WrongFormat { .. }), "{cut}");
+}
+
+/// A byte-order mark hid the first vertex of an OBJ ("index out of bounds").
+#[test]
+fn a_byte_order_mark_is_skipped() {
+    let mesh = cuboid(Vector3::new(0.1, 0.1, 0.1));
+    for (format, bytes) in
+        [(MeshFormat::Obj, written(&mesh, "a.obj")), (MeshFormat::Off, off(&mesh)), (MeshFormat::Ply, ply_ascii(&mesh))]
+    {
+        let marked = [b"\xef\xbb\xbf".as_slice(), &bytes].concat();
+        let read = |bytes: &[u8]| parse(bytes, format, &LoadOptions::default()).unwrap();
+        assert_eq!(read(&marked), read(&bytes));
+    }
+}
+
 #[test]
 fn every_refusal_says_what_to_do() {
     for format in [MeshFormat::Stl, MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Off] {

@@ -114,6 +114,26 @@ fn the_cache_gives_back_what_it_was_given_and_survives_damage() {
     assert_eq!(convex_parts(&mesh, &params, Some(&blocked)).unwrap().parts, made.parts);
 }
 
+/// A cache file of another object under this object's name gave this object the other one's shape.
+#[test]
+fn an_entry_of_another_mesh_is_not_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let params = PartsParams::default();
+    let entry = |mesh: &TriMesh| {
+        let before: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
+        convex_parts(mesh, &params, Some(folder.path())).unwrap();
+        let mut after = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path());
+        after.find(|p| !before.contains(p)).unwrap()
+    };
+    let (block, plank) = (cuboid(Vector3::new(0.05, 0.08, 0.2)), cuboid(Vector3::new(0.01, 0.08, 0.2)));
+    let (of_block, of_plank) = (entry(&block), entry(&plank));
+    std::fs::copy(of_plank, of_block).unwrap();
+    let made = convex_parts(&block, &params, Some(folder.path())).unwrap();
+    assert!(!made.report.cached);
+    assert_eq!(made.parts, convex_parts(&block, &params, None).unwrap().parts);
+    assert!(convex_parts(&block, &params, Some(folder.path())).unwrap().report.cached, "the entry was repaired");
+}
+
 #[test]
 fn flat_meshes_and_bad_parameters_are_refused() {
     let flat = cuboid(Vector3::new(0.1, 0.1, 0.0));

@@ -2,23 +2,16 @@
 
 use crate::lathe::PART_POINTS;
 use crate::surface::P3;
-use graspbox_mesh::{MeshError, convex_hull};
+use graspbox_mesh::{MeshError, convex_hull, fibonacci_sphere};
 use nalgebra::{Point3, Vector3};
-use std::f64::consts::PI;
 use std::sync::LazyLock;
 
 /// Directions of the first points; the others go where the hull lies deepest below the shape.
 const FIRST_POINTS: usize = 46;
 
-/// Even directions: a golden spiral relaxed by mutual repulsion.
+/// Even directions: the Fibonacci sphere, relaxed by mutual repulsion.
 static DIRECTIONS: LazyLock<Vec<Vector3<f64>>> = LazyLock::new(|| {
-    let golden = PI * (3.0 - 5f64.sqrt());
-    let spiral = |k: usize| {
-        let z = 1.0 - (2 * k + 1) as f64 / FIRST_POINTS as f64;
-        let (sin, cos) = (golden * k as f64).sin_cos();
-        Vector3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
-    };
-    let mut points: Vec<Vector3<f64>> = (0..FIRST_POINTS).map(spiral).collect();
+    let mut points = fibonacci_sphere(FIRST_POINTS);
     for _ in 0..80 {
         let push = |p: &Vector3<f64>| {
             let away = |q: &Vector3<f64>| (p - q) / (p - q).norm().max(1e-9).powi(4);

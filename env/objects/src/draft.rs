@@ -1,4 +1,4 @@
-//! What a family hands back, and how it is laid on the table.
+//! What a family returns, and how it is laid on the table.
 
 use crate::surface::{P3, Surface};
 use nalgebra::{Point2, Point3, Vector2};

@@ -1,6 +1,6 @@
 //! Composite objects as signed distances: rounded convex prisms, turned pieces and tubes, joined into one solid.
 //!
-//! Each piece knows its own convex parts, so the object's parts come for free.
+//! Each piece defines its own convex parts, so the object needs no decomposition.
 
 use crate::draft::Parts;
 use crate::lathe::{self, Rz, to_segment};
@@ -20,9 +20,9 @@ pub(crate) fn along_y(at: Vector3<f64>) -> Isometry3<f64> {
 
 /// The form of a piece in its own frame.
 enum Form {
-    /// A convex polygon (counter-clockwise, drawn in by `round`) swept over `|z| <= half - round`, then rounded.
+    /// A convex polygon (counter-clockwise, inset by `round`) swept over `|z| <= half - round`, then rounded.
     Prism { core: Vec<Point2<f64>>, half: f64, round: f64 },
-    /// A convex half outline `(r, z)` turned about z; `core` is the closed outline drawn in by `round`.
+    /// A convex half outline `(r, z)` turned about z; `core` is the closed outline inset by `round`.
     Turned { outline: Vec<Rz>, core: Vec<Point2<f64>>, round: f64 },
     /// Round rods from point to point.
     Tube { line: Vec<P3>, radius: f64 },
@@ -48,7 +48,7 @@ impl Piece {
     /// A plate over the convex polygon `outline` (counter-clockwise), `2 half` thick, with rounded edges.
     pub(crate) fn prism(outline: &[[f64; 2]], half: f64, round: f64) -> Self {
         let outline: Vec<Point2<f64>> = outline.iter().map(|p| Point2::new(p[0], p[1])).collect();
-        Self::new(Form::Prism { core: draw_in(&outline, round), half, round })
+        Self::new(Form::Prism { core: inset(&outline, round), half, round })
     }
 
     /// A block of the given half extents.
@@ -62,7 +62,7 @@ impl Piece {
         let outline: Vec<Rz> = outline.iter().map(|p| Rz::new(p[0], p[1])).collect();
         let mut whole = outline.clone();
         whole.extend(outline.iter().rev().map(|p| Rz::new(-p.x, p.y)));
-        Self::new(Form::Turned { core: draw_in(&whole, round), outline, round })
+        Self::new(Form::Turned { core: inset(&whole, round), outline, round })
     }
 
     /// Rods along `line`; repeat the first point at the end to close it.
@@ -176,7 +176,7 @@ fn polygon_distance(polygon: &[Point2<f64>], p: Point2<f64>) -> f64 {
 }
 
 /// The polygon with every side moved in by `depth`.
-fn draw_in(polygon: &[Point2<f64>], depth: f64) -> Vec<Point2<f64>> {
+fn inset(polygon: &[Point2<f64>], depth: f64) -> Vec<Point2<f64>> {
     let n = polygon.len();
     let corner = |i: usize| {
         let (before, at, after) = (polygon[(i + n - 1) % n], polygon[i], polygon[(i + 1) % n]);

@@ -8,8 +8,18 @@
 //! | `lathe` | surfaces of revolution; convex parts of solids and walls |
 //! | `implicit`, `nets` | composite solids as signed distances; their manifold surface |
 //! | `cloud` | few points whose hull stays close to a convex shape |
-//! | `draft` | what a family hands back, and how it is laid on the table |
+//! | `draft` | what a family returns, and how it is laid on the table |
 //! | `packages`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools`, `kettle` | the families themselves |
+//!
+//! ```
+//! use graspbox_objects::{Family, generate};
+//!
+//! let mug = generate(Family::Mug, 7)?;
+//! assert_eq!(mug.name, "mug-000007");
+//! assert_eq!(generate(Family::Mug, 7)?.mesh, mug.mesh);
+//! assert!(mug.mesh.aabb().min.z.abs() < 1e-12);
+//! # Ok::<(), graspbox_mesh::MeshError>(())
+//! ```
 //!
 //! Object frame: z up in the natural resting pose, lowest vertex at z = 0, bounds centred in x and y; metres.
 

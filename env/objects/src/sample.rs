@@ -1,9 +1,9 @@
-//! The dice of the families: one ChaCha stream per (family, seed), the same on every run and machine.
+//! Seeded random numbers: one ChaCha stream per family and seed, the same on every run and machine.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// A stream of seeded draws.
+/// A random stream.
 pub(crate) struct Sampler(ChaCha8Rng);
 
 impl Sampler {
@@ -24,7 +24,7 @@ impl Sampler {
         low + (high - low) * self.unit()
     }
 
-    /// True with the chance `share`.
+    /// True with probability `share`.
     pub(crate) fn chance(&mut self, share: f64) -> bool {
         self.unit() < share
     }

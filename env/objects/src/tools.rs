@@ -27,7 +27,7 @@ pub(crate) fn hammer(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     let at_head = |y: f64| Vector3::new(length, y, 0.0);
     let (root, edge) = (half * 0.94, half * 0.35);
     let wedge = [[-root, -0.006], [root, -0.006], [root, 0.0], [edge, reach - eye], [-edge, reach - eye], [-root, 0.0]];
-    // The wedge is drawn in (z, y) and swept along x.
+    // The outline of the wedge is given in (z, y) and swept along x.
     let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2)
         * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
     let solid = Solid::new(vec![

@@ -161,7 +161,7 @@ pub(crate) fn wine_glass(sampler: &mut Sampler) -> Draft {
     ];
     let side = |k: usize| {
         let t = k as f64 / 14.0;
-        // An ellipse up to the belly at 45 per cent of the height, then a smooth draw to the mouth.
+        // An ellipse up to the belly at 45 per cent of the height, then a smooth taper to the mouth.
         let r = if t < 0.45 {
             let s = t / 0.45;
             (1.0 - (1.0 - s).powi(2)).sqrt()

@@ -58,7 +58,12 @@ pub fn triples(array: &PyReadonlyArrayDyn<'_, u32>, what: &str) -> Result<Vec<[u
 /// The side and the flags of a cube, shape (n, n, n).
 pub fn cube(array: &PyReadonlyArrayDyn<'_, bool>, what: &str) -> Result<(usize, Vec<bool>), CoreError> {
     let side = array.shape().first().copied();
-    let flags = entries(array, what, &[side, side, side])?.to_vec();
+    let entries = entries(array, what, &[side, side, side])?;
+    let mut flags = Vec::new();
+    let full =
+        |_| CoreError::Config(format!("memory for {what} could not be allocated; {} bytes are needed", entries.len()));
+    flags.try_reserve_exact(entries.len()).map_err(full)?;
+    flags.extend_from_slice(entries);
     Ok((side.unwrap_or(0), flags))
 }
 

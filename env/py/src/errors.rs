@@ -75,9 +75,10 @@ impl From<MeshError> for CoreError {
     fn from(error: MeshError) -> Self {
         match error {
             MeshError::Io { path, source } | MeshError::Write { path, source } => Self::File { path, source },
-            MeshError::BadParameter { .. } | MeshError::BadScale { .. } | MeshError::UnknownMode { .. } => {
-                Self::Config(error.to_string())
-            }
+            MeshError::BadParameter { .. }
+            | MeshError::BadScale { .. }
+            | MeshError::OutOfMemory { .. }
+            | MeshError::UnknownMode { .. } => Self::Config(error.to_string()),
             _ => Self::Mesh(error.to_string()),
         }
     }

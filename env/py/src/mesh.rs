@@ -1,6 +1,6 @@
-//! `graspbox.Mesh`: a mesh with its name and mass, held in Rust.
+//! `graspbox.Mesh`: a mesh with its name and mass.
 
-use crate::convert::{Array, Floats, array, config, matrices, row_major, table};
+use crate::convert::{Array, Floats, array, config, matrices, points, row_major, table, triples};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use graspbox_camera::Model;
@@ -9,13 +9,18 @@ use graspbox_mesh::{
     CleanOptions, LoadOptions, Mass, MassProperties, RestingOptions, TriMesh, check_watertight, clean, convex_hull,
     load, mass_properties, resting_poses, sample_surface,
 };
+use nalgebra::Point3;
 use numpy::PyReadonlyArrayDyn;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
+use std::ffi::CString;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 /// Most samples of one call: more would not fit into memory beside their arrays.
 const MAX_SAMPLES: usize = 20_000_000;
+/// A mesh of more faces is cleaned and prepared for so long that a user is warned.
+const LARGE_MESH: usize = 300_000;
 
 /// What every holder of a mesh shares.
 pub struct MeshData {
@@ -76,12 +81,77 @@ impl MeshData {
     }
 }
 
-/// A handle on a mesh.
+/// A triangle mesh with a name and a mass, held in Rust: metres, kilograms, the frame of its file. Immutable; copies share it, and
+/// it is pickled by its arrays.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct Mesh(pub Arc<MeshData>);
 
+/// What a pickle keeps: the arguments of the constructor.
+type State<'py> = (Array<'py, f64>, Array<'py, u32>, String, Option<f64>, Option<String>, Option<Vec<Array<'py, f64>>>);
+
+fn cleaning_options(json: Option<&str>) -> Result<Option<CleanOptions>, CoreError> {
+    json.map(|text| config(text, "cleaning options")).transpose()
+}
+
+impl Mesh {
+    /// Cleans a mesh, with a Python warning before a large one, and weighs it; errors name the file at `path`.
+    fn cleaned(
+        py: Python<'_>,
+        mesh: TriMesh,
+        cleaning: Option<CleanOptions>,
+        path: Option<PathBuf>,
+        spec: impl FnOnce(TriMesh) -> ObjectSpec + Send + 'static,
+    ) -> PyResult<Self> {
+        let named = move |error| match &path {
+            Some(path) => CoreError::in_file(error, path),
+            None => error.into(),
+        };
+        if mesh.faces().len() > LARGE_MESH {
+            warn_large(py, mesh.faces().len())?;
+        }
+        let data = detached(py, None, move || {
+            let mesh = match &cleaning {
+                Some(options) => clean(&mesh, options).map_err(named)?.0,
+                None => mesh,
+            };
+            MeshData::new(spec(mesh))
+        })?;
+        Ok(Self(Arc::new(data)))
+    }
+}
+
+fn warn_large(py: Python<'_>, faces: usize) -> PyResult<()> {
+    let text = format!(
+        "the mesh has {faces} faces: cleaning it and preparing it for simulation take tens of seconds to minutes; \
+         graspable objects need {LARGE_MESH} at most"
+    );
+    // The caller of the public function that called this.
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(text)?, 2)
+}
+
 #[pymethods]
 impl Mesh {
+    /// Takes vertices (n, 3) and faces (m, 3); `cleaning` is JSON, `parts` the vertices of convex parts, each (k, 3).
+    #[new]
+    #[pyo3(signature = (vertices, faces, name, mass, cleaning, parts))]
+    fn new(
+        py: Python<'_>,
+        vertices: Floats<'_>,
+        faces: PyReadonlyArrayDyn<'_, u32>,
+        name: String,
+        mass: Option<f64>,
+        cleaning: Option<&str>,
+        parts: Option<Vec<Floats<'_>>>,
+    ) -> PyResult<Self> {
+        let (vertices, faces) = (points(&vertices, "vertices")?, triples(&faces, "faces")?);
+        let part = |(i, part): (usize, &Floats<'_>)| points(part, &format!("parts[{i}]"));
+        let parts = parts.map(|parts| parts.iter().enumerate().map(part).collect()).transpose()?;
+        let cleaning = cleaning_options(cleaning)?;
+        let mesh = TriMesh::new(vertices, faces).map_err(CoreError::from)?;
+        mesh.check_extent().map_err(CoreError::from)?;
+        Self::cleaned(py, mesh, cleaning, None, move |mesh| ObjectSpec { name, mesh, mass, parts })
+    }
+
     /// Reads a file; `options` and `cleaning` are JSON.
     #[staticmethod]
     #[pyo3(signature = (path, name, mass, options, cleaning))]
@@ -94,89 +164,98 @@ impl Mesh {
         cleaning: Option<&str>,
     ) -> PyResult<Self> {
         let options: LoadOptions = config(options, "load options")?;
-        let cleaning: Option<CleanOptions> = cleaning.map(|text| config(text, "cleaning options")).transpose()?;
-        let data = detached(py, None, move || {
-            let named = |error| CoreError::in_file(error, &path);
-            let mut mesh = load(&path, &options).map_err(named)?;
-            if let Some(cleaning) = &cleaning {
-                mesh = clean(&mesh, cleaning).map_err(named)?.0;
-            }
-            MeshData::new(ObjectSpec { name, mesh, mass, parts: None })
-        })?;
-        Ok(Self(Arc::new(data)))
+        let cleaning = cleaning_options(cleaning)?;
+        let file = path.clone();
+        let read = move || load(&file, &options).map_err(|error| CoreError::in_file(error, &file));
+        let mesh = detached(py, None, read)?;
+        Self::cleaned(py, mesh, cleaning, Some(path), move |mesh| ObjectSpec { name, mesh, mass, parts: None })
     }
 
-    /// Takes vertices (n, 3) and faces (m, 3).
-    #[staticmethod]
-    #[pyo3(signature = (vertices, faces, name, mass))]
-    fn from_arrays(
-        vertices: Floats<'_>,
-        faces: PyReadonlyArrayDyn<'_, u32>,
-        name: String,
-        mass: Option<f64>,
-    ) -> PyResult<Self> {
-        let vertices = crate::convert::points(&vertices, "vertices")?;
-        let mesh = TriMesh::new(vertices, crate::convert::triples(&faces, "faces")?).map_err(CoreError::from)?;
-        Ok(Self(Arc::new(MeshData::new(ObjectSpec { name, mesh, mass, parts: None })?)))
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<State<'py>> {
+        let spec = &self.0.spec;
+        let part = |part: &Vec<Point3<f64>>| table(py, part.iter().map(|p| [p.x, p.y, p.z]));
+        let parts = spec.parts.as_ref().map(|parts| parts.iter().map(part).collect()).transpose()?;
+        Ok((self.vertices(py)?, self.faces(py)?, spec.name.clone(), spec.mass, None, parts))
     }
 
+    fn __copy__(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {
+        self.__copy__()
+    }
+
+    /// Name of the object.
     #[getter]
     fn name(&self) -> &str {
         &self.0.spec.name
     }
 
+    /// Vertices (n, 3), metres: a fresh copy.
     #[getter]
     fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         table(py, self.0.spec.mesh.vertices().iter().map(|p| [p.x, p.y, p.z]))
     }
 
+    /// Faces (m, 3) as indices of vertices, counter-clockwise seen from outside: a fresh copy.
     #[getter]
     fn faces<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, u32>> {
         table(py, self.0.spec.mesh.faces().iter().copied())
     }
 
+    /// Least and greatest corner (2, 3) of the axis-aligned bounds, metres.
     #[getter]
     fn bounds<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         let aabb = self.0.spec.mesh.aabb();
         table(py, [aabb.min, aabb.max].into_iter().map(|p| [p.x, p.y, p.z]))
     }
 
+    /// Surface area, m2.
     #[getter]
     fn area(&self) -> f64 {
         self.0.spec.mesh.area()
     }
 
+    /// Volume, m3: of the mesh if it is closed, else of its convex hull.
     #[getter]
     fn volume(&self) -> f64 {
         self.0.properties.volume
     }
 
+    /// Mass, kg: as given, else the volume times 400 kg/m3.
     #[getter]
     fn mass(&self) -> f64 {
         self.0.properties.mass
     }
 
+    /// Centre of mass (3,), metres, for uniform density.
     #[getter]
     fn center_of_mass<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         let center = self.0.properties.center_of_mass;
         array(py, vec![center.x, center.y, center.z], &[3])
     }
 
+    /// Inertia tensor (3, 3) about the centre of mass, along the mesh's axes, kg m2.
     #[getter]
     fn inertia<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         array(py, row_major(&self.0.properties.inertia).to_vec(), &[3, 3])
     }
 
+    /// Whether every edge has exactly two faces, which agree on a side.
     #[getter]
     fn watertight(&self) -> bool {
         check_watertight(&self.0.spec.mesh).is_ok()
     }
 
     /// Points (n, 3) and outward unit normals (n, 3) of the surface, uniform by area.
-    fn sample<'py>(&self, py: Python<'py>, count: usize, seed: u64) -> PyResult<(Array<'py, f64>, Array<'py, f64>)> {
-        if count > MAX_SAMPLES {
-            return Err(CoreError::Config(format!("count is {count}; ask for at most {MAX_SAMPLES} samples")).into());
-        }
+    ///
+    /// `count` is at most 20 million. Same mesh, count and seed: same samples.
+    fn sample<'py>(&self, py: Python<'py>, count: i128, seed: i128) -> PyResult<(Array<'py, f64>, Array<'py, f64>)> {
+        let bad = |text: String| CoreError::Config(text);
+        let samples = usize::try_from(count).ok().filter(|n| *n <= MAX_SAMPLES);
+        let count = samples.ok_or_else(|| bad(format!("count is {count}; give 0 to {MAX_SAMPLES} samples")))?;
+        let seed = u64::try_from(seed).map_err(|_| bad(format!("seed is {seed}; give an integer in [0, 2^64)")))?;
         let data = Arc::clone(&self.0);
         let samples = detached(py, None, move || Ok::<_, CoreError>(sample_surface(&data.spec.mesh, count, seed)))?;
         let points = table(py, samples.iter().map(|s| [s.point.x, s.point.y, s.point.z]))?;

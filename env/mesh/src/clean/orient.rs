@@ -1,6 +1,6 @@
 //! Orientation: neighbours agree, components face outward, cavities inward.
 
-use super::components;
+use super::topology::components;
 use nalgebra::{Point3, Vector3};
 use std::collections::{HashMap, VecDeque};
 

@@ -1,6 +1,6 @@
 //! Edges, components and the watertight test.
 
-use crate::TriMesh;
+use crate::trimesh::TriMesh;
 use std::collections::HashMap;
 
 /// Why a mesh is not watertight or not manifold; the first offender in the order of the faces.

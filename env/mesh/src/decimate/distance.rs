@@ -1,6 +1,8 @@
 //! Distance between two surfaces.
 
-use crate::{MeshError, TriMesh, sample_surface};
+use crate::error::MeshError;
+use crate::sample::sample_surface;
+use crate::trimesh::TriMesh;
 use nalgebra::Vector3;
 use parry3d::math::Vector;
 use parry3d::query::PointQuery;

@@ -1,7 +1,7 @@
 //! OBJ: the geometry of all objects and groups; materials are not looked up.
 
-use super::{LoadOptions, MeshFormat, Raw, check_count};
-use crate::MeshError;
+use super::format::{LoadOptions, MeshFormat, Raw, check_count};
+use crate::error::MeshError;
 use nalgebra::Point3;
 use std::io::Cursor;
 

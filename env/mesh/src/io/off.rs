@@ -1,7 +1,7 @@
 //! OFF text: a keyword, three counts, vertices, polygons; `#` begins a comment, what follows on a line (colours) is skipped.
 
-use super::{LoadOptions, MeshFormat, Raw, check_count};
-use crate::MeshError;
+use super::format::{LoadOptions, MeshFormat, Raw, check_count};
+use crate::error::MeshError;
 use nalgebra::Point3;
 use std::str::{FromStr, SplitAsciiWhitespace};
 

@@ -1,7 +1,7 @@
 //! PLY: `vertex` x, y, z and `face` vertex_indices (or vertex_index); other elements and properties are skipped.
 
-use super::{LoadOptions, MeshFormat, Raw, check_count};
-use crate::MeshError;
+use super::format::{LoadOptions, MeshFormat, Raw, check_count};
+use crate::error::MeshError;
 use nalgebra::Point3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{

@@ -1,7 +1,7 @@
-//! STL. The two kinds are told apart by size: many binary files begin with the word "solid" too.
+//! STL. Binary and ASCII are distinguished by size: many binary files begin with the word "solid" too.
 
-use super::{LoadOptions, MeshFormat, Raw, check_count};
-use crate::MeshError;
+use super::format::{LoadOptions, MeshFormat, Raw, check_count};
+use crate::error::MeshError;
 use nalgebra::Point3;
 use std::io::Cursor;
 
@@ -26,10 +26,15 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
         return Err(MeshError::Truncated { format: "STL", detail });
     };
     check_count(MeshFormat::Stl, "triangles", u64::from(count), options.max_faces)?;
-    // Trailing bytes are harmless (some writers append a note); missing ones are not.
     if u64::from(count) * RECORD > body {
         let detail = format!("its header names {count} triangles, but there is room for only {}", body / RECORD);
         return Err(MeshError::Truncated { format: "STL", detail });
+    }
+    // Some writers append a short note. Where a triangle would fit, the count may be wrong and a part of the surface lost.
+    let trailing = body - u64::from(count) * RECORD;
+    if trailing >= RECORD {
+        let detail = format!("{trailing} bytes follow the {count} triangles that its header names; export it again");
+        return Err(MeshError::Malformed { format: "STL", detail });
     }
     let mut binary = bytes.to_vec();
     binary[..80].fill(0);

@@ -1,62 +1,80 @@
-//! Convex parts on disk, by the BLAKE3 of mesh, parameters and format.
+//! Convex parts on disk, by the BLAKE3 hash of mesh, parameters and format.
 //!
-//! An entry is its checksum and then its body; it is written to a temporary neighbour and renamed, so readers in other processes
-//! see all of it or nothing. An entry that does not read back is worth a warning and is made again; a folder that cannot be
-//! written is worth a warning and costs time only.
+//! An entry begins with that hash, so the parts of another mesh or other parameters under its name are noticed; the whole is
+//! sealed with a checksum. It is written to a temporary neighbour and renamed, so readers in other processes see all of it or
+//! nothing. An entry that does not read back is a warning and is made again; a folder that cannot be written is a warning and
+//! costs time only.
 
-use super::{ConvexParts, PartsParams, PartsReport};
-use crate::TriMesh;
-use crate::io::write_atomic;
+use super::params::{ConvexParts, PartsParams, PartsReport};
+use crate::checksum::{open, seal};
+use crate::io::{read_bounded, write_atomic};
+use crate::trimesh::TriMesh;
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 
-/// Changes whenever the format or the algorithm does, so that old entries are not found any more.
-const VERSION: u32 = 2;
-/// Bytes of the checksum.
-const CHECKSUM: usize = 32;
+/// Leads every entry; the number changes whenever the format or the algorithm does.
+const MAGIC: &[u8; 8] = b"gbparts3";
+/// Largest entry that is read, bytes: 100 times that of 48 parts of 64 corners.
+const MAX_BYTES: u64 = 16 << 20;
 
-/// Where the entry of this mesh and these parameters lies.
-pub(super) fn entry(folder: &Path, mesh: &TriMesh, params: &PartsParams) -> PathBuf {
-    let PartsParams { max_error, max_parts, max_points } = params;
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(&VERSION.to_le_bytes());
-    hasher.update(&mesh.content_hash());
-    hasher.update(&max_error.to_bits().to_le_bytes());
-    hasher.update(&(*max_parts as u64).to_le_bytes());
-    hasher.update(&(*max_points as u64).to_le_bytes());
-    folder.join(format!("{}.parts", hasher.finalize().to_hex()))
+/// Hash of a mesh and parameters.
+type Key = [u8; 32];
+
+/// The entry of one mesh and its parameters.
+pub(super) struct Entry {
+    key: Key,
+    path: PathBuf,
 }
 
-/// The entry at `path`; `None` when there is none or it is damaged.
-pub(super) fn read(path: &Path) -> Option<ConvexParts> {
-    let bytes = match std::fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
-        Err(e) => {
-            tracing::warn!("cannot read the cached parts {}: {e}; they are made again", path.display());
+impl Entry {
+    pub fn new(folder: &Path, mesh: &TriMesh, params: &PartsParams) -> Self {
+        let PartsParams { max_error, max_parts, max_points } = params;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(MAGIC);
+        hasher.update(&mesh.content_hash());
+        hasher.update(&max_error.to_bits().to_le_bytes());
+        hasher.update(&(*max_parts as u64).to_le_bytes());
+        hasher.update(&(*max_points as u64).to_le_bytes());
+        let key = hasher.finalize();
+        Self { key: *key.as_bytes(), path: folder.join(format!("{}.parts", key.to_hex())) }
+    }
+
+    /// The parts; `None` when there are none, or the entry is damaged or of something else.
+    pub fn read(&self) -> Option<ConvexParts> {
+        let path = self.path.display();
+        let bytes = match read_bounded(&self.path, MAX_BYTES) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
+            Err(e) => {
+                tracing::warn!("cannot read the cached parts {path}: {e}; they are made again");
+                return None;
+            }
+        };
+        let Ok(body) = open(MAGIC, &bytes) else {
+            tracing::warn!("the cached parts {path} are damaged; they are made again");
             return None;
+        };
+        let parts = body.strip_prefix(&self.key).and_then(decode);
+        if parts.is_none() {
+            tracing::warn!("the cached parts {path} are those of another mesh; they are made again");
         }
-    };
-    let parts = decode(&bytes);
-    if parts.is_none() {
-        tracing::warn!("the cached parts {} are damaged; they are made again", path.display());
+        parts
     }
-    parts
-}
 
-/// Keeps the parts; a failure is a warning.
-pub(super) fn write(path: &Path, parts: &ConvexParts) {
-    let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-    if let Err(e) = made {
-        tracing::warn!("cannot make the folder of {}: {e}; the parts are not cached", path.display());
-    } else if let Err(e) = write_atomic(path, &encode(parts)) {
-        tracing::warn!("{e}; the parts are not cached");
+    /// Keeps the parts; a failure is a warning.
+    pub fn write(&self, parts: &ConvexParts) {
+        let made = self.path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        if let Err(e) = made {
+            tracing::warn!("cannot make the folder of {}: {e}; the parts are not cached", self.path.display());
+        } else if let Err(e) = write_atomic(&self.path, &seal(MAGIC, &encode(&self.key, parts))) {
+            tracing::warn!("{e}; the parts are not cached");
+        }
     }
 }
 
-fn encode(parts: &ConvexParts) -> Vec<u8> {
+fn encode(key: &Key, parts: &ConvexParts) -> Vec<u8> {
     let report = &parts.report;
-    let mut body = Vec::new();
+    let mut body = key.to_vec();
     let mut number = |x: f64| body.extend(x.to_bits().to_le_bytes());
     [report.volume, report.overfill_max, report.overfill_mean, report.underfill_max, report.underfill_mean]
         .into_iter()
@@ -68,16 +86,10 @@ fn encode(parts: &ConvexParts) -> Vec<u8> {
         body.extend(part.vertices().iter().flat_map(|p| p.coords.iter().flat_map(|x| x.to_bits().to_le_bytes())));
         body.extend(part.faces().iter().flatten().flat_map(|v| v.to_le_bytes()));
     }
-    let mut bytes = blake3::hash(&body).as_bytes().to_vec();
-    bytes.append(&mut body);
-    bytes
+    body
 }
 
-fn decode(bytes: &[u8]) -> Option<ConvexParts> {
-    let (checksum, body) = bytes.split_at_checked(CHECKSUM)?;
-    if blake3::hash(body).as_bytes() != checksum {
-        return None;
-    }
+fn decode(body: &[u8]) -> Option<ConvexParts> {
     let mut reader = Reader(body);
     let [volume, overfill_max, overfill_mean, underfill_max, underfill_mean] =
         [reader.f64()?, reader.f64()?, reader.f64()?, reader.f64()?, reader.f64()?];

@@ -1,7 +1,7 @@
 //! A cell: the piece of the solid on one side of every cut so far, as the points that can lie on its hull.
 //!
 //! Its hull is that of the clipped surface and of inner points: where two cuts cross inside the solid, no surface marks the
-//! corner, and grid nodes inside the solid stand in for it.
+//! corner, and grid nodes inside the solid take its place.
 
 use crate::hull::hull_indexed;
 use nalgebra::{Point3, Vector3};
@@ -103,19 +103,6 @@ fn clip(
             half.faces.push([polygon[0], w[0], w[1]]);
         }
     }
-}
-
-/// `count` unit vectors spread evenly: the Fibonacci sphere.
-pub(super) fn directions(count: usize) -> Vec<Vector3<f64>> {
-    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    (0..count)
-        .map(|i| {
-            let z = 1.0 - (2 * i + 1) as f64 / count as f64;
-            let (s, c) = (golden * i as f64).sin_cos();
-            let r = (1.0 - z * z).sqrt();
-            Vector3::new(r * c, r * s, z)
-        })
-        .collect()
 }
 
 /// For each direction the point that lies farthest along it; each point once, ascending.

@@ -1,7 +1,8 @@
 //! Top down: the cell that stands out farthest is cut, until none stands out too far.
 
-use super::cell::{Cell, Hull, Plane, Pool, directions, hull_of, supports, thicken};
+use super::cell::{Cell, Hull, Plane, Pool, hull_of, supports, thicken};
 use super::fit::Fit;
+use crate::sample::fibonacci_sphere;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 /// Directions whose extremes stand for a hull when cuts are compared.
@@ -40,7 +41,7 @@ impl Piece {
 
 /// Cuts `whole` until no piece stands out by more than `max_error` metres or there are `most` pieces.
 pub(super) fn cut_down(whole: Cell, pool: &mut Pool, fit: &Fit, max_error: f64, most: usize) -> Vec<Piece> {
-    let (coarse, fine) = (directions(COARSE), directions(FINE));
+    let (coarse, fine) = (fibonacci_sphere(COARSE), fibonacci_sphere(FINE));
     let least = LEAST_SIZE * max_error;
     let mut open: Vec<Piece> = Piece::new(whole, pool, fit, &fine).into_iter().collect();
     let mut done = Vec::new();

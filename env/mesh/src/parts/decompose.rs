@@ -4,8 +4,11 @@ use super::cell::{Cell, Pool, thicken};
 use super::cut::cut_down;
 use super::fit::Fit;
 use super::merge::merge;
-use super::{PartsParams, reduce::reduce};
-use crate::{MeshError, TriMesh, convex_hull};
+use super::params::PartsParams;
+use super::reduce::reduce;
+use crate::error::MeshError;
+use crate::hull::convex_hull;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
@@ -42,9 +45,9 @@ pub(super) fn decompose(
 }
 
 fn inner_nodes(fit: &Fit) -> Vec<Point3<f64>> {
-    let all = fit.field().inside_nodes(1).len();
+    let all = fit.grid().inside_nodes(1).len();
     let stride = (all as f64 / INNER_NODES as f64).cbrt().ceil().max(1.0) as usize;
-    fit.field().inside_nodes(stride)
+    fit.grid().inside_nodes(stride)
 }
 
 /// Vertices relative to `centre`, and faces whose edges are at most `longest` metres.

@@ -3,7 +3,8 @@
 use super::cell::Hull;
 use crate::distance_grid::DistanceGrid;
 use crate::hull::planes;
-use crate::{TriMesh, sample_surface};
+use crate::sample::sample_surface;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 
 /// Samples on the mesh by which underfill is measured.
@@ -19,7 +20,7 @@ const SPARED: f64 = 0.02;
 
 /// Measures hulls against one mesh.
 pub(super) struct Fit<'a> {
-    field: DistanceGrid<'a>,
+    grid: DistanceGrid<'a>,
     centre: Vector3<f64>,
     /// Distance between samples on a hull, metres.
     spacing: f64,
@@ -35,13 +36,13 @@ pub(super) struct Errors {
 impl<'a> Fit<'a> {
     /// * `centre`: the hulls' origin in the mesh's frame.
     pub fn new(mesh: &'a TriMesh, centre: Vector3<f64>, max_error: f64) -> Self {
-        let field = DistanceGrid::new(mesh, 0.25 * max_error);
-        let spacing = (2.0 * field.step()).max(max_error);
-        Self { field, centre, spacing, max_error }
+        let grid = DistanceGrid::new(mesh, 0.25 * max_error);
+        let spacing = (2.0 * grid.step()).max(max_error);
+        Self { grid, centre, spacing, max_error }
     }
 
-    pub fn field(&self) -> &DistanceGrid<'a> {
-        &self.field
+    pub fn grid(&self) -> &DistanceGrid<'a> {
+        &self.grid
     }
 
     /// Half the thickness given to a flat piece, metres: a tenth of the allowed error.
@@ -51,7 +52,7 @@ impl<'a> Fit<'a> {
 
     /// Grid step, metres.
     pub fn step(&self) -> f64 {
-        self.field.step()
+        self.grid.step()
     }
 
     /// How far the hull stands out of the mesh, metres, by samples spread evenly over it: the distance that all but
@@ -78,7 +79,7 @@ impl<'a> Fit<'a> {
             along += area([a, b, c]);
             while next < along && distances.len() < count {
                 let [u, v] = plastic(k);
-                distances.push(self.field.outside(&(a + (b - a) * u + (c - a) * v)));
+                distances.push(self.grid.outside(&(a + (b - a) * u + (c - a) * v)));
                 next += stretch;
                 k += 1;
             }
@@ -92,7 +93,7 @@ impl<'a> Fit<'a> {
         for part in parts {
             for face in 0..part.faces().len() {
                 each_sample(part.triangle(face), self.spacing, &mut |p, weight| {
-                    let d = self.field.outside(p);
+                    let d = self.grid.outside(p);
                     greatest = greatest.max(d);
                     sum += d * weight;
                     area += weight;

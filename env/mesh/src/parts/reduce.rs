@@ -3,9 +3,11 @@
 //! A hull of a few extreme corners is grown by the corner that stands out farthest, until none stands out or the cap is
 //! reached. The result lies inside the full hull and is then scaled to its volume.
 
-use super::cell::{directions, supports};
+use super::cell::supports;
+use crate::hull::convex_hull;
 use crate::hull::planes;
-use crate::{TriMesh, convex_hull};
+use crate::sample::fibonacci_sphere;
+use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Translation3, Vector3};
 
 /// Directions whose extremes come first.
@@ -97,5 +99,5 @@ fn prune(mut points: Vec<Point3<f64>>, tolerance: f64) -> Vec<Point3<f64>> {
 
 /// A few corners that span the hull. The directions are in general position, so that they never meet a whole edge or face.
 fn extremes(corners: &[Point3<f64>]) -> Vec<usize> {
-    supports(corners, &directions(FIRST))
+    supports(corners, &fibonacci_sphere(FIRST))
 }

@@ -5,11 +5,10 @@
 //!
 //! Source: Patrick Min, "binvox voxel file format specification", <https://www.patrickmin.com/binvox/binvox.html>.
 
-use super::{MAX_RESOLUTION, VoxelFrame, VoxelGrid};
-use crate::MeshError;
-use crate::io::write_atomic;
+use super::grid::{MAX_RESOLUTION, VoxelFrame, VoxelGrid, out_of_memory, with_room};
+use crate::error::MeshError;
+use crate::io::{read_bounded, write_atomic};
 use nalgebra::Point3;
-use std::io::Read;
 use std::path::Path;
 
 /// Largest file that is read, bytes: a grid of 1024 with 128 runs in each of its columns.
@@ -24,13 +23,10 @@ const DATA: &[u8] = b"data";
 /// Version 1 and 2; every value but 0 is a set voxel. Only cubes, which is all that the format allows.
 ///
 /// # Errors
-/// [`MeshError::Io`], and everything that [`parse_binvox`] says.
+/// [`MeshError::Io`], and those of [`parse_binvox`].
 pub fn load_binvox(path: &Path) -> Result<VoxelGrid, MeshError> {
     let io = |source| MeshError::Io { path: path.to_path_buf(), source };
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(io)?;
-    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
-    parse_binvox(&bytes)
+    parse_binvox(&read_bounded(path, MAX_BYTES).map_err(io)?)
 }
 
 /// Reads the bytes of a `.binvox` file.
@@ -38,7 +34,7 @@ pub fn load_binvox(path: &Path) -> Result<VoxelGrid, MeshError> {
 /// # Errors
 /// [`MeshError::Malformed`] or [`MeshError::Truncated`], saying where: a file of more than 256 MiB, no binvox header, a grid that is no
 /// cube or has more than 1024 voxels a side, numbers that are not finite, values other than 0 and 1 in version 1, runs of no voxels,
-/// or more or fewer voxels than the header names.
+/// or more or fewer voxels than the header names; [`MeshError::OutOfMemory`].
 pub fn parse_binvox(bytes: &[u8]) -> Result<VoxelGrid, MeshError> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err(malformed(format!("it has more than {} MiB", MAX_BYTES >> 20)));
@@ -50,7 +46,7 @@ pub fn parse_binvox(bytes: &[u8]) -> Result<VoxelGrid, MeshError> {
     if !runs.len().is_multiple_of(2) || (runs.len() / 2).saturating_mul(255) < frame.len() {
         return Err(truncated(header.resolution, runs.len() / 2));
     }
-    let mut columns = Vec::with_capacity(frame.len());
+    let mut columns = with_room(frame.len())?;
     for (run, &[value, length]) in runs.as_chunks::<2>().0.iter().enumerate() {
         if header.version == 1 && value > 1 {
             return Err(malformed(format!("run {run} has the value {value} instead of 0 or 1")));
@@ -64,13 +60,13 @@ pub fn parse_binvox(bytes: &[u8]) -> Result<VoxelGrid, MeshError> {
     if columns.len() < frame.len() {
         return Err(truncated(header.resolution, runs.len() / 2));
     }
-    VoxelGrid::new(frame, swap_yz(&columns, header.resolution))
+    VoxelGrid::new(frame, swap_yz(&columns, header.resolution)?)
 }
 
 /// Writes a `.binvox` file of version 1; it reads back with the same bits.
 ///
 /// # Errors
-/// [`MeshError::Write`] when the folder is missing, full or read-only.
+/// Those of [`write_atomic`]; [`MeshError::OutOfMemory`].
 pub fn write_binvox(path: &Path, grid: &VoxelGrid) -> Result<(), MeshError> {
     let frame = grid.frame();
     let (n, origin) = (frame.resolution(), frame.origin());
@@ -83,7 +79,9 @@ pub fn write_binvox(path: &Path, grid: &VoxelGrid) -> Result<(), MeshError> {
         frame.side()
     )
     .into_bytes();
-    for run in swap_yz(grid.flags(), n).chunk_by(|a, b| a == b) {
+    for run in swap_yz(grid.flags(), n)?.chunk_by(|a, b| a == b) {
+        let more = 2 * run.len().div_ceil(255);
+        bytes.try_reserve(more).map_err(|_| out_of_memory::<u8>(bytes.len() + more))?;
         for piece in run.chunks(255) {
             bytes.extend([u8::from(run[0]), piece.len() as u8]);
         }
@@ -92,12 +90,12 @@ pub fn write_binvox(path: &Path, grid: &VoxelGrid) -> Result<(), MeshError> {
 }
 
 /// From z fastest to y fastest, and back.
-fn swap_yz(flags: &[bool], n: usize) -> Vec<bool> {
-    let mut swapped = Vec::with_capacity(flags.len());
+fn swap_yz(flags: &[bool], n: usize) -> Result<Vec<bool>, MeshError> {
+    let mut swapped = with_room(flags.len())?;
     for slab in flags.chunks_exact(n * n) {
         swapped.extend((0..n).flat_map(|a| (0..n).map(move |b| slab[b * n + a])));
     }
-    swapped
+    Ok(swapped)
 }
 
 struct Header {
@@ -139,7 +137,7 @@ impl Header {
                 _ => false,
             };
             if !known {
-                return Err(malformed(format!("{text:?} has no place in its header")));
+                return Err(malformed(format!("{text:?} does not belong in its header")));
             }
         }
         let [depth, height, width] = dim.ok_or_else(|| malformed("its header has no line \"dim\"".into()))?;

@@ -1,8 +1,41 @@
 //! The cube that is cut into voxels, and which of them are set.
 
-use super::MAX_RESOLUTION;
-use crate::MeshError;
+use crate::error::{MeshError, require};
 use nalgebra::{Point3, Vector3};
+
+/// Most voxels along a side: binvox's own limit; a grid of it takes 1 GiB.
+pub const MAX_RESOLUTION: usize = 1024;
+
+/// Refuses a number of voxels along a side.
+pub(super) fn check_resolution(resolution: usize) -> Result<(), MeshError> {
+    let valid = (1..=MAX_RESOLUTION).contains(&resolution);
+    require(valid, "resolution", resolution as f64, "give 1 to 1024 voxels a side")
+}
+
+/// A vector of `count` equal values; unlike `vec!`, it does not abort the process when memory runs out.
+///
+/// # Errors
+/// [`MeshError::OutOfMemory`].
+pub(super) fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>, MeshError> {
+    let mut all = with_room(count)?;
+    all.resize(count, value);
+    Ok(all)
+}
+
+/// An empty vector with room for `count` values.
+///
+/// # Errors
+/// [`MeshError::OutOfMemory`].
+pub(super) fn with_room<T>(count: usize) -> Result<Vec<T>, MeshError> {
+    let mut all = Vec::new();
+    all.try_reserve_exact(count).map_err(|_| out_of_memory::<T>(count))?;
+    Ok(all)
+}
+
+/// The error of an allocation of `count` values.
+pub(super) fn out_of_memory<T>(count: usize) -> MeshError {
+    MeshError::OutOfMemory { what: "voxels", bytes: (count as u64).saturating_mul(size_of::<T>() as u64) }
+}
 
 /// A cube of n x n x n voxels, aligned with the axes of its frame (for a mesh: the object's, metres).
 ///
@@ -20,28 +53,13 @@ impl VoxelFrame {
     /// # Errors
     /// [`MeshError::BadParameter`] for a resolution outside 1 to 1024, corners that are not finite or a side that is not positive.
     pub fn new(resolution: usize, origin: Point3<f64>, side: f64) -> Result<Self, MeshError> {
-        if !(1..=MAX_RESOLUTION).contains(&resolution) {
-            return Err(MeshError::BadParameter {
-                name: "resolution",
-                value: resolution as f64,
-                rule: "give 1 to 1024 voxels a side",
-            });
-        }
+        check_resolution(resolution)?;
         let far = origin + Vector3::repeat(side);
         if let Some(&value) = origin.iter().chain(far.iter()).find(|x| !x.is_finite()) {
-            return Err(MeshError::BadParameter {
-                name: "a corner of the voxel grid",
-                value,
-                rule: "it must be finite",
-            });
+            require(false, "a corner of the voxel grid", value, "it must be finite")?;
         }
-        if side / resolution as f64 <= 0.0 {
-            return Err(MeshError::BadParameter {
-                name: "the side of the voxel grid",
-                value: side,
-                rule: "it must be positive; a mesh that is a single point has no voxels",
-            });
-        }
+        let rule = "it must be positive; a mesh that is a single point has no voxels";
+        require(side / resolution as f64 > 0.0, "the side of the voxel grid", side, rule)?;
         Ok(Self { resolution, origin, side })
     }
 
@@ -108,13 +126,8 @@ impl VoxelGrid {
     /// # Errors
     /// [`MeshError::BadParameter`] when there are fewer or more flags than voxels.
     pub fn new(frame: VoxelFrame, set: Vec<bool>) -> Result<Self, MeshError> {
-        if set.len() != frame.len() {
-            return Err(MeshError::BadParameter {
-                name: "the number of voxels",
-                value: set.len() as f64,
-                rule: "it must be the cube of the resolution",
-            });
-        }
+        let rule = "it must be the cube of the resolution";
+        require(set.len() == frame.len(), "the number of voxels", set.len() as f64, rule)?;
         Ok(Self { frame, set })
     }
 
@@ -144,32 +157,42 @@ impl VoxelGrid {
     }
 
     /// The grid of half the resolution; a voxel is set where at least `min_parts` of its eight parts are.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfMemory`].
     pub(super) fn halved(&self, min_parts: u8) -> Result<Self, MeshError> {
         let n = self.frame.resolution;
         let frame = VoxelFrame { resolution: n / 2, ..self.frame };
-        let mut parts = vec![0_u8; frame.len()];
+        let mut parts = filled(frame.len(), 0_u8)?;
         for (row, cells) in self.set.chunks_exact(n).enumerate() {
             let start = frame.index([row / n / 2, row % n / 2, 0]);
             for (part, pair) in parts[start..].iter_mut().zip(cells.as_chunks::<2>().0) {
                 *part += u8::from(pair[0]) + u8::from(pair[1]);
             }
         }
-        Self::new(frame, parts.into_iter().map(|count| count >= min_parts).collect())
+        let mut set = with_room(frame.len())?;
+        set.extend(parts.into_iter().map(|count| count >= min_parts));
+        Self::new(frame, set)
     }
 
     /// Clears the voxels whose six neighbours are set.
-    pub(super) fn remove_internal(&mut self) {
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfMemory`].
+    pub(super) fn remove_internal(&mut self) -> Result<(), MeshError> {
         let n = self.frame.resolution;
-        let before = self.set.clone();
+        let mut before = with_room(self.set.len())?;
+        before.extend_from_slice(&self.set);
         // Voxels at the border have a neighbour beyond it, which is empty.
         for i in 1..n.saturating_sub(1) {
             for j in 1..n - 1 {
                 for k in 1..n - 1 {
                     let at = self.frame.index([i, j, k]);
                     let neighbours = [at - n * n, at + n * n, at - n, at + n, at - 1, at + 1];
-                    self.set[at] &= !neighbours.iter().all(|&other| before[other]);
+                    self.set[at] &= !neighbours.iter().all(|&other: &usize| before[other]);
                 }
             }
         }
+        Ok(())
     }
 }

@@ -4,12 +4,14 @@
 //! the order of their indices, so the faces on both sides of an edge agree to the last bit and every line leaves a closed mesh as
 //! often as it enters it: there are no stripes, whatever lies on an edge or a vertex.
 
-use super::FillRule;
+use super::grid::{filled, out_of_memory};
+use super::options::FillRule;
+use crate::error::MeshError;
 
 /// How far centres are moved, in voxels: modelled objects have faces, edges and diagonals right through them. Above rounding
 /// (2e-13 in a grid of 1024), and different along the axes so that diagonals are left too.
 const TIE: [f64; 3] = [1.0e-9, 1.3e-9, 1.7e-9];
-/// So many of six rays make an inside: more than half.
+/// Rays of six that must find a voxel inside: more than half.
 const MAJORITY: u8 = 4;
 
 /// A face crosses a line between the centres `along - 1` and `along`.
@@ -19,25 +21,28 @@ struct Crossing {
     turn: i8,
 }
 
-/// Which of n x n x n voxels have their centres inside, and how that was told; `corners` in voxels from the least corner.
-pub fn fill(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize) -> (Vec<bool>, FillRule) {
+/// Which of n x n x n voxels have their centres inside, and how that was decided; `corners` in voxels from the least corner.
+///
+/// # Errors
+/// [`MeshError::OutOfMemory`].
+pub fn fill(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize) -> Result<(Vec<bool>, FillRule), MeshError> {
     let corners: Vec<[f64; 3]> = corners.iter().map(|p| [0, 1, 2].map(|k| p[k] - TIE[k])).collect();
     let rule = rule(faces, corners.len());
-    let mut set = vec![false; n * n * n];
+    let mut set = filled(n * n * n, false)?;
     match rule {
-        FillRule::Winding => scan(&corners, faces, n, 0, |at, turns, _| set[at] = turns != 0),
-        FillRule::Parity => scan(&corners, faces, n, 0, |at, turns, _| set[at] = turns % 2 != 0),
+        FillRule::Winding => scan(&corners, faces, n, 0, |at, turns, _| set[at] = turns != 0)?,
+        FillRule::Parity => scan(&corners, faces, n, 0, |at, turns, _| set[at] = turns % 2 != 0)?,
         FillRule::Vote => {
-            let mut votes = vec![0_u8; set.len()];
+            let mut votes = filled(set.len(), 0_u8)?;
             for axis in 0..3 {
                 scan(&corners, faces, n, axis, |at, turns, back| {
                     votes[at] += u8::from(turns != 0) + u8::from(back != 0);
-                });
+                })?;
             }
             set.iter_mut().zip(&votes).for_each(|(s, &v)| *s = v >= MAJORITY);
         }
     }
-    (set, rule)
+    Ok((set, rule))
 }
 
 /// What the edges allow: each is kept at the lower of its vertices, and the faces must run along it equally often both ways.
@@ -84,10 +89,19 @@ fn first(x: f64, n: usize) -> usize {
 
 /// Calls `visit` for each voxel with its flat index and how often the surface turns around its centre, seen along `axis` from below
 /// and from above.
-fn scan(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize, axis: usize, mut visit: impl FnMut(usize, i32, i32)) {
+///
+/// # Errors
+/// [`MeshError::OutOfMemory`].
+fn scan(
+    corners: &[[f64; 3]],
+    faces: &[[u32; 3]],
+    n: usize,
+    axis: usize,
+    mut visit: impl FnMut(usize, i32, i32),
+) -> Result<(), MeshError> {
     let stride = [n * n, n, 1];
     let (row, line) = ((axis + 1) % 3, (axis + 2) % 3);
-    let rows = crossings(corners, faces, n, axis);
+    let rows = crossings(corners, faces, n, axis)?;
     let mut change = vec![0_i32; (n + 1) * n];
     let mut turns = vec![0_i32; n];
     let mut total = vec![0_i32; n];
@@ -108,10 +122,14 @@ fn scan(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize, axis: usize, mut vis
             }
         }
     }
+    Ok(())
 }
 
 /// The crossings of lines along `axis`, by row of lines.
-fn crossings(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize, axis: usize) -> Vec<Vec<Crossing>> {
+///
+/// # Errors
+/// [`MeshError::OutOfMemory`]: large faces, each across the whole grid, have n * n crossings each.
+fn crossings(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize, axis: usize) -> Result<Vec<Vec<Crossing>>, MeshError> {
     let row = (axis + 1) % 3;
     // A vertex is below the rows from this one on.
     let below: Vec<u16> = corners.iter().map(|p| first(p[row], n) as u16).collect();
@@ -121,11 +139,11 @@ fn crossings(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize, axis: usize) ->
         let hit = usize::from(a.min(b).min(c))..usize::from(a.max(b).max(c));
         for (j, crossings) in hit.clone().zip(&mut rows[hit]) {
             if let Some((up, down)) = cuts(corners, &below, face, j, axis) {
-                cross(&up, &down, n, crossings);
+                cross(&up, &down, n, crossings)?;
             }
         }
     }
-    rows
+    Ok(rows)
 }
 
 /// Where an edge cuts a row of lines.
@@ -153,12 +171,16 @@ fn cuts(corners: &[[f64; 3]], below: &[u16], face: &[u32; 3], j: usize, axis: us
 }
 
 /// Adds the crossings of the lines between two cuts.
-fn cross(up: &Cut, down: &Cut, n: usize, crossings: &mut Vec<Crossing>) {
+fn cross(up: &Cut, down: &Cut, n: usize, crossings: &mut Vec<Crossing>) -> Result<(), MeshError> {
     let ends = (first(up.across, n), first(down.across, n));
     let turn = if ends.0 < ends.1 { 1 } else { -1 };
-    for line in ends.0.min(ends.1)..ends.0.max(ends.1) {
+    let lines = ends.0.min(ends.1)..ends.0.max(ends.1);
+    let count = crossings.len() + lines.len();
+    crossings.try_reserve(lines.len()).map_err(|_| out_of_memory::<Crossing>(count))?;
+    for line in lines {
         let share = ((line as f64 + 0.5 - up.across) / (down.across - up.across)).clamp(0.0, 1.0);
         let along = first(up.along + share * (down.along - up.along), n);
         crossings.push(Crossing { along: along as u16, line: line as u16, turn });
     }
+    Ok(())
 }

@@ -1,0 +1,106 @@
+//! Formats, limits, and what a parser hands over.
+
+use crate::error::MeshError;
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The formats that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// Stereolithography, binary or ASCII.
+    Stl,
+    /// Polygon file format, ASCII or binary of either byte order.
+    Ply,
+    /// Wavefront.
+    Obj,
+    /// Object file format, text.
+    Off,
+}
+
+impl MeshFormat {
+    /// The format that the ending of `path` names, in any case.
+    pub fn from_path(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "stl" => Some(Self::Stl),
+            "ply" => Some(Self::Ply),
+            "obj" => Some(Self::Obj),
+            "off" => Some(Self::Off),
+            _ => None,
+        }
+    }
+
+    /// Its name, as errors spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stl => "STL",
+            Self::Ply => "PLY",
+            Self::Obj => "OBJ",
+            Self::Off => "OFF",
+        }
+    }
+}
+
+/// How a file is read, and how much of it at most.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LoadOptions {
+    /// Metres in one unit of the file: 1 for metres, 0.001 for millimetres.
+    pub scale: f64,
+    /// Largest file, bytes.
+    pub max_bytes: u64,
+    /// Most vertices.
+    pub max_vertices: u64,
+    /// Most triangles, after polygons have been cut into triangles.
+    pub max_faces: u64,
+}
+
+impl Default for LoadOptions {
+    /// Metres; 256 MiB, 4 million vertices and triangles (a scanned object has 10^4 to 10^6).
+    fn default() -> Self {
+        Self { scale: 1.0, max_bytes: 256 << 20, max_vertices: 4_000_000, max_faces: 4_000_000 }
+    }
+}
+
+/// Vertices and faces as a parser found them: in the file's unit, not yet checked.
+#[derive(Default)]
+pub(crate) struct Raw {
+    pub vertices: Vec<Point3<f64>>,
+    pub faces: Vec<[u32; 3]>,
+}
+
+impl Raw {
+    /// Cuts a polygon into the fan of triangles around its first corner.
+    pub fn push_polygon(
+        &mut self,
+        format: MeshFormat,
+        face: usize,
+        corners: &[u32],
+        options: &LoadOptions,
+    ) -> Result<(), MeshError> {
+        if corners.len() < 3 {
+            return Err(MeshError::NotTriangles { format: format.name(), face, corners: corners.len() });
+        }
+        check_count(format, "triangles", (self.faces.len() + corners.len() - 2) as u64, options.max_faces)?;
+        self.faces.extend(corners[1..].windows(2).map(|w| [corners[0], w[0], w[1]]));
+        Ok(())
+    }
+}
+
+/// Compares the size of a file with its limit.
+pub(super) fn check_size(format: MeshFormat, bytes: u64, options: &LoadOptions) -> Result<(), MeshError> {
+    if bytes > options.max_bytes {
+        return Err(MeshError::FileTooLarge { format: format.name(), bytes, limit: options.max_bytes });
+    }
+    Ok(())
+}
+
+/// Compares a count with its limit.
+pub(super) fn check_count(format: MeshFormat, what: &'static str, count: u64, limit: u64) -> Result<(), MeshError> {
+    // Indices are u32, whatever the caller allows.
+    let limit = limit.min(u64::from(u32::MAX));
+    if count > limit {
+        return Err(MeshError::TooMany { format: format.name(), what, count, limit });
+    }
+    Ok(())
+}
