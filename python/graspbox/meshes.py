@@ -3,28 +3,19 @@
 A `Mesh` is held in Rust; its arrays are fresh copies. Units are metres and kilograms, in the frame of the file.
 """
 
-import json
 import os
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspbox._core import Mesh
+from graspbox.arguments import floats, to_json
 from graspbox.configs import CleanConfig, LoadConfig
 from graspbox.errors import ConfigError
 
-__all__ = ["Mesh", "load_mesh", "mesh_from_arrays"]
-
-
-def to_json(config: Any) -> str:
-    """Write a config as the core reads it; NaN and infinity are refused."""
-    try:
-        return json.dumps(asdict(config), allow_nan=False)
-    except ValueError as error:
-        raise ConfigError(f"{type(config).__name__}: every number must be finite ({error})") from None
+__all__ = ["Mesh", "floats", "load_mesh", "mesh_from_arrays", "to_json"]
 
 
 def load_mesh(
@@ -97,8 +88,3 @@ def mesh_from_arrays(vertices: ArrayLike, faces: ArrayLike, *, name: str = "mesh
     if indices.size and (indices.min() < 0 or indices.max() >= 2**32):
         raise ConfigError(f"faces holds {indices.min()} to {indices.max()}; vertex indices start at 0")
     return Mesh.from_arrays(floats(vertices), np.ascontiguousarray(indices, dtype=np.uint32), name, mass)
-
-
-def floats(values: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """Lay an array out as the core takes it."""
-    return np.asarray(values, dtype=np.float64, order="C")

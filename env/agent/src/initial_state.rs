@@ -51,7 +51,7 @@ const SUNK: f64 = 1e-3;
 
 /// Which object.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "give the index or the name of an object")]
 pub enum ObjectChoice {
     /// By its place in the list.
     Index(usize),
