@@ -12,7 +12,7 @@ from typing import Any
 
 from graspbox.errors import FileError
 
-__all__ = ["check_output", "dumps", "read_bounded", "replacing", "write_text"]
+__all__ = ["check_output", "dumps", "read_bounded", "replacing", "write_bytes", "write_text"]
 
 
 def _failure(error: OSError, path: Path) -> FileError:
@@ -111,8 +111,19 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     FileError
         If it cannot be written.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(content)
 
 
 def read_bounded(path: str | os.PathLike[str], limit: int) -> bytes:

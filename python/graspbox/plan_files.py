@@ -62,9 +62,9 @@ def mesh_hash(mesh: Mesh) -> str:
     return digest.hexdigest()
 
 
-def grasp_rows(grasps: Arrays) -> list[dict[str, Any]]:
-    """Write columns of grasps as a list of JSON objects, as the file has them."""
-    return _rows(grasps, _GRASPS)
+def grasp_rows(plan: Any) -> list[dict[str, Any]]:
+    """Write the grasps of a plan as JSON objects, as the file has them."""
+    return _rows({name: getattr(plan, name) for name in _GRASPS}, _GRASPS)
 
 
 def write(path: str | os.PathLike[str], facts: dict[str, Any], boxes: Arrays, grasps: Arrays) -> None:

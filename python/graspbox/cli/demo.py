@@ -1,17 +1,17 @@
 """``graspbox demo``: the whole way on a few objects, with its table and its pictures."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from graspbox import Scene, object_sets, pictures, plan
+from graspbox import Scene, object_sets, plan
 from graspbox.cli.common import Json, Seed, Threads, console, print_json, print_table
 from graspbox.cli.grasp import COLUMNS, run, summary, table_rows
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError, MissingExtraError
-from graspbox.validation import study, study_chart
+from graspbox.files import check_output, dumps, write_text
+from graspbox.validation import study
 
 #: Made here: with a handle, round, hollow, with spout and arch.
 _PROCEDURAL = ("bottle", "mug", "bowl", "kettle")
@@ -28,7 +28,7 @@ def demo_objects() -> list[str]:
     try:
         object_sets.load("ycb")
     except MissingExtraError as error:
-        console.print(f"without YCB objects: {error}", markup=False)
+        console.print(f"without YCB objects: {error}")
         return names
     return [*names, _TRACED, *study.study_objects()]
 
@@ -41,19 +41,23 @@ def demo(
     as_json: Json = False,
 ) -> None:
     """Grasp a few objects, the study's among them; leaves tables and pictures in a folder."""
-    out.mkdir(parents=True, exist_ok=True)
+    # matplotlib is slow to import, and no other command needs it.
+    from graspbox import pictures
+    from graspbox.validation import study_chart
+
+    check_output(out / "grasps.json")
     found = object_sets.load(demo_objects())
     result = run(found, poses=poses, seed=seed, trial=TrialConfig(legacy=True), num_threads=threads)
     table = result.table()
-    (out / "grasps.json").write_text(json.dumps(table, indent=2, allow_nan=False) + "\n")
-    (out / "grasps.md").write_text(markdown(table_rows(table)) + f"\n{summary(table)}\n")
+    write_text(out / "grasps.json", dumps(table) + "\n")
+    write_text(out / "grasps.md", markdown(table_rows(table)) + f"\n{summary(table)}\n")
     for spec, done in zip(found, result.objects, strict=True):
         if done.plan is not None:
             pictures.save_plan(out / f"{spec.name}.png", spec.load(), done.plan, done.outcomes)
     known = _TRACED.partition(":")[2] in found.names
     comparison = study.Comparison.of(result)
     if known:
-        (out / "table_3_1.md").write_text(comparison.markdown())
+        write_text(out / "table_3_1.md", comparison.markdown())
         study_chart.save_comparison(out / "table_3_1.png", comparison)
     draw_sweeps_and_trials(out, seed, ycb=known)
     if as_json:
@@ -71,6 +75,8 @@ def demo(
 
 def draw_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
     """Draw the study's sweep of thresholds, kindness over time, and grasps in stages."""
+    from graspbox import pictures
+
     with console.status("drawing"):
         for name in _SWEPT if ycb else _SWEPT[:1]:
             mesh = object_sets.load(name)[0].load()
@@ -81,7 +87,7 @@ def draw_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
         try:
             firm, failed = pictures.firm_and_failed(scene, planned)
         except ConfigError as error:
-            console.print(f"no picture of a firm and a failed grasp of {scene.name}: {error}", markup=False)
+            console.print(f"no picture of a firm and a failed grasp of {scene.name}: {error}")
             return
         pictures.save_kindness(out / "kindness.png", scene.name, failed, firm)
         pictures.save_stages(out / "stages.png", scene, [firm, failed])
