@@ -35,9 +35,11 @@ def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:
         If the values, called `name`, are not numbers in rows of equal length.
     """
     try:
-        return np.asarray(values, dtype=np.float64, order="C")
+        if values is not None:  # which numpy takes for NaN
+            return np.asarray(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
-        raise ConfigError(f"{name} is {shown(values)}; give an array of numbers") from None
+        pass
+    raise ConfigError(f"{name} is {shown(values)}; give an array of numbers")
 
 
 def to_json(config: Any, kind: type | None = None, name: str = "config") -> str:
