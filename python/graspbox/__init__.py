@@ -32,8 +32,8 @@ from graspbox.configs import (
 from graspbox.envs import register
 from graspbox.errors import GraspboxError
 from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
-from graspbox.planning import Box, BoxTree, Plan, decompose, plan
-from graspbox.simulation import Hand, Outcomes, Scene, Trace, load_hand, simulate
+from graspbox.planning import Box, BoxTree, Grasp, Plan, decompose, plan
+from graspbox.simulation import Hand, Outcome, Outcomes, Scene, Trace, load_hand, simulate
 from graspbox.views import ViewPlan, Views, depth_millimetres, occupancy, views
 from graspbox.voxels import Voxels, load_binvox, save_binvox, voxelize
 
@@ -45,10 +45,12 @@ __all__ = [
     "CleanConfig",
     "DecomposeConfig",
     "FrictionConfig",
+    "Grasp",
     "GraspboxError",
     "Hand",
     "LoadConfig",
     "Mesh",
+    "Outcome",
     "Outcomes",
     "PhysicsConfig",
     "PictureConfig",

@@ -3,7 +3,7 @@
 import sys
 
 #: What the extra ``cli`` brings that the command line cannot do without.
-_CLI_MODULES = ("typer", "rich", "matplotlib")
+_CLI_MODULES = ("typer", "rich")
 
 
 def main() -> None:

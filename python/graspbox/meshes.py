@@ -3,20 +3,20 @@
 A `Mesh` is held in Rust; its arrays are fresh copies. Units are metres and kilograms, in the frame of the file.
 """
 
-import json
 import os
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspbox._core import Mesh
+from graspbox.arguments import floats, to_json
 from graspbox.configs import CleanConfig, LoadConfig
 from graspbox.errors import ConfigError
 
-__all__ = ["Mesh", "MeshLike", "as_mesh", "load_mesh", "mesh_from_arrays"]
+__all__ = ["Mesh", "MeshLike", "as_mesh", "floats", "load_mesh", "mesh_from_arrays", "to_json"]
 
 
 class Triangles(Protocol):
@@ -33,14 +33,6 @@ class Triangles(Protocol):
 
 #: What `as_mesh` takes.
 MeshLike = Mesh | Triangles
-
-
-def to_json(config: Any) -> str:
-    """Write a config as the core reads it; NaN and infinity are refused."""
-    try:
-        return json.dumps(asdict(config), allow_nan=False)
-    except ValueError as error:
-        raise ConfigError(f"{type(config).__name__}: every number must be finite ({error})") from None
 
 
 def load_mesh(
@@ -168,8 +160,3 @@ def as_mesh(source: MeshLike, name: str = "mesh") -> Mesh:
             "or an object with vertices and faces, such as a trimesh.Trimesh"
         )
     return mesh_from_arrays(vertices, faces)
-
-
-def floats(values: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """Lay an array out as the core takes it."""
-    return np.asarray(values, dtype=np.float64, order="C")

@@ -13,11 +13,14 @@ A set is named by a string, or by a sequence of strings whose objects are put to
 | ``dir:PATH``                                | a folder of meshes; also the layouts of YCB, APC 2015 and Princeton |
 | any other string                            | a mesh file: .stl, .ply, .obj, .off |
 
+Meshes of a folder are named without their suffix, but for those that would share a name: ``mug.obj`` and ``mug.stl``.
 Every set can be split by object into train, validation and test; where an object belongs depends on its name alone.
 """
 
 import csv
 import hashlib
+import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -27,7 +30,7 @@ from typing import Literal, get_args, overload
 
 from graspbox import _core
 from graspbox._core import Mesh
-from graspbox.errors import MissingExtraError, ObjectSetError
+from graspbox.errors import FileError, MissingExtraError, ObjectSetError
 from graspbox.meshes import load_mesh
 
 Split = Literal["train", "validation", "test"]
@@ -46,6 +49,8 @@ _LAYOUTS = (
 _DEFAULT_SEEDS = range(10)
 #: More objects than this in one set are a slip: their names alone would fill the memory.
 _MAX_OBJECTS = 1_000_000
+#: More files than this in a folder of meshes are a slip, such as ``dir:/``.
+_MAX_FILES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -205,11 +210,19 @@ def _find(name: str, scale: float) -> tuple[ObjectSpec, ...]:
         return _ycb(rest, scale)
     if kind == "dir":
         return _folder(Path(rest).expanduser(), scale)
-    path = Path(name).expanduser()
-    if path.is_dir():
+    return _file(name, scale)
+
+
+def _file(name: str, scale: float) -> tuple[ObjectSpec, ...]:
+    try:
+        path = Path(name).expanduser()
+        folder, there = path.is_dir(), path.is_file()
+    except (OSError, RuntimeError) as error:  # a name that is too long, a home that is not known
+        raise ObjectSetError(f"{_text(name)[:200]!r} names no object set: {error}") from None
+    if folder:
         raise ObjectSetError(f"{name!r} is a folder; write 'dir:{name}' for the meshes in it")
     if path.suffix.lower() in _MESH_SUFFIXES:
-        if not path.is_file():
+        if not there:
             raise ObjectSetError(f"there is no mesh file {name!r}")
         return (_from_file(path.stem, path, scale),)
     raise ObjectSetError(f"{name!r} names no object set; use 'procedural', 'ycb', 'dir:PATH' or a mesh file")
@@ -285,28 +298,58 @@ def _graspable() -> tuple[str, ...]:
 def _from_file(name: str, path: Path, scale: float) -> ObjectSpec:
     """Describe a mesh file; an object that has the name of a YCB object has its mass too."""
     mass, known = _ycb_masses().get(name, (None, "density"))
-    return ObjectSpec(name, path=path, scale=scale, mass=mass, mass_known=known)
+    return ObjectSpec(_text(name), path=path, scale=scale, mass=mass, mass_known=known)
+
+
+def _text(name: str) -> str:
+    """Turn the bytes of a file name that are no UTF-8 into replacement characters, so that it can be printed."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def _folder(folder: Path, scale: float) -> tuple[ObjectSpec, ...]:
     if not folder.is_dir():
         raise ObjectSetError(f"there is no folder {str(folder)!r}")
-    specs: list[ObjectSpec] = []
+    try:
+        found = _meshes(folder)
+    except OSError as error:
+        raise FileError(
+            error.errno, f"{error.strerror}, in a folder of meshes", error.filename or str(folder)
+        ) from None
+    if not found:
+        raise ObjectSetError(f"there are no meshes (.stl, .ply, .obj, .off) in {str(folder)!r}")
+    count = Counter(name for name, _ in found)
+    specs = [_from_file(name, path, scale) for name, path in found]
+    return tuple(
+        spec if count[name] == 1 else replace(spec, name=_text(f"{name}{path.suffix}"))
+        for spec, (name, path) in zip(specs, found, strict=True)
+    )
+
+
+def _meshes(folder: Path) -> list[tuple[str, Path]]:
+    """Find the meshes of a folder with their names; a subfolder in a known layout is one object, called as it is."""
+    found: list[tuple[str, Path]] = []
     for entry in sorted(folder.iterdir()):
         if entry.is_file() and entry.suffix.lower() in _MESH_SUFFIXES:
-            specs.append(_from_file(entry.stem, entry, scale))
+            found.append((entry.stem, entry))
         elif entry.is_dir():
-            specs.extend(_subfolder(folder, entry, scale))
-    if not specs:
-        raise ObjectSetError(f"there are no meshes (.stl, .ply, .obj, .off) in {str(folder)!r}")
-    return tuple(specs)
+            layout = next((entry / file for file in _LAYOUTS if (entry / file).is_file()), None)
+            found += [(entry.name, layout)] if layout else _below(folder, entry)
+    return found
 
 
-def _subfolder(root: Path, folder: Path, scale: float) -> Iterator[ObjectSpec]:
-    for layout in _LAYOUTS:
-        if (folder / layout).is_file():
-            yield _from_file(folder.name, folder / layout, scale)
-            return
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.suffix.lower() in _MESH_SUFFIXES:
-            yield _from_file(path.relative_to(root).with_suffix("").as_posix(), path, scale)
+def _below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
+    """Find the meshes in a folder and the folders below it, named by their path from `root`; links are not followed."""
+
+    def fail(error: OSError) -> None:
+        raise error
+
+    paths: list[Path] = []
+    seen = 0
+    for parent, _, names in os.walk(folder, onerror=fail):
+        seen += len(names)
+        if seen > _MAX_FILES:
+            raise ObjectSetError(f"there are more than {_MAX_FILES} files in {str(folder)!r}; name a smaller folder")
+        paths += [Path(parent, name) for name in names if Path(name).suffix.lower() in _MESH_SUFFIXES]
+    for path in sorted(paths):
+        if path.is_file():
+            yield path.relative_to(root).with_suffix("").as_posix(), path

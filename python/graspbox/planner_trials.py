@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from graspbox import _core
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
-from graspbox.errors import GraspboxError
+from graspbox.errors import ConfigError, GraspboxError, InternalError
 from graspbox.object_sets import ObjectSet, ObjectSpec
+from graspbox.plan_files import grasp_rows
 from graspbox.planning import Plan, plan
 from graspbox.simulation import Outcomes, Scene
 
@@ -55,6 +57,23 @@ class ObjectResult:
             "first_succeeded": out is not None and len(out) > 0 and bool(out.success[0]),
         }
 
+    def details(self) -> dict[str, Any]:
+        """Give every grasp and its outcome too, as ``graspbox grasp --out`` writes it.
+
+        Beside the counts of `row`: ``error`` (empty if there is none), ``hand``, ``world_from_object`` (4x4) and
+        ``grasps``, best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box`` and ``face``
+        as in `graspbox.plan_files`, and the fields of `graspbox.Outcome`, null for NaN. Metres, radians, seconds.
+        """
+        row = {**self.row(), "error": self.error}
+        if self.plan is None or self.outcomes is None:
+            return {**row, "hand": None, "world_from_object": None, "grasps": []}
+        grasps = [
+            {**grasp, **{key: None if value != value else value for key, value in vars(outcome).items()}}
+            for grasp, outcome in zip(grasp_rows(self.plan), self.outcomes, strict=True)
+        ]
+        rest = self.plan.world_from_object.tolist()
+        return {**row, "hand": self.plan.hand_name, "world_from_object": rest, "grasps": grasps}
+
 
 @dataclass(frozen=True)
 class SetResult:
@@ -62,8 +81,8 @@ class SetResult:
 
     objects: list[ObjectResult] = field(default_factory=list)
 
-    def table(self) -> dict[str, Any]:
-        """Sum up, as ``graspbox grasp --json`` prints it.
+    def table(self, *, details: bool = False) -> dict[str, Any]:
+        """Sum up, as ``graspbox grasp --json`` prints it; with `details`, as ``--out`` writes it.
 
         ``rate`` is a share of the tried poses; ``first_rate`` and ``objects_with_success`` are over all objects of
         the set, where one without a feasible pose counts as failed.
@@ -73,7 +92,7 @@ class SetResult:
         succeeded = sum(row["succeeded"] for row in rows)
         seconds = sum(result.seconds for result in self.objects)
         return {
-            "objects": rows,
+            "objects": [result.details() for result in self.objects] if details else rows,
             "tried": tried,
             "succeeded": succeeded,
             "rate": succeeded / tried if tried else 0.0,
@@ -96,8 +115,14 @@ def try_object(
 ) -> ObjectResult:
     """Let an object settle, plan for it as it rests, and try the best `poses` feasible poses.
 
-    What graspbox refuses (a broken mesh, an object that rolls away) is told in `ObjectResult.error`; defects are
-    raised.
+    What graspbox refuses (a broken mesh, an object that rolls away) is reported in `ObjectResult.error`.
+
+    Raises
+    ------
+    ConfigError
+        If a setting is wrong, which no other object would change.
+    InternalError
+        If graspbox has a defect.
     """
     try:
         scene = Scene(spec.load(), hand=hand, physics=physics)
@@ -111,8 +136,10 @@ def try_object(
         )
         best = planned.best(poses)
         started = time.perf_counter()
-        outcomes = scene.simulate(best.poses, best.preshape, config=trial, num_threads=num_threads)
+        outcomes = scene.simulate(best, config=trial, num_threads=num_threads)
         seconds = time.perf_counter() - started
+    except (ConfigError, InternalError):
+        raise
     except GraspboxError as error:
         return ObjectResult(spec.name, error=f"{type(error).__name__}: {error}")
     return ObjectResult(spec.name, best, outcomes, seconds)
@@ -127,7 +154,14 @@ def try_set(objects: ObjectSet, *, done: Callable[[ObjectResult], None] = lambda
         The objects, evaluated in order.
     done : callable
         Called with each result as it comes.
+
+    Raises
+    ------
+    ConfigError
+        If a setting is wrong; a bad ``GRASPBOX_THREADS`` is reported before any object is prepared.
     """
+    if settings.get("num_threads") is None:
+        _core.num_threads()
     results = SetResult()
     for spec in objects:
         results.objects.append(try_object(spec, **settings))

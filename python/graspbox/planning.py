@@ -1,106 +1,77 @@
 """Planning is purely geometric: boxes around an object, and hand poses from the boxes."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, overload
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, Self, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox import _core
+from graspbox import _core, plan_files
 from graspbox._core import Mesh
-from graspbox.configs import DecomposeConfig, PlanConfig
-from graspbox.meshes import floats, to_json
-from graspbox.simulation import Hand, cache_folder, load_hand
+from graspbox.arguments import floats, shown, to_json, with_settings
+from graspbox.boxes import Box, BoxTree
+from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
+from graspbox.errors import ConfigError
+from graspbox.hands import HandLike, cache_folder, load_hand
+from graspbox.meshes import mesh_from_arrays
 
-__all__ = ["Box", "BoxTree", "Plan", "decompose", "plan", "rank_weights"]
+__all__ = ["Box", "BoxTree", "DecomposeSettings", "Grasp", "Plan", "PlanSettings", "decompose", "plan", "rank_weights"]
 
 
-@dataclass(frozen=True, eq=False)
-class Box:
-    """An oriented box in the object's frame.
+class DecomposeSettings(TypedDict, total=False):
+    """Fields of `graspbox.DecomposeConfig`, by name."""
 
-    Attributes
-    ----------
-    center : (3,) float64
-        Metres.
-    axes : (3, 3) float64
-        Columns are the directions of the sides, longest first, right-handed.
-    half_extents : (3,) float64
-        Half of each side, metres.
+    fit: Literal["minimum", "pca"]
+    area_gain: float
+    min_volume: float
+    volume_gain: float | None
+    max_boxes: int
+    split_cost: Literal["share", "area"]
+    samples: int
+    seed: int
+
+
+class PlanSettings(TypedDict, total=False):
+    """Fields of `graspbox.PlanConfig`, by name; ``seed`` is an argument of its own."""
+
+    decompose: DecomposeConfig
+    poses: PoseConfig
+    clearance: float
+    standoff: float
+
+
+def as_mesh(mesh: Any) -> Mesh:
+    """Take a mesh, or any object with arrays ``vertices`` (n, 3) and ``faces`` (m, 3), such as trimesh's.
+
+    Raises
+    ------
+    ConfigError
+        If it is neither.
     """
-
-    center: NDArray[np.float64]
-    axes: NDArray[np.float64]
-    half_extents: NDArray[np.float64]
-
-    @property
-    def volume(self) -> float:
-        """Volume, m3."""
-        return float(8.0 * np.prod(self.half_extents))
-
-    def corners(self) -> NDArray[np.float64]:
-        """Corners, (8, 3), metres: the last axis changes fastest."""
-        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-        corners: NDArray[np.float64] = self.center + (signs * self.half_extents) @ self.axes.T
-        return corners
-
-    def contains(self, points: NDArray[np.float64], tolerance: float = 0.0) -> NDArray[np.bool_]:
-        """Which of the points (n, 3) lie in the box grown by `tolerance` metres."""
-        local = np.abs((points - self.center) @ self.axes)
-        inside: NDArray[np.bool_] = np.all(local <= self.half_extents + tolerance, axis=1)
-        return inside
+    if isinstance(mesh, Mesh):
+        return mesh
+    vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
+    if vertices is None or faces is None:
+        raise ConfigError(
+            f"mesh is {shown(mesh)}; give what graspbox.load_mesh or graspbox.mesh_from_arrays returns, or an object "
+            "with vertices and faces"
+        )
+    return mesh_from_arrays(vertices, faces)
 
 
-@dataclass(frozen=True, eq=False)
-class BoxTree(Sequence[Box]):
-    """A box decomposition: a binary tree of boxes, depth first; its leaves cover the object. As a sequence: the leaves.
-
-    Attributes
-    ----------
-    nodes : tuple of Box
-        All boxes; the root first, parents before children.
-    children : (n, 2) int64
-        Indices of each node's children; -1 for a leaf.
-    depth : (n,) int64
-        Cuts between the root and each node.
-    """
-
-    nodes: tuple[Box, ...]
-    children: NDArray[np.int64]
-    depth: NDArray[np.int64]
-
-    @property
-    def boxes(self) -> tuple[Box, ...]:
-        """The leaves, depth first."""
-        return tuple(box for box, (low, _) in zip(self.nodes, self.children, strict=True) if low < 0)
-
-    @property
-    def volume(self) -> float:
-        """Sum of the leaves' volumes, m3."""
-        return sum(box.volume for box in self.boxes)
-
-    @overload
-    def __getitem__(self, index: int) -> Box: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Box, ...]: ...
-    def __getitem__(self, index: int | slice) -> Box | tuple[Box, ...]:
-        return self.boxes[index]
-
-    def __len__(self) -> int:
-        return len(self.boxes)
-
-    def __iter__(self) -> Iterator[Box]:
-        return iter(self.boxes)
-
-
-def decompose(mesh: Mesh, config: DecomposeConfig = DecomposeConfig(), **settings: Any) -> BoxTree:  # noqa: B008 (frozen)
+def decompose(
+    mesh: Mesh,
+    config: DecomposeConfig = DecomposeConfig(),  # noqa: B008 (frozen)
+    **settings: Unpack[DecomposeSettings],
+) -> BoxTree:
     """Cut an object into minimum-volume boxes.
 
     Parameters
     ----------
     mesh : Mesh
-        The object.
+        The object; an object with ``vertices`` and ``faces`` is converted.
     config : DecomposeConfig
         How to cut.
     **settings
@@ -123,7 +94,8 @@ def decompose(mesh: Mesh, config: DecomposeConfig = DecomposeConfig(), **setting
     K. Huebner, S. Ruthotto, D. Kragic, "Minimum volume bounding box decomposition for shape approximation
     in robot grasping", ICRA 2008.
     """
-    return _tree(_core.decompose(mesh, to_json(replace(config, **settings))))
+    text = to_json(with_settings(config, DecomposeConfig, settings))
+    return _tree(_core.decompose(as_mesh(mesh), text))
 
 
 def _tree(arrays: "_core.BoxArrays") -> BoxTree:
@@ -132,8 +104,37 @@ def _tree(arrays: "_core.BoxArrays") -> BoxTree:
 
 
 @dataclass(frozen=True, eq=False)
+class Grasp:
+    """One candidate of a `Plan`; the fields have the meaning that they have there.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        ``object_from_hand``, metres.
+    preshape : float
+        Radians.
+    feasible : bool
+        Whether the open hand collides with nothing, at the pose and on the approach.
+    score : float
+        Higher is better, within its plan.
+    box, face : int
+        Where it comes from.
+    """
+
+    pose: NDArray[np.float64]
+    preshape: float
+    feasible: bool
+    score: float
+    box: int
+    face: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """Candidate grasps of an object: n rows, the feasible ones first, the planner's best guess first of all.
+
+    ``plan[3]`` is a `Grasp`; a slice, a mask or an array of indices gives a plan of these rows, and iteration gives
+    its grasps. Plans can be pickled, and saved as JSON.
 
     Attributes
     ----------
@@ -156,6 +157,8 @@ class Plan:
         If asked for: what the ranking read off each pose, one column for each name of `rank_weights`; NaN where a pose
         is not feasible. Their sum weighted by `rank_weights`, less a little for every better pose of the same box, face
         and preshape, is the score.
+    name, mesh_sha256, hand_name : str
+        The object's name, the hash of its mesh (`graspbox.plan_files.mesh_hash`), and the hand's name.
     """
 
     poses: NDArray[np.float64]
@@ -167,36 +170,110 @@ class Plan:
     tree: BoxTree
     world_from_object: NDArray[np.float64]
     features: NDArray[np.float64] | None = None
+    name: str = ""
+    mesh_sha256: str = ""
+    hand_name: str = ""
 
     def __len__(self) -> int:
         return len(self.poses)
 
-    def best(self, count: int | None = None) -> "Plan":
-        """Keep the first `count` feasible candidates, in ranking order; all feasible ones by default."""
-        ranked = np.flatnonzero(self.feasible)[:count]
-        rows = ["poses", "preshape", "feasible", "score", "box", "face"]
-        if self.features is not None:
-            rows.append("features")
-        return replace(self, **{name: getattr(self, name)[ranked] for name in rows})
+    def __repr__(self) -> str:
+        return (
+            f"Plan({self.name!r}, poses={len(self)}, feasible={int(self.feasible.sum())}, "
+            f"boxes={len(self.tree)}, hand={self.hand_name!r})"
+        )
+
+    @overload
+    def __getitem__(self, index: int) -> Grasp: ...
+    @overload
+    def __getitem__(self, index: slice | NDArray[Any] | list[int]) -> Self: ...
+    def __getitem__(self, index: int | slice | NDArray[Any] | list[int]) -> "Grasp | Self":
+        if isinstance(index, int | np.integer):
+            row = [getattr(self, name)[index] for name in _ROWS]
+            pose, preshape, feasible, score, box, face = row
+            return Grasp(pose.copy(), float(preshape), bool(feasible), float(score), int(box), int(face))
+        kept = np.arange(len(self))[index]
+        names = _ROWS if self.features is None else (*_ROWS, "features")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+
+    def __iter__(self) -> Iterator[Grasp]:
+        return (self[i] for i in range(len(self)))
+
+    def best(self, count: int | None = None) -> Self:
+        """Keep the first `count` feasible candidates, in ranking order; all feasible ones by default.
+
+        Raises
+        ------
+        ConfigError
+            If `count` is negative.
+        """
+        if count is not None and count < 0:
+            raise ConfigError(f"count is {count}; give the number of poses to keep, or None for all feasible ones")
+        return self[np.flatnonzero(self.feasible)[:count]]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan as JSON, in the format of `graspbox.plan_files`; `load` gives it back bit for bit.
+
+        Parameters
+        ----------
+        path : str or PathLike
+            The file. It is replaced whole or not at all.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written.
+        """
+        facts = {name: getattr(self, name) for name in _FACTS}
+        plan_files.write(path, facts, _tree_columns(self.tree), {name: getattr(self, name) for name in _ROWS})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a plan that `save` wrote.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be read, or is larger than 256 MiB.
+        PlanError
+            If it holds no plan; the message names what is wrong.
+        """
+        facts, boxes, grasps = plan_files.read(path)
+        rows = zip(boxes["center"], boxes["axes"], boxes["half_extents"], strict=True)
+        tree = BoxTree(tuple(Box(*row) for row in rows), boxes["children"], boxes["depth"])
+        columns: dict[str, Any] = {**grasps, **facts}
+        return cls(tree=tree, **columns)
+
+
+#: Columns of a plan, in the order of the fields of `Grasp`.
+_ROWS = tuple("poses" if f.name == "pose" else f.name for f in fields(Grasp))
+#: What a plan says beside its columns and its tree.
+_FACTS = ("name", "mesh_sha256", "hand_name", "world_from_object", "features")
+
+
+def _tree_columns(tree: BoxTree) -> dict[str, NDArray[Any]]:
+    names = [f.name for f in fields(Box)]
+    columns = {name: np.stack([getattr(box, name) for box in tree.nodes]) for name in names}
+    return {**columns, "children": tree.children, "depth": tree.depth}
 
 
 def plan(
     mesh: Mesh,
     *,
-    hand: str | Hand | tuple[str, str] = "reflex",
+    hand: HandLike = "reflex",
     seed: int | None = None,
     world_from_object: ArrayLike | None = None,
     config: PlanConfig = PlanConfig(),  # noqa: B008 (frozen)
     num_threads: int | None = None,
     features: bool = False,
-    **settings: Any,
+    **settings: Unpack[PlanSettings],
 ) -> Plan:
     """Propose hand poses from an object's boxes, drop those that collide, and rank the rest by geometry alone.
 
     Parameters
     ----------
     mesh : Mesh
-        The object.
+        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     seed : int, optional
@@ -207,7 +284,7 @@ def plan(
     config : PlanConfig
         How to plan.
     num_threads : int, optional
-        Threads to use; the result does not depend on it.
+        Threads to use, 1 to 1024; by default ``GRASPBOX_THREADS``, else all. The result does not depend on it.
     features : bool
         Also return what the ranking read off each pose.
     **settings
@@ -220,21 +297,20 @@ def plan(
     PlanError
         If the object is flat, or the hand is not one that the planner knows.
     """
-    if seed is not None:
-        settings["seed"] = seed
-    pose = None if world_from_object is None else floats(world_from_object)
-    settled = to_json(replace(config, **settings))
-    arrays = _core.plan(mesh, load_hand(hand), settled, pose, cache_folder(), num_threads, features)
+    mesh, hand = as_mesh(mesh), load_hand(hand)
+    chosen = {**settings} if seed is None else {**settings, "seed": seed}
+    text = to_json(with_settings(config, PlanConfig, chosen))
+    pose = None if world_from_object is None else floats(world_from_object, "world_from_object")
+    arrays = _core.plan(mesh, hand, text, pose, cache_folder(), num_threads, features)
+    columns: dict[str, Any] = {name: arrays[name] for name in _ROWS}  # type: ignore[literal-required]
     return Plan(
-        poses=arrays["poses"],
-        preshape=arrays["preshape"],
-        feasible=arrays["feasible"],
-        score=arrays["score"],
-        box=arrays["box"],
-        face=arrays["face"],
+        **columns,
         tree=_tree(arrays["tree"]),
         world_from_object=arrays["world_from_object"],
         features=arrays.get("features"),
+        name=mesh.name,
+        mesh_sha256=plan_files.mesh_hash(mesh),
+        hand_name=hand.name,
     )
 
 

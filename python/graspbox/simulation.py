@@ -8,129 +8,24 @@ The trial: the open hand stands at the pose, closes its tendons, lifts, and hold
 - ``legacy_success``, ``kindness``: the reference study's measures, read 2.5 s after closing starts.
 """
 
-import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
 from graspbox._core import Hand, Mesh
+from graspbox.arguments import floats, to_json
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
-from graspbox.meshes import floats, to_json
+from graspbox.hands import HandLike, cache_folder, load_hand
+from graspbox.outcomes import Outcome, Outcomes, Trace
+from graspbox.plan_files import mesh_hash
+from graspbox.planning import Grasp, Plan, as_mesh
 
-__all__ = ["Body", "Hand", "Outcomes", "Scene", "Trace", "cache_folder", "load_hand", "simulate"]
-
-
-def cache_folder() -> Path | None:
-    """Folder where convex parts are kept: ``GRASPBOX_CACHE`` (empty: keep nothing), else the user's cache folder."""
-    chosen = os.environ.get("GRASPBOX_CACHE")
-    if chosen is not None:
-        return Path(chosen).expanduser() if chosen else None
-    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return Path(base).expanduser() / "graspbox"
-
-
-def load_hand(hand: str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]] = "reflex") -> Hand:
-    """Find a hand: ``"reflex"``, or the two files that describe another one.
-
-    Parameters
-    ----------
-    hand : str, Hand, or pair of paths
-        A name, or (URDF, ``hand.toml``).
-
-    Raises
-    ------
-    HandError
-        If the files do not describe a hand; the message names every line.
-    ConfigError
-        If there is no hand of that name.
-    """
-    if isinstance(hand, Hand):
-        return hand
-    if isinstance(hand, tuple):
-        urdf, toml = hand
-        return Hand.load(Path(urdf), Path(toml))
-    if hand == "reflex":
-        return Hand.reflex()
-    raise ConfigError(f"there is no hand {hand!r}; use 'reflex', or give the paths of a URDF and a hand.toml")
-
-
-@dataclass(frozen=True)
-class Outcomes:
-    """What came of n trials; arrays of length n.
-
-    Attributes
-    ----------
-    success, secure : (n,) bool
-        As the module says.
-    failure : (n,) str
-        ``infeasible``, ``no_contact``, ``slipped``, ``dropped``, ``unstable``; empty for a success.
-    lift : (n,) float64
-        Rise of the object's centre of mass at the end, metres.
-    kindness_rate : (n,) float64
-        Mean of |d distance/dt| between hand and object since lifting began, m/s.
-    legacy_success : (n,) bool
-        The study's success; False where it was not read (see `kindness`).
-    kindness : (n,) float64
-        The study's kindness; NaN where an early stop cut it off (``TrialConfig(legacy=True)`` reads it always).
-    time : (n,) float64
-        Simulated seconds.
-    """
-
-    success: NDArray[np.bool_]
-    secure: NDArray[np.bool_]
-    failure: NDArray[np.str_]
-    lift: NDArray[np.float64]
-    kindness_rate: NDArray[np.float64]
-    legacy_success: NDArray[np.bool_]
-    kindness: NDArray[np.float64]
-    time: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.success)
-
-    @property
-    def rate(self) -> float:
-        """Share of successes; 0 without a trial."""
-        return float(self.success.mean()) if len(self) else 0.0
-
-    @classmethod
-    def _from_core(cls, arrays: "_core.OutcomeArrays") -> "Outcomes":
-        failure = np.array(arrays["failure"], dtype=np.str_)
-        rest = {f.name: arrays[f.name] for f in fields(cls) if f.name != "failure"}  # type: ignore[literal-required]
-        return cls(failure=failure, **rest)
-
-
-@dataclass(frozen=True)
-class Trace:
-    """One trial every 10 ms: t samples, f fingers. An infeasible pose has none (t = 0): nothing moved.
-
-    Attributes
-    ----------
-    time : (t,) float64
-        Seconds since closing began.
-    distance : (t,) float64
-        Between hand frame and the study's object frame, metres.
-    world_from_hand, world_from_object : (t, 4, 4) float64
-        Poses.
-    fingers : (t, f, 2) float64
-        Proximal and distal angle, radians.
-    tensions : (t, f) float64
-        Tendon tensions, N.
-    hand_force : (t,) float64
-        Sum of the normal forces between hand and object, N.
-    """
-
-    time: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    world_from_hand: NDArray[np.float64]
-    world_from_object: NDArray[np.float64]
-    fingers: NDArray[np.float64]
-    tensions: NDArray[np.float64]
-    hand_force: NDArray[np.float64]
+__all__ = ["Body", "Hand", "Outcome", "Outcomes", "Scene", "Trace", "cache_folder", "load_hand", "simulate"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,12 +53,13 @@ class Body:
 class Scene:
     """An object that has come to rest on the table, with a hand to grasp it.
 
-    Preparing one takes from milliseconds to seconds (convex parts are cached on disk); its trials share it.
+    Preparing one takes from milliseconds to seconds (convex parts are cached on disk); its trials share it. Scenes are
+    immutable. One that is pickled is prepared again where it is loaded, and comes to rest as it did before.
 
     Parameters
     ----------
     mesh : Mesh
-        The object.
+        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional
@@ -183,14 +79,29 @@ class Scene:
         self,
         mesh: Mesh,
         *,
-        hand: str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]] = "reflex",
+        hand: HandLike = "reflex",
         world_from_object: ArrayLike | None = None,
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         cache: Path | None = None,
     ) -> None:
-        start = None if world_from_object is None else floats(world_from_object)
-        self._hand = load_hand(hand)
-        self._core = _core.Scene(mesh, self._hand, to_json(physics), start, cache or cache_folder())
+        start = None if world_from_object is None else floats(world_from_object, "world_from_object").copy()
+        mesh, self._hand = as_mesh(mesh), load_hand(hand)
+        settings = to_json(physics, PhysicsConfig, "physics")
+        self._core = _core.Scene(mesh, self._hand, settings, start, cache or cache_folder())
+        self._made_from = (mesh, self._hand, start, physics, cache)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _scene, self._made_from
+
+    def __copy__(self) -> "Scene":
+        return self
+
+    def __deepcopy__(self, memo: object) -> "Scene":
+        return self
+
+    def __repr__(self) -> str:
+        x, y, z = (float(v) for v in self.world_from_object[:3, 3])
+        return f"Scene({self.name!r}, {self.mesh.mass:.4g} kg, at rest at ({x:.3f}, {y:.3f}, {z:.3f}) m, {self.hand!r})"
 
     @property
     def name(self) -> str:
@@ -225,22 +136,38 @@ class Scene:
 
     def simulate(
         self,
-        poses: ArrayLike,
-        preshape: ArrayLike,
+        poses: ArrayLike | Plan,
+        preshape: ArrayLike | None = None,
         *,
         config: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
         num_threads: int | None = None,
     ) -> Outcomes:
-        """Try every pose; see `graspbox.simulate`."""
-        poses, preshape = floats(poses), floats(preshape)
-        if poses.ndim == 3 and preshape.ndim == 0:
-            preshape = np.full(len(poses), preshape)
-        return Outcomes._from_core(self._core.simulate(poses, preshape, to_json(config), num_threads))
+        """Try every pose, or every grasp of a plan; see `graspbox.simulate`."""
+        if isinstance(poses, Plan):
+            self._check_plan(poses)
+            given, preshape = poses.poses, _own(preshape, poses.preshape)
+        else:
+            given = floats(poses, "poses")
+        if preshape is None:
+            raise ConfigError("preshape is missing; give radians for each pose, or a plan instead of poses")
+        angles = floats(preshape, "preshape")
+        if given.ndim == 3 and angles.ndim == 0:
+            angles = np.full(len(given), angles)
+        text = to_json(config, TrialConfig)
+        return Outcomes.from_core(self._core.simulate(given, angles, text, num_threads))
+
+    def _check_plan(self, plan: Plan) -> None:
+        """Refuse a plan for another object or hand; one that was put together by hand names none."""
+        way_out = "give its poses and preshape to try them anyway"
+        if plan.hand_name and plan.hand_name != self.hand.name:
+            raise ConfigError(f"the plan is for the hand {plan.hand_name!r}, not {self.hand.name!r}; {way_out}")
+        if plan.mesh_sha256 and plan.mesh_sha256 != mesh_hash(self.mesh):
+            raise ConfigError(f"the plan is for another mesh, {plan.name!r}, than {self.name!r}; {way_out}")
 
     def trace(
         self,
-        pose: ArrayLike,
-        preshape: float,
+        pose: ArrayLike | Grasp,
+        preshape: float | None = None,
         *,
         config: TrialConfig = TrialConfig(legacy=True),  # noqa: B008 (frozen)
     ) -> tuple[Outcomes, Trace]:
@@ -248,8 +175,8 @@ class Scene:
 
         Parameters
         ----------
-        pose : (4, 4) array_like
-            ``object_from_hand``.
+        pose : (4, 4) array_like, or Grasp
+            ``object_from_hand``; a grasp of a plan brings its preshape.
         preshape : float
             Radians.
         config : TrialConfig
@@ -261,17 +188,48 @@ class Scene:
             Of length 1.
         Trace
             What happened; empty where the outcome is ``infeasible``.
+
+        Raises
+        ------
+        ConfigError
+            As `graspbox.simulate`.
         """
-        outcome, samples = self._core.trace(floats(pose), float(preshape), to_json(config))
-        return Outcomes._from_core(outcome), Trace(**samples)
+        if isinstance(pose, Grasp):
+            given, preshape = pose.pose, _own(preshape, pose.preshape)
+        else:
+            given = floats(pose, "pose")
+        if preshape is None:
+            raise ConfigError("preshape is missing; give radians, or a grasp of a plan instead of a pose")
+        angle = floats(preshape, "preshape")
+        if angle.size != 1:
+            raise ConfigError(f"preshape has shape {list(angle.shape)}; give one angle in radians")
+        outcome, samples = self._core.trace(given, float(angle.item()), to_json(config, TrialConfig))
+        return Outcomes.from_core(outcome), Trace(**samples)
+
+
+T = TypeVar("T")
+
+
+def _own(given: object, own: T) -> T:
+    """Take the preshape that a plan or a grasp holds; it may not be given a second time."""
+    if given is not None:
+        raise ConfigError("preshape is given twice; a plan or a grasp holds its own")
+    return own
+
+
+def _scene(
+    mesh: Mesh, hand: Hand, start: NDArray[np.float64] | None, physics: PhysicsConfig, cache: Path | None
+) -> Scene:
+    """Prepare a scene that was pickled."""
+    return Scene(mesh, hand=hand, world_from_object=start, physics=physics, cache=cache)
 
 
 def simulate(
     mesh: Mesh,
-    poses: ArrayLike,
-    preshape: ArrayLike,
+    poses: ArrayLike | Plan,
+    preshape: ArrayLike | None = None,
     *,
-    hand: str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]] = "reflex",
+    hand: HandLike = "reflex",
     world_from_object: ArrayLike | None = None,
     config: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
     physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
@@ -282,21 +240,22 @@ def simulate(
     Parameters
     ----------
     mesh : Mesh
-        The object.
-    poses : (n, 4, 4) array_like
-        ``object_from_hand``: the hand's grasp frame in the object's frame, metres.
+        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
+    poses : (n, 4, 4) array_like, or Plan
+        ``object_from_hand``: the hand's grasp frame in the object's frame, metres. A plan (``plan``, ``plan[:5]``)
+        brings its preshapes, and the pose that its object rests in.
     preshape : (n,) array_like, or float
-        Radians: 0 for a power grasp, pi/2 for a pinch.
+        Radians: 0 for a power grasp, pi/2 for a pinch; not with a plan.
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional
-        Pose from which the object settles on the table (top at z = 0); a plan carries the one that it was made for.
+        Pose from which the object settles on the table (top at z = 0); that of the plan, if one is given.
     config : TrialConfig
         The trial.
     physics : PhysicsConfig
         The engine.
     num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all. The result does not depend on it.
+        Threads to use, 1 to 1024; by default ``GRASPBOX_THREADS``, else all. The result does not depend on it.
 
     Returns
     -------
@@ -306,9 +265,12 @@ def simulate(
     Raises
     ------
     ConfigError
-        If an array has the wrong shape, a pose is not a rigid motion, or a setting is out of range.
+        If an array has the wrong shape, a pose is not a rigid motion, a setting is out of range, or the plan is for
+        another object or hand.
     SimulationError
         If the object cannot be simulated or does not come to rest.
     """
+    if world_from_object is None and isinstance(poses, Plan):
+        world_from_object = poses.world_from_object
     scene = Scene(mesh, hand=hand, world_from_object=world_from_object, physics=physics)
     return scene.simulate(poses, preshape, config=config, num_threads=num_threads)

@@ -26,7 +26,7 @@ def run_json(*arguments: str | Path) -> Any:
     return json.loads(result.stdout)
 
 
-@pytest.mark.parametrize("command", ["objects", "plan", "grasp", "demo", "bench"])
+@pytest.mark.parametrize("command", ["objects", "plan", "voxelize", "grasp", "evaluate", "demo", "bench"])
 def test_every_command_explains_itself(command: str) -> None:
     result = run(command, "--help")
     assert result.returncode == 0
@@ -48,11 +48,12 @@ def test_objects() -> None:
 def test_plan(tmp_path: Path) -> None:
     picture = tmp_path / "can.png"
     found = run_json("plan", "procedural:can:0", "--max-boxes", "3", "--picture", picture)
-    assert set(found) == {"boxes", "poses", "feasible", "seconds"}
+    keys = {"name", "hand", "world_from_object", "boxes", "poses", "feasible", "seconds", "grasps"}
+    assert set(found) == keys
     assert all(set(box) == {"center", "axes", "half_extents", "volume"} for box in found["boxes"])
     tree = graspbox.decompose(object_sets.load("procedural:can:0")[0].load(), max_boxes=3)
     assert [box["volume"] for box in found["boxes"]] == [box.volume for box in tree]
-    assert 0 < found["feasible"] <= found["poses"]
+    assert 0 < found["feasible"] <= found["poses"] == len(found["grasps"])
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
@@ -70,7 +71,7 @@ def test_grasp_counts_what_the_package_counts(tmp_path: Path) -> None:
         "4",
     ]
     table = run_json(*arguments, "--out", out)
-    assert json.loads(out.read_text()) == table
+    details = json.loads(out.read_text())
     keys = {"objects", "tried", "succeeded", "rate", "objects_with_success", "first_rate", "trials_per_s"}
     assert set(table) == keys
     keys = {"name", "tried", "succeeded", "secure", "legacy_succeeded", "first_succeeded"}
@@ -87,6 +88,18 @@ def test_grasp_counts_what_the_package_counts(tmp_path: Path) -> None:
     success = scene.simulate(plan.poses, plan.preshape, config=graspbox.TrialConfig(legacy=True)).success
     row = table["objects"][1]
     assert (row["succeeded"], row["first_succeeded"]) == (int(success.sum()), bool(success[0]))
+    del details["trials_per_s"]
+    grasps = [row.pop("grasps") for row in details["objects"]]
+    assert [row.pop("error") for row in details["objects"]] == ["", ""]
+    assert [row.pop("hand") for row in details["objects"]] == ["reflex", "reflex"]
+    assert details["objects"][1].pop("world_from_object") == scene.world_from_object.tolist()
+    del details["objects"][0]["world_from_object"]
+    assert details == table
+    assert [len(rows) for rows in grasps] == [3, 3]
+    assert [g["object_from_hand"] for g in grasps[1]] == plan.poses.tolist()
+    assert [g["preshape"] for g in grasps[1]] == plan.preshape.tolist()
+    assert [g["success"] for g in grasps[1]] == success.tolist()
+    assert all((g["failure"] == "") == g["success"] and isinstance(g["lift"], float) for g in grasps[1])
 
 
 def test_objects_without_a_pose_count_as_failed() -> None:

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from graspbox import _core, configs, errors
-from graspbox.meshes import to_json
+from graspbox.arguments import to_json
 
-CONFIGS = [getattr(configs, name) for name in configs.__all__ if name not in ("FrictionConfig", "Randomization")]
+CONFIGS = [getattr(configs, name) for name in configs.__all__]
 
 
 def changed(value: Any) -> Any:

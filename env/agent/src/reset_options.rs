@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 /// Which object.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "give the index or the name of an object")]
 pub enum ObjectChoice {
     /// By its index in the list.
     Index(usize),

@@ -20,6 +20,15 @@ impl Hand {
     /// # Errors
     /// [`HandError::Io`] for a file that cannot be read, else as [`Hand::from_strs`].
     pub fn load(urdf: &Path, toml: &Path) -> Result<Self, HandError> {
+        let [u, t] = Self::read_files(urdf, toml)?;
+        Self::from_strs(&u, &t, [&urdf.display().to_string(), &toml.display().to_string()])
+    }
+
+    /// The text of both files, at most [`MAX_FILE_BYTES`] each.
+    ///
+    /// # Errors
+    /// [`HandError::Io`] for a file that cannot be read, [`HandError::Invalid`] for one that is too large or not text.
+    pub fn read_files(urdf: &Path, toml: &Path) -> Result<[String; 2], HandError> {
         let mut problems = Vec::new();
         let mut texts = Vec::new();
         for path in [urdf, toml] {
@@ -29,10 +38,7 @@ impl Hand {
                 Err(kind) => problems.push(Problem { file: name, line: 1, kind }),
             }
         }
-        match texts.as_slice() {
-            [u, t] => Self::from_strs(u, t, [&urdf.display().to_string(), &toml.display().to_string()]),
-            _ => Err(HandError::Invalid(Problems(problems))),
-        }
+        texts.try_into().map_err(|_| HandError::Invalid(Problems(problems)))
     }
 
     /// Reads a hand from the text of a URDF and of a `hand.toml`.

@@ -2,11 +2,11 @@
 
 use crate::convert::{config, json};
 use crate::errors::CoreError;
-use graspbox_agent::{AgentConfig, ResetOptions};
+use graspbox_agent::{AgentConfig, Randomization, ResetOptions};
 use graspbox_episode::{SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
-use graspbox_sim::PhysicsConfig;
+use graspbox_sim::{Friction, PhysicsConfig};
 use graspbox_vision::{CameraConfig, CamerasConfig, PictureConfig};
 use pyo3::prelude::*;
 
@@ -28,6 +28,8 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "LoadConfig" => json(&config::<LoadOptions>(text, name)?),
         "PlanConfig" => json(&config::<PlanParams>(text, name)?),
         "PoseConfig" => json(&config::<PoseParams>(text, name)?),
+        "FrictionConfig" => json(&config::<Friction>(text, name)?),
+        "Randomization" => json(&config::<Randomization>(text, name)?),
         "PhysicsConfig" => json(&config::<PhysicsConfig>(text, name)?),
         "SuccessCriterion" => json(&config::<SuccessCriterion>(text, name)?),
         "TrialConfig" => json(&config::<TrialConfig>(text, name)?),

@@ -1,14 +1,13 @@
-//! Arrays and configs between numpy and the core; every check of a shape or a number is here.
+//! Arrays between numpy and the core, with every check of a shape or a number; configs are read by [`crate::json`].
 //!
 //! Arrays that come in must be C-contiguous float64; `graspbox`'s public functions see to that. Arrays that go out are fresh.
 
 use crate::errors::CoreError;
+pub use crate::json::{config, json};
 use graspbox_hand::rigid_motion;
 use nalgebra::{Isometry3, Matrix3, Point3};
 use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 
 /// A fresh array, as it goes out.
 pub type Array<'py, T> = Bound<'py, PyArrayDyn<T>>;
@@ -140,14 +139,4 @@ pub fn table<'py, T: Element, const N: usize>(
 /// The entries of a matrix in row-major order.
 pub fn row_major(matrix: &Matrix3<f64>) -> [f64; 9] {
     std::array::from_fn(|i| matrix[(i / 3, i % 3)])
-}
-
-/// A config from its JSON text.
-pub fn config<T: DeserializeOwned>(json: &str, what: &str) -> Result<T, CoreError> {
-    serde_json::from_str(json).map_err(|error| CoreError::Config(format!("{what}: {error}")))
-}
-
-/// The JSON text of a config.
-pub fn json<T: Serialize>(config: &T) -> Result<String, CoreError> {
-    serde_json::to_string(config).map_err(|error| CoreError::Internal(error.to_string()))
 }

@@ -95,7 +95,12 @@ type Rows<'py> = (Bound<'py, PyDict>, Option<Bound<'py, PyDict>>);
 impl EnvPool {
     #[new]
     #[pyo3(signature = (objects, config, num_envs, num_threads))]
-    fn new(objects: &Objects, config: &str, num_envs: usize, num_threads: Option<usize>) -> PyResult<Self> {
+    fn new(
+        objects: &Objects,
+        config: &str,
+        num_envs: usize,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<Self> {
         let config: AgentConfig = crate::convert::config(config, "AgentConfig")?;
         let core = agent::EnvPool::new(Arc::clone(&objects.0), config, num_envs).map_err(CoreError::from)?;
         crate::gil::thread_count(num_threads)?;

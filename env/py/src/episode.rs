@@ -106,7 +106,7 @@ impl Scene {
         poses: Floats<'_>,
         preshape: Floats<'_>,
         config: &str,
-        num_threads: Option<usize>,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let grasps = grasps(&poses, &preshape)?;
         let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;

@@ -44,8 +44,24 @@ pub fn thread_count(requested: Option<usize>) -> Result<usize, CoreError> {
     if (1..=MAX_THREADS).contains(&count) {
         Ok(count)
     } else {
-        Err(CoreError::Config(format!("{origin} is {count}; it must be between 1 and {MAX_THREADS}")))
+        Err(CoreError::Config(format!("{origin} is {count}; give a number between 1 and {MAX_THREADS}")))
     }
+}
+
+/// Reads the argument `num_threads`: an integer of any kind (numpy's too), or None for the default.
+///
+/// # Errors
+/// `ConfigError` for anything else, and for a number out of range.
+pub fn threads(value: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+    if value.is_none() {
+        return Ok(None);
+    }
+    let wrong = || {
+        let shown = value.repr().map_or_else(|_| "not an integer".to_owned(), |text| text.to_string());
+        CoreError::Config(format!("num_threads is {shown}; give an integer between 1 and {MAX_THREADS}, or None"))
+    };
+    let count = value.call_method0("__index__").and_then(|index| index.extract()).map_err(|_| wrong())?;
+    if (1..=MAX_THREADS).contains(&count) { Ok(Some(count)) } else { Err(wrong().into()) }
 }
 
 /// The pool of this process with `count` threads, started at its first use.
@@ -119,7 +135,9 @@ where
         // Nobody listens any more after an interruption.
         drop(sender.send(result));
     });
-    Ok(wait(py, results, stop)??)
+    let result = wait(py, results, stop);
+    crate::log::emit(py);
+    Ok(result??)
 }
 
 /// As [`interruptible`], for work that cannot be asked to stop: after a signal it is left behind.
@@ -163,7 +181,13 @@ pub fn num_threads() -> PyResult<usize> {
 /// Busies the pool for `seconds`, then returns the number of its threads: for tests of threads, forks, signals and panics.
 #[pyfunction]
 #[pyo3(name = "_spin", signature = (seconds, *, num_threads=None, deaf=false, fail=false))]
-pub fn spin(py: Python<'_>, seconds: f64, num_threads: Option<usize>, deaf: bool, fail: bool) -> PyResult<usize> {
+pub fn spin(
+    py: Python<'_>,
+    seconds: f64,
+    #[pyo3(from_py_with = threads)] num_threads: Option<usize>,
+    deaf: bool,
+    fail: bool,
+) -> PyResult<usize> {
     let cancel = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&cancel);
     let stop = move || flag.store(true, Ordering::Relaxed);

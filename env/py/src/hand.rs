@@ -12,16 +12,24 @@ use std::sync::Arc;
 /// Poses (n, 4, 4), half extents (n, 3), and which are pads (n,).
 type Shapes<'py> = (Array<'py, f64>, Array<'py, f64>, Array<'py, bool>);
 
-/// A handle on a hand.
+/// A handle on a hand, with the text of its two files, by which it is pickled.
 #[pyclass(frozen, module = "graspbox._core")]
-pub struct Hand(pub Arc<Core>);
+pub struct Hand(pub Arc<Core>, Arc<[String; 2]>);
 
 #[pymethods]
 impl Hand {
+    /// Reads a hand from the text of its two files.
+    #[new]
+    fn new(urdf: String, toml: String) -> PyResult<Self> {
+        let hand = Core::from_strs(&urdf, &toml, ["URDF", "hand.toml"]).map_err(CoreError::from)?;
+        Ok(Self(Arc::new(hand), Arc::new([urdf, toml])))
+    }
+
     /// The ReFlex.
     #[staticmethod]
     fn reflex() -> PyResult<Self> {
-        Ok(Self(Arc::new(Core::reflex().map_err(CoreError::from)?.clone())))
+        let hand = Core::reflex().map_err(CoreError::from)?.clone();
+        Ok(Self(Arc::new(hand), Arc::new([REFLEX_URDF.to_owned(), REFLEX_TOML.to_owned()])))
     }
 
     /// The text of the ReFlex's URDF and `hand.toml`.
@@ -33,7 +41,24 @@ impl Hand {
     /// Reads a hand from its URDF and its `hand.toml`.
     #[staticmethod]
     fn load(urdf: PathBuf, toml: PathBuf) -> PyResult<Self> {
-        Ok(Self(Arc::new(Core::load(&urdf, &toml).map_err(CoreError::from)?)))
+        let [u, t] = Core::read_files(&urdf, &toml).map_err(CoreError::from)?;
+        let names = [urdf.display().to_string(), toml.display().to_string()];
+        let hand = Core::from_strs(&u, &t, names.each_ref().map(String::as_str)).map_err(CoreError::from)?;
+        Ok(Self(Arc::new(hand), Arc::new([u, t])))
+    }
+
+    fn __getnewargs__(&self) -> (&str, &str) {
+        (&self.1[0], &self.1[1])
+    }
+
+    /// Hands are immutable: copies are the same object.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    #[pyo3(signature = (_memo, /))]
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     #[getter]

@@ -4,9 +4,11 @@
 //! |---|---|
 //! | [`mod@bench`] | what is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
-//! | [`convert`] | arrays and configs, with every check of a shape or a number |
+//! | [`convert`] | arrays, with every check of a shape or a number |
+//! | [`json`] | reads configs, and names the field that is wrong |
 //! | [`mod@render`] | pictures of any meshes and a hand, from any camera |
 //! | [`errors`] | one error type, and the Python exception of each error |
+//! | [`log`] | log events of the core, for Python's `logging` |
 //! | [`vision`] | images of environments and objects, pictures, cameras |
 //! | [`gil`] | releases the GIL, keeps panics inside, listens for Ctrl-C, owns the thread pools |
 //! | [`episode`] | an object at rest, and trials on it |
@@ -27,6 +29,8 @@ pub mod episode;
 pub mod errors;
 pub mod gil;
 pub mod hand;
+pub mod json;
+pub mod log;
 pub mod mesh;
 pub mod objects;
 pub mod plan;
@@ -67,6 +71,7 @@ mod _core {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::log::install();
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -49,7 +49,7 @@ pub fn plan<'py>(
     params: &str,
     world_from_object: Option<Floats<'py>>,
     cache: Option<PathBuf>,
-    num_threads: Option<usize>,
+    #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     features: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let params: PlanParams = config(params, "PlanConfig")?;

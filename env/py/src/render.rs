@@ -58,7 +58,7 @@ pub fn render<'py>(
     intrinsics: Floats<'py>,
     world_from_camera: Floats<'py>,
     config: &str,
-    num_threads: Option<usize>,
+    #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<(Array<'py, u8>, Array<'py, f32>)> {
     let config: RenderConfig = crate::convert::config(config, "draw")?;
     let solids = solids(&meshes, &world_from_mesh, &colors, &casts_shadow)?;

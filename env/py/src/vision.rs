@@ -147,7 +147,7 @@ pub fn views<'py>(
     config: &str,
     world_from_object: Option<Floats<'py>>,
     target: Option<Floats<'py>>,
-    num_threads: Option<usize>,
+    #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config: ViewsConfig = crate::convert::config(config, "views")?;
     let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;

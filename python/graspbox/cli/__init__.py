@@ -1,9 +1,12 @@
 """The command line: ``graspbox --help``. Each command has a module of its own.
 
-Exit status: 0 if the command did what it says, 1 if it could not (or could not for some of the objects), 2 for a
-wrong call.
+Exit status: 0 if the command did its work, 1 if it could not (or could not for some of the objects), 2 for a wrong
+call, 130 after Ctrl-C.
 """
 
+import errno
+import io
+import os
 import sys
 from typing import Annotated
 
@@ -40,13 +43,49 @@ def _main(
 
 def app() -> None:
     """Run the command line; errors that graspbox raises on purpose become one line and an exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        # Names of files need not be text in the encoding of the terminal.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    raise SystemExit(_status())
+
+
+def _status() -> int:
+    """Run the command; its exit status."""
     try:
-        typer_app()
+        try:
+            typer_app()
+            code: object = 0
+        except SystemExit as ended:
+            code = ended.code
+        sys.stdout.flush()
+        return code if isinstance(code, int) else 0 if code is None else 1
     except InternalError:
         raise
     except GraspboxError as error:
-        print(f"graspbox: {error}", file=sys.stderr)
-        wrong_call = isinstance(error, ConfigError | ObjectSetError | MissingExtraError)
-        raise SystemExit(2 if wrong_call else 1) from None
+        _complain(str(error))
+        return 2 if isinstance(error, ConfigError | ObjectSetError | MissingExtraError) else 1
     except KeyboardInterrupt:
-        raise SystemExit(130) from None
+        return 130
+    except MemoryError:
+        _complain("there is not enough memory")
+        return 1
+    except OSError as error:
+        if error.filename is not None:
+            _complain(f"{error.strerror}: {error.filename}")
+            return 1
+        _close_output()
+        if error.errno != errno.EPIPE:
+            _complain(f"the output cannot be written: {error.strerror}")
+        return 1
+
+
+def _complain(sentence: str) -> None:
+    print(f"graspbox: {sentence}", file=sys.stderr)
+
+
+def _close_output() -> None:
+    """Drop what is still to be printed, which Python would try again when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

@@ -10,11 +10,11 @@ import typer
 
 import graspbox
 from graspbox import _core, object_sets
+from graspbox.arguments import to_json
 from graspbox.cli import bench_images
 from graspbox.cli.common import Json, Threads, console, print_json, print_table
 from graspbox.configs import DecomposeConfig
 from graspbox.envs.grasp_pose import GraspPoseVectorEnv
-from graspbox.meshes import to_json
 
 #: Objects of the mix on which trials are timed.
 _MIX = ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1")

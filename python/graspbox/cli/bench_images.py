@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox.arguments import to_json
 from graspbox.configs import CamerasConfig
 from graspbox.envs.expert import Expert, planned
 from graspbox.envs.vector import GraspVectorEnv
-from graspbox.meshes import to_json
 
 #: Scanned objects of about 16,000 faces each.
 _OBJECTS = ("ycb:003_cracker_box", "ycb:005_tomato_soup_can", "ycb:006_mustard_bottle", "ycb:025_mug")

@@ -1,6 +1,5 @@
 """What the commands share: options, tables, progress."""
 
-import json
 import sys
 from typing import Annotated, Any
 
@@ -10,29 +9,31 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from graspbox import object_sets
+from graspbox.errors import ObjectSetError
+from graspbox.files import dumps
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of everything random.")]
 Threads = Annotated[
-    int | None, typer.Option("--threads", min=1, help="Threads to use; all by default. Results do not depend on it.")
+    int | None,
+    typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),
 ]
 Split = Annotated[str | None, typer.Option("--split", help="Only this split: train, validation or test.")]
 Scale = Annotated[float, typer.Option("--scale", help="Metres in one unit of the mesh files.")]
 
 #: Progress and remarks go here, so that standard output holds results alone.
-console = Console(stderr=True)
+console = Console(stderr=True, markup=False, highlight=False, emoji=False)
 
 
 def progress() -> Progress:
     """Make a progress bar on standard error; it vanishes when it is done."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     return Progress(*columns, console=console, transient=True)
 
 
 def print_json(value: Any) -> None:
     """Print a result as JSON on standard output."""
-    json.dump(value, sys.stdout, indent=2, allow_nan=False)
-    sys.stdout.write("\n")
+    sys.stdout.write(dumps(value) + "\n")
 
 
 def print_table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
@@ -42,9 +43,23 @@ def print_table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]
         table.add_column(column, justify="left" if index == 0 else "right", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    Console(file=sys.stdout).print(table)
+    Console(file=sys.stdout, markup=False, highlight=False, emoji=False).print(table)
 
 
 def find(objects: list[str], split: str | None, scale: float) -> object_sets.ObjectSet:
     """Load the object sets that the command line names."""
     return object_sets.load(objects, split=split, scale=scale)  # type: ignore[arg-type]
+
+
+def find_one(mesh: str, scale: float) -> object_sets.ObjectSpec:
+    """Find the one object that the command line names.
+
+    Raises
+    ------
+    ObjectSetError
+        If it names several.
+    """
+    found = find([mesh], None, scale)
+    if len(found) != 1:
+        raise ObjectSetError(f"{mesh!r} names {len(found)} objects; name one")
+    return found[0]

@@ -1,17 +1,17 @@
 """``graspbox demo``: from meshes to simulated grasps for a few objects, with a table and pictures."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from graspbox import Scene, object_sets, pictures, plan
+from graspbox import Scene, object_sets, plan
 from graspbox.cli.common import Json, Seed, Threads, console, print_json, print_table
 from graspbox.cli.grasp import COLUMNS, run, summary, table_rows
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError, MissingExtraError
-from graspbox.validation import study, study_chart
+from graspbox.files import check_output, dumps, write_text
+from graspbox.validation import study
 
 #: Procedural families: round, with a handle, hollow, with spout and arch.
 _PROCEDURAL = ("bottle", "mug", "bowl", "kettle")
@@ -28,7 +28,7 @@ def demo_objects() -> list[str]:
     try:
         object_sets.load("ycb")
     except MissingExtraError as error:
-        console.print(f"without YCB objects: {error}", markup=False)
+        console.print(f"without YCB objects: {error}")
         return names
     return [*names, _TRACED, *study.study_objects()]
 
@@ -41,12 +41,16 @@ def demo(
     as_json: Json = False,
 ) -> None:
     """Grasp a few objects, among them those of the reference study, and write tables and pictures into a folder."""
-    out.mkdir(parents=True, exist_ok=True)
+    # matplotlib is slow to import, and no other command needs it.
+    from graspbox import pictures
+    from graspbox.validation import study_chart
+
+    check_output(out / "grasps.json")
     found = object_sets.load(demo_objects())
     result = run(found, poses=poses, seed=seed, trial=TrialConfig(legacy=True), num_threads=threads)
     table = result.table()
-    (out / "grasps.json").write_text(json.dumps(table, indent=2, allow_nan=False) + "\n")
-    (out / "grasps.md").write_text(markdown(table_rows(table)) + f"\n{summary(table)}\n")
+    write_text(out / "grasps.json", dumps(table) + "\n")
+    write_text(out / "grasps.md", markdown(table_rows(table)) + f"\n{summary(table)}\n")
     for spec, done in zip(found, result.objects, strict=True):
         if done.plan is not None and done.outcomes is not None:
             example = pictures.GraspExample.of(Scene(spec.load()), done.plan, done.outcomes)
@@ -56,7 +60,7 @@ def demo(
     known = _TRACED.partition(":")[2] in found.names
     comparison = study.Comparison.of(result)
     if known:
-        (out / "table_3_1.md").write_text(comparison.markdown())
+        write_text(out / "table_3_1.md", comparison.markdown())
         study_chart.save_comparison(out / "table_3_1.png", comparison)
     plot_sweeps_and_trials(out, seed, ycb=known)
     if as_json:
@@ -74,6 +78,8 @@ def demo(
 
 def plot_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
     """Write sweeps of the planner's thresholds, kindness over time, and grasps in stages."""
+    from graspbox import pictures
+
     with console.status("writing pictures"):
         for name in _SWEPT if ycb else _SWEPT[:1]:
             mesh = object_sets.load(name)[0].load()
@@ -84,7 +90,7 @@ def plot_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
         try:
             firm, failed = pictures.firm_and_failed(scene, planned)
         except ConfigError as error:
-            console.print(f"no picture of a firm and a failed grasp of {scene.name}: {error}", markup=False)
+            console.print(f"no picture of a firm and a failed grasp of {scene.name}: {error}")
             return
         pictures.save_kindness(out / "kindness.png", scene.name, failed, firm)
         pictures.save_stages(out / "stages.png", scene, [firm, failed])

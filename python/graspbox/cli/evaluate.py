@@ -1,6 +1,5 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -9,22 +8,9 @@ import typer
 from graspbox import policies
 from graspbox.cli.common import Json, Scale, Seed, Split, Threads, find, print_json, print_table, progress
 from graspbox.envs import IDS
-from graspbox.errors import FileError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
-
-
-def _writable(path: Path) -> None:
-    """Make the folder of a result file and check that the file can be written, before anything is computed."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        existed = path.exists()
-        with path.open("a"):
-            pass
-        if not existed:
-            path.unlink()
-    except OSError as error:
-        raise FileError(f"{str(path)!r} cannot be written: {error.strerror}") from None
+from graspbox.files import check_output, dumps, write_text
 
 
 def _print(result: Evaluation) -> None:
@@ -60,7 +46,7 @@ def evaluate(
     """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson)."""
     found = find(objects or ["procedural"], split, scale)
     if out is not None:
-        _writable(out)
+        check_output(out)
     with progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
@@ -73,10 +59,10 @@ def evaluate(
             num_threads=threads,
             progress=lambda done: bar.update(task, completed=done),
         )
-    if out is not None:
-        rows = [vars(trial) for trial in result.trials]
-        out.write_text(json.dumps({**result.to_json(), "rows": rows}, indent=2, allow_nan=False) + "\n")
     if as_json:
         print_json(result.to_json())
     else:
         _print(result)
+    if out is not None:
+        rows = [vars(trial) for trial in result.trials]
+        write_text(out, dumps({**result.to_json(), "rows": rows}) + "\n")

@@ -7,6 +7,7 @@ import typer
 
 from graspbox.cli.common import Json, Scale, Seed, Split, Threads, console, find, print_json, print_table, progress
 from graspbox.configs import TrialConfig
+from graspbox.files import check_output, dumps, write_text
 from graspbox.object_sets import ObjectSet
 from graspbox.planner_trials import ObjectResult, SetResult, try_set
 
@@ -19,7 +20,7 @@ def run(objects: ObjectSet, **settings: Any) -> SetResult:
         def done(result: ObjectResult) -> None:
             bar.advance(task)
             if result.error:
-                console.print(f"{result.name}: {result.error}", style="red", markup=False, highlight=False)
+                console.print(f"{result.name}: {result.error}", style="red")
 
         return try_set(objects, done=done, **settings)
 
@@ -60,22 +61,29 @@ def grasp(
     scale: Scale = 1.0,
     seed: Seed = 0,
     threads: Threads = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into this file too.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Write the JSON, with every grasp and its outcome, into this file.")
+    ] = None,
+    details: Annotated[
+        bool, typer.Option("--details", help="Print every grasp and its outcome too, with --json.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Plan grasps for every object of a set and try the best ones in simulation."""
+    if details and not as_json:
+        raise typer.BadParameter("it needs --json; --out always writes the details", param_hint="--details")
+    if out is not None:
+        check_output(out)
     found = find(objects or ["procedural"], split, scale)
     result = run(found, poses=poses, seed=seed, trial=TrialConfig(legacy=legacy), num_threads=threads)
     table = result.table()
-    if out is not None:
-        import json
-
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(table, indent=2, allow_nan=False) + "\n")
     if as_json:
-        print_json(table)
+        print_json(result.table(details=True) if details else table)
     else:
         print_table(f"{found.name}: {poses} poses each, seed {seed}", COLUMNS, table_rows(table))
         typer.echo(summary(table))
+    if out is not None:
+        write_text(out, dumps(result.table(details=True)) + "\n")
+        console.print(f"wrote {out}")
     if any(r.error for r in result.objects):
         raise typer.Exit(1)

@@ -2,14 +2,15 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import graspbox
-from graspbox.cli.common import Json, Scale, Seed, console, find, print_json, print_table
-from graspbox.errors import ObjectSetError
-from graspbox.planning import Box
+from graspbox.cli.common import Json, Scale, Seed, Threads, console, find_one, print_json, print_table
+from graspbox.files import check_output
+from graspbox.plan_files import grasp_rows
+from graspbox.planning import Box, Plan
 
 
 def box_row(box: Box) -> dict[str, object]:
@@ -22,46 +23,72 @@ def box_row(box: Box) -> dict[str, object]:
     }
 
 
+def plan_table(planned: Plan, seconds: float) -> dict[str, Any]:
+    """Write a plan as ``graspbox plan --json`` prints it."""
+    return {
+        "name": planned.name,
+        "hand": planned.hand_name,
+        "world_from_object": planned.world_from_object.tolist(),
+        "boxes": [box_row(box) for box in planned.tree],
+        "poses": len(planned),
+        "feasible": int(planned.feasible.sum()),
+        "seconds": seconds,
+        "grasps": grasp_rows(planned),
+    }
+
+
+def print_plan(table: dict[str, Any]) -> None:
+    """Print the boxes as a table, and count the poses."""
+    rows = [
+        (str(i), *(f"{2000 * h:.1f}" for h in box["half_extents"]), f"{box['volume'] * 1e6:.2f}")
+        for i, box in enumerate(table["boxes"])
+    ]
+    boxes = "1 box" if len(rows) == 1 else f"{len(rows)} boxes"
+    columns = ("box", "long / mm", "middle / mm", "short / mm", "volume / cm3")
+    print_table(f"{table['name']}: {boxes}", columns, rows)
+    typer.echo(f"{table['poses']} poses, {table['feasible']} feasible, {table['seconds']:.2f} s")
+
+
 def plan(
     mesh: Annotated[str, typer.Argument(help="A mesh file, or an object set that names one object.")],
     fit: Annotated[
         str, typer.Option(help="Boxes of least volume ('minimum') or along principal axes ('pca').")
     ] = "minimum",
     max_boxes: Annotated[int, typer.Option(min=1, help="Greatest number of boxes.")] = 8,
+    settle: Annotated[
+        bool, typer.Option(help="Let the object come to rest first, else plan for the pose of its file.")
+    ] = True,
     picture: Annotated[
         Path | None, typer.Option(help="Write a picture of boxes and best poses into this file.")
     ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Save the plan here, for graspbox.Plan.load.")] = None,
     seed: Seed = 0,
     scale: Scale = 1.0,
+    threads: Threads = None,
     as_json: Json = False,
 ) -> None:
     """Cut an object into boxes, propose hand poses, and drop those that collide."""
-    found = find([mesh], None, scale)
+    if out is not None:
+        check_output(out)
     if picture is not None:
         from graspbox import pictures
 
         picture = pictures.check_path(picture)
-    if len(found) != 1:
-        raise ObjectSetError(f"{mesh!r} names {len(found)} objects; name one")
-    loaded = found[0].load()
+    spec = find_one(mesh, scale)
     decompose = graspbox.DecomposeConfig(fit=fit, max_boxes=max_boxes)  # type: ignore[arg-type]
     with console.status("planning"):
+        loaded = spec.load()
+        rest = graspbox.Scene(loaded).world_from_object if settle else None
         started = time.perf_counter()
-        planned = graspbox.plan(loaded, seed=seed, decompose=decompose)
-        seconds = time.perf_counter() - started
+        planned = graspbox.plan(loaded, seed=seed, world_from_object=rest, decompose=decompose, num_threads=threads)
+        table = plan_table(planned, time.perf_counter() - started)
+    if as_json:
+        print_json(table)
+    else:
+        print_plan(table)
+    if out is not None:
+        planned.save(out)
+        console.print(f"wrote {out}")
     if picture is not None:
         pictures.save_plan(picture, loaded, planned)
         console.print(f"wrote {picture}")
-    boxes = [box_row(box) for box in planned.tree]
-    feasible = int(planned.feasible.sum())
-    if as_json:
-        print_json({"boxes": boxes, "poses": len(planned), "feasible": feasible, "seconds": seconds})
-        return
-    rows = [
-        (str(i), *(f"{2000 * h:.1f}" for h in box.half_extents), f"{box.volume * 1e6:.2f}")
-        for i, box in enumerate(planned.tree)
-    ]
-    print_table(
-        f"{loaded.name}: {len(rows)} boxes", ("box", "long / mm", "middle / mm", "short / mm", "volume / cm3"), rows
-    )
-    typer.echo(f"{len(planned)} poses, {feasible} feasible, {seconds:.2f} s")

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 import graspbox
-from graspbox.cli.common import Json, Scale, console, find, print_json, print_table
-from graspbox.errors import ObjectSetError
+from graspbox.cli.common import Json, Scale, console, find_one, print_json, print_table
+from graspbox.files import check_output, replacing
 
 
 def voxelize(
@@ -27,10 +27,9 @@ def voxelize(
     as_json: Json = False,
 ) -> None:
     """Cut an object into voxels; the options mean what binvox's do, but for -e, which is --mode surface there."""
-    found = find([mesh], None, scale)
-    if len(found) != 1:
-        raise ObjectSetError(f"{mesh!r} names {len(found)} objects; name one")
-    loaded = found[0].load()
+    if out is not None:
+        check_output(out)
+    loaded = find_one(mesh, scale).load()
     started = time.perf_counter()
     voxels = graspbox.voxelize(
         loaded,
@@ -42,7 +41,8 @@ def voxelize(
     )
     seconds = time.perf_counter() - started
     if out is not None:
-        voxels.save(out)
+        with replacing(out) as temporary:
+            voxels.save(temporary)
         console.print(f"wrote {out}")
     facts = {
         "resolution": voxels.resolution,

@@ -1,7 +1,6 @@
 """Picture files: names are checked before the work, and a file appears whole or not at all."""
 
 import os
-import tempfile
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure as Figure  # for modules outside this packa
 from PIL import Image
 
 from graspbox.errors import ConfigError, FileError
+from graspbox.files import write_bytes
 
 #: File name extensions of pictures. All but ``.pdf`` and ``.svg`` are pixels.
 SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")
@@ -67,18 +67,7 @@ def write(figure: Figure, path: Path, *, palette: bool = True) -> None:
     figure.savefig(raw, format=kind)
     if kind == "png":
         raw = _packed(raw, palette)
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-            try:
-                file.write(raw.getvalue())
-                file.close()
-                os.chmod(file.name, 0o666 & ~_umask())
-                os.replace(file.name, path)
-            except BaseException:
-                os.unlink(file.name)
-                raise
-    except OSError as error:
-        raise FileError(error.errno, f"the picture cannot be written: {error.strerror}", str(path)) from None
+    write_bytes(path, raw.getvalue())
 
 
 def _packed(raw: BytesIO, palette: bool) -> BytesIO:
@@ -92,13 +81,6 @@ def _packed(raw: BytesIO, palette: bool) -> BytesIO:
 
 def _rounded(value: int) -> int:
     return min(255, 3 * round(value / 3))
-
-
-def _umask() -> int:
-    """Read the process's mask for new files; there is no call that only reads it."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def pixels(axes: Any) -> tuple[int, int]:

@@ -1,0 +1,126 @@
+//! Configs as JSON: reading one names the field that is wrong, its value and what to give instead.
+//!
+//! serde says what it expected; [`serde_path_to_error`] says where. The value is looked up in the text itself.
+
+use crate::errors::CoreError;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use serde_path_to_error::{Path, Segment};
+
+/// Longest value that an error repeats, characters.
+const SHOWN: usize = 60;
+/// Names less alike than this (Jaro-Winkler) are not suggested.
+const ALIKE: f64 = 0.75;
+
+/// A config from its JSON text; errors call it `what`.
+///
+/// # Errors
+/// [`CoreError::Config`]: `TrialConfig.lift_height is 'x' (str); give a number`.
+pub fn config<T: DeserializeOwned>(text: &str, what: &str) -> Result<T, CoreError> {
+    let value: Value =
+        serde_json::from_str(text).map_err(|error| CoreError::Config(format!("{what} is not JSON: {error}")))?;
+    serde_path_to_error::deserialize(&value)
+        .map_err(|error| CoreError::Config(complaint(what, &value, error.path(), &error.inner().to_string())))
+}
+
+/// The JSON text of a config.
+pub fn json<T: Serialize>(config: &T) -> Result<String, CoreError> {
+    serde_json::to_string(config).map_err(|error| CoreError::Internal(error.to_string()))
+}
+
+/// The sentence for what serde says of the value at `path`.
+fn complaint(what: &str, root: &Value, path: &Path, said: &str) -> String {
+    let (mut name, mut value, mut parent) = (what.to_owned(), Some(root), what.to_owned());
+    for segment in path {
+        let next = match segment {
+            Segment::Map { key } => (format!("{name}.{key}"), value.and_then(|v| v.get(key))),
+            Segment::Seq { index } => (format!("{name}[{index}]"), value.and_then(|v| v.get(index))),
+            Segment::Enum { .. } | Segment::Unknown => continue,
+        };
+        parent = name;
+        (name, value) = next;
+    }
+    if let Some((field, known)) = named(said, "unknown field `") {
+        // The path of an unknown field ends with the field itself.
+        let owner = if name.ends_with(&format!(".{field}")) { &parent } else { &name };
+        return match nearest(field, &known) {
+            Some(near) => format!("{owner} has no field '{field}'; did you mean '{near}'?"),
+            None => format!("{owner} has no field '{field}'; its fields are {}", listed(&known)),
+        };
+    }
+    if let Some((field, _)) = named(said, "missing field `") {
+        return format!("{name} lacks the field '{field}'; give it");
+    }
+    let shown = value.map_or_else(|| "None".to_owned(), python);
+    if let Some((_, known)) = named(said, "unknown variant `") {
+        return format!("{name} is {shown}; give {}", choice(&known));
+    }
+    match said.split_once(", expected ") {
+        Some((_, expected)) => format!("{name} is {shown}; give {}", wanted(expected)),
+        None => format!("{name} is {shown}; {said}"),
+    }
+}
+
+/// The name in backticks that follows `start`, and those that serde lists after it.
+fn named<'a>(said: &'a str, start: &str) -> Option<(&'a str, Vec<&'a str>)> {
+    let mut quoted = said.strip_prefix(start)?.split('`');
+    let name = quoted.next()?;
+    Some((name, quoted.skip(1).step_by(2).collect()))
+}
+
+fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
+    let alike = known.iter().map(|k| (strsim::jaro_winkler(name, k), *k));
+    alike.filter(|(score, _)| *score > ALIKE).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, k)| k)
+}
+
+fn listed(names: &[&str]) -> String {
+    names.iter().map(|name| format!("'{name}'")).collect::<Vec<_>>().join(", ")
+}
+
+fn choice(names: &[&str]) -> String {
+    match names {
+        [] => "nothing".to_owned(),
+        [one] => format!("'{one}'"),
+        [rest @ .., last] => format!("{} or '{last}'", listed(rest)),
+    }
+}
+
+/// A value as Python writes it, cut at [`SHOWN`] characters, with its type.
+fn python(value: &Value) -> String {
+    let (text, kind) = match value {
+        Value::Null => return "None".to_owned(),
+        Value::Bool(true) => return "True".to_owned(),
+        Value::Bool(false) => return "False".to_owned(),
+        Value::Number(number) => (number.to_string(), if number.is_f64() { "float" } else { "int" }),
+        Value::String(text) => (format!("'{text}'"), "str"),
+        Value::Array(_) => (value.to_string(), "list"),
+        Value::Object(_) => (value.to_string(), "dict"),
+    };
+    match text.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}... ({kind})", &text[..end]),
+        None => format!("{text} ({kind})"),
+    }
+}
+
+/// What serde expected, in the words of a user.
+fn wanted(expected: &str) -> String {
+    let length = |rest: &str| rest.split(|c: char| !c.is_ascii_digit()).find_map(|n| n.parse::<usize>().ok());
+    match expected {
+        "f64" | "f32" => "a number".to_owned(),
+        "u64" | "usize" => "an integer that is not negative".to_owned(),
+        "u32" => format!("an integer from 0 to {}", u32::MAX),
+        "u16" => format!("an integer from 0 to {}", u16::MAX),
+        "u8" => format!("an integer from 0 to {}", u8::MAX),
+        "i64" | "isize" | "i32" => "an integer".to_owned(),
+        "a boolean" => "True or False".to_owned(),
+        "a string" | "string or map" | "variant identifier" => "a string".to_owned(),
+        "a sequence" => "a list".to_owned(),
+        "fewer elements in array" => "a shorter list".to_owned(),
+        _ if expected.starts_with("struct ") || expected == "a map" => "a config, or a dict of its fields".to_owned(),
+        _ if expected.starts_with("an array of length") || expected.starts_with("a tuple of size") => {
+            format!("a list of {} values", length(expected).unwrap_or_default())
+        }
+        _ => expected.to_owned(),
+    }
+}

@@ -1,0 +1,147 @@
+"""Files that are written whole or not at all, and read up to a bound."""
+
+import json
+import os
+import secrets
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from graspbox.errors import FileError
+
+__all__ = ["check_output", "dumps", "read_bounded", "replacing", "write_bytes", "write_text"]
+
+
+def _failure(error: OSError, path: Path) -> FileError:
+    return FileError(error.errno, error.strerror or str(error), str(path))
+
+
+def _is_special(path: Path) -> bool:
+    """Tell devices and pipes, which are written to, from files, which are replaced."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
+
+
+def check_output(path: str | os.PathLike[str]) -> Path:
+    """Find out before the work whether a file can be written; its folder is made if need be.
+
+    Raises
+    ------
+    FileError
+        If it cannot; an existing file stays as it is.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(21, "it is a folder; name a file in it", str(path))
+        if _is_special(path):
+            with path.open("ab"):
+                return path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.resolve().parent):
+            return path
+    except (OSError, ValueError) as error:
+        raise _failure(error if isinstance(error, OSError) else OSError(22, str(error)), path) from None
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary file of the same suffix, which takes the place of `path` once the block ends without an error.
+
+    A link is followed; devices and pipes are written to directly.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    path = check_output(path)
+    if _is_special(path):
+        yield path
+        return
+    target = path.resolve()
+    temporary = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(4)}{target.suffix}")
+    try:
+        # Opened here for the permissions that the umask leaves; a file that is replaced hands its own on.
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        if target.exists():
+            temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+        yield temporary
+        temporary.replace(target)
+    except OSError as error:
+        raise _failure(error, path) from None
+    finally:
+        with suppress(FileNotFoundError):
+            temporary.unlink()
+
+
+def dumps(value: Any, indent: str = "") -> str:
+    """Write JSON for people and programs: objects are indented, but those without another inside take one line.
+
+    Raises
+    ------
+    ValueError
+        For NaN or infinity.
+    """
+    inner = indent + "  "
+    if isinstance(value, dict) and value and not (indent and _is_flat(value)):
+        items = [f"{json.dumps(key)}: {dumps(item, inner)}" for key, item in value.items()]
+        return "{\n" + ",\n".join(inner + item for item in items) + f"\n{indent}}}"
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        return "[\n" + ",\n".join(inner + dumps(item, inner) for item in value) + f"\n{indent}]"
+    return json.dumps(value, allow_nan=False)
+
+
+def _is_flat(value: dict[str, Any]) -> bool:
+    lists = [item for item in value.values() if isinstance(item, list)]
+    return not any(isinstance(item, dict) for items in ([*value.values()], *lists) for item in items)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file whole or not at all.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def read_bounded(path: str | os.PathLike[str], limit: int) -> bytes:
+    """Read a regular file of at most `limit` bytes.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, is no regular file or is larger.
+    """
+    path = Path(path)
+    try:
+        if path.exists() and not path.is_file():
+            raise OSError(22, "it is not a regular file", str(path))
+        with path.open("rb") as file:
+            content = file.read(limit + 1)
+    except OSError as error:
+        raise _failure(error, path) from None
+    if len(content) > limit:
+        raise FileError(27, f"it is larger than {limit} bytes", str(path))
+    return content

@@ -1,0 +1,47 @@
+"""Hands by name or by their two files; and the folder where what is prepared for them is kept."""
+
+import os
+from pathlib import Path
+from typing import TypeAlias
+
+from graspbox._core import Hand
+from graspbox.errors import ConfigError
+
+__all__ = ["Hand", "HandLike", "cache_folder", "load_hand"]
+
+#: A name, a hand, or the paths of a URDF and a ``hand.toml``.
+HandLike: TypeAlias = str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]]
+
+
+def cache_folder() -> Path | None:
+    """Folder where convex parts are kept: ``GRASPBOX_CACHE`` (empty: keep nothing), else the user's cache folder."""
+    chosen = os.environ.get("GRASPBOX_CACHE")
+    if chosen is not None:
+        return Path(chosen).expanduser() if chosen else None
+    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(base).expanduser() / "graspbox"
+
+
+def load_hand(hand: HandLike = "reflex") -> Hand:
+    """Find a hand: ``"reflex"``, or the two files that describe another one.
+
+    Parameters
+    ----------
+    hand : str, Hand, or pair of paths
+        A name, or (URDF, ``hand.toml``).
+
+    Raises
+    ------
+    HandError
+        If the files do not describe a hand; the message names every line.
+    ConfigError
+        If there is no hand of that name.
+    """
+    if isinstance(hand, Hand):
+        return hand
+    if isinstance(hand, tuple | list) and len(hand) == 2:
+        urdf, toml = hand
+        return Hand.load(Path(urdf), Path(toml))
+    if hand == "reflex":
+        return Hand.reflex()
+    raise ConfigError(f"there is no hand {hand!r}; use 'reflex', or give the paths of a URDF and a hand.toml")

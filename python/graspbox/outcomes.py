@@ -1,0 +1,147 @@
+"""What came of grasp trials: one row for each, and the record of a single one."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+
+__all__ = ["Outcome", "Outcomes", "Trace"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one trial; the fields have the meaning that they have in `Outcomes`.
+
+    Attributes
+    ----------
+    success, secure : bool
+        Whether it succeeded, and whether it held without shifting.
+    failure : str
+        Why it failed; empty for a success.
+    lift : float
+        Metres.
+    kindness_rate : float
+        m/s.
+    legacy_success : bool
+        The study's success.
+    kindness : float
+        The study's kindness, or NaN.
+    time : float
+        Simulated seconds.
+    """
+
+    success: bool
+    secure: bool
+    failure: str
+    lift: float
+    kindness_rate: float
+    legacy_success: bool
+    kindness: float
+    time: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcomes:
+    """What came of n trials; arrays of length n.
+
+    ``outcomes[3]`` is an `Outcome`; a slice, a mask or an array of indices gives outcomes of these rows. Two are equal
+    if all their values are; NaN equals NaN.
+
+    Attributes
+    ----------
+    success, secure : (n,) bool
+        See `graspbox.simulation`.
+    failure : (n,) str
+        ``infeasible``, ``no_contact``, ``slipped``, ``dropped``, ``unstable``; empty for a success.
+    lift : (n,) float64
+        Rise of the object's centre of mass at the end, metres.
+    kindness_rate : (n,) float64
+        Mean of |d distance/dt| between hand and object since lifting began, m/s.
+    legacy_success : (n,) bool
+        The study's success; False where it was not read (see `kindness`).
+    kindness : (n,) float64
+        The study's kindness; NaN where an early stop cut it off (``TrialConfig(legacy=True)`` reads it always).
+    time : (n,) float64
+        Simulated seconds.
+    """
+
+    success: NDArray[np.bool_]
+    secure: NDArray[np.bool_]
+    failure: NDArray[np.str_]
+    lift: NDArray[np.float64]
+    kindness_rate: NDArray[np.float64]
+    legacy_success: NDArray[np.bool_]
+    kindness: NDArray[np.float64]
+    time: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.success)
+
+    def __repr__(self) -> str:
+        return f"Outcomes(trials={len(self)}, succeeded={int(self.success.sum())}, secure={int(self.secure.sum())})"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Outcomes):
+            return NotImplemented
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in pairs)
+
+    __hash__ = None  # type: ignore[assignment] # arrays can change
+
+    @overload
+    def __getitem__(self, index: int) -> Outcome: ...
+    @overload
+    def __getitem__(self, index: slice | NDArray[Any] | list[int]) -> "Outcomes": ...
+    def __getitem__(self, index: int | slice | NDArray[Any] | list[int]) -> "Outcome | Outcomes":
+        if isinstance(index, int | np.integer):
+            return Outcome(**{f.name: getattr(self, f.name)[index].item() for f in fields(self)})
+        kept = np.arange(len(self))[index]
+        return Outcomes(**{f.name: getattr(self, f.name)[kept] for f in fields(self)})
+
+    def __iter__(self) -> Iterator[Outcome]:
+        return (self[i] for i in range(len(self)))
+
+    @property
+    def rate(self) -> float:
+        """Share of successes; 0 without a trial."""
+        return float(self.success.mean()) if len(self) else 0.0
+
+    @classmethod
+    def from_core(cls, arrays: "_core.OutcomeArrays") -> "Outcomes":
+        """Take the arrays of the core."""
+        failure = np.array(arrays["failure"], dtype=np.str_)
+        rest = {f.name: arrays[f.name] for f in fields(cls) if f.name != "failure"}  # type: ignore[literal-required]
+        return cls(failure=failure, **rest)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One trial every 10 ms: t samples, f fingers. An infeasible pose has none (t = 0): nothing moved.
+
+    Attributes
+    ----------
+    time : (t,) float64
+        Seconds since closing began.
+    distance : (t,) float64
+        Between hand frame and the study's object frame, metres.
+    world_from_hand, world_from_object : (t, 4, 4) float64
+        Poses.
+    fingers : (t, f, 2) float64
+        Proximal and distal angle, radians.
+    tensions : (t, f) float64
+        Tendon tensions, N.
+    hand_force : (t,) float64
+        Sum of the normal forces between hand and object, N.
+    """
+
+    time: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    world_from_hand: NDArray[np.float64]
+    world_from_object: NDArray[np.float64]
+    fingers: NDArray[np.float64]
+    tensions: NDArray[np.float64]
+    hand_force: NDArray[np.float64]

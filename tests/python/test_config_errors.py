@@ -1,0 +1,225 @@
+"""Every field of every config: numpy's numbers are accepted, and bad values are refused by the field's name.
+
+The cases are made from the dataclasses, so that a new config or field is covered by itself.
+"""
+
+import itertools
+import json
+import types
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+
+import graspbox
+from graspbox import _core, configs, errors
+from graspbox.arguments import floats, to_json
+
+CONFIGS: list[Any] = [getattr(configs, name) for name in configs.__all__]
+NUMPY: dict[type, tuple[Callable[[Any], Any], ...]] = {
+    int: (np.int64, np.int32, np.uint8, np.asarray),
+    float: (np.float64, np.float32, np.float16, np.longdouble, np.asarray),
+    bool: (np.bool_, np.asarray),
+    str: (np.str_,),
+}
+BAD: tuple[Any, ...] = (
+    None,
+    True,
+    3,
+    -1,
+    2.5,
+    "x",
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    [],
+    [[1.0]],
+    {"x": 1},
+    10**30,
+    10**5000,
+)
+
+
+def read(config: Any) -> Any:
+    """Send a config to the core, and read what it understood."""
+    return json.loads(_core._config(type(config).__name__, to_json(config)))
+
+
+def kinds(hint: Any) -> tuple[Any, ...]:
+    """Name the alternatives of a type: those of a union, else itself."""
+    return get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+
+
+def accepts(hint: Any, value: Any) -> bool:
+    """Tell whether a value is of the type of a field, whatever its range."""
+    for kind in kinds(hint):
+        if kind is type(None):
+            fits = value is None
+        elif kind is float:
+            fits = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 2**64
+            fits = fits and value - value == 0
+        elif kind is int:
+            fits = isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**64
+        elif get_origin(kind) is Literal:
+            fits = value in get_args(kind)
+        elif get_origin(kind) is tuple:
+            inner = get_args(kind)
+            longer = len(inner) == 2 and inner[1] is Ellipsis
+            fits = isinstance(value, list) and (longer or len(value) == len(inner))
+            fits = fits and all(accepts(inner[0 if longer else i], item) for i, item in enumerate(value))
+        elif is_dataclass(kind):
+            fits = False
+        else:
+            fits = type(value) is kind
+        if fits:
+            return True
+    return False
+
+
+def numpy_cases() -> Iterator[Any]:
+    for config in CONFIGS:
+        hints = get_type_hints(config)
+        for field in fields(config):
+            value = getattr(config(), field.name)
+            makers: list[Callable[[Any], Any]] = []
+            for kind in kinds(hints[field.name]):
+                makers += NUMPY.get(kind, NUMPY[str] if get_origin(kind) is Literal else ())
+                if get_origin(kind) is tuple and value and not is_dataclass(value[0]):
+                    makers += [np.asarray, lambda v: tuple(np.asarray(v)), list]
+            if value is None:
+                value = 1
+            for i, maker in enumerate(makers):
+                yield pytest.param(config, field.name, maker, value, id=f"{config.__name__}.{field.name}-{i}")
+
+
+@pytest.mark.parametrize(("config", "name", "maker", "value"), list(numpy_cases()))
+def test_numpy_values_cross(config: Any, name: str, maker: Callable[[Any], Any], value: Any) -> None:
+    if isinstance(value, int) and not isinstance(value, bool):
+        value = min(value, 100)
+    given = read(replace(config(), **{name: maker(value)}))[name]
+    plain = read(replace(config(), **{name: value}))[name]
+    # Half precision rounds 5e-7 to 4.8e-7.
+    assert type(given) is type(plain)
+    assert given == (pytest.approx(plain, rel=0.1) if isinstance(plain, float) else plain)
+
+
+def bad_cases() -> Iterator[Any]:
+    for config in CONFIGS:
+        hints = get_type_hints(config)
+        for field, (i, value) in itertools.product(fields(config), enumerate(BAD)):
+            if not accepts(hints[field.name], value):
+                yield pytest.param(config, field.name, value, id=f"{config.__name__}.{field.name}-{i}")
+
+
+@pytest.mark.parametrize(("config", "name", "value"), list(bad_cases()))
+def test_bad_values_name_their_field(config: Any, name: str, value: Any) -> None:
+    with pytest.raises(errors.ConfigError) as caught:
+        read(replace(config(), **{name: value}))
+    message = str(caught.value)
+    assert message.startswith(f"{config.__name__}.{name}"), message
+    assert "; give " in message or "has no field 'x'; its fields are" in message, message
+    assert "line 1" not in message, message
+
+
+def test_there_are_cases_for_every_field() -> None:
+    count = sum(len(fields(config)) for config in CONFIGS)
+    assert len(list(bad_cases())) > 6 * count
+    assert len(list(numpy_cases())) > 2 * count
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (configs.TrialConfig(standoff="x"), "TrialConfig.standoff is 'x' (str); give a number"),  # type: ignore[arg-type]
+        (
+            configs.PlanConfig(decompose=configs.DecomposeConfig(area_gain=None)),  # type: ignore[arg-type]
+            "PlanConfig.decompose.area_gain is None; give a number",
+        ),
+        (
+            configs.PlanConfig(poses=configs.PoseConfig(standoffs=(0.01, "far"))),  # type: ignore[arg-type]
+            "PlanConfig.poses.standoffs[1] is 'far' (str); give a number",
+        ),
+        (
+            configs.CameraConfig(mount="wall"),  # type: ignore[arg-type]
+            "CameraConfig.mount is 'wall' (str); give 'world' or 'hand'",
+        ),
+        (
+            configs.CameraConfig(eye=(0.0, 1.0)),  # type: ignore[arg-type]
+            "CameraConfig.eye is [0.0,1.0] (list); give a list of 3 values",
+        ),
+        (
+            configs.PlanConfig(decompose=configs.PoseConfig()),  # type: ignore[arg-type]
+            "give a DecomposeConfig",
+        ),
+        (
+            configs.CamerasConfig(cameras=(configs.PoseConfig(),)),  # type: ignore[arg-type]
+            "CamerasConfig.cameras[0] is PoseConfig(",
+        ),
+        (configs.PlanConfig(seed=1.5), "PlanConfig.seed is 1.5 (float); give an integer that is not negative"),  # type: ignore[arg-type]
+        (configs.CameraConfig(name="\udcff"), "CameraConfig.name is '\\udcff' (str); give valid Unicode text"),
+    ],
+)
+def test_messages(config: Any, message: str) -> None:
+    with pytest.raises(errors.ConfigError) as caught:
+        read(config)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("PlanConfig", '{"decompos": {}}', "PlanConfig has no field 'decompos'; did you mean 'decompose'?"),
+        ("PlanConfig", '{"poses": {"ofset": 1}}', "PlanConfig.poses has no field 'ofset'; did you mean 'offset'?"),
+        ("FrictionConfig", '{"zzz": 1}', "FrictionConfig has no field 'zzz'; its fields are 'table', 'object'"),
+        ("PlanConfig", "{", "PlanConfig is not JSON"),
+        ("ResetOptions", '{"object": 1.5}', "ResetOptions.object is 1.5 (float); give the index or the name"),
+        ("Nothing", "{}", "there is no config"),
+    ],
+)
+def test_messages_of_the_core(name: str, text: str, message: str) -> None:
+    with pytest.raises(errors.ConfigError) as caught:
+        _core._config(name, text)
+    assert message in str(caught.value)
+
+
+def test_configs_of_another_class_are_refused() -> None:
+    mesh = graspbox.object_sets.load("procedural:box:0")[0].load()
+    wrong: Any = {"seed": 1}
+    with pytest.raises(errors.ConfigError, match=r"config is \{'seed': 1\} \(dict\); give a PlanConfig"):
+        graspbox.plan(mesh, config=wrong)
+    with pytest.raises(errors.ConfigError, match="give a DecomposeConfig"):
+        graspbox.decompose(mesh, wrong)
+    with pytest.raises(errors.ConfigError, match=r"physics is None \(NoneType\); give a PhysicsConfig"):
+        graspbox.Scene(mesh, physics=None)  # type: ignore[arg-type]
+    with pytest.raises(errors.ConfigError, match="give a TrialConfig"):
+        graspbox.Scene(mesh).simulate(np.eye(4)[None], 0.0, config=wrong)
+
+
+def test_numpy_arguments() -> None:
+    mesh = graspbox.object_sets.load("procedural:box:0")[0].load()
+    plan = graspbox.plan(mesh, seed=np.int64(3), num_threads=np.int64(1))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(plan.poses, graspbox.plan(mesh, seed=3).poses)
+    with pytest.raises(errors.ConfigError, match=r"PlanConfig\.seed is 3\.0 \(float\)"):
+        graspbox.plan(mesh, seed=3.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [-1, 0, 1025, 10**30, 2.5, "x", [1]])
+def test_bad_num_threads_is_named(value: Any) -> None:
+    mesh = graspbox.object_sets.load("procedural:box:0")[0].load()
+    scene = graspbox.Scene(mesh)
+    calls: list[Callable[[], Any]] = [
+        lambda: graspbox.plan(mesh, num_threads=value),
+        lambda: scene.simulate(np.eye(4)[None], 0.0, num_threads=value),
+        lambda: graspbox.views(mesh, count=1, image_size=(8, 8), num_threads=value),
+    ]
+    for call in calls:
+        with pytest.raises(errors.ConfigError, match="num_threads is"):
+            call()
+
+
+@pytest.mark.parametrize("value", ["x", [["x"]], [[1.0], [1.0, 2.0]], None, {"a": 1}, 1j])
+def test_arrays_that_are_no_numbers_are_named(value: Any) -> None:
+    with pytest.raises(errors.ConfigError, match=r"poses is .*; give an array of numbers"):
+        floats(value, "poses")
