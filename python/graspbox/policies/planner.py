@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from graspbox import planning
 from graspbox._core import Mesh
 from graspbox.envs import expert
-from graspbox.envs.grasp_pose import encode_action
-from graspbox.envs.grasp_pose import object_pose as decision_object_pose
+from graspbox.envs.coding import encode_action, hand_pose, object_pose
 from graspbox.errors import ConfigError
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.simulation import load_hand
@@ -77,11 +76,11 @@ class Planner(Policy):
 
     def _decide(self, mesh: Mesh, state: NDArray[np.float32], nothing: Actions) -> Actions:
         """Write the first-ranked pose as an action of ``GraspPose-v0``."""
-        pose = decision_object_pose(state)
+        pose = object_pose(state, hand=self._hand)
         plan = planning.plan(mesh, hand=self._hand, world_from_object=pose).best(1)
         if not len(plan):
             return nothing
-        return encode_action(pose @ plan.poses[0], plan.preshape[0], self._hand.preshape_limits)
+        return encode_action(pose @ plan.poses[0], plan.preshape[0], hand=self._hand)
 
     def _expert(self, mesh: Mesh, state: NDArray[np.float32]) -> expert.Expert | None:
         """Make the expert of an episode of ``Grasp-v0``."""
@@ -115,8 +114,8 @@ class Expert(Planner):
 
     def _choose(self, plan: planning.Plan, mesh: Mesh, state: NDArray[np.float32]) -> int:
         control = self.task.control
-        world_from_object = expert.object_pose(state, control=control, hand=self._hand)
-        world_from_hand = expert.hand_pose(state, control=control, hand=self._hand)
+        world_from_object = object_pose(state, control=control, hand=self._hand)
+        world_from_hand = hand_pose(state, control=control, hand=self._hand)
         center = world_from_object @ np.append(mesh.bounds.mean(axis=0), 1.0)
         poses = world_from_object @ plan.poses[:_CHOICES]
         traces = np.einsum("nij,ij->n", poses[:, :3, :3], world_from_hand[:3, :3])
