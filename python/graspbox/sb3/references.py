@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from graspbox import planning
 from graspbox.envs.coding import encode_action, hand_pose, object_pose
-from graspbox.envs.core import HandArgument
 from graspbox.envs.expert import Expert, planned
+from graspbox.envs.settings import HandArgument
 from graspbox.sb3.running import evaluate, make_env
 from graspbox.simulation import load_hand
 
