@@ -82,7 +82,7 @@ impl CameraConfig {
         Self {
             name: "viewer".into(),
             mount: Mount::World,
-            eye: [-1.08, -1.44, 1.0],
+            eye: [-1.125, -1.5, 1.0],
             target: [0.0, 0.0, 0.275],
             up: [0.0, 0.0, 1.0],
             fov: 0.6,

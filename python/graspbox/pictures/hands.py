@@ -124,7 +124,9 @@ def _joint(before: Floats, after: Floats) -> tuple[Floats, Floats]:
     """Find the axis about which a shape's frame (4, 4) turned: its point nearest to the shape, and its direction."""
     moved = after @ np.linalg.inv(before)
     rotation = moved[:3, :3]
-    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    axis = np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
     axis /= np.linalg.norm(axis)
     point = np.linalg.lstsq(np.eye(3) - rotation, moved[:3, 3], rcond=1e-6)[0]
     return point + axis * ((before[:3, 3] - point) @ axis), axis

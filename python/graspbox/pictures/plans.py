@@ -171,9 +171,7 @@ def _column(
     """Fill three panels with the example, seen from one direction."""
     best, outcomes = example.plan.best(count), example.outcomes
     if outcomes is not None and len(outcomes) < len(best):
-        raise ConfigError(
-            f"{len(outcomes)} outcomes for {len(best)} poses; simulate all that are shown, or lower count"
-        )
+        raise ConfigError(f"{len(outcomes)} outcomes for {len(best)} poses; simulate all that are shown, or lower count")
     world_from_object = example.plan.world_from_object
     poses = world_from_object @ best.poses
     posed, at_end = _grasp(example, poses, best.preshape, hand)

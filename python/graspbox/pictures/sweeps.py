@@ -16,7 +16,9 @@ from graspbox.pictures.view import Camera, View
 from graspbox.planning import BoxTree, decompose
 
 #: Shares of a face's area below which a cut is accepted, by fit: three that give different boxes for household objects.
-AREA_GAINS: Mapping[str, Sequence[float]] = MappingProxyType({"minimum": (0.9, 0.97, 0.99), "pca": (0.85, 0.93, 0.97)})
+AREA_GAINS: Mapping[str, Sequence[float]] = MappingProxyType(
+    {"minimum": (0.9, 0.97, 0.99), "pca": (0.85, 0.93, 0.97)}
+)
 #: Least volumes of a box that a cut makes, m3. The reference study (figures 2.3 and 2.4) goes up to 0.125 m3, but above
 #: these an object of a hand's size is one box.
 MIN_VOLUMES = (1.25e-4, 4e-5, 1.25e-5, 4e-6)

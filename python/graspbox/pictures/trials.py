@@ -207,7 +207,9 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
     height = 3.5 * len(trials) + 0.45
     figure = Figure(figsize=(10.5, height), dpi=115)
     panels = figure.subplots(len(trials), 4, squeeze=False)
-    figure.subplots_adjust(left=0.03, right=0.997, bottom=0.06 / height, top=1 - 0.68 / height, wspace=0.02, hspace=0.1)
+    figure.subplots_adjust(
+        left=0.03, right=0.997, bottom=0.06 / height, top=1 - 0.68 / height, wspace=0.02, hspace=0.1
+    )
     for row, trial in zip(panels, trials, strict=True):
         _stages_row(row, scene, trial, camera)
     figure.suptitle(scene.name, fontsize=12, weight="bold", y=1 - 0.1 / height)
