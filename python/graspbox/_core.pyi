@@ -236,7 +236,7 @@ class EnvPool:
         self,
         seeds: Sequence[int | None] | None = None,
         mask: NDArray[np.bool_] | None = None,
-        options: str | None = None,
+        options: Sequence[str] | None = None,
         out: dict[str, NDArray[np.float32]] | None = None,
     ) -> EnvArrays: ...
     def step(

@@ -98,7 +98,7 @@ def views(
     count: int = 16,
     seed: int = 0,
     image_size: int | tuple[int, int] = (128, 128),
-    images: Iterable[str] = ("depth", "segmentation"),
+    images: str | Iterable[str] = ("depth", "segmentation"),
     fov: float = 0.6,
     near: float = 0.02,
     far: float = 5.0,
@@ -121,8 +121,8 @@ def views(
         Seed of random plans; their first views do not depend on `count`.
     image_size : int or (int, int)
         Rows and columns.
-    images : iterable of {"depth", "rgb", "segmentation"}
-        What is made beside the depth, which always is.
+    images : str or iterable of {"depth", "rgb", "segmentation"}
+        Images that are made besides the depth, which always is.
     fov : float
         Angle from the upper to the lower border, radians.
     near, far : float
@@ -143,7 +143,7 @@ def views(
     """
     if isinstance(plan, str) and plan not in PLANS:
         raise ConfigError(f"there is no plan {plan!r}; choose from {', '.join(PLANS)} or give a ViewPlan")
-    wanted = set(images)
+    wanted = {images} if isinstance(images, str) else set(images)
     if unknown := wanted - {"depth", "rgb", "segmentation"}:
         raise ConfigError(f"there is no image {sorted(unknown)[0]!r}; choose from depth, rgb, segmentation")
     config = {
@@ -186,7 +186,8 @@ def occupancy(
     Parameters
     ----------
     depth : (n, H, W) array
-        Metres along the optical axis; 0 where nothing was seen.
+        Distance along the optical axis, 0 where nothing was seen: metres, or millimetres if the dtype is uint16, as
+        16-bit cameras and `depth_millimetres` give it.
     intrinsics : (3, 3) array
         Of every image.
     frame_from_camera : (n, 4, 4) array
@@ -210,10 +211,11 @@ def occupancy(
     Raises
     ------
     ConfigError
-        For arrays of another shape or depths that are negative or not finite (also a ValueError).
+        For arrays of another shape, depths that are negative or not finite, or integers that are not uint16 (also a
+        ValueError).
     """
     return _core.occupancy(
-        np.ascontiguousarray(depth, dtype=np.float32),
+        _metres(depth),
         np.array(intrinsics, dtype=np.float64),
         np.array(frame_from_camera, dtype=np.float64),
         resolution,
@@ -222,6 +224,16 @@ def occupancy(
         far,
         nothing_is_free,
     )
+
+
+def _metres(depth: ArrayLike) -> NDArray[np.float32]:
+    """Depth as float32 metres; uint16 are millimetres."""
+    given = np.asarray(depth)
+    if given.dtype == np.uint16:
+        return np.ascontiguousarray(given * np.float32(1e-3), dtype=np.float32)
+    if not np.issubdtype(given.dtype, np.floating):
+        raise ConfigError(f"depth is of dtype {given.dtype}; give metres as float32, or millimetres as uint16")
+    return np.ascontiguousarray(given, dtype=np.float32)
 
 
 def depth_millimetres(depth: ArrayLike) -> NDArray[np.uint16]:

@@ -244,7 +244,7 @@ def test_errors_name_what_is_wrong(objects: _core.Objects) -> None:
     with pytest.raises(errors.ConfigError, match="seed"):
         pool.reset()
     with pytest.raises(errors.ConfigError, match='"sphere"'):
-        pool.reset([0, 0, 0], None, json.dumps({"object": "sphere"}))
+        pool.reset([0, 0, 0], None, [json.dumps({"object": "sphere"})])
     pool.reset([0, 0, 0])
     bad = zeros.copy()
     bad[1, 3] = np.nan

@@ -233,7 +233,7 @@ fn a_stopped_call_leaves_environments_as_they_are() {
     let stop = AtomicBool::new(true);
     let (begin, all) = (ResetOptions::default(), seeds(&pool));
     assert!(matches!(
-        pool.reset_until(&stop, &all, None, &begin),
+        pool.reset_until(&stop, &all, None, std::slice::from_ref(&begin)),
         Err(AgentError::Episode(EpisodeError::Cancelled { done: 0, total: 4 }))
     ));
     assert!(pool.step(&actions(&pool, 0)).is_err());

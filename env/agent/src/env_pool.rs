@@ -135,10 +135,12 @@ impl EnvPool {
         mask: Option<&[bool]>,
         options: &ResetOptions,
     ) -> Result<Batch, AgentError> {
-        self.reset_until(&AtomicBool::new(false), seeds, mask, options)
+        self.reset_until(&AtomicBool::new(false), seeds, mask, std::slice::from_ref(options))
     }
 
     /// As [`EnvPool::reset`], until `stop` is set.
+    ///
+    /// * `options`: one for all environments, or one per environment.
     ///
     /// # Errors
     /// As [`EnvPool::reset`], and [`EpisodeError::Cancelled`] if some environments were left as they were.
@@ -147,16 +149,20 @@ impl EnvPool {
         stop: &AtomicBool,
         seeds: &[Option<u64>],
         mask: Option<&[bool]>,
-        options: &ResetOptions,
+        options: &[ResetOptions],
     ) -> Result<Batch, AgentError> {
         self.all_here()?;
         self.has_length("seeds", seeds.len())?;
+        let shared = options.len() == 1;
+        if !shared {
+            self.has_length("the reset options", options.len())?;
+        }
         if let Some(mask) = mask {
             self.has_length("the reset mask", mask.len())?;
         }
         let wanted = |index: usize| mask.is_none_or(|m| m[index]);
         self.each(stop, |index, env| match wanted(index) {
-            true => env.reset(&self.spec, index, seeds[index], options),
+            true => env.reset(&self.spec, index, seeds[index], &options[if shared { 0 } else { index }]),
             false => env.ready_to_observe(index),
         })?;
         Ok(self.now())

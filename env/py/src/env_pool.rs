@@ -113,22 +113,24 @@ impl EnvPool {
         self.core.len()
     }
 
-    /// Begins new episodes where `mask` is true; `options` is JSON.
+    /// Begins new episodes where `mask` is true; `options` are JSON: none, one for all environments, or one per environment.
     #[pyo3(signature = (seeds=None, mask=None, options=None, out=None))]
     fn reset<'py>(
         &self,
         py: Python<'py>,
         seeds: Option<Vec<Option<u64>>>,
         mask: Option<PyReadonlyArrayDyn<'py, bool>>,
-        options: Option<&str>,
+        options: Option<Vec<String>>,
         out: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let count = self.core.len();
         let seeds = seeds.unwrap_or_else(|| vec![None; count]);
         let mask = mask.map(|m| entries(&m, "the reset mask", &[Some(count)]).map(<[bool]>::to_vec));
         let mask = mask.transpose()?;
-        let options: ResetOptions =
-            options.map_or(Ok(ResetOptions::default()), |text| config(text, "reset options"))?;
+        let options: Vec<ResetOptions> = match options {
+            None => vec![ResetOptions::default()],
+            Some(texts) => texts.iter().map(|text| config(text, "reset options")).collect::<Result<_, _>>()?,
+        };
         let core = Arc::clone(&self.core);
         let (stopped, stop) = stopper();
         let batch = interruptible(py, self.num_threads, stop, move || {

@@ -1,41 +1,37 @@
 """What all environments share, single and vector: a pool, and what its rows mean."""
 
 import json
+import operator
+import os
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any, Literal
 from weakref import WeakValueDictionary
 
+import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
-from graspbox.configs import (
-    AgentConfig,
-    CamerasConfig,
-    PhysicsConfig,
-    PictureConfig,
-    Randomization,
-    SuccessCriterion,
-    TrialConfig,
-)
+from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
+from graspbox.envs.settings import HandArgument, ObjectsArgument, complete
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
 from graspbox.simulation import cache_folder, load_hand
 
-ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
-HandArgument = str | Hand | tuple[str, str]
-Control = Literal["twist", "delta_pose", "target_pose"]
-Reward = Literal["sparse", "dense"]
-RenderMode = Literal["rgb_array"] | None
-
-#: Seconds between two actions are the core's; frames of a video are one for each action.
+#: Steps per second of simulated time at ``frame_skip=1``, so that videos run at the speed of the simulation.
 FPS = 20
+
+_AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
+    AutoresetMode.NEXT_STEP: "next_step",
+    AutoresetMode.SAME_STEP: "same_step",
+    AutoresetMode.DISABLED: "disabled",
+}
 
 #: Handles in use: environments beside each other prepare an object once.
 _handles: WeakValueDictionary[tuple[Any, ...], Objects] = WeakValueDictionary()
@@ -77,58 +73,70 @@ def options_json(options: Mapping[str, Any] | None) -> str | None:
         raise ConfigError(f"the options of a reset must be finite numbers, strings and arrays ({error})") from None
 
 
-def checked_seed(seed: int) -> int:
-    """Refuse a seed that the core does not take."""
-    if not 0 <= seed < 2**64:
-        raise ConfigError(f"seed is {seed}; it must be between 0 and 2^64 - 1")
-    return int(seed)
+def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
+    """Take an autoreset mode by its value too."""
+    try:
+        return AutoresetMode(given)
+    except ValueError:
+        known = ", ".join(mode.value for mode in AutoresetMode)
+        raise ConfigError(f"there is no autoreset mode {given!r}; choose from {known}") from None
+
+
+def checked_seed(seed: Any) -> int:
+    """Take a seed, also a numpy integer, as an int; refuse one that the core does not take."""
+    try:
+        value = operator.index(seed)
+    except TypeError:
+        raise ConfigError(f"seed is {seed!r}; give an integer") from None
+    if not 0 <= value < 2**64:
+        raise ConfigError(f"seed is {value}; it must be between 0 and 2^64 - 1")
+    return value
 
 
 def fresh_seed() -> int:
-    """Draw a seed that nobody chose."""
+    """Sample a seed from the operating system's entropy."""
     return secrets.randbits(63)
 
 
 class GraspCore:
-    """A pool of environments with its spaces, weights and names; the keywords are those of the environments.
+    """A pool of environments with its spaces, weights and names.
 
-    With ``control="grasp_pose"`` an episode is one decision, and `trial` is what follows it; its criterion of success then
-    counts, else `success`.
+    It can be pickled and copied, and so can an environment that holds it: the settings are written and, for every
+    environment that has begun, its state.
+
+    Parameters
+    ----------
+    kind : type
+        One of the classes of `graspbox.envs.settings`.
+    num_envs : int
+        Number of environments.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to draw from.
+    given : Mapping
+        Keywords of that kind; those that are missing have their defaults.
     """
 
-    def __init__(
-        self,
-        num_envs: int,
-        objects: ObjectsArgument,
-        *,
-        split: object_sets.Split | None,
-        obs: str | Sequence[str],
-        reward: Reward,
-        reward_weights: Mapping[str, float] | None,
-        image_size: int | tuple[int, int] | None,
-        cameras: CamerasConfig,
-        picture: PictureConfig,
-        control: Control | Literal["grasp_pose"],
-        randomization: Literal["standard"] | Randomization | None,
-        render_mode: RenderMode,
-        num_threads: int | None,
-        physics: PhysicsConfig,
-        hand: HandArgument,
-        autoreset: Literal["next_step", "same_step", "disabled"],
-        max_episode_steps: int | None,
-        frame_skip: int = 1,
-        trial: TrialConfig | None = None,
-        success: SuccessCriterion = SuccessCriterion(),  # noqa: B008 (frozen)
-    ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ConfigError(f"render_mode={render_mode!r} is not available; use None or 'rgb_array'")
-        cameras = completed(cameras, spaces.image_names(obs), image_size)
-        self.object_set = object_sets.load(objects, split=split)
+    def __init__(self, kind: type, num_envs: int, objects: ObjectsArgument, given: Mapping[str, Any]) -> None:
+        self._made_of = (kind, num_envs, objects, dict(given))
+        settings = complete(kind, given)
+        self.render_mode = settings["render_mode"]
+        if self.render_mode not in (None, "rgb_array"):
+            raise ConfigError(f"render_mode={self.render_mode!r} is not available; use None or 'rgb_array'")
+        if settings["info"] not in ("full", "numeric"):
+            raise ConfigError(f"info is {settings['info']!r}; choose from 'full', 'numeric'")
+        self._numeric = settings["info"] == "numeric"
+        obs = settings["obs"]
+        cameras = completed(settings["cameras"], spaces.image_names(obs), settings["image_size"])
+        self.object_set = object_sets.load(objects, split=settings["split"])
         # Kept, so that environments made later find it.
-        self.handle, self.hand = load_objects(self.object_set, hand, physics)
+        self.handle, self.hand = load_objects(self.object_set, settings["hand"], settings["physics"])
         self.tables = spaces.tables(self.hand)
-        if trial is None and control not in self.tables["actions"]:
+        # A decision has a trial instead of a control mode.
+        self._decides = "trial" in settings
+        control = "grasp_pose" if self._decides else settings["control"]
+        if not self._decides and control not in self.tables["actions"]:
             raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(self.tables['actions'])}")
+        self.control, self.frame_skip = control, settings.get("frame_skip", 1)
         self.action_space = spaces.action_space(control, self.tables)
         self.action_size = spaces.size(spaces.columns_of(control, self.tables)[0])
         seen = spaces.images(self.hand, cameras)
@@ -136,25 +144,100 @@ class GraspCore:
         # A space sorts its names.
         self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
         names = (self.obs,) if isinstance(self.obs, str) else self.obs
-        self.weights = term_weights(reward, reward_weights, self.tables, DECISION_WEIGHTS if trial else WEIGHTS)
-        config = AgentConfig(
+        known = DECISION_WEIGHTS if self._decides else WEIGHTS
+        self.weights = term_weights(settings["reward"], settings["reward_weights"], self.tables, known)
+        trial = settings.get("trial", TrialConfig())
+        success = settings["success"] or trial.success
+        self.autoreset_mode = checked_autoreset(settings.get("autoreset_mode", AutoresetMode.DISABLED))
+        self.config = AgentConfig(
             control=control,
-            autoreset=autoreset,
-            frame_skip=frame_skip,
-            max_episode_steps=max_episode_steps,
+            autoreset=_AUTORESET[self.autoreset_mode],
+            frame_skip=self.frame_skip,
+            max_episode_steps=settings.get("max_episode_steps"),
             observations=tuple(name for name in names if name not in cameras.images),
-            randomization=_randomization(randomization),
+            randomization=_randomization(settings["randomization"]),
             cameras=cameras,
-            success=trial.success if trial else success,
-            trial=trial or TrialConfig(),
+            success=success,
+            trial=replace(trial, success=success),
         )
-        self.config = config
-        self.pool = _core.EnvPool(self.handle, to_json(config), num_envs, num_threads)
-        self._picture = to_json(picture)
+        threads = settings["num_threads"]
+        self._pool: _core.EnvPool | None = _core.EnvPool(self.handle, to_json(self.config), num_envs, threads)
+        self._process = os.getpid()
+        self.begun = np.zeros(num_envs, dtype=np.bool_)
+        self._picture = to_json(settings["picture"])
         self._terms = [term["name"] for term in self.tables["terms"]]
         self._entries = spaces.entries(control, self.tables)
         names_of = {"failures": self.tables["failures"], "objects": self.handle.names}
         self._names = {kind: np.array(found, dtype=object) for kind, found in names_of.items()}
+
+    def __getstate__(self) -> dict[str, Any]:
+        states = [self.pool.get_state(env) if begun else None for env, begun in enumerate(self.begun)]
+        return {"made_of": self._made_of, "states": states}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(*saved["made_of"])  # type: ignore[misc]
+        for env, state in enumerate(saved["states"]):
+            if state is not None:
+                self.restore(env, state)
+
+    @property
+    def pool(self) -> "_core.EnvPool":
+        """The pool, in the process that made it and until it is closed."""
+        if self._pool is None:
+            raise gymnasium.error.ClosedEnvironmentError("this environment is closed; make another one")
+        if os.getpid() != self._process:
+            raise ConfigError(
+                f"this environment was made in process {self._process}, whose threads a forked process ({os.getpid()}) "
+                "does not have; make it in the process that steps it, or send it there by pickle"
+            )
+        return self._pool
+
+    @property
+    def fps(self) -> int:
+        """Frames per second of a video: one frame per step, of a decision one per second."""
+        return 1 if self._decides else max(1, round(FPS / self.frame_skip))
+
+    @property
+    def idle_action(self) -> NDArray[np.float32]:
+        """The action that moves nothing, and keeps the fingers' preshape at its lower limit; of motions alone."""
+        action = np.zeros(self.action_size, dtype=np.float32)
+        action[-1] = -1.0
+        return action
+
+    def close(self) -> None:
+        """Give the memory of the environments back; a second time does nothing."""
+        self._pool = None
+
+    def reset(
+        self,
+        seeds: Sequence[int | None] | None,
+        mask: NDArray[np.bool_] | None,
+        options: Sequence[Mapping[str, Any] | None],
+        out: dict[str, Any] | None = None,
+    ) -> "_core.EnvArrays":
+        """Begin episodes where the mask says so; `options` are for all, or one for each environment."""
+        texts = [options_json(one) or "{}" for one in options]
+        arrays = self.pool.reset(seeds, mask, texts, out)
+        self.begun |= True if mask is None else mask
+        return arrays
+
+    def step(
+        self, actions: Any, out: dict[str, Any] | None = None
+    ) -> tuple["_core.EnvArrays", "_core.EnvArrays | None"]:
+        """Act in all environments: what they show, and the ends of episodes that began anew in the same step."""
+        pool = self.pool
+        self._check_begun("step")
+        return pool.step(self.action(actions, len(self.begun)), out)
+
+    def _check_begun(self, method: str) -> None:
+        if not self.begun.all():
+            raise gymnasium.error.ResetNeeded(f"call reset before {method}")
+
+    def restore(self, env: int, state: bytes) -> "_core.EnvArrays":
+        """Take up a state."""
+        arrays = self.pool.set_state(env, state)
+        self.begun[env] = True
+        return arrays
 
     def observations(self, arrays: "_core.EnvArrays") -> Any:
         """Pick the observations of all rows: an array, or a dictionary of arrays."""
@@ -168,9 +251,13 @@ class GraspCore:
         observation = {name: rows[0] for name, rows in found.items()} if isinstance(found, dict) else found[0]
         return observation, row(self.columns(arrays), 0)
 
-    def pictures(self) -> NDArray[np.uint8]:
-        """Take a picture of every environment, (num_envs, H, W, 3)."""
-        return _core.pictures(self.pool, range(self.pool.num_envs), self._picture)
+    def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8] | None:
+        """Take pictures of some environments, (n, H, W, 3); None without a render mode."""
+        pool = self.pool
+        if self.render_mode is None:
+            return None
+        self._check_begun("render")
+        return _core.pictures(pool, envs, self._picture)
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
@@ -186,6 +273,9 @@ class GraspCore:
         if arrays["reset"].any():
             # Where an episode ended and the next began in one step, the terms are those of the end.
             terms[:, arrays["reset"]] = 0.0
+        if self._numeric:
+            numbers: dict[str, Any] = {entry["name"]: arrays["info"][entry["name"]] for entry in self._entries}
+            return {**numbers, **{f"reward_{name}": values for name, values in zip(self._terms, terms, strict=True)}}
         info = {entry["name"]: self._entry(entry, arrays["info"][entry["name"]]) for entry in self._entries}
         return {**info, "reward_terms": dict(zip(self._terms, terms, strict=True))}
 

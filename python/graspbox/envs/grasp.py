@@ -193,206 +193,79 @@ Version history
 v0: first version.
 """  # noqa: E501 (the table of images)
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+import itertools
+from typing import Unpack
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox import object_sets
-from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization
-from graspbox.envs.core import (
-    FPS,
-    Control,
-    GraspCore,
-    HandArgument,
-    ObjectsArgument,
-    RenderMode,
-    Reward,
-    checked_seed,
-    fresh_seed,
-    options_json,
-)
+from graspbox.envs.core import FPS, GraspCore
+from graspbox.envs.settings import OBJECTS, GraspSettings, ObjectsArgument, signed
+from graspbox.envs.single import SingleEnv
+from graspbox.errors import ConfigError
+
+__all__ = ["GraspEnv"]
+
+#: Keys of `GraspEnv.get_keys_to_action`: the entries of a motion in the hand's axes, and the direction.
+_MOTION_KEYS = {
+    "d": (0, 1.0), "a": (0, -1.0), "w": (1, 1.0), "s": (1, -1.0), "e": (2, 1.0), "q": (2, -1.0),
+    "i": (3, 1.0), "k": (3, -1.0), "u": (4, 1.0), "o": (4, -1.0), "j": (5, 1.0), "l": (5, -1.0),
+}  # fmt: skip
+#: Keys that close and open all fingers.
+_FINGER_KEYS = {" ": 1.0, "x": -1.0}
 
 
-class GraspEnv(gymnasium.Env[Any, NDArray[np.float32]]):
-    """One environment: see the module for what it takes and gives.
+# The section Parameters is written by scripts/generate_docs.py.
+class GraspEnv(SingleEnv):
+    """One environment: see the module for its tables, and `graspbox.envs.single.SingleEnv` for its methods.
 
     Parameters
     ----------
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to draw from: see `graspbox.object_sets`.
-    split : {"train", "validation", "test"}, optional
-        Draw from this split only.
-    obs : str or sequence of str
-        What is observed: a name, or names, which give a ``Dict``.
-    reward : {"sparse", "dense"}
-        What is rewarded.
-    reward_weights : mapping of str to float, optional
-        Weights of reward terms, instead of those of the same name in `reward`.
-    image_size : int or pair of int, optional
-        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
-    control : {"twist", "delta_pose", "target_pose"}
-        What an action means.
-    frame_skip : int
-        Control periods of 0.05 s that a step lasts: its action holds for all of them, and its reward terms are their
-        sums. Slower control is easier to explore.
-    randomization : "standard" or Randomization, optional
-        What varies beside object and start; by default nothing.
-    render_mode : "rgb_array", optional
-        Whether `render` gives pictures.
-    num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
-    physics : PhysicsConfig
-        The engine; its time step must divide 0.05 s.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    cameras : CamerasConfig
-        Cameras, shadows, voxels; `obs` names the images.
-    picture : PictureConfig
-        Size, smoothness and camera of the pictures that `render` gives.
 
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError, HandError
-        If an argument is out of place; objects are read when they are drawn first.
+        For a wrong argument; objects are read when they are first drawn.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": FPS}  # noqa: RUF012 (as Gymnasium declares it)
 
-    def __init__(
-        self,
-        objects: ObjectsArgument = "procedural",
-        *,
-        split: object_sets.Split | None = None,
-        obs: str | Sequence[str] = "state",
-        reward: Reward = "sparse",
-        reward_weights: Mapping[str, float] | None = None,
-        image_size: int | tuple[int, int] | None = None,
-        control: Control = "twist",
-        frame_skip: int = 1,
-        randomization: Literal["standard"] | Randomization | None = None,
-        render_mode: RenderMode = None,
-        num_threads: int | None = None,
-        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
-        hand: HandArgument = "reflex",
-        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
-        picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
-    ) -> None:
-        core = GraspCore(
-            1,
-            objects,
-            split=split,
-            obs=obs,
-            reward=reward,
-            reward_weights=reward_weights,
-            image_size=image_size,
-            cameras=cameras,
-            picture=picture,
-            control=control,
-            frame_skip=frame_skip,
-            randomization=randomization,
-            render_mode=render_mode,
-            num_threads=num_threads,
-            physics=physics,
-            hand=hand,
-            autoreset="disabled",
-            max_episode_steps=None,
-        )
-        self._take(core, render_mode)
-        self.metadata = {**self.metadata, "render_fps": FPS / frame_skip}
+    @signed(GraspSettings)
+    def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[GraspSettings]) -> None:
+        super().__init__(GraspCore(GraspSettings, 1, objects, settings))
 
-    def _take(self, core: GraspCore, render_mode: RenderMode) -> None:
-        """Become the environment of a pool of one."""
-        self._core = core
-        self.objects = core.object_set
-        self.render_mode = render_mode
-        self.observation_space = core.observation_space
-        self.action_space = core.action_space
-        self._begun = False
+    @property
+    def idle_action(self) -> NDArray[np.float32]:
+        """The action of ``twist`` or ``delta_pose`` that moves nothing: the ``noop`` of `gymnasium.utils.play.play`."""
+        if self._core.control == "target_pose":
+            raise ConfigError("every action of control='target_pose' names a pose; use 'twist' or 'delta_pose'")
+        return self._core.idle_action
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode.
+    def get_keys_to_action(self) -> dict[str, NDArray[np.float32]]:
+        """Map keys to actions for `gymnasium.utils.play.play`, in the hand's axes (its z points out of the palm).
 
-        Parameters
-        ----------
-        seed : int, optional
-            Begins the environment's random stream anew; without it the stream goes on (the first time: from a random
-            seed, which ``np_random_seed`` tells).
-        options : dict, optional
-            What of the start is given instead of drawn: see the module.
+        | keys | motion |
+        |---|---|
+        | d, a; w, s; e, q | along +x, -x; +y, -y; +z, -z |
+        | i, k; u, o; j, l | about +x, -x; +y, -y; +z, -z |
+        | space; x | close all fingers; open them |
+
+        A key of a motion can be pressed together with one of the fingers.
 
         Raises
         ------
         ConfigError
-            If a seed or an option cannot be; then the episode goes on as if nothing had been asked.
-        MeshError, FileError, SimulationError
-            If the object cannot be read or simulated.
+            In the control mode ``target_pose``, whose actions are no motions.
         """
-        if seed is None and not self._begun:
-            seed = fresh_seed()
-        seed = None if seed is None else checked_seed(seed)
-        arrays = self._core.pool.reset(None if seed is None else [seed], None, options_json(options))
-        super().reset(seed=seed)
-        self._begun = True
-        return self._core.first(arrays)
-
-    def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Act for one step: ``frame_skip`` control periods of 0.05 s, or one decision.
-
-        Parameters
-        ----------
-        action : (n,) array
-            As the table says; numbers beyond [-1, 1] are clipped.
-
-        Raises
-        ------
-        ConfigError
-            If the action has another size or holds numbers that are not finite, or the episode is over.
-        """
-        if not self._begun:
-            raise gymnasium.error.ResetNeeded("call reset before step")
-        arrays, _ = self._core.pool.step(self._core.action(action, 1))
-        observation, info = self._core.first(arrays)
-        return observation, float(self._core.rewards(arrays)[0]), bool(arrays["terminated"][0]), False, info
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """Take a picture, (H, W, 3), with ``render_mode="rgb_array"``; nothing without."""
-        if self.render_mode is None:
-            return None
-        if not self._begun:
-            raise gymnasium.error.ResetNeeded("call reset before render")
-        frame: NDArray[np.uint8] = self._core.pictures()[0]
-        return frame
-
-    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Intrinsics (3, 3) and ``world_from_camera`` (4, 4) of every camera as it stands, by name."""
-        return {name: (intrinsics, poses[0]) for name, (intrinsics, poses) in self._core.cameras().items()}
-
-    def get_state(self) -> bytes:
-        """Everything that the future of the environment depends on, its random stream included."""
-        return self._core.pool.get_state(0)
-
-    def set_state(self, state: bytes) -> tuple[Any, dict[str, Any]]:
-        """Take up a state that `get_state` gave: from there the same actions lead to the same bits.
-
-        Returns
-        -------
-        observation, info
-            As they were then.
-
-        Raises
-        ------
-        ConfigError
-            If the state is damaged, of another version, or of other objects, cameras, another hand, control mode or
-            frame_skip.
-        SimulationError
-            If the object of that name has another shape here, or the physics differ.
-        """
-        arrays = self._core.pool.set_state(0, state)
-        if not self._begun:
-            # The stream is that of the state, whose seed is not known.
-            self._np_random_seed = -1
-        self._begun = True
-        return self._core.first(arrays)
+        idle = self.idle_action
+        actions = {}
+        for motion, finger in itertools.product(["", *_MOTION_KEYS], ["", *_FINGER_KEYS]):
+            action = idle.copy()
+            if motion:
+                index, direction = _MOTION_KEYS[motion]
+                action[index] = direction
+            if finger:
+                action[6:-1] = _FINGER_KEYS[finger]
+            if motion or finger:
+                actions[motion + finger] = action
+        return actions

@@ -120,175 +120,64 @@ Version history
 v0: first version.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Unpack
 
-from gymnasium.vector import AutoresetMode
-
-from graspbox import object_sets
-from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, TrialConfig
-from graspbox.envs.core import GraspCore, HandArgument, ObjectsArgument, RenderMode, Reward
-from graspbox.envs.grasp import GraspEnv
-from graspbox.envs.vector import AUTORESET, GraspVectorEnv, autoreset
+from graspbox.envs.core import GraspCore
+from graspbox.envs.settings import (
+    NUM_ENVS,
+    OBJECTS,
+    GraspPoseSettings,
+    GraspPoseVectorSettings,
+    ObjectsArgument,
+    signed,
+)
+from graspbox.envs.single import SingleEnv
+from graspbox.envs.vector import NativeVectorEnv
 
 __all__ = ["GraspPoseEnv", "GraspPoseVectorEnv"]
 
-#: Frames of a video: one an episode.
-_FPS = 1
 
-
-class GraspPoseEnv(GraspEnv):
-    """One decision an episode: see the module for the tables of action and observation.
-
-    What `GraspEnv` has beside its keywords it has too: `reset`, `step`, `render`, `cameras`, `get_state`, `set_state`.
+# The sections Parameters are written by scripts/generate_docs.py.
+class GraspPoseEnv(SingleEnv):
+    """One decision per episode: see the module for its tables, and `graspbox.envs.single.SingleEnv` for its methods.
 
     Parameters
     ----------
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to draw from: see `graspbox.object_sets`.
-    split : {"train", "validation", "test"}, optional
-        Draw from this split only.
-    obs : str or sequence of str
-        What is observed: a name, or names, which give a ``Dict``.
-    reward : {"sparse", "dense"}
-        What is rewarded.
-    reward_weights : mapping of str to float, optional
-        Weights of reward terms, instead of those of the same name in `reward`.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    trial : TrialConfig
-        The trial.
-    physics : PhysicsConfig
-        The engine.
-    randomization : "standard" or Randomization, optional
-        What varies beside object and place; by default nothing.
-    num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
-    render_mode : "rgb_array", optional
-        Whether `render` gives pictures: of the object, and after a step of what the attempt left.
-    image_size : int or pair of int, optional
-        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
-    cameras : CamerasConfig
-        Cameras, shadows, voxels; `obs` names the images.
-    picture : PictureConfig
-        Size, smoothness and camera of the pictures that `render` gives.
 
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError, HandError
-        If an argument is out of place; objects are read when they are drawn first.
+        For a wrong argument; objects are read when they are first drawn.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": _FPS}  # noqa: RUF012 (as Gymnasium declares it)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
 
-    def __init__(
-        self,
-        objects: ObjectsArgument = "procedural",
-        *,
-        split: object_sets.Split | None = None,
-        obs: str | Sequence[str] = "state",
-        reward: Reward = "sparse",
-        reward_weights: Mapping[str, float] | None = None,
-        hand: HandArgument = "reflex",
-        trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
-        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
-        randomization: Literal["standard"] | Randomization | None = None,
-        num_threads: int | None = None,
-        render_mode: RenderMode = None,
-        image_size: int | tuple[int, int] | None = None,
-        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
-        picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
-    ) -> None:
-        core = GraspCore(
-            1,
-            objects,
-            split=split,
-            obs=obs,
-            reward=reward,
-            reward_weights=reward_weights,
-            image_size=image_size,
-            cameras=cameras,
-            picture=picture,
-            control="grasp_pose",
-            randomization=randomization,
-            render_mode=render_mode,
-            num_threads=num_threads,
-            physics=physics,
-            hand=hand,
-            autoreset="disabled",
-            max_episode_steps=None,
-            trial=trial,
-        )
-        self._take(core, render_mode)
+    @signed(GraspPoseSettings)
+    def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[GraspPoseSettings]) -> None:
+        super().__init__(GraspCore(GraspPoseSettings, 1, objects, settings))
 
 
-class GraspPoseVectorEnv(GraspVectorEnv):
+class GraspPoseVectorEnv(NativeVectorEnv):
     """Decisions side by side, their trials in one call: ``gymnasium.make_vec("graspbox/GraspPose-v0", num_envs=64)``.
 
-    Every environment is the single one, bit for bit. What `GraspVectorEnv` has beside its keywords it has too.
+    Every environment is the single one, bit for bit. Its methods are those of `graspbox.envs.vector.NativeVectorEnv`.
+    With ``max_episode_steps=1``, as registered, the step that ends an episode also truncates it, as under
+    ``gymnasium.make``.
 
     Parameters
     ----------
-    num_envs : int
-        How many.
-    autoreset_mode : AutoresetMode or its value
-        When a finished environment begins again.
-    max_episode_steps : int, optional
-        With 1, episodes are truncated by the step that ends them, as ``gymnasium.make`` has it.
-    copy : bool
-        Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
-    objects, split, obs, reward, reward_weights, hand, trial, physics, randomization, num_threads, render_mode
-        As `GraspPoseEnv`.
-    image_size, cameras, picture
-        As `GraspPoseEnv`.
 
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError, HandError
-        If an argument is out of place.
+        For a wrong argument; objects are read when they are first drawn.
     """
 
+    @signed(GraspPoseVectorSettings)
     def __init__(
         self,
-        num_envs: int = 1,
-        objects: ObjectsArgument = "procedural",
-        *,
-        split: object_sets.Split | None = None,
-        obs: str | Sequence[str] = "state",
-        reward: Reward = "sparse",
-        reward_weights: Mapping[str, float] | None = None,
-        hand: HandArgument = "reflex",
-        trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
-        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
-        randomization: Literal["standard"] | Randomization | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        max_episode_steps: int | None = None,
-        copy: bool = True,
-        num_threads: int | None = None,
-        render_mode: RenderMode = None,
-        image_size: int | tuple[int, int] | None = None,
-        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
-        picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
+        num_envs: int = NUM_ENVS.default,
+        objects: ObjectsArgument = OBJECTS.default,
+        **settings: Unpack[GraspPoseVectorSettings],
     ) -> None:
-        mode = autoreset(autoreset_mode)
-        core = GraspCore(
-            num_envs,
-            objects,
-            split=split,
-            obs=obs,
-            reward=reward,
-            reward_weights=reward_weights,
-            image_size=image_size,
-            cameras=cameras,
-            picture=picture,
-            control="grasp_pose",
-            randomization=randomization,
-            render_mode=render_mode,
-            num_threads=num_threads,
-            physics=physics,
-            hand=hand,
-            autoreset=AUTORESET[mode],
-            max_episode_steps=max_episode_steps,
-            trial=trial,
-        )
-        self._take(core, num_envs, mode, render_mode, copy, _FPS)
+        super().__init__(GraspCore(GraspPoseVectorSettings, num_envs, objects, settings), settings.get("copy", True))

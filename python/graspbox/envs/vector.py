@@ -4,135 +4,66 @@ Every environment is the single one of `graspbox.envs.grasp`, bit for bit, infos
 worlds are stepped by one call into Rust, on as many threads as there are, while other Python threads run.
 
 Three modes of autoreset, as Gymnasium defines them: ``NEXT_STEP`` (the step after the last one begins the next episode
-and ignores its action), ``SAME_STEP`` (the next episode begins at once; ``final_obs`` and ``final_info`` tell of the
-last one), ``DISABLED`` (``reset(options={"reset_mask": done})`` begins the next episodes).
+and ignores its action), ``SAME_STEP`` (the next episode begins at once; ``final_obs`` and ``final_info`` hold the end
+of the last one), ``DISABLED`` (``reset(options={"reset_mask": done})`` begins the next episodes).
+
+A reset takes the options of the single environment for all, and ``each`` for options that differ:
+``reset(options={"friction": 0.8, "each": [{"object": "mug-000000"}, None, {"resting": 1}]})``.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Unpack
 
-import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space, create_empty_array
 from numpy.typing import NDArray
 
-from graspbox import _core, object_sets
-from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization
-from graspbox.envs.core import (
-    FPS,
-    Control,
-    GraspCore,
-    HandArgument,
-    ObjectsArgument,
-    RenderMode,
-    Reward,
-    checked_seed,
-    fresh_seed,
-    options_json,
-)
+from graspbox import _core
+from graspbox.envs.core import GraspCore, checked_seed, fresh_seed
+from graspbox.envs.env_view import EnvView
+from graspbox.envs.infos import full, mask_of, scattered, taken
+from graspbox.envs.settings import NUM_ENVS, OBJECTS, GraspVectorSettings, ObjectsArgument, signed
 from graspbox.errors import ConfigError
 
-__all__ = ["GraspVectorEnv"]
-
-AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
-    AutoresetMode.NEXT_STEP: "next_step",
-    AutoresetMode.SAME_STEP: "same_step",
-    AutoresetMode.DISABLED: "disabled",
-}
+__all__ = ["GraspVectorEnv", "NativeVectorEnv"]
 
 Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
-    """Environments side by side; parameters that are not named here are those of `graspbox.envs.grasp.GraspEnv`.
+class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
+    """A pool of environments, with Gymnasium's interface of vector environments.
+
+    It can be pickled and copied (by `pickle`, `cloudpickle`, `copy.deepcopy`), as the single one, unless environments
+    are on their way between `send` and `recv`.
 
     Parameters
     ----------
-    num_envs : int
-        How many.
-    autoreset_mode : AutoresetMode or its value
-        When a finished environment begins again.
-    max_episode_steps : int, optional
-        Episodes are truncated after so many steps.
+    core : GraspCore
+        The pool.
     copy : bool
-        Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
-
-    Raises
-    ------
-    ConfigError, ObjectSetError, MissingExtraError, HandError
-        If an argument is out of place.
+        Whether observations are fresh arrays.
     """
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        objects: ObjectsArgument = "procedural",
-        *,
-        split: object_sets.Split | None = None,
-        obs: str | Sequence[str] = "state",
-        reward: Reward = "sparse",
-        reward_weights: Mapping[str, float] | None = None,
-        image_size: int | tuple[int, int] | None = None,
-        control: Control = "twist",
-        frame_skip: int = 1,
-        randomization: Literal["standard"] | Randomization | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        max_episode_steps: int | None = None,
-        render_mode: RenderMode = None,
-        copy: bool = True,
-        num_threads: int | None = None,
-        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
-        hand: HandArgument = "reflex",
-        cameras: CamerasConfig = CamerasConfig(),  # noqa: B008 (frozen)
-        picture: PictureConfig = PictureConfig(),  # noqa: B008 (frozen)
-    ) -> None:
-        mode = autoreset(autoreset_mode)
-        core = GraspCore(
-            num_envs,
-            objects,
-            split=split,
-            obs=obs,
-            reward=reward,
-            reward_weights=reward_weights,
-            image_size=image_size,
-            cameras=cameras,
-            picture=picture,
-            control=control,
-            frame_skip=frame_skip,
-            randomization=randomization,
-            render_mode=render_mode,
-            num_threads=num_threads,
-            physics=physics,
-            hand=hand,
-            autoreset=AUTORESET[mode],
-            max_episode_steps=max_episode_steps,
-        )
-        self._take(core, num_envs, mode, render_mode, copy, FPS / frame_skip)
-
-    def _take(
-        self,
-        core: GraspCore,
-        num_envs: int,
-        mode: AutoresetMode,
-        render_mode: RenderMode,
-        copy: bool,
-        fps: float,
-    ) -> None:
-        """Become the environment of a pool."""
+    def __init__(self, core: GraspCore, copy: bool) -> None:
         super().__init__()
         self._core = core
-        self.autoreset_mode = mode
-        self.num_envs = num_envs
+        self.autoreset_mode = core.autoreset_mode
+        self.num_envs = core.pool.num_envs
         self.objects = core.object_set
-        self.render_mode = render_mode
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps, "autoreset_mode": mode}
+        self.render_mode = core.render_mode
+        self.metadata = {
+            "render_modes": ["rgb_array"],
+            "render_fps": core.fps,
+            "autoreset_mode": core.autoreset_mode,
+        }
         self.single_observation_space = core.observation_space
         self.single_action_space = core.action_space
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.copy = copy
-        self._seeds: list[int | None] = [None] * num_envs
+        self._seeds: list[int | None] = [None] * self.num_envs
+        self._views: tuple[EnvView, ...] = ()
         self._out = None if copy else self._buffers()
 
     def _buffers(self) -> dict[str, Any]:
@@ -152,27 +83,30 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         Parameters
         ----------
         seed : int or sequence of int, optional
-            Seed of the first environment, the others' follow by ones; or one for each. Streams without one go on.
+            Seed of the first environment, the others' follow by ones; or one per environment, where None continues its
+            stream.
         options : dict, optional
-            Those of the single environment, for all; and ``reset_mask``, (num_envs,) bool: which environments begin an
-            episode. The others stay as they are; infos tell of the ones that begin.
+            Those of the single environment, for all; and ``each``, a sequence of ``num_envs`` such dictionaries or
+            None, whose entries replace them in one environment; and ``reset_mask``, (num_envs,) bool: which
+            environments begin an episode. The others stay as they are, and infos cover those that begin.
 
         Raises
         ------
         ConfigError, MeshError, FileError, SimulationError
-            As the single environment; other environments that were to begin may have begun.
+            As the single environment; other environments may have begun their episodes already.
         """
         given = dict(options or {})
         mask = _reset_mask(given.pop("reset_mask", None), self.num_envs)
+        each = _options_of_each(given.pop("each", None), given, self.num_envs)
         seeds = self._seeds_for(seed, mask)
-        arrays = self._core.pool.reset(seeds, mask, options_json(given), self._out)
+        arrays = self._core.reset(seeds, mask, each, self._out)
         self._seeds = [old if new is None else new for old, new in zip(self._seeds, seeds, strict=True)]
         columns = self._core.columns(arrays)
         observations = self._core.observations(arrays)
         if mask is None:
-            return observations, _full(columns, self.num_envs)
+            return observations, full(columns, self.num_envs)
         begun = np.flatnonzero(mask)
-        return observations, _scattered(_rows(columns, begun), begun, self.num_envs)
+        return observations, scattered(taken(columns, begun), begun, self.num_envs)
 
     def step(self, actions: NDArray[np.float32]) -> Step:
         """Act in every environment for one step, as the single environment does.
@@ -192,25 +126,91 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         ConfigError
             As the single environment; then nothing has moved.
         """
-        if None in self._seeds:
-            raise gymnasium.error.ResetNeeded("call reset before step")
-        now, last = self._core.pool.step(self._core.action(actions, self.num_envs), self._out)
+        now, last = self._core.step(actions, self._out)
         return self._results(now, last, self.num_envs)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Take a picture of every environment, (H, W, 3) each, with ``render_mode="rgb_array"``; nothing without."""
-        if self.render_mode is None:
-            return None
-        if None in self._seeds:
-            raise gymnasium.error.ResetNeeded("call reset before render")
-        return tuple(self._core.pictures())
+        pictures = self._core.pictures(range(self.num_envs))
+        return None if pictures is None else tuple(pictures)
+
+    def picture(self, env: int) -> NDArray[np.uint8] | None:
+        """Take a picture of one environment, as `render` does of all."""
+        pictures = self._core.pictures([env])
+        return None if pictures is None else pictures[0]
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Give the memory back; after that only another close is allowed."""
+        # A constructor that failed has no core.
+        if hasattr(self, "_core"):
+            self._core.close()
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Call a method of every environment, or read an attribute, as `get_attr` does.
+
+        Parameters
+        ----------
+        name : str
+            Of the single environment: ``get_state``, ``set_state``, ``cameras``, ``render``, or an attribute.
+        *args, **kwargs
+            Arguments of the method, the same for all environments.
+
+        Raises
+        ------
+        AttributeError
+            If an environment has no attribute of this name.
+        """
+        found = [getattr(env, name) for env in self.envs]
+        return tuple(one(*args, **kwargs) if callable(one) else one for one in found)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Read an attribute of every environment: of the single environment's, or one that `set_attr` added.
+
+        Raises
+        ------
+        AttributeError
+            If an environment has no attribute of this name.
+        """
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of every environment, to be read by `get_attr`.
+
+        Parameters
+        ----------
+        name : str
+            Any but those that all environments share, such as ``objects`` or ``render_mode``.
+        values : list, tuple or object
+            A value per environment, or one for all.
+
+        Raises
+        ------
+        ConfigError
+            For another number of values, or an attribute that cannot be set.
+        """
+        if not isinstance(values, list | tuple):
+            values = [values] * self.num_envs
+        if len(values) != self.num_envs:
+            raise ConfigError(f"there are {len(values)} values; give one for each of the {self.num_envs} environments")
+        for env, value in zip(self.envs, values, strict=True):
+            try:
+                setattr(env, name, value)
+            except AttributeError:
+                raise ConfigError(f"{name!r} is shared by all environments; give it to the constructor") from None
+
+    @property
+    def envs(self) -> tuple["EnvView", ...]:
+        """Every environment by itself, with the names of the single one."""
+        if not self._views:
+            self._views = tuple(EnvView(self, env) for env in range(self.num_envs))
+        return self._views
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera as it stands, by name."""
         return self._core.cameras()
 
     def send(self, actions: NDArray[np.float32], envs: Sequence[int] | NDArray[np.integer[Any]] | None = None) -> None:
-        """Let environments step while the caller does something else.
+        """Step environments in the background.
 
         Parameters
         ----------
@@ -250,15 +250,15 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         count = self.num_envs if count is None else count
         now, last = self._core.pool.recv(count)
         results = self._results(now, last, count)
-        results[-1].update(_full({"env_id": now["env"]}, count))
+        results[-1].update(full({"env_id": now["env"]}, count))
         return results
 
     def get_state(self, env: int) -> bytes:
-        """Everything that the future of an environment depends on, its random stream included."""
+        """Return all that the future of an environment depends on, its random stream included."""
         return self._core.pool.get_state(env)
 
     def set_state(self, env: int, state: bytes) -> tuple[Any, dict[str, Any]]:
-        """Take up a state that `get_state` gave, of this or of a single environment.
+        """Restore a state that `get_state` of this or of a single environment returned.
 
         Returns
         -------
@@ -268,9 +268,9 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         Raises
         ------
         ConfigError, SimulationError
-            As `graspbox.envs.grasp.GraspEnv.set_state`.
+            As `graspbox.envs.single.SingleEnv.set_state`.
         """
-        arrays = self._core.pool.set_state(env, state)
+        arrays = self._core.restore(env, state)
         if self._seeds[env] is None:
             # The stream is that of the state, whose seed is not known.
             self._seeds[env] = -1
@@ -281,10 +281,10 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         given: list[int | None]
         if seed is None:
             given = [None] * self.num_envs
-        elif isinstance(seed, int | np.integer):
-            given = [int(seed) + i for i in range(self.num_envs)]
-        else:
+        elif isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
             given = list(seed)
+        else:
+            given = [checked_seed(seed) + i for i in range(self.num_envs)]
         if len(given) != self.num_envs:
             raise ConfigError(f"there are {len(given)} seeds; give one for each of the {self.num_envs} environments")
         for env, (old, new) in enumerate(zip(self._seeds, given, strict=True)):
@@ -298,7 +298,7 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     def _results(self, now: "_core.EnvArrays", last: "_core.EnvArrays | None", count: int) -> Step:
         """Put together what a step of `count` environments returns."""
-        infos = _full(self._core.columns(now), count)
+        infos = full(self._core.columns(now), count)
         if last is not None:
             # `last` has a row for each environment whose episode ended in this step; `now` has them all.
             ended = np.flatnonzero(np.isin(now["env"], last["env"]))
@@ -319,21 +319,36 @@ class GraspVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
                 if isinstance(observations, dict)
                 else observations[source]
             )
-        info = _scattered(_rows(self._core.columns(last), order), ended, count)
+        info = scattered(taken(self._core.columns(last), order), ended, count)
         return {
             "final_obs": final_obs,
-            "_final_obs": _mask(ended, count),
+            "_final_obs": mask_of(ended, count),
             "final_info": info,
-            "_final_info": _mask(ended, count),
+            "_final_info": mask_of(ended, count),
         }
 
 
-def autoreset(given: AutoresetMode | str) -> AutoresetMode:
-    try:
-        return AutoresetMode(given)
-    except ValueError:
-        known = ", ".join(mode.value for mode in AutoresetMode)
-        raise ConfigError(f"there is no autoreset mode {given!r}; choose from {known}") from None
+# The section Parameters is written by scripts/generate_docs.py.
+class GraspVectorEnv(NativeVectorEnv):
+    """Environments of ``Grasp-v0`` side by side: see the module, and `NativeVectorEnv` for its methods.
+
+    Parameters
+    ----------
+
+    Raises
+    ------
+    ConfigError, ObjectSetError, MissingExtraError, HandError
+        For a wrong argument; objects are read when they are first drawn.
+    """
+
+    @signed(GraspVectorSettings)
+    def __init__(
+        self,
+        num_envs: int = NUM_ENVS.default,
+        objects: ObjectsArgument = OBJECTS.default,
+        **settings: Unpack[GraspVectorSettings],
+    ) -> None:
+        super().__init__(GraspCore(GraspVectorSettings, num_envs, objects, settings), settings.get("copy", True))
 
 
 def _reset_mask(given: Any, count: int) -> NDArray[np.bool_] | None:
@@ -346,35 +361,10 @@ def _reset_mask(given: Any, count: int) -> NDArray[np.bool_] | None:
     return np.ascontiguousarray(given)
 
 
-def _mask(rows: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
-    mask = np.zeros(count, dtype=np.bool_)
-    mask[rows] = True
-    return mask
-
-
-def _rows(columns: dict[str, Any], rows: NDArray[np.intp]) -> dict[str, Any]:
-    """Take some rows of all columns."""
-    return {name: _rows(v, rows) if isinstance(v, dict) else v[rows] for name, v in columns.items()}
-
-
-def _full(columns: dict[str, Any], count: int) -> dict[str, Any]:
-    """Give every column its mask: all rows have one."""
-    infos: dict[str, Any] = {}
-    every = np.ones(count, dtype=np.bool_)
-    for name, values in columns.items():
-        infos[name] = _full(values, count) if isinstance(values, dict) else values
-        infos[f"_{name}"] = every.copy()
-    return infos
-
-
-def _scattered(columns: dict[str, Any], rows: NDArray[np.intp], count: int) -> dict[str, Any]:
-    """Put columns of a few rows into columns of `count`, with their masks; elsewhere stands zero, or None."""
-    infos: dict[str, Any] = {}
-    for name, values in columns.items():
-        if isinstance(values, dict):
-            infos[name] = _scattered(values, rows, count)
-        else:
-            infos[name] = np.full(count, None if values.dtype == object else 0, dtype=values.dtype)
-            infos[name][rows] = values
-        infos[f"_{name}"] = _mask(rows, count)
-    return infos
+def _options_of_each(given: Any, shared: Mapping[str, Any], count: int) -> list[Mapping[str, Any]]:
+    """Options of a reset: those for all, or for each environment with its own ones added."""
+    if given is None:
+        return [shared]
+    if isinstance(given, Mapping | str) or not isinstance(given, Sequence) or len(given) != count:
+        raise ConfigError(f"options['each'] must be a sequence of {count} dictionaries or None")
+    return [{**shared, **(own or {})} for own in given]

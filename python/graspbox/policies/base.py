@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.envs import IDS
-from graspbox.envs.core import HandArgument
+from graspbox.envs.settings import HandArgument
 from graspbox.errors import ConfigError
 
 __all__ = ["Actions", "Policy", "Task"]

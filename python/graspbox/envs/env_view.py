@@ -1,0 +1,68 @@
+"""One environment of a vector environment, with the attributes and methods of the single one."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from graspbox.envs.vector import NativeVectorEnv
+
+__all__ = ["EnvView"]
+
+#: Attributes that all environments share, and where the vector environment has them.
+_SHARED = {
+    "objects": "objects",
+    "render_mode": "render_mode",
+    "spec": "spec",
+    "observation_space": "single_observation_space",
+    "action_space": "single_action_space",
+}
+
+
+class EnvView:
+    """What `NativeVectorEnv.call`, ``get_attr`` and ``set_attr`` see; any other attribute can be set.
+
+    Parameters
+    ----------
+    vector : NativeVectorEnv
+        Where it is.
+    index : int
+        Which one it is.
+    """
+
+    def __init__(self, vector: "NativeVectorEnv", index: int) -> None:
+        self._vector, self._index = vector, index
+
+    def __getattr__(self, name: str) -> Any:
+        # Called for what is found nowhere else; while a copy is made there is no vector environment yet.
+        if name in _SHARED and "_vector" in self.__dict__:
+            return getattr(self._vector, _SHARED[name])
+        raise AttributeError(f"an environment has no attribute {name!r} here")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _SHARED:
+            raise AttributeError(f"{name!r} is shared by all environments")
+        super().__setattr__(name, value)
+
+    @property
+    def np_random_seed(self) -> int | None:
+        """The seed that its random stream began with; None before its first reset, -1 where it is unknown."""
+        return self._vector.np_random_seed[self._index]
+
+    def get_state(self) -> bytes:
+        """Return all that its future depends on."""
+        return self._vector.get_state(self._index)
+
+    def set_state(self, state: bytes) -> tuple[Any, dict[str, Any]]:
+        """Restore a state; returns observation and info."""
+        return self._vector.set_state(self._index, state)
+
+    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Intrinsics (3, 3) and ``world_from_camera`` (4, 4) of every camera at present, by name."""
+        found = self._vector.cameras().items()
+        return {name: (intrinsics, poses[self._index]) for name, (intrinsics, poses) in found}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Take a picture, (H, W, 3); None without a render mode."""
+        return self._vector.picture(self._index)

@@ -1,0 +1,245 @@
+"""Keywords of the environments: one row each, with its type, default and meaning.
+
+Constructors take them as ``**settings: Unpack[...]``, so that type checkers know every keyword; `signed` gives the same
+list with its defaults to `inspect.signature` and ``help``, and ``scripts/generate_docs.py`` writes the docstrings from
+it.
+
+| class | environment |
+|---|---|
+| `GraspSettings` | `graspbox.envs.grasp.GraspEnv` |
+| `GraspPoseSettings` | `graspbox.envs.grasp_pose.GraspPoseEnv` |
+| `GraspVectorSettings` | `graspbox.envs.vector.GraspVectorEnv` |
+| `GraspPoseVectorSettings` | `graspbox.envs.grasp_pose.GraspPoseVectorEnv` |
+
+The rows of ``objects`` and ``num_envs``, which can be given by position too, are `OBJECTS` and `NUM_ENVS`.
+"""
+
+import difflib
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypedDict, TypeVar, cast, get_args, get_type_hints
+
+from gymnasium.vector import AutoresetMode
+
+from graspbox import object_sets
+from graspbox._core import Hand
+from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
+from graspbox.errors import ConfigError
+
+__all__ = [
+    "NUM_ENVS",
+    "OBJECTS",
+    "GraspPoseSettings",
+    "GraspPoseVectorSettings",
+    "GraspSettings",
+    "GraspVectorSettings",
+    "Keyword",
+    "complete",
+    "keywords",
+    "signed",
+]
+
+ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
+HandArgument = str | Hand | tuple[str, str]
+Control = Literal["twist", "delta_pose", "target_pose"]
+Reward = Literal["sparse", "dense"]
+Info = Literal["full", "numeric"]
+RenderMode = Literal["rgb_array"] | None
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """A keyword: its default, and its type and meaning as numpy docstrings write them."""
+
+    default: Any
+    type: str
+    meaning: str
+
+
+#: Can be given by position.
+OBJECTS = Keyword(
+    "procedural", "str, Path, ObjectSet or sequence of str", "Object sets to draw from: see `graspbox.object_sets`."
+)
+NUM_ENVS = Keyword(1, "int", "Number of environments.")
+
+
+class _Common(TypedDict, total=False):
+    """Keywords of all environments."""
+
+    split: Annotated[
+        object_sets.Split | None,
+        Keyword(None, '{"train", "validation", "test"}, optional', "Draw from this split only."),
+    ]
+    obs: Annotated[
+        str | Sequence[str],
+        Keyword("state", "str or sequence of str", "Observation: a name, or several names, which give a ``Dict``."),
+    ]
+    reward: Annotated[Reward, Keyword("sparse", '{"sparse", "dense"}', "Weights of the reward terms.")]
+    reward_weights: Annotated[
+        Mapping[str, float] | None,
+        Keyword(None, "mapping of str to float, optional", "Weights that replace those of the same name in `reward`."),
+    ]
+    success: Annotated[
+        SuccessCriterion | None,
+        Keyword(
+            None,
+            "SuccessCriterion, optional",
+            "What counts as success; by default ``SuccessCriterion()``, or that of `trial`.",
+        ),
+    ]
+    info: Annotated[
+        Info,
+        Keyword(
+            "full",
+            '{"full", "numeric"}',
+            "Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos "
+            'into tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), '
+            "``object`` an index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.",
+        ),
+    ]
+    image_size: Annotated[
+        int | tuple[int, int] | None,
+        Keyword(
+            None,
+            "int or pair of int, optional",
+            "Rows and columns of the images, 16 to 1024; by default those of `cameras`.",
+        ),
+    ]
+    randomization: Annotated[
+        Literal["standard"] | Randomization | None,
+        Keyword(
+            None, '"standard" or Randomization, optional', "What varies besides object and start; by default nothing."
+        ),
+    ]
+    render_mode: Annotated[RenderMode, Keyword(None, '"rgb_array", optional', "Whether `render` returns pictures.")]
+    num_threads: Annotated[
+        int | None,
+        Keyword(
+            None,
+            "int, optional",
+            "Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.",
+        ),
+    ]
+    physics: Annotated[
+        PhysicsConfig,
+        Keyword(PhysicsConfig(), "PhysicsConfig", "Settings of the engine; the time step must divide 0.05 s."),
+    ]
+    hand: Annotated[HandArgument, Keyword("reflex", "str, Hand or pair of paths", "See `graspbox.load_hand`.")]
+    cameras: Annotated[
+        CamerasConfig, Keyword(CamerasConfig(), "CamerasConfig", "Cameras, shadows, voxels; `obs` names the images.")
+    ]
+    picture: Annotated[
+        PictureConfig,
+        Keyword(PictureConfig(), "PictureConfig", "Size, samples per pixel and camera of the pictures of `render`."),
+    ]
+
+
+class _ClosedLoop(TypedDict, total=False):
+    """Keywords of ``Grasp-v0`` alone."""
+
+    control: Annotated[
+        Control, Keyword("twist", '{"twist", "delta_pose", "target_pose"}', "The control mode: what an action means.")
+    ]
+    frame_skip: Annotated[
+        int,
+        Keyword(
+            1,
+            "int",
+            "Control periods of 0.05 s per step: the action holds for all of them, and their reward terms are added. "
+            "Slower control is easier to explore.",
+        ),
+    ]
+
+
+class _Decision(TypedDict, total=False):
+    """Keywords of ``GraspPose-v0`` alone."""
+
+    trial: Annotated[TrialConfig, Keyword(TrialConfig(), "TrialConfig", "How the hand closes, lifts and holds.")]
+
+
+class _Vector(TypedDict, total=False):
+    """Keywords of vector environments alone."""
+
+    autoreset_mode: Annotated[
+        AutoresetMode | str,
+        Keyword(AutoresetMode.NEXT_STEP, "AutoresetMode or its value", "When a finished environment begins again."),
+    ]
+    max_episode_steps: Annotated[
+        int | None, Keyword(None, "int, optional", "Episodes are truncated after this number of steps.")
+    ]
+    copy: Annotated[
+        bool,
+        Keyword(
+            True,
+            "bool",
+            "Whether observations are fresh arrays; otherwise they are views into buffers that the next call "
+            "overwrites.",
+        ),
+    ]
+
+
+class GraspSettings(_Common, _ClosedLoop, total=False):
+    """Keywords of the single ``Grasp-v0``."""
+
+
+class GraspPoseSettings(_Common, _Decision, total=False):
+    """Keywords of the single ``GraspPose-v0``."""
+
+
+class GraspVectorSettings(_Common, _ClosedLoop, _Vector, total=False):
+    """Keywords of the native vector environment of ``Grasp-v0``."""
+
+
+class GraspPoseVectorSettings(_Common, _Decision, _Vector, total=False):
+    """Keywords of the native vector environment of ``GraspPose-v0``."""
+
+
+class Settings(_Common, _ClosedLoop, _Decision, _Vector, total=False):
+    """Keywords of any environment."""
+
+
+@cache
+def keywords(kind: type) -> Mapping[str, Keyword]:
+    """Rows of the keywords of one of the classes above, by name."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {name: get_args(hint)[-1] for name, hint in hints.items()}
+
+
+def complete(kind: type, given: Mapping[str, Any]) -> Settings:
+    """Add the defaults of what is not given.
+
+    Raises
+    ------
+    ConfigError
+        For a keyword that the environment does not have; the message names the nearest one.
+    """
+    rows = keywords(kind)
+    for name in given:
+        if name not in rows:
+            near = difflib.get_close_matches(name, rows, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(rows)}"
+            raise ConfigError(f"this environment has no keyword {name!r}; {hint}")
+    return cast(Settings, {**{name: row.default for name, row in rows.items()}, **given})
+
+
+_Init = TypeVar("_Init", bound=Callable[..., None])
+
+
+def signed(kind: type) -> Callable[[_Init], _Init]:
+    """Give a constructor that takes ``**settings`` the signature with every keyword and its default."""
+
+    def mark(init: _Init) -> _Init:
+        own = inspect.signature(init)
+        named = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        types = get_type_hints(kind)
+        rest = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=row.default, annotation=types[name])
+            for name, row in keywords(kind).items()
+        ]
+        init.__signature__ = own.replace(parameters=[*named, *rest])  # type: ignore[attr-defined]
+        return init
+
+    return mark

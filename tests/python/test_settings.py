@@ -1,0 +1,193 @@
+"""Keywords of the environments: known to type checkers, to `inspect` and to whoever misspells one."""
+
+import inspect
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import gymnasium
+import numpy as np
+import pytest
+from mypy import api as mypy
+
+from acting import OBJECTS, pressing
+from graspbox import errors
+from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.envs import settings
+from graspbox.envs.grasp import GraspEnv
+from graspbox.envs.grasp_pose import GraspPoseEnv, GraspPoseVectorEnv
+from graspbox.envs.vector import GraspVectorEnv
+
+KINDS = {
+    GraspEnv: settings.GraspSettings,
+    GraspPoseEnv: settings.GraspPoseSettings,
+    GraspVectorEnv: settings.GraspVectorSettings,
+    GraspPoseVectorEnv: settings.GraspPoseVectorSettings,
+}
+GRASP, POSE = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
+
+
+@pytest.mark.parametrize("env", KINDS, ids=lambda env: env.__name__)
+def test_signatures_name_every_keyword_with_its_default(env: Any) -> None:
+    found = inspect.signature(env).parameters
+    rows = settings.keywords(KINDS[env])
+    named = ["num_envs", "objects"] if "Vector" in env.__name__ else ["objects"]
+    assert list(found) == [*named, *rows]
+    assert all(found[name].default == row.default for name, row in rows.items())
+    hints = get_type_hints(KINDS[env])
+    assert all(found[name].annotation == hints[name] for name in rows)
+    assert found["objects"].default == "procedural"
+    assert ("control" in found, "trial" in found) == (("Pose" not in env.__name__), "Pose" in env.__name__)
+    assert found["physics"].default == PhysicsConfig()
+
+
+def test_defaults_are_those_that_environments_have() -> None:
+    """What is left out and what is given as the signature says it are the same environment."""
+    for env_id, kind in ((GRASP, settings.GraspSettings), (POSE, settings.GraspPoseSettings)):
+        given = {name: row.default for name, row in settings.keywords(kind).items()}
+        plain: Any = gymnasium.make(env_id).unwrapped
+        full: Any = gymnasium.make(env_id, **given).unwrapped
+        assert plain._core.config == full._core.config
+        assert plain.observation_space == full.observation_space
+        np.testing.assert_array_equal(plain.reset(seed=0)[0], full.reset(seed=0)[0])
+
+
+@pytest.mark.parametrize(
+    ("env_id", "vector", "wrong", "near"),
+    [
+        (GRASP, False, "rewards", "'reward'"),
+        (GRASP, True, "frameskip", "'frame_skip'"),
+        (GRASP, False, "trial", "choose from split, obs"),
+        (POSE, False, "control", "choose from split, obs"),
+        (POSE, True, "auto_reset_mode", "'autoreset_mode'"),
+        (POSE, False, "copy", "choose from"),
+    ],
+)
+def test_a_misspelt_keyword_names_the_nearest_one(env_id: str, vector: bool, wrong: str, near: str) -> None:
+    make: Any = gymnasium.make_vec if vector else gymnasium.make
+    with pytest.raises(errors.ConfigError, match=f"no keyword '{wrong}'; .*{near}"):
+        make(env_id, **{wrong: 1})
+
+
+def test_type_checkers_know_the_keywords(tmp_path: Path) -> None:
+    """Mypy finds a wrong value and a keyword of the other environment, and nothing else."""
+    (tmp_path / "use.py").write_text(
+        "from graspbox.configs import TrialConfig\n"
+        "from graspbox.envs.grasp import GraspEnv\n"
+        "from graspbox.envs.grasp_pose import GraspPoseVectorEnv\n"
+        "GraspEnv('ycb', control='twist', frame_skip=2)\n"
+        "GraspPoseVectorEnv(4, trial=TrialConfig(), copy=False)\n"
+        "GraspEnv(control='joint')\n"
+        "GraspEnv(trial=TrialConfig())\n"
+    )
+    root = Path(__file__).parents[2]
+    folders = ["--config-file", str(root / "pyproject.toml"), "--cache-dir", str(root / ".mypy_cache")]
+    out, _, _ = mypy.run([*folders, str(tmp_path / "use.py")])
+    lines = [line for line in out.splitlines() if "error:" in line]
+    assert len(lines) == 2, out
+    assert "use.py:6" in lines[0]
+    assert "control" in lines[0]
+    assert "use.py:7" in lines[1]
+    assert "trial" in lines[1]
+
+
+def test_a_trial_is_the_decisions_alone() -> None:
+    short = TrialConfig(hold_time=0.6)
+    env: Any = gymnasium.make(POSE, trial=short).unwrapped
+    assert env._core.config.trial == short
+
+
+def flat_numbers(info: dict[str, Any]) -> bool:
+    return all(isinstance(value, bool | int | float | np.bool_ | np.number) for value in info.values())
+
+
+@pytest.mark.parametrize("env_id", [GRASP, POSE])
+def test_numeric_infos_say_the_same_in_numbers(env_id: str) -> None:
+    """No string and no nested dictionary: what wrappers that make tensors can take."""
+    full: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense").unwrapped
+    numeric: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense", info="numeric").unwrapped
+    failures, seen = full._core.tables["failures"], set()
+    for seed in range(3):
+        pairs = [(full.reset(seed=seed)[1], numeric.reset(seed=seed)[1])]
+        for action in pressing(25, 1, seed=seed)[:, 0] if env_id == GRASP else [np.zeros(10, np.float32)]:
+            pairs.append((full.step(action)[4], numeric.step(action)[4]))
+        for one, other in pairs:
+            assert flat_numbers(other)
+            assert failures[other["failure"]] == one["failure"]
+            assert full.objects.names[other["object"]] == one["object"]
+            terms = {f"reward_{name}": value for name, value in one["reward_terms"].items()}
+            assert {name: other[name] for name in terms} == terms
+            rest = one.keys() - {"failure", "object", "reward_terms"}
+            assert {name: other[name] for name in rest} == {name: one[name] for name in rest}
+            assert set(other) == {*rest, *terms, "failure", "object"}
+            seen |= {one["failure"]}
+    assert len(seen) >= (2 if env_id == GRASP else 1)
+
+
+def test_numeric_infos_of_vectors_are_arrays_of_numbers() -> None:
+    env: Any = gymnasium.make_vec(
+        GRASP, num_envs=2, objects=OBJECTS, info="numeric", max_episode_steps=3, autoreset_mode="SameStep"
+    )
+    _, info = env.reset(seed=0)
+    infos = [info]
+    for action in pressing(3, 2):
+        infos.append(env.step(action)[4])
+    infos.append(infos[-1]["final_info"])
+    for info in infos:
+        for name, value in info.items():
+            if name not in ("final_obs", "final_info"):
+                assert value.dtype.kind in "bif", name
+    assert infos[-1]["reward_reach"].dtype == np.float64
+    with pytest.raises(errors.ConfigError, match="'full', 'numeric'"):
+        gymnasium.make(GRASP, info="flat")
+
+
+def test_specs_tell_limits_and_thresholds() -> None:
+    specs = {env_id: gymnasium.spec(env_id) for env_id in (GRASP, POSE)}
+    assert {env_id: spec.max_episode_steps for env_id, spec in specs.items()} == {GRASP: 200, POSE: 1}
+    assert all(spec.reward_threshold == 0.9 for spec in specs.values())
+
+
+def test_frames_per_second_are_an_integer() -> None:
+    """`gymnasium.utils.play` refuses anything else."""
+    rates = {}
+    for skip in (1, 3, 50):
+        for env in (gymnasium.make(GRASP, frame_skip=skip), gymnasium.make_vec(GRASP, num_envs=1, frame_skip=skip)):
+            assert type(env.metadata["render_fps"]) is int
+            rates[skip] = env.metadata["render_fps"]
+    assert rates == {1: 20, 3: 7, 50: 1}
+    assert gymnasium.make(POSE).metadata["render_fps"] == 1
+
+
+@pytest.mark.parametrize("control", ["twist", "delta_pose"])
+def test_keys_of_play_move_the_hand_as_they_say(control: str) -> None:
+    env: Any = gymnasium.make(GRASP, objects="procedural:can:0", control=control).unwrapped
+    keys = env.get_keys_to_action()
+    assert len(keys) == 12 + 2 + 24
+    # What `gymnasium.utils.play.play` asks of them.
+    assert all(isinstance(key, str) and action in env.action_space for key, action in keys.items())
+    assert env.idle_action in env.action_space
+    place, spool, speed = slice(0, 3), slice(18, 21), slice(9, 15)
+    state, _ = env.reset(seed=0)
+    for _ in range(3):
+        still = env.step(env.idle_action)[0]
+    np.testing.assert_allclose(still[place], state[place], atol=1e-6)
+    for index, (more, less) in enumerate(("da", "ws", "eq", "ik", "uo", "jl")):
+        for key, sign in ((more, 1.0), (less, -1.0)):
+            env.reset(seed=0)
+            for _ in range(2):
+                state = env.step(keys[key])[0]
+            # As shares of the limits: no other motion is as fast.
+            shares = state[speed] / [0.5, 0.5, 0.5, 2.0, 2.0, 2.0]
+            assert np.argmax(shares * sign) == index
+            assert shares[index] * sign > 0.2
+    env.reset(seed=0)
+    for _ in range(5):
+        state = env.step(keys["q "])[0]
+    assert (state[spool] > 0.3).all()
+
+
+def test_poses_have_no_keys() -> None:
+    env: Any = gymnasium.make(GRASP, control="target_pose").unwrapped
+    with pytest.raises(errors.ConfigError, match="names a pose"):
+        env.get_keys_to_action()
+    assert not hasattr(gymnasium.make(POSE).unwrapped, "get_keys_to_action")
