@@ -343,7 +343,7 @@ mod tests {
     use std::sync::mpsc::channel;
 
     /// A panic in a step that was sent off is an error of that environment alone, and a reset makes it usable again.
-    #[test]
+        let hand = Arc::new(Hand::reflex().unwrap().clone());
     fn a_panic_of_a_sent_environment_is_its_error() {
         let ball = Source::Procedural { name: "ball".into(), family: Family::Ball, seed: 0, scale: 1.0, mass: None };
         let hand = Arc::new(Hand::reflex().unwrap());
