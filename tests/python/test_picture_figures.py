@@ -221,7 +221,7 @@ def test_captions_count_and_name_outcomes(bottle: tuple[graspbox.Scene, graspbox
     example = GraspExample.run(scene, lost)
     assert example.outcomes is not None
     assert example.captions(20)[1:] == (
-        "0 of the best 1 pose succeed",
+        "the best pose fails",
         f"pose 1 (bold) simulated: {example.outcomes.failure[0]}",
     )
     assert replace(example, trial=None).captions(20)[2] == f"open hand at pose 1: {example.outcomes.failure[0]}"
