@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import graspbox
-from graspbox import errors, object_sets
+from graspbox import _core, errors, object_sets
 from graspbox.meshes import as_mesh
 
 CUBE = 0.1 * np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -34,13 +34,16 @@ def test_arrays_are_cleaned_like_files() -> None:
     assert cube.mass == pytest.approx(0.4)
     assert (cube.vertices == CUBE).all()
     assert (cube.faces == FACES).all()
+    # So far away that a millionth of the bounds, the weld distance, would be the size of the cube.
+    assert_same(graspbox.mesh_from_arrays(np.vstack([CUBE, [[1e5, 0.0, 0.0]]]), FACES), cube)
     stray = np.vstack([CUBE, [[5.0, 5.0, 5.0]]])
     assert_same(graspbox.mesh_from_arrays(stray, FACES), cube)
     assert_same(graspbox.mesh_from_arrays(CUBE, np.vstack([FACES, FACES])), cube)
     assert graspbox.mesh_from_arrays(CUBE, FACES[:, ::-1]).watertight
     soup = graspbox.mesh_from_arrays(CUBE[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))
     assert soup.watertight
-    assert (len(soup.vertices), soup.mass) == (8, pytest.approx(0.4))
+    assert len(soup.vertices) == 8
+    assert soup.mass == pytest.approx(0.4)
     # An open box weighs its hull; a stray vertex is no corner of that, even where nothing is cleaned.
     for clean in (graspbox.CleanConfig(), None):
         lidless = graspbox.mesh_from_arrays(stray, FACES[2:], clean=clean)
@@ -61,13 +64,18 @@ def test_copies_and_pickles_keep_everything() -> None:
     """Neither could be made; a procedural object keeps the convex parts that it was made of."""
     mug = object_sets.load("procedural:mug:1")[0].load()
     for mesh in (mug, graspbox.mesh_from_arrays(CUBE, FACES, name="cube", mass=0.3)):
-        for other in (copy.copy(mesh), copy.deepcopy(mesh), *(pickle.loads(pickle.dumps(mesh, p)) for p in range(2, 6))):
+        for other in (
+            copy.copy(mesh),
+            copy.deepcopy(mesh),
+            *(pickle.loads(pickle.dumps(mesh, p)) for p in range(2, 6)),
+        ):
             assert_same(other, mesh)
     poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (3, 1, 1))
     poses[:, 2, 3] = mug.bounds[1, 2] + np.array([0.005, 0.01, 0.02])
     first, second = (graspbox.Scene(m).simulate(poses, 0.0) for m in (mug, pickle.loads(pickle.dumps(mug))))
-    assert (first.lift == second.lift).all()
-    assert (first.kindness == second.kindness).all()
+    np.testing.assert_array_equal(first.lift, second.lift)
+    np.testing.assert_array_equal(first.kindness, second.kindness)
+    assert np.isfinite(first.kindness).any()
 
 
 @dataclass
@@ -101,6 +109,8 @@ def test_scalars_of_numpy() -> None:
     for count, seed, complaint in ((-1, 0, "count"), (10**30, 0, "count"), (1, -1, "seed"), (1, 2**64, "seed")):
         with pytest.raises(errors.ConfigError, match=f"{complaint} is"):
             cube.sample(count, seed)
+    with pytest.raises(errors.ConfigError, match="seed is -1"):
+        _core.procedural("mug", -1, 1.0, None)
 
 
 def test_files_that_never_end_are_refused(tmp_path: Path) -> None:

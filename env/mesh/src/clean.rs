@@ -49,7 +49,7 @@ pub struct CleanReport {
     pub dropped_components: usize,
     /// Faces dropped with them.
     pub dropped_faces: usize,
-    /// Vertices that no face used any more.
+    /// Vertices that no face used, before or after.
     pub unused_vertices: usize,
     /// Every edge has two faces that agree on a side.
     pub watertight: bool,
@@ -67,6 +67,9 @@ pub fn clean(mesh: &TriMesh, options: &CleanOptions) -> Result<(TriMesh, CleanRe
     check_share("weld", options.weld)?;
     check_share("min_component_area", options.min_component_area)?;
     let mut report = CleanReport::default();
+    let given = mesh.vertices().len();
+    // First of all: a vertex without a face, far away, would make the weld distance large.
+    let mesh = &compact(mesh.vertices(), mesh.faces().to_vec())?;
     let remap = weld(mesh.vertices(), options.weld * mesh.extent());
     report.welded_vertices = remap.iter().enumerate().filter(|&(i, &v)| v as usize != i).count();
     let mut faces = keep_faces(mesh, &remap, &mut report);
@@ -77,7 +80,7 @@ pub fn clean(mesh: &TriMesh, options: &CleanOptions) -> Result<(TriMesh, CleanRe
     if options.orient {
         report.flipped_faces = orient::orient(mesh.vertices(), &mut faces);
     }
-    let unwelded = mesh.vertices().len() - report.welded_vertices;
+    let unwelded = given - report.welded_vertices;
     let mesh = compact(mesh.vertices(), faces)?;
     report.unused_vertices = unwelded - mesh.vertices().len();
     report.watertight = check_watertight(&mesh).is_ok();

@@ -3,6 +3,22 @@
 //! Garland and Heckbert, "Surface simplification using quadric error metrics", SIGGRAPH 1997; an edge is collapsed only under
 //! the link condition (Dey, Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999), so what was watertight
 //! stays watertight, and only where no face turns over.
+//!
+//! Own code, because meshoptimizer (crate `meshopt`, C++ and f32) leaves surfaces that are not closed: edges with more than two
+//! faces, vertices with several fans. It is 15 to 30 times faster, but a mesh is decimated once. Manifold results of manifold
+//! meshes, median and greatest Hausdorff distance as shares of the size:
+//!
+//! | input, faces | own | meshopt |
+//! |---|---|---|
+//! | 42 procedural meshes, 1000 | 42; 2.0e-3, 7.0e-3 | 42; 4.1e-3, 1.3e-2 |
+//! | 44 procedural meshes, 250 | 44; 1.0e-2, 3.2e-2 | 44; 1.5e-2, 4.1e-2 |
+//! | 10 YCB meshes, 4000 | 10; 3.3e-3, 5.9e-3 | 5; 4.1e-3, 6.2e-3 |
+//! | 10 YCB meshes, 1000 | 10; 1.2e-2, 2.1e-1 | 5; 8.0e-3, 1.9e-2 |
+//! | 10 YCB meshes, 250 | 10; 3.0e-2, 2.1e-1 | 5; 2.4e-2, 6.7e-2 |
+//!
+//! (The two greatest distances of ours are those of a mesh of hundreds of components, each of which keeps its last four faces.)
+//!
+//! `cargo run --release -p graspbox-objects --features compare --example compare_decimation -- FOLDER_OF_YCB_STL_FILES`
 
 mod distance;
 mod quadric;

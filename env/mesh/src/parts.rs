@@ -9,6 +9,19 @@
 //! | `reduce` | few corners |
 //! | `fit` | how far hulls and mesh stand out of each other |
 //! | `cache` | results on disk |
+//!
+//! Own code, because approximate decompositions thicken thin walls or need more parts: the engine's time grows with their number,
+//! and cavities that are too narrow make grasps impossible. On 16 mugs, cups, bowls, plates, glasses and a pitcher:
+//!
+//! | | parts | overfill: mean, median of max, max | volume over the object's | s |
+//! |---|---|---|---|---|
+//! | own, at most 48 parts | 44 | 0.42, 2.6, 11 mm | 1.6 | 1.6 |
+//! | VHACD of parry, its defaults | 25 | 2.1, 11, 21 mm | 3.2 | 0.4 |
+//! | VHACD of parry, 256 voxels, 48 parts asked for | 61 | 1.5, 3.1, 39 mm | 2.2 | 13 |
+//!
+//! COACD
+//!
+//! `cargo run --release -p graspbox-objects --features compare --example compare_parts -- FOLDER_OF_YCB_STL_FILES`
 
 mod cache;
 mod cell;

@@ -5,7 +5,8 @@
 //! python env/objects/examples/compare_parts_coacd.py OUT     # needs `pip install coacd`
 //! ```
 //!
-//! The first run writes the meshes to the folder OUT; CoACD writes its parts there, and a second run prints those rows too.
+//! The first run writes the meshes to the folder OUT; CoACD writes its parts there, and a second run with the third argument
+//! `CoACD` prints those rows alone.
 //! Every method is measured by [`graspbox_mesh::measure_parts`]; distances are in millimetres, `volume` is the sum of the
 //! parts' volumes over that of the object.
 #![allow(clippy::print_stdout)]
@@ -40,6 +41,20 @@ fn main() -> Result<(), MeshError> {
 }
 
 fn compare((name, mesh): &Named, out: Option<&Path>) -> Result<(), MeshError> {
+    if std::env::args().nth(3).is_none_or(|method| method != "CoACD") {
+        without_coacd(name, mesh)?;
+    }
+    let Some(out) = out else { return Ok(()) };
+    let path = out.join(format!("{name}.obj"));
+    write_obj(&path, mesh)?;
+    for row in from_coacd(&path.with_extension("coacd.json"))? {
+        let clouds = row.parts.iter().map(|part| part.iter().map(|p| Point3::from(*p)).collect());
+        print(name, &row.label, mesh, &hulls(clouds), row.seconds);
+    }
+    Ok(())
+}
+
+fn without_coacd(name: &str, mesh: &TriMesh) -> Result<(), MeshError> {
     let begin = Instant::now();
     let own = convex_parts(mesh, &PartsParams::default(), None)?;
     print(name, "own, at most 48 parts", mesh, &own.parts, begin.elapsed().as_secs_f64());
@@ -53,13 +68,6 @@ fn compare((name, mesh): &Named, out: Option<&Path>) -> Result<(), MeshError> {
         let parts = VHACD::decompose(&parameters, &points, mesh.faces(), false).compute_convex_hulls(4);
         let clouds = parts.iter().map(|(v, _)| v.iter().map(|v| Point3::new(v.x, v.y, v.z)).collect());
         print(name, label, mesh, &hulls(clouds), begin.elapsed().as_secs_f64());
-    }
-    let Some(out) = out else { return Ok(()) };
-    let path = out.join(format!("{name}.obj"));
-    write_obj(&path, mesh)?;
-    for row in from_coacd(&path.with_extension("coacd.json"))? {
-        let clouds = row.parts.iter().map(|part| part.iter().map(|p| Point3::from(*p)).collect());
-        print(name, &row.label, mesh, &hulls(clouds), row.seconds);
     }
     Ok(())
 }

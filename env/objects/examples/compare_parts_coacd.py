@@ -1,7 +1,7 @@
 """Cut the meshes that `compare_parts` wrote into convex parts by CoACD: ``python compare_parts_coacd.py FOLDER``.
 
-Needs ``pip install coacd``; nothing else in the repository does. CoACD takes minutes per object: files that are there already
-are kept. A second run of `compare_parts` prints the rows.
+Needs ``pip install coacd``; nothing else in the repository does. CoACD takes minutes per object: rows that are there
+already are kept. A second run of `compare_parts` prints them.
 """
 
 import json

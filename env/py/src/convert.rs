@@ -66,6 +66,11 @@ pub fn cube(array: &PyReadonlyArrayDyn<'_, bool>, what: &str) -> Result<(usize, 
     Ok((side.unwrap_or(0), flags))
 }
 
+/// A seed; Python's integers have no bounds.
+pub fn seed(value: i128) -> Result<u64, CoreError> {
+    u64::try_from(value).map_err(|_| CoreError::Config(format!("seed is {value}; give an integer in [0, 2^64)")))
+}
+
 /// A vector, shape (n,).
 pub fn vector(array: &Floats<'_>, what: &str) -> Result<Vec<f64>, CoreError> {
     values(array, what, &[None]).map(<[f64]>::to_vec)

@@ -1,6 +1,6 @@
 //! `graspbox.Mesh`: a mesh with its name and mass.
 
-use crate::convert::{Array, Floats, array, config, matrices, points, row_major, table, triples};
+use crate::convert::{self, Array, Floats, array, config, matrices, points, row_major, table, triples};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use graspbox_camera::Model;
@@ -114,6 +114,7 @@ impl Mesh {
                 Some(options) => clean(&mesh, options).map_err(named)?.0,
                 None => mesh,
             };
+            mesh.check_extent()?;
             MeshData::new(spec(mesh))
         })?;
         Ok(Self(Arc::new(data)))
@@ -148,7 +149,6 @@ impl Mesh {
         let parts = parts.map(|parts| parts.iter().enumerate().map(part).collect()).transpose()?;
         let cleaning = cleaning_options(cleaning)?;
         let mesh = TriMesh::new(vertices, faces).map_err(CoreError::from)?;
-        mesh.check_extent().map_err(CoreError::from)?;
         Self::cleaned(py, mesh, cleaning, None, move |mesh| ObjectSpec { name, mesh, mass, parts })
     }
 
@@ -252,10 +252,9 @@ impl Mesh {
     ///
     /// `count` is at most 20 million. Same mesh, count and seed: same samples.
     fn sample<'py>(&self, py: Python<'py>, count: i128, seed: i128) -> PyResult<(Array<'py, f64>, Array<'py, f64>)> {
-        let bad = |text: String| CoreError::Config(text);
         let samples = usize::try_from(count).ok().filter(|n| *n <= MAX_SAMPLES);
-        let count = samples.ok_or_else(|| bad(format!("count is {count}; give 0 to {MAX_SAMPLES} samples")))?;
-        let seed = u64::try_from(seed).map_err(|_| bad(format!("seed is {seed}; give an integer in [0, 2^64)")))?;
+        let bad = || CoreError::Config(format!("count is {count}; give 0 to {MAX_SAMPLES} samples"));
+        let (count, seed) = (samples.ok_or_else(bad)?, convert::seed(seed)?);
         let data = Arc::clone(&self.0);
         let samples = detached(py, None, move || Ok::<_, CoreError>(sample_surface(&data.spec.mesh, count, seed)))?;
         let points = table(py, samples.iter().map(|s| [s.point.x, s.point.y, s.point.z]))?;

@@ -1,5 +1,6 @@
 //! Procedural objects by family and seed.
 
+use crate::convert;
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::mesh::{Mesh, MeshData};
@@ -26,8 +27,8 @@ pub fn procedural_families() -> Vec<&'static str> {
 /// Makes object `seed` of a family, `scale` times as large; `mass` in kilograms, by default the family's times `scale` cubed.
 #[pyfunction]
 #[pyo3(signature = (family_name, seed, scale, mass))]
-pub fn procedural(py: Python<'_>, family_name: &str, seed: u64, scale: f64, mass: Option<f64>) -> PyResult<Mesh> {
-    let family = family(family_name)?;
+pub fn procedural(py: Python<'_>, family_name: &str, seed: i128, scale: f64, mass: Option<f64>) -> PyResult<Mesh> {
+    let (family, seed) = (family(family_name)?, convert::seed(seed)?);
     if !(scale.is_finite() && scale > 0.0) {
         return Err(CoreError::Config(format!("scale is {scale}; give a positive factor")).into());
     }
