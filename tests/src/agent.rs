@@ -126,10 +126,9 @@ pub fn follow_until(
     options: &ResetOptions,
     seed: u64,
     grasp: &GraspPose,
-    mut enough: impl FnMut(&Batch) -> bool,
+    enough: impl FnMut(&Batch) -> bool,
 ) -> Driven {
     pool.reset(&[Some(seed)], None, options).unwrap();
-    let hand = Arc::clone(pool.spec().hand());
     let trial = TrialConfig::default();
     let (start, object) = {
         let env = pool.env(0).unwrap();
@@ -144,41 +143,69 @@ pub fn follow_until(
         pose.translation.vector.z = high;
         pose
     };
-    let mut driven = Driven { success: false, failure: 0, steps: 0, stopped: 0, terms: [0.0; TERM_COUNT] };
-    let mut go = |pose: &Isometry3<f64>, spool: f64| {
-        let batch = pool.step(&target(&hand, pose, spool, grasp.preshape)).unwrap().now;
+    let mut driver = Driver::new(pool, grasp.preshape, enough);
+    for pose in [over(&start), over(&standoff), standoff, goal] {
+        driver.approach(&pose);
+    }
+    let close = 3.0 / 3.5;
+    let steps = |time: f64| (time / CONTROL_PERIOD).round() as usize;
+    for _ in 0..steps(trial.close_time) {
+        driver.go(&goal, close);
+    }
+    for i in 1..=steps(trial.lift_time) + steps(2.0) {
+        let rise = trial.lift_height * minimum_jerk(i as f64 * CONTROL_PERIOD / trial.lift_time);
+        driver.go(&(Translation3::new(0.0, 0.0, rise) * goal), close);
+    }
+    driver.driven
+}
+
+/// Sends target poses to environment 0 until its episode ends, or `enough` says so, and adds up what came of them.
+struct Driver<'a, Enough> {
+    pool: &'a EnvPool,
+    preshape: f64,
+    enough: Enough,
+    driven: Driven,
+    ended: bool,
+}
+
+impl<'a, Enough: FnMut(&Batch) -> bool> Driver<'a, Enough> {
+    fn new(pool: &'a EnvPool, preshape: f64, enough: Enough) -> Self {
+        let driven = Driven { success: false, failure: 0, steps: 0, stopped: 0, terms: [0.0; TERM_COUNT] };
+        Self { pool, preshape, enough, driven, ended: false }
+    }
+
+    /// One step towards `pose`; fingers close with `spool` in [-1, 1].
+    fn go(&mut self, pose: &Isometry3<f64>, spool: f64) {
+        if self.ended {
+            return;
+        }
+        let action = target(self.pool.spec().hand(), pose, spool, self.preshape);
+        let batch = self.pool.step(&action).unwrap().now;
+        let driven = &mut self.driven;
         driven.success = flags(&batch, "is_success")[0];
         driven.failure = indices(&batch, "failure")[0];
         driven.steps += 1;
         driven.stopped += usize::from(flags(&batch, "protective_stop")[0]);
         driven.terms.iter_mut().zip(&batch.terms).for_each(|(sum, term)| *sum += term);
-        batch.terminated[0] || enough(&batch)
-    };
-    let near = |pose: &Isometry3<f64>| {
-        let env = pool.env(0).unwrap();
+        self.ended = batch.terminated[0] || (self.enough)(&batch);
+    }
+
+    /// Open fingers, until the hand rests at `pose`, for at most 80 steps.
+    fn approach(&mut self, pose: &Isometry3<f64>) {
+        for _ in 0..80 {
+            if self.ended || self.is_at(pose) {
+                break;
+            }
+            self.go(pose, -1.0);
+        }
+    }
+
+    fn is_at(&self, pose: &Isometry3<f64>) -> bool {
+        let env = self.pool.env(0).unwrap();
         let arm = env.episode().unwrap().arm();
         let (at, still) = (*arm.believed(), arm.velocity().0.norm() < 0.005);
         still
             && (at.translation.vector - pose.translation.vector).norm() < 5e-4
             && at.rotation.angle_to(&pose.rotation) < 5e-3
-    };
-    let mut ended = false;
-    for pose in [over(&start), over(&standoff), standoff, goal] {
-        for _ in 0..80 {
-            if ended || near(&pose) {
-                break;
-            }
-            ended = go(&pose, -1.0);
-        }
     }
-    let close = 3.0 / 3.5;
-    let steps = |time: f64| (time / CONTROL_PERIOD).round() as usize;
-    for _ in 0..steps(trial.close_time) {
-        ended = ended || go(&goal, close);
-    }
-    for i in 1..=steps(trial.lift_time) + steps(2.0) {
-        let rise = trial.lift_height * minimum_jerk(i as f64 * CONTROL_PERIOD / trial.lift_time);
-        ended = ended || go(&(Translation3::new(0.0, 0.0, rise) * goal), close);
-    }
-    driven
 }

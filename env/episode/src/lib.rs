@@ -9,6 +9,30 @@
 //! | [`study`] | the reference study's own measures, for trials that are asked for them |
 //! | [`trial`] | the scripted driver: close, lift, hold |
 //! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one traced |
+//!
+//! A block, planned for and grasped:
+//!
+//! ```
+//! use graspbox_episode::{Body, ObjectSpec, Progress, Scene, TrialConfig, run_trials};
+//! use graspbox_hand::Hand;
+//! use graspbox_mesh::convex_hull;
+//! use graspbox_plan::PlanParams;
+//! use graspbox_sim::PhysicsConfig;
+//! use nalgebra::Point3;
+//! use std::sync::Arc;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let corner = |i: usize| Point3::new([-0.03, 0.03][i & 1], [-0.03, 0.03][i >> 1 & 1], [0.0, 0.1][i >> 2]);
+//! let mesh = convex_hull(&(0..8).map(corner).collect::<Vec<_>>())?;
+//! let block = Body::prepare(&ObjectSpec { name: "block".into(), mesh, mass: Some(0.2), parts: None }, None)?;
+//! let scene = Scene::new(&block, Arc::new(Hand::reflex()?.clone()), PhysicsConfig::default(), None)?;
+//! let plan = scene.plan(&block, &PlanParams::default())?;
+//! let poses: Vec<_> = plan.ranked().iter().take(4).map(|candidate| candidate.grasp).collect();
+//! let outcomes = run_trials(&Arc::new(scene), &poses, TrialConfig::default(), &Progress::default())?;
+//! assert!(outcomes.iter().any(|outcome| outcome.success));
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod batch;
 pub mod body;

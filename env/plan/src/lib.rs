@@ -11,6 +11,23 @@
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
 //! Units are metres and radians; boxes and poses are in the object's frame (the mesh's own).
+//!
+//! A brick is one box of its own volume:
+//!
+//! ```
+//! use graspbox_mesh::convex_hull;
+//! use graspbox_plan::{DecomposeParams, decompose};
+//! use nalgebra::Point3;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let corner = |i: usize| Point3::new([-0.1, 0.1][i & 1], [-0.03, 0.03][i >> 1 & 1], [0.0, 0.05][i >> 2]);
+//! let brick = convex_hull(&(0..8).map(corner).collect::<Vec<_>>())?;
+//! let tree = decompose(&brick, &DecomposeParams::default())?;
+//! assert_eq!(tree.boxes().len(), 1);
+//! assert!((tree.volume() / (0.2 * 0.06 * 0.05) - 1.0).abs() < 1e-6);
+//! # Ok(())
+//! # }
+//! ```
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
