@@ -34,13 +34,12 @@ KNOWN_CIRCLES: set[tuple[str, ...]] = {
 KNOWN_LONG_FILES: set[str] = {
     "env/agent/src/initial_state.rs",
     "env/mesh/tests/voxels.rs",
-    "env/sim/src/world.rs",
     "python/graspbox/configs.py",
     "python/graspbox/evaluation.py",
     "tests/rust/agent.rs",
 }
 KNOWN_LONG_FUNCTIONS: set[str] = {"env/agent/src/action.rs: table", "scripts/train_sb3.py: train"}
-KNOWN_WITHOUT_EXAMPLE: set[str] = {"agent", "episode", "mesh", "objects", "plan", "sim"}
+KNOWN_WITHOUT_EXAMPLE: set[str] = {"agent", "mesh", "objects"}
 
 
 def declared_arrows() -> dict[str, set[str]]:

@@ -9,6 +9,27 @@
 //! | [`study`] | the reference study's own measures, for trials that are asked for them |
 //! | [`trial`] | the scripted driver: close, lift, hold |
 //! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one traced |
+//!
+//! ```
+//! use graspbox_episode::{Body, ObjectSpec, Progress, Scene, TrialConfig, run_trials};
+//! use graspbox_hand::{GraspPose, Hand};
+//! use graspbox_mesh::convex_hull;
+//! use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+//! use std::sync::Arc;
+//!
+//! let corner = |i: i32| Point3::new(0.03 * f64::from(2 * (i & 1) - 1), 0.03 * f64::from((i & 2) - 1), 0.05 * f64::from((i & 4) / 2 - 1));
+//! let mesh = convex_hull(&(0..8).map(corner).collect::<Vec<_>>())?;
+//! let body = Body::prepare(&ObjectSpec { name: "block".into(), mesh, mass: Some(0.2), parts: None }, None)?;
+//! let hand = Arc::new(Hand::reflex()?.clone());
+//! let scene = Arc::new(Scene::new(&body, hand, Default::default(), None)?);
+//! // The palm faces down, 2 cm above the block.
+//! let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+//! let object_from_hand = Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.07), down);
+//! let poses = [GraspPose { object_from_hand, preshape: 0.0 }];
+//! let outcomes = run_trials(&scene, &poses, TrialConfig::default(), &Progress::default())?;
+//! assert!(outcomes[0].success);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod batch;
 pub mod body;

@@ -15,6 +15,25 @@
 //! The world is simulated in the hand's base frame: the hand's root stands still, the table moves, and gravity carries the
 //! fictitious accelerations. That halves the cost of a step and removes every error of a driven root. Everything that this crate
 //! hands out is in the world's frame (z up, table top at z = 0) unless its name says otherwise.
+//!
+//! ```
+//! use graspbox_hand::Hand;
+//! use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template};
+//! use nalgebra::Isometry3;
+//! use std::sync::Arc;
+//!
+//! let hand = Arc::new(Hand::reflex()?.clone());
+//! let ball = ObjectModel::solid(&Geometry::Ball { radius: 0.03 }, 0.1)?;
+//! let template = Template::new(hand, &ball, PhysicsConfig::default())?;
+//! // The hand waits high above the table; the ball falls by 1 cm.
+//! let away = Isometry3::translation(0.0, 0.0, 1.5);
+//! let mut world = template.spawn(&away, &Isometry3::translation(0.0, 0.0, 0.04), 0.0);
+//! for _ in 0..200 {
+//!     world.step(&away, &[])?;
+//! }
+//! assert!((world.object_center().z - 0.03).abs() < 1e-3);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
