@@ -152,6 +152,7 @@ fn warn_of_toppling(scene: &Core, start: &Isometry3<f64>) {
     let tilt = (moved * Vector3::z()).angle(&Vector3::z());
     if tilt > TILT {
         tracing::warn!(
+            target: "graspbox",
             "object `{}` tilted by {:.0} degrees from its world_from_object before it came to rest; plan with \
              `world_from_object=scene.world_from_object`",
             scene.name(),

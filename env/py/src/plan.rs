@@ -61,6 +61,7 @@ pub fn plan<'py>(
         let world_from_object = pose.unwrap_or_else(|| default_pose(body.mesh()));
         if !body.rests_at(&world_from_object) {
             tracing::warn!(
+                target: "graspbox",
                 "object `{}` does not rest at this world_from_object, so trials will find it elsewhere; plan with \
                  `world_from_object=Scene(mesh).world_from_object`",
                 body.name()
