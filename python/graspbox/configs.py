@@ -106,11 +106,11 @@ class PoseConfig:
     offset : float
         The palm stands this far outside the box, metres.
     standoffs : tuple of float
-        Further distances that are tried, added to `offset`, metres.
+        Further distances that are tried, added to `offset`, metres; at most 1,000.
     variation : {"random", "grid"}
         Random variations along and about the long axis, or the reference study's grid.
     variations : int
-        Random variations a face and turn.
+        Random variations per face and turn, at most 10,000. No plan has more than 200,000 candidates.
     max_shift : float
         Greatest shift along the long side, as a share of it.
     max_tilt : float

@@ -73,3 +73,18 @@ def test_the_criterion_of_success_is_a_setting(scene: graspbox.Scene) -> None:
     nothing = graspbox.TrialConfig(success=graspbox.SuccessCriterion(rest_speed=0.0))
     with pytest.raises(errors.ConfigError, match="`success.rest_speed` is 0"):
         scene.simulate(pose, 0.0, config=nothing)
+
+
+def test_objects_that_are_not_at_rest_are_announced(caplog: pytest.LogCaptureFixture) -> None:
+    mesh = cuboid(0.06, 0.06, 0.1)
+    tipped = np.eye(4)
+    tipped[:3, :3] = [[1, 0, 0], [0, 0.5, -(0.75**0.5)], [0, 0.75**0.5, 0.5]]
+    tipped[2, 3] = -(mesh.vertices @ tipped[:3, :3].T)[:, 2].min()
+    graspbox.plan(mesh)
+    assert not caplog.records
+    graspbox.plan(mesh, world_from_object=tipped)
+    graspbox.Scene(mesh, world_from_object=tipped)
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == 2
+    assert "does not rest at this world_from_object" in told[0]
+    assert "before it came to rest" in told[1]

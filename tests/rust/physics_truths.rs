@@ -3,6 +3,7 @@
 //! The world is simulated in the hand's frame, so each test also checks that the result does not depend on it.
 #![allow(clippy::unwrap_used)]
 
+use graspbox_hand::{Collider, Material, Shape};
 use graspbox_mesh::convex_hull;
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template, World};
 use graspbox_tests::bench::{at, away, reflex, run, template, turn_rate};
@@ -255,6 +256,28 @@ fn a_resting_object_presses_with_its_weight() {
         let mut world = book(mass).spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
         run(&mut world, &palm_up(), &[], 0.8);
         check(&format!("force of {mass} kg on the palm (N)"), world.contacts().hand_force, mass * G);
+    }
+}
+
+/// A bug here: contacts of a cylinder that are read in the engine's frame, whose cylinders stand along y instead of z.
+#[test]
+fn contacts_of_a_cylinder_are_on_its_surface() {
+    let mut hand = reflex();
+    let (radius, half_length) = (0.05, 0.01);
+    let link_from_shape = hand.base_from_hand * at(0.015, 0.0, -half_length);
+    let shape = Shape::Cylinder { radius, half_length };
+    hand.links[0].colliders = vec![Collider { name: "puck".into(), shape, link_from_shape, material: Material::Bare }];
+    let geometry = Geometry::Cuboid(Vector3::new(0.06, 0.05, 0.015));
+    let template = template(hand, &geometry, 0.5, PhysicsConfig::default());
+    let mut world = template.spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
+    run(&mut world, &palm_up(), &[], 0.8);
+    let contacts: Vec<_> = world.link_contacts().into_iter().filter(|c| c.link == 0).collect();
+    assert!(contacts.len() >= 3, "{contacts:?}");
+    for contact in contacts {
+        let point = link_from_shape.inverse() * contact.point;
+        let normal = link_from_shape.inverse() * contact.normal;
+        assert!((point.z - half_length).abs() < 1e-3 && point.coords.xy().norm() < radius + 1e-3, "{point}");
+        assert!((normal + Vector3::z()).norm() < 0.01, "{normal}");
     }
 }
 

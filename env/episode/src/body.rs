@@ -6,7 +6,7 @@ use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh, co
 use graspbox_plan::Obstacle;
 use graspbox_sim::scenery::TABLE_SIDE;
 use graspbox_sim::{Geometry, ObjectModel};
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -14,6 +14,8 @@ use std::sync::Arc;
 /// or filled loosely.
 pub const DEFAULT_DENSITY: f64 = 400.0;
 
+/// An object within this of the table touches it, metres; it may tilt about a foot of this size.
+pub const TOUCHING: f64 = 0.002;
 /// Shortest longest side of an object, metres: ten times the depth to which contacts are resolved.
 pub const LEAST_SIDE: f64 = 0.005;
 /// The shortest side of an object is at most so many times as wide as the open hand: beyond, no grasp is imaginable.
@@ -111,6 +113,23 @@ impl Body {
             return refused(format!("solid osmium of its outer dimensions would weigh {most:.3} kg"));
         }
         Ok(())
+    }
+
+    /// True where the object would stay at `world_from_object` by itself: it touches the table, no deeper or higher than [`TOUCHING`], and
+    /// its centre of mass is over what it stands on, give or take as much. Geometry alone decides; nothing is simulated.
+    pub fn rests_at(&self, world_from_object: &Isometry3<f64>) -> bool {
+        /// Sides of the polygon that is tested for.
+        const SIDES: u32 = 32;
+        let points: Vec<Point3<f64>> = self.mesh.vertices().iter().map(|p| world_from_object * p).collect();
+        let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+        let center = world_from_object * self.mass.center_of_mass;
+        let carries = |turn: u32| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(turn) / f64::from(SIDES)).sin_cos();
+            let along = |p: &Point3<f64>| p.x * cos + p.y * sin;
+            let feet = points.iter().filter(|p| p.z - lowest < TOUCHING);
+            feet.map(along).fold(f64::NEG_INFINITY, f64::max) >= along(&center) - TOUCHING
+        };
+        lowest.abs() <= TOUCHING && (0..SIDES).all(carries)
     }
 
     /// Name.

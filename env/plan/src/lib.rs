@@ -8,6 +8,7 @@
 //! | `poses`, `preshape` | candidate poses from boxes, and how the fingers are set for them |
 //! | `open_hand` | the open hand as swept shapes |
 //! | `rank` | the score that orders feasible poses |
+//! | [`wrench`] | the epsilon quality of contacts, predicted or present |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
 //! Units are metres and radians; boxes and poses are in the object's frame (the mesh's own).
@@ -39,6 +40,7 @@ pub mod planner;
 mod poses;
 mod preshape;
 mod rank;
+pub mod wrench;
 
 pub use boxes::{
     BoxNode, BoxTree, BoxTreeFault, DecomposeParams, Fit, OrientedBox, Split, SplitCost, best_split, check_box_tree,
@@ -50,3 +52,4 @@ pub use open_hand::OpenHand;
 pub use planner::{Candidate, Plan, PlanObject, PlanParams, plan};
 pub use poses::{HandFrame, PoseParams, Variation};
 pub use rank::{Prediction, RANK_TERMS, rank_features, rank_weights};
+pub use wrench::{Directions, WrenchSpace};

@@ -4,8 +4,8 @@ use crate::PlanError;
 use graspbox_hand::{Hand, Shape};
 use graspbox_mesh::{TriMesh, convex_hull};
 use nalgebra::{Isometry3, Point3, Vector3};
-use parry3d::math::{Pose, Rotation, Vector};
-use parry3d::shape::SharedShape;
+use parry3d_f64::math::{Pose, Rotation, Vector};
+use parry3d_f64::shape::SharedShape;
 
 /// One collision shape in the hand frame.
 pub(crate) struct SweptShape {
@@ -59,9 +59,9 @@ fn sweep(at: &Isometry3<f64>, shape: &Shape, clearance: f64, standoff: f64) -> O
             let radius = radius + clearance;
             let back = at.translation.vector - Vector3::z() * standoff;
             Some(SweptShape {
-                shape: SharedShape::ball(length(radius)),
+                shape: SharedShape::ball(radius),
                 hand_from_shape: pose(at),
-                swept: SharedShape::capsule(vector(&at.translation.vector), vector(&back), length(radius)),
+                swept: SharedShape::capsule(vector(&at.translation.vector), vector(&back), radius),
                 hand_from_swept: Pose::IDENTITY,
                 corners: vec![Point3::from(at.translation.vector)],
                 radius,
@@ -99,7 +99,7 @@ fn sweep_cuboid(at: &Isometry3<f64>, half: &Vector3<f64>, standoff: f64) -> Opti
 }
 
 fn cuboid(half: &Vector3<f64>) -> SharedShape {
-    SharedShape::cuboid(length(half.x), length(half.y), length(half.z))
+    SharedShape::cuboid(half.x, half.y, half.z)
 }
 
 /// A convex hull, metres, for the collision library; none without volume. (The library's own hull leaves points of flat sides out.)
@@ -107,22 +107,11 @@ pub(crate) fn convex(hull: &TriMesh) -> Option<SharedShape> {
     SharedShape::convex_mesh(hull.vertices().iter().map(|p| vector(&p.coords)).collect(), hull.faces())
 }
 
-/// Lengths of the collision library in a metre: its distance query has absolute tolerances that take a triangle of less than
-/// 5 square units in 10,000 for degenerate, so it is given centimetres.
-const UNIT: f64 = 100.0;
-
-fn length(x: f64) -> f32 {
-    (x * UNIT) as f32
-}
-
 pub(crate) fn vector(v: &Vector3<f64>) -> Vector {
-    Vector::new(length(v.x), length(v.y), length(v.z))
+    Vector::new(v.x, v.y, v.z)
 }
 
 pub(crate) fn pose(at: &Isometry3<f64>) -> Pose {
     let q = at.rotation.coords;
-    Pose::from_parts(
-        vector(&at.translation.vector),
-        Rotation::from_xyzw(q.x as f32, q.y as f32, q.z as f32, q.w as f32),
-    )
+    Pose::from_parts(vector(&at.translation.vector), Rotation::from_xyzw(q.x, q.y, q.z, q.w))
 }

@@ -147,29 +147,22 @@ fn boxes_of(tree: &BoxTree, params: &PlanParams) -> Vec<(usize, OrientedBox)> {
     boxes
 }
 
-/// The open hand for each preshape that occurs: grown by the clearance, and as it is.
-struct OpenHands(Vec<(f64, [OpenHand; 2])>);
+/// The open hand, grown by the clearance, for each preshape that occurs.
+struct OpenHands(Vec<(f64, OpenHand)>);
 
 impl OpenHands {
     fn new(hand: &Hand, proposals: &[Proposal], params: &PlanParams) -> Result<Self, PlanError> {
-        let mut hands: Vec<(f64, [OpenHand; 2])> = Vec::new();
+        let mut hands: Vec<(f64, OpenHand)> = Vec::new();
         for preshape in proposals.iter().map(|proposal| proposal.grasp.preshape) {
             if !hands.iter().any(|(known, _)| *known == preshape) {
-                let open = |clearance| OpenHand::new(hand, preshape, clearance, params.standoff);
-                hands.push((preshape, [open(params.clearance)?, open(0.0)?]));
+                hands.push((preshape, OpenHand::new(hand, preshape, params.clearance, params.standoff)?));
             }
         }
         Ok(Self(hands))
     }
 
-    /// Tests a pose with clearance and, where that passes, without: in single precision the smaller hand is, once in about a thousand
-    /// poses, found to collide where the larger one is not, and a trial tests the smaller one.
     fn check(&self, scene: &CollisionScene, grasp: &GraspPose) -> Feasibility {
         let found = self.0.iter().position(|(known, _)| *known == grasp.preshape).unwrap_or(0);
-        let [grown, bare] = &self.0[found].1;
-        match scene.check(grown, &grasp.object_from_hand) {
-            Feasibility::Feasible => scene.check(bare, &grasp.object_from_hand),
-            collision => collision,
-        }
+        scene.check(&self.0[found].1, &grasp.object_from_hand)
     }
 }

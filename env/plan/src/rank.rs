@@ -1,10 +1,9 @@
-//! Ranking: geometry alone. Each feasible pose is closed on the surface (`finger`), described in numbers (`predict`, `wrench`), and
+//! Ranking: geometry alone. Each feasible pose is closed on the surface (`finger`), described in numbers (`predict`), and
 //! scored by a fixed sum of these (`score`).
 
 mod finger;
 mod predict;
 mod score;
-mod wrench;
 
 pub use predict::Prediction;
 pub use score::{RANK_TERMS, rank_features, rank_weights};

@@ -10,6 +10,7 @@ use graspbox_episode::{
 };
 use graspbox_hand::GraspPose;
 use graspbox_sim::PhysicsConfig;
+use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -57,6 +58,9 @@ impl Scene {
         detached(py, None, move || {
             let body = mesh.body(cache.as_deref())?;
             let core = Arc::new(Core::new(&body, hand, physics, start.as_ref())?);
+            if let Some(start) = start {
+                warn_of_toppling(&core, &start);
+            }
             Ok::<_, CoreError>(Self { core, mesh })
         })
     }
@@ -137,6 +141,23 @@ impl Scene {
             interruptible(py, None, move || progress.stop(), move || trace_trial(&scene, &pose, config, &watched))?;
         let fingers = self.core.template().hand().fingers.len();
         Ok((outcome_arrays(py, &[outcome])?, sample_arrays(py, &samples, fingers)?))
+    }
+}
+
+/// Poses that were planned for `start` do not fit an object that fell over from there.
+fn warn_of_toppling(scene: &Core, start: &Isometry3<f64>) {
+    /// Settling tilts an object that was set down well by less than this, radians (6 degrees).
+    const TILT: f64 = 0.1;
+    let moved = scene.world_from_object().rotation * start.rotation.inverse();
+    let tilt = (moved * Vector3::z()).angle(&Vector3::z());
+    if tilt > TILT {
+        tracing::warn!(
+            target: "graspbox",
+            "object `{}` tilted by {:.0} degrees from its world_from_object before it came to rest; plan with \
+             `world_from_object=scene.world_from_object`",
+            scene.name(),
+            tilt.to_degrees()
+        );
     }
 }
 

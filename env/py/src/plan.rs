@@ -58,11 +58,20 @@ pub fn plan<'py>(
     let plan = detached(py, num_threads, move || {
         let body = data.body(cache.as_deref())?;
         body.check_fits(&hand)?;
+        let world_from_object = pose.unwrap_or_else(|| default_pose(body.mesh()));
+        if !body.rests_at(&world_from_object) {
+            tracing::warn!(
+                target: "graspbox",
+                "object `{}` does not rest at this world_from_object, so trials will find it elsewhere; plan with \
+                 `world_from_object=Scene(mesh).world_from_object`",
+                body.name()
+            );
+        }
         let object = PlanObject {
             mesh: body.mesh(),
             obstacle: body.obstacle(),
             center_of_mass: body.mass_properties().center_of_mass,
-            world_from_object: pose.unwrap_or_else(|| default_pose(body.mesh())),
+            world_from_object,
         };
         Ok::<_, CoreError>(plan_grasps(&object, &hand, &params)?)
     })?;

@@ -1,8 +1,8 @@
 //! A box against a triangle surface: separating axes, in the box's own frame.
 
-use parry3d::math::{Pose, Vector};
-use parry3d::partitioning::BvhNode;
-use parry3d::shape::TriMesh;
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::partitioning::BvhNode;
+use parry3d_f64::shape::TriMesh;
 
 /// True where the box of half extents `half`, placed at `surface_from_box`, meets a triangle of `surface`; touching counts.
 pub(super) fn meets(half: Vector, surface_from_box: &Pose, surface: &TriMesh) -> bool {
@@ -49,12 +49,12 @@ fn meets_triangle(half: Vector, corners: [Vector; 3]) -> bool {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use parry3d::math::Rotation;
-    use parry3d::query::intersection_test;
-    use parry3d::shape::Cuboid;
+    use parry3d_f64::math::Rotation;
+    use parry3d_f64::query::intersection_test;
+    use parry3d_f64::shape::Cuboid;
     use proptest::prelude::*;
 
-    fn vector(range: std::ops::Range<f32>) -> impl Strategy<Value = Vector> {
+    fn vector(range: std::ops::Range<f64>) -> impl Strategy<Value = Vector> {
         [range.clone(), range.clone(), range].prop_map(|p| Vector::new(p[0], p[1], p[2]))
     }
 
@@ -71,7 +71,7 @@ mod tests {
         ) {
             let surface = TriMesh::new(corners.to_vec(), vec![[0, 1, 2]]).unwrap();
             let place = Pose::from_parts(shift, Rotation::from_scaled_axis(turn));
-            let meets_grown = |by: f32| meets(half + Vector::splat(by), &place, &surface);
+            let meets_grown = |by: f64| meets(half + Vector::splat(by), &place, &surface);
             let library = intersection_test(&place, &Cuboid::new(half), &Pose::IDENTITY, &surface.triangle(0))
                 .unwrap()
                 .intersecting;

@@ -1,8 +1,8 @@
 //! What a grasp would look like: fingers closed on the object's surface, contacts, and numbers that describe them.
 
 use super::finger::{ClosedFinger, FingerModel, PlanePoint, PlaneTable};
-use super::wrench::{Contact, WrenchSpace};
 use crate::collision::CollisionScene;
+use crate::wrench::{Directions, WrenchSpace};
 use graspbox_hand::Hand;
 use graspbox_mesh::SurfaceSample;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -20,14 +20,8 @@ pub struct Prediction {
     pub epsilon: f64,
     /// How well opposing fingers' normals cancel: 1 minus the length of their sum over the sum of their lengths.
     pub balance: f64,
-    /// Mean share of the contact forces that lifts (world up), at the normals.
-    pub lifting: f64,
-    /// Mean share of the contact forces that pulls the object towards the palm, at the normals.
-    pub pulling: f64,
     /// Horizontal distance of the centre of mass from the middle of the contacts, metres.
     pub lever: f64,
-    /// Height of the centre of mass over the middle of the contacts, metres.
-    pub overhang: f64,
     /// Distance of the centre of mass from the palm along hand z, metres.
     pub depth: f64,
     /// Distance of the centre of mass from the closing centre in the palm's plane, metres.
@@ -42,12 +36,18 @@ pub struct Prediction {
     pub on_table: f64,
     /// How steeply the hand comes down: 1 from above, 0 from the side.
     pub down: f64,
-    /// Free room between palm and object, metres; 0.15 where nothing is in front of the palm.
-    pub palm_gap: f64,
     /// Greatest distance between two contacts, metres.
     pub span: f64,
-    /// Surface points touched, as a share of all.
-    pub area: f64,
+}
+
+/// A point where a finger presses on the object; object frame.
+struct Contact {
+    point: Point3<f64>,
+    /// Into the object, unit.
+    inward: Vector3<f64>,
+    /// Coefficient of friction.
+    friction: f64,
+    finger: usize,
 }
 
 /// What all predictions of one object share.
@@ -65,10 +65,6 @@ pub(crate) struct ClosingHand {
     pub friction: [f64; 2],
 }
 
-/// Half sides of the part of the palm that an object rests against, metres.
-const PALM: [f64; 2] = [0.05, 0.04];
-/// Room reported where nothing stands in front of the palm, metres.
-const NO_PALM: f64 = 0.15;
 /// Contacts of a link that enter the wrench space.
 const LINK_CONTACTS: usize = 4;
 
@@ -87,12 +83,9 @@ pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand:
         offset: (com.coords - hand.center).xy().norm(),
         on_table: closed.iter().filter(|f| f.met_table).count() as f64,
         down: -target.scene.up().dot(&(object_from_hand * Vector3::z())),
-        palm_gap: palm_gap(&local),
         ..Prediction::default()
     };
     describe_fingers(&closed, &mut p);
-    let touched = closed.iter().flat_map(|f| &f.touched).map(Vec::len).sum::<usize>();
-    p.area = touched as f64 / target.samples.len().max(1) as f64;
     describe_contacts(target, hand, &contacts, object_from_hand, &mut p);
     p
 }
@@ -150,11 +143,6 @@ fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedFinger]) ->
     contacts
 }
 
-fn palm_gap(local: &[Point3<f64>]) -> f64 {
-    let in_front = local.iter().filter(|p| p.x.abs() < PALM[0] && p.y.abs() < PALM[1] && p.z > 0.0);
-    in_front.map(|p| p.z).fold(NO_PALM, f64::min)
-}
-
 fn describe_fingers(closed: &[ClosedFinger], p: &mut Prediction) {
     let touching: Vec<&ClosedFinger> = closed.iter().filter(|f| touches(f)).collect();
     if touching.is_empty() {
@@ -185,21 +173,20 @@ fn describe_contacts(
         pushes[contact.finger] += contact.inward;
     }
     let pushes: Vec<Vector3<f64>> = pushes.iter().filter_map(|push| push.try_normalize(1e-9)).collect();
-    let count = pushes.len().max(1) as f64;
     let across = |push: &Vector3<f64>| push - approach * push.dot(&approach);
     let total: Vector3<f64> = pushes.iter().map(across).sum();
     let lengths: f64 = pushes.iter().map(|push| across(push).norm()).sum();
     p.balance = 1.0 - total.norm() / lengths.max(1e-9);
-    p.lifting = pushes.iter().map(|push| push.dot(&up)).sum::<f64>() / count;
-    p.pulling = -pushes.iter().map(|push| push.dot(&approach)).sum::<f64>() / count;
     let middle = contacts.iter().map(|c| c.point.coords).sum::<Vector3<f64>>() / contacts.len() as f64;
     let arm = target.center_of_mass.coords - middle;
-    p.overhang = arm.dot(&up);
-    p.lever = (arm - up.into_inner() * p.overhang).norm();
+    p.lever = (arm - up.into_inner() * arm.dot(&up)).norm();
     let apart = |a: &Contact| contacts.iter().map(|b| (a.point - b.point).norm()).fold(0.0, f64::max);
     p.span = contacts.iter().map(apart).fold(0.0, f64::max);
-    let space = WrenchSpace::new(contacts, hand.fingers.len(), &target.center_of_mass);
-    p.epsilon = space.epsilon();
+    let mut space = WrenchSpace::new(hand.fingers.len());
+    for contact in contacts {
+        space.press(contact.finger, &(contact.point - target.center_of_mass), contact.inward, contact.friction);
+    }
+    p.epsilon = space.epsilon(Directions::Fine);
 }
 
 /// The hand ready to close, once for each preshape.

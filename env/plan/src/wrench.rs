@@ -1,0 +1,174 @@
+//! Which forces and torques contacts can take up: a grasp wrench space, sampled. The planner asks it of the contacts that it predicts, the
+//! environments of those that there are.
+//!
+//! Each finger presses with one unit of normal force in all; friction cones are exact; torques are divided by [`LENGTH`].
+
+use crate::boxes::half_sphere;
+use nalgebra::Vector3;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// Torques are divided by this length to be compared with forces, metres: half the size of what a hand holds.
+pub const LENGTH: f64 = 0.05;
+/// Directions of the fine set, beside the axes: this many forces, as many torques, and mixtures of them.
+const FINE: usize = 24;
+
+/// Over which directions of force and torque the least is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Directions {
+    /// Forces and torques along the axes, and their pairs: 48 directions, cheap enough for every control period.
+    Axes,
+    /// The axes alone, and 24 directions spread over half a sphere, in both senses, and mixtures: 204 directions.
+    Fine,
+}
+
+/// The wrench space of one unit of normal force per finger, about a centre.
+///
+/// ```
+/// use graspbox_plan::{Directions, WrenchSpace};
+/// use nalgebra::Vector3;
+///
+/// let mut space = WrenchSpace::new(2);
+/// // Two fingers face to face, 6 cm apart, each with contacts 2 cm above and below.
+/// for (finger, x) in [(0, 0.03), (1, -0.03)] {
+///     for y in [-0.02, 0.02] {
+///         space.press(finger, &Vector3::new(x, y, 0.0), Vector3::new(-x, 0.0, 0.0).normalize(), 0.8);
+///     }
+/// }
+/// let lift = space.support(&Vector3::z(), &Vector3::zeros());
+/// assert!((lift - 1.6).abs() < 1e-12);
+/// assert!(space.epsilon(Directions::Fine) > 0.0);
+/// ```
+#[derive(Clone, Debug)]
+pub struct WrenchSpace {
+    fingers: Vec<Vec<Contact>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Contact {
+    /// Into the object, unit.
+    inward: Vector3<f64>,
+    /// From the centre, in units of [`LENGTH`].
+    arm: Vector3<f64>,
+    friction: f64,
+}
+
+impl Contact {
+    /// The greatest component along (`force`, `torque`) of a wrench with at most one unit of normal force.
+    fn support(&self, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
+        // (arm x f) . torque = f . (torque x arm), so one vector tells how much each force component helps.
+        let helps = force + torque.cross(&self.arm);
+        let normal = helps.dot(&self.inward);
+        let tangent = (helps - self.inward * normal).norm();
+        (normal + self.friction * tangent).max(0.0)
+    }
+}
+
+impl WrenchSpace {
+    /// No contact yet, of `fingers` fingers (the palm may be one).
+    pub fn new(fingers: usize) -> Self {
+        Self { fingers: vec![Vec::new(); fingers] }
+    }
+
+    /// Adds a contact of `finger`; others than those of [`WrenchSpace::new`] are not counted.
+    ///
+    /// * `arm`: from the centre to the contact, metres.
+    /// * `inward`: unit normal into the object.
+    /// * `friction`: coefficient of friction.
+    pub fn press(&mut self, finger: usize, arm: &Vector3<f64>, inward: Vector3<f64>, friction: f64) {
+        if let Some(contacts) = self.fingers.get_mut(finger) {
+            contacts.push(Contact { inward, arm: arm / LENGTH, friction });
+        }
+    }
+
+    /// The greatest wrench along (`force`, `torque`) with at most one unit of normal force per finger.
+    pub fn support(&self, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
+        let best = |contacts: &Vec<Contact>| contacts.iter().map(|c| c.support(force, torque)).fold(0.0, f64::max);
+        self.fingers.iter().map(best).sum()
+    }
+
+    /// The least support over sampled directions: 0 without force closure, or with fewer than two fingers in contact. An upper bound of
+    /// the epsilon quality for forces bounded finger by finger.
+    ///
+    /// Source: Ferrari, Canny, "Planning optimal grasps", ICRA 1992.
+    pub fn epsilon(&self, directions: Directions) -> f64 {
+        if self.fingers.iter().filter(|contacts| !contacts.is_empty()).count() < 2 {
+            return 0.0;
+        }
+        match directions {
+            Directions::Axes => self.least_along_axes(),
+            Directions::Fine => self.least_all_around(),
+        }
+    }
+
+    fn least_along_axes(&self) -> f64 {
+        let none = Vector3::zeros();
+        let mut least = f64::INFINITY;
+        for i in 0..3 {
+            let axis = Vector3::ith(i, 1.0);
+            for axis in [axis, -axis] {
+                least = least.min(self.support(&axis, &none)).min(self.support(&none, &axis));
+                for j in 0..3 {
+                    let (force, torque) = (axis * FRAC_1_SQRT_2, Vector3::ith(j, FRAC_1_SQRT_2));
+                    least = least.min(self.support(&force, &torque)).min(self.support(&force, &-torque));
+                }
+            }
+        }
+        least
+    }
+
+    fn least_all_around(&self) -> f64 {
+        let both_ways = |force: Vector3<f64>, torque: Vector3<f64>| {
+            self.support(&force, &torque).min(self.support(&-force, &-torque))
+        };
+        let none = Vector3::zeros();
+        let axes = (0..3).map(|i| Vector3::ith(i, 1.0));
+        let mut least = axes.map(|a| both_ways(a, none).min(both_ways(none, a))).fold(f64::INFINITY, f64::min);
+        let mut torques: Vec<Vector3<f64>> = half_sphere(FINE).collect();
+        torques.reverse();
+        for (f, t) in half_sphere(FINE).zip(torques) {
+            let mixed = FRAC_1_SQRT_2;
+            for (a, b) in [(1.0, 0.0), (0.0, 1.0), (mixed, mixed), (mixed, -mixed)] {
+                least = least.min(both_ways(f * a, t * b));
+            }
+        }
+        least
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pinch(friction: f64) -> WrenchSpace {
+        let mut space = WrenchSpace::new(2);
+        // Two fingers, each with a contact line, face to face.
+        for (finger, x) in [(0, 0.03_f64), (1, -0.03)] {
+            for y in [-0.02, 0.02] {
+                space.press(finger, &Vector3::new(x, y, 0.0), Vector3::new(-x.signum(), 0.0, 0.0), friction);
+            }
+        }
+        space
+    }
+
+    #[test]
+    fn friction_lifts_as_coulomb_says() {
+        let lift = |friction| pinch(friction).support(&Vector3::z(), &Vector3::zeros());
+        assert!((lift(0.5) - 1.0).abs() < 1e-12, "{}", lift(0.5));
+        assert_eq!(lift(0.0), 0.0);
+    }
+
+    #[test]
+    fn without_friction_a_pinch_closes_nothing() {
+        for directions in [Directions::Axes, Directions::Fine] {
+            assert_eq!(pinch(0.0).epsilon(directions), 0.0);
+            assert!(pinch(1.0).epsilon(directions) > 0.1);
+        }
+    }
+
+    #[test]
+    fn one_sided_contacts_close_nothing() {
+        let mut space = WrenchSpace::new(1);
+        space.press(0, &Vector3::new(0.03, 0.0, 0.0), -Vector3::x(), 1.0);
+        assert_eq!(space.epsilon(Directions::Fine), 0.0);
+    }
+}

@@ -1,0 +1,141 @@
+//! What can be read off a world: poses, velocities, fingers, motors, and whether it went wrong.
+
+use super::World;
+use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT};
+use crate::{finger, frames};
+use graspbox_hand::{Hand, MotorKind, MotorState};
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
+
+/// One finger as an outside observer knows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FingerState {
+    /// Proximal angle, rad.
+    pub proximal: f64,
+    /// Distal angle, rad.
+    pub distal: f64,
+    /// Proximal speed, rad/s.
+    pub proximal_speed: f64,
+    /// Distal speed, rad/s.
+    pub distal_speed: f64,
+    /// Spool angle, rad.
+    pub spool: f64,
+    /// Tendon tension, N.
+    pub tension: f64,
+}
+
+/// No object rises higher than this above the table, metres: an arm's reach over the highest lift.
+const HIGHEST: f64 = 3.0;
+/// No object moves faster than this in the hand's frame, m/s: a fall from [`HIGHEST`], seen from the fastest lift (19 m/s).
+const FASTEST: f64 = 30.0;
+/// No finger's joint is bent further beyond its stop than this, radians.
+const BEYOND_STOP: f64 = 1.0;
+
+impl World {
+    /// Seconds since the world was spawned.
+    pub fn time(&self) -> f64 {
+        self.state.steps as f64 * self.shared.config.dt
+    }
+
+    /// Seconds a step.
+    pub fn dt(&self) -> f64 {
+        self.shared.config.dt
+    }
+
+    /// The hand in this world.
+    pub fn hand(&self) -> &Arc<Hand> {
+        &self.shared.hand
+    }
+
+    /// Mass of the object, kg.
+    pub fn object_mass(&self) -> f64 {
+        self.shared.mass
+    }
+
+    /// Grasp frame in the world.
+    pub fn world_from_hand(&self) -> Isometry3<f64> {
+        self.state.motion.world_from_base * self.shared.hand.base_from_hand
+    }
+
+    /// Object in the world.
+    pub fn world_from_object(&self) -> Isometry3<f64> {
+        self.state.motion.world_from_base * self.base_from_object()
+    }
+
+    /// Object in the grasp frame.
+    pub fn hand_from_object(&self) -> Isometry3<f64> {
+        self.shared.hand.base_from_hand.inverse() * self.base_from_object()
+    }
+
+    fn base_from_object(&self) -> Isometry3<f64> {
+        frames::isometry(self.body(self.shared.handles.object).position())
+    }
+
+    /// Centre of mass of the object in the world, metres.
+    pub fn object_center(&self) -> Point3<f64> {
+        self.world_from_object() * Point3::from(self.shared.object_from_center)
+    }
+
+    /// Linear (m/s, of the centre of mass) and angular (rad/s) velocity of the object in the moving hand frame.
+    pub fn object_velocity_in_hand(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let body = self.body(self.shared.handles.object);
+        let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
+        (hand_from_base * frames::metres64(body.linvel()), hand_from_base * frames::vector64(body.angvel()))
+    }
+
+    /// State of every motor, in the order of the hand's motors.
+    pub fn motors(&self) -> &[MotorState] {
+        &self.state.motors
+    }
+
+    /// State of finger `finger`.
+    pub fn finger(&self, finger: usize) -> FingerState {
+        let handles = &self.shared.handles.fingers[finger];
+        let proximal = finger::joint_state(&self.physics, handles.proximal);
+        let distal = finger::joint_state(&self.physics, handles.distal);
+        FingerState {
+            proximal: proximal.angle,
+            distal: distal.angle,
+            proximal_speed: proximal.speed,
+            distal_speed: distal.speed,
+            spool: self.state.motors[self.shared.hand.fingers[finger].motor].position,
+            tension: self.state.tensions[finger],
+        }
+    }
+
+    /// Angle of the preshape motor, rad.
+    pub fn preshape(&self) -> f64 {
+        let motors = self.shared.hand.motors.iter().zip(&self.state.motors);
+        motors.filter(|(m, _)| m.kind == MotorKind::Preshape).map(|(_, s)| s.position).next().unwrap_or(0.0)
+    }
+
+    /// True once the simulation went wrong: a number that is not finite, or a motion that no table-top scene can have.
+    ///
+    /// The bounds leave ample room: the object's centre of mass falls no deeper than the ground under the table, rises no higher than
+    /// [`HIGHEST`], leaves the table's middle by no more than half the ground, moves slower than [`FASTEST`] in the hand's frame, and
+    /// no finger's joint is further beyond its stop than [`BEYOND_STOP`].
+    pub fn has_diverged(&self) -> bool {
+        let center = self.object_center();
+        let away = center.coords.xy().norm() > GROUND_SIDE / 2.0 || !(-TABLE_HEIGHT..=HIGHEST).contains(&center.z);
+        let fast = self.object_velocity_in_hand().0.norm() > FASTEST;
+        let hand = &self.shared.hand;
+        let bent = |index: usize| {
+            let (finger, state) = (&hand.fingers[index], self.finger(index));
+            [(finger.proximal, state.proximal), (finger.distal, state.distal)].into_iter().any(|(joint, angle)| {
+                let [lower, upper] = hand.joints[joint].limits;
+                !(lower - BEYOND_STOP..=upper + BEYOND_STOP).contains(&angle)
+            })
+        };
+        !self.is_finite() || away || fast || (0..hand.fingers.len()).any(bent)
+    }
+
+    /// False once anything in the world is no longer a finite number.
+    pub fn is_finite(&self) -> bool {
+        let fingers = self.shared.handles.fingers.iter().flat_map(|f| f.bodies);
+        let finite = |h| {
+            let body = self.body(h);
+            body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
+        };
+        fingers.chain([self.shared.handles.object]).all(finite)
+    }
+}
