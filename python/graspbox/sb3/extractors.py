@@ -68,7 +68,7 @@ class _Unit(nn.Module):  # type: ignore[misc]
         self._colour = self.labels is None and np.issubdtype(space.dtype, np.integer)
         low, span = space.low.astype(np.float32), (space.high - space.low).astype(np.float32)
         if not self._colour and not (np.isfinite([low, span]).all() and (span > 0).all()):
-            raise ConfigError(f"the bounds of {space} are not finite; they define the scaling, so give finite ones")
+            raise ConfigError(f"the bounds of {space} define the scaling; give finite ones, low below high")
         self.register_buffer("low", torch.as_tensor(low), persistent=False)
         self.register_buffer("span", torch.as_tensor(span), persistent=False)
         own = 1 if channel_axis is None else space.shape[channel_axis]
@@ -170,7 +170,7 @@ class PointNet(nn.Module):  # type: ignore[misc]
         self._pick = (slice(None), *[slice(None, None, step)] * (len(space.shape) - 1))
         low, high = (bound.reshape(-1, 3) for bound in (space.low, space.high))
         if not np.isfinite([low, high]).all():
-            raise ConfigError(f"the bounds of {space} are not finite; they define the scaling, so give finite ones")
+            raise ConfigError(f"the bounds of {space} define the scaling; give finite ones, low below high")
         middle, half = (low.min(0) + high.max(0)) / 2, (high.max(0) - low.min(0)).max() / 2
         self.register_buffer("middle", torch.as_tensor(middle, dtype=torch.float32), persistent=False)
         self._half = float(half)
