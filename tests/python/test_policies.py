@@ -143,6 +143,17 @@ def test_one_environment_is_one_row() -> None:
     assert env.step(policy.act(observation[None])[0])[4]["is_success"]
 
 
+def test_numeric_infos_name_objects_too() -> None:
+    actions = []
+    for kind in ("full", "numeric"):
+        envs = make(POSE, 2, info=kind)
+        policy = bound("planner", envs)
+        observation, info = envs.reset(seed=4)
+        policy.reset(info=info)
+        actions.append(policy.act(observation))
+    np.testing.assert_array_equal(actions[0], actions[1])
+
+
 def test_objects_without_a_feasible_pose_get_zeros(monkeypatch: pytest.MonkeyPatch) -> None:
     from graspbox import planning
 
@@ -221,6 +232,8 @@ def test_wrong_calls_are_explained() -> None:
         policy.reset(info={"object": np.array(["can-000000"])})
     with pytest.raises(ConfigError, match=r"needs info\['object'\]"):
         policy.reset(0)
+    with pytest.raises(ConfigError, match="info='numeric'"):
+        graspbox.evaluation.evaluate("zero", POSE, CANS, 1, info="numeric")
     policy.reset(info={"object": np.array(["can-000000", "spoon"], dtype=object)})
     with pytest.raises(ConfigError, match="no object 'spoon' in the set"):
         policy.act(np.zeros((2, 19), dtype=np.float32) + 0.5)

@@ -27,7 +27,7 @@ from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets, policies
 from graspbox.envs import IDS
-from graspbox.envs.core import ObjectsArgument
+from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import Evaluation, ObjectCount, TrialResult, wilson
 from graspbox.evaluation.trials import run_trials, trial_seeds

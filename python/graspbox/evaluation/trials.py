@@ -103,6 +103,8 @@ class _Run:
             self._steps[env], self._rewards[env] = 0, 0.0
             self._next += 1
         self._observation, info = self._native.reset(seed=seeds, options={"reset_mask": mask})
+        if not isinstance(info["object"][free[0]], str):
+            raise ConfigError("the environments have info='numeric'; trials need the names of info='full'")
         for env in free.tolist():
             self._objects[env] = info["object"][env]
         self._policy.reset(seeds, mask=mask, info=info)

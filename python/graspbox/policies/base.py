@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.envs import IDS
-from graspbox.envs.settings import HandArgument
+from graspbox.envs.settings import OBJECTS, HandArgument, Settings, keywords
 from graspbox.errors import ConfigError
 
 __all__ = ["Actions", "Policy", "Task"]
@@ -54,9 +54,9 @@ class Task:
     action_space: spaces.Box
     obs: str | tuple[str, ...]
     objects: object_sets.ObjectSet
-    control: str = "twist"
-    frame_skip: int = 1
-    hand: HandArgument = "reflex"
+    control: str
+    frame_skip: int
+    hand: HandArgument
 
     @classmethod
     def of(cls, envs: VectorEnv[Any, Any, Any] | gymnasium.Env[Any, Any]) -> Self:
@@ -80,11 +80,12 @@ class Task:
             num_envs, observation_space, action_space = 1, envs.observation_space, envs.action_space
         if not isinstance(action_space, spaces.Box):
             raise ConfigError(f"the action space is {action_space}; policies need a Box")
-        given = spec.kwargs.get("obs", "state")
-        obs = given if isinstance(given, str) else tuple(given)
-        objects = object_sets.load(spec.kwargs.get("objects", "procedural"), split=spec.kwargs.get("split"))
-        known = {name: spec.kwargs[name] for name in ("control", "frame_skip", "hand") if name in spec.kwargs}
-        return cls(spec.id, num_envs, observation_space, action_space, obs, objects, **known)
+        names = ("obs", "split", "control", "frame_skip", "hand")
+        given = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
+        obs, split = given.pop("obs"), given.pop("split")
+        obs = obs if isinstance(obs, str) else tuple(obs)
+        objects = object_sets.load(spec.kwargs.get("objects", OBJECTS.default), split=split)
+        return cls(spec.id, num_envs, observation_space, action_space, obs, objects, **given)
 
     @property
     def closed_loop(self) -> bool:
@@ -162,7 +163,7 @@ class Policy(ABC):
             Which environments begin an episode; by default all.
         info : mapping, optional
             Info of the reset, or of the step that reset them: an array of length `Task.num_envs` per entry. Privileged
-            policies read ``info["object"]``, the name of each object.
+            policies read ``info["object"]``, the name of each object (or its index, with ``info="numeric"``).
 
         Raises
         ------
