@@ -37,7 +37,7 @@ class Task:
     action_space : Box
         Of one environment.
     obs : str or tuple of str
-        What is observed: the keyword ``obs`` of the environments. Several names give a mapping.
+        Keyword ``obs`` of the environments: names of the observations. Several names give a mapping.
     objects : ObjectSet
         The objects that may appear; ``info["object"]`` names one of them.
     control : str
@@ -101,13 +101,14 @@ class Policy(ABC):
     ``reset_mask`` of a reset does. With autoreset, call it after the step that began the episodes: the step that ended
     the last ones (``AutoresetMode.SAME_STEP``) or the one after it (``AutoresetMode.NEXT_STEP``).
 
-    A subclass implements `act`, and where it needs them `_bind` and `_begin`. What it does in an environment must
-    depend only on that environment's seeds, infos and observations: then results do not depend on `Task.num_envs`.
+    A subclass implements `act`, and `_bind` and `_begin` if it keeps a state per environment. Its actions in an
+    environment must depend only on that environment's seeds, infos and observations; then results do not depend on
+    `Task.num_envs`.
 
     Attributes
     ----------
     name : str
-        What results are listed under.
+        Name in results.
     obs : str or None
         Observation that the policy needs (as the keyword ``obs`` of the environments names it); None: any.
     """
@@ -158,7 +159,7 @@ class Policy(ABC):
         ----------
         seed : int or sequence of int, optional
             As for the reset of a vector environment: the first environment's, the others' follow by ones; or one per
-            environment. What is random in a policy begins anew with a seed and continues without one.
+            environment. A random policy restarts an environment's stream with a seed and continues it without one.
         mask : (num_envs,) bool array, optional
             Which environments begin an episode; by default all.
         info : mapping, optional
