@@ -234,6 +234,6 @@ def test_wrong_calls_are_explained() -> None:
         policy.reset(0)
     with pytest.raises(ConfigError, match="info='numeric'"):
         graspbox.evaluation.evaluate("zero", POSE, CANS, 1, info="numeric")
-    policy.reset(info={"object": np.array(["can-000000", "spoon"], dtype=object)})
+    policy.reset(info={"object": np.array(["spoon", "can-000000"], dtype=object)})
     with pytest.raises(ConfigError, match="no object 'spoon' in the set"):
         policy.act(np.zeros((2, 19), dtype=np.float32) + 0.5)
