@@ -106,7 +106,7 @@ bench: $(STAMPS)/demo $(STAMPS)/core
 # The package shows what it exports; modules that it does not export have pages of their own. Importing MuJoCo starts a process.
 MODULES := $(subst /,.,$(patsubst python/%,%,$(patsubst %/__init__,%,$(basename \
 	$(wildcard python/graspbox/[a-z]*.py python/graspbox/[a-z]*/__init__.py)))))
-PAGES := graspbox $(filter-out graspbox.errors graspbox.object_sets,$(MODULES))
+PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation object_sets policies),$(MODULES))
 # The package imports these only when they are asked for; they have pages where Stable-Baselines3 is there.
 SB3_PAGES := $(subst /,.,$(patsubst python/%.py,%,$(wildcard python/graspbox/sb3/[a-z]*.py)))
 

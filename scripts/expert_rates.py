@@ -1,8 +1,8 @@
-"""Compare the scripted expert of Grasp-v0 with the planner's own trials: the same objects and poses, two verdicts.
+"""Compare the scripted expert of Grasp-v0 with trials of `graspbox.simulate` at the same grasp poses.
 
-In each episode the object lies as it was drawn. The planner proposes poses for it; one of the best three is tried by
-`graspbox.simulate` and by the expert, which drives the hand there from wherever it begins, by actions alone. An
-episode is left out where nothing is proposed, or where the trial's object, settled anew, comes to rest elsewhere.
+In each episode the planner proposes poses for the object as it lies. One of the best three is tried twice: by
+`graspbox.simulate`, and by the expert, which moves the hand there by actions alone. An episode is left out if no pose
+is feasible, or if the trial's object, settled anew, comes to rest elsewhere.
 
     python scripts/expert_rates.py --episodes 120 procedural ycb:025_mug ycb:005_tomato_soup_can
 
@@ -27,7 +27,7 @@ SAME = 5e-3
 
 
 def compare(env: Any, seed: int, control: str) -> dict[str, Any] | None:
-    """Try one pose both ways; None where there is nothing to compare."""
+    """Try one pose both ways; None if the episode is left out."""
     state, info = env.reset(seed=seed)
     name = info["object"]
     mesh = env.objects[env.objects.names.index(name)].load()
@@ -38,7 +38,7 @@ def compare(env: Any, seed: int, control: str) -> dict[str, Any] | None:
         return None
     chosen = seed % min(3, len(plan))
     trial = scene.simulate(plan.poses[chosen : chosen + 1], plan.preshape[chosen : chosen + 1])
-    expert = Expert(state, plan.poses[chosen], plan.preshape[chosen], control=control)  # type: ignore[arg-type]
+    expert = Expert(state, plan.poses[chosen], plan.preshape[chosen], control=control)
     steps, touches, done = 0, 0, False
     while not done and not expert.finished:
         state, _, done, _, info = env.step(expert.act(state))
@@ -50,7 +50,7 @@ def compare(env: Any, seed: int, control: str) -> dict[str, Any] | None:
 
 
 def rates(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Sum up: success rates, how often both agree, steps of an episode, share of steps with the object in touch."""
+    """Success rates of both, their agreement, steps per episode, and the share of steps in which the hand touches."""
     steps = sum(row["steps"] for row in rows)
     return {
         "episodes": len(rows),
@@ -64,7 +64,7 @@ def rates(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 def main(
     objects: Annotated[list[str], typer.Argument(help="Object sets.")],
-    episodes: Annotated[int, typer.Option(min=1, help="How many episodes.")] = 120,
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 120,
     control: Annotated[str, typer.Option(help="Control mode.")] = "twist",
 ) -> None:
     """Compare the expert with the planner's own trials."""
@@ -73,8 +73,8 @@ def main(
         row for seed in track(range(episodes), console=Console(stderr=True)) if (row := compare(env, seed, control))
     ]
     if not rows:
-        raise typer.BadParameter("the planner proposes nothing for any of these objects")
-    table = Table("seed", "object", "expert", "trial", title="where they differ", title_justify="left")
+        raise typer.BadParameter("the planner finds no feasible pose for any of these objects")
+    table = Table("seed", "object", "expert", "trial", title="episodes in which they differ", title_justify="left")
     for row in rows:
         if row["expert"] != row["trial"]:
             table.add_row(

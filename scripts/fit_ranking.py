@@ -1,15 +1,14 @@
 """Fit the weights of the planner's ranking to simulated grasps of procedural training objects.
 
-Of each object the planner's best poses and some random ones are tried; what the ranking reads off a pose
-(`graspbox.planning.rank_weights` names it) and whether it succeeded go into the log. A logistic regression with one
-intercept an object, so that it ranks poses within objects, gives the weights. Its held-out figures come from six folds
-over objects. A log that was interrupted is gone on with; one that is complete is only fitted. Begin a new one whenever
-planner or physics have changed.
+For each object the planner's best poses and some random ones are tried. The log records the ranking's features of each
+pose (named by `graspbox.planning.rank_weights`) and whether it succeeded. The weights come from a logistic regression
+with one intercept per object, so that it ranks poses within objects; held-out figures come from six folds over objects.
+An interrupted log is resumed; a complete one is only fitted. Begin a new log after a change of planner or physics.
 
     python scripts/fit_ranking.py --log out/ranking.jsonl
 
-The weights stand in ``env/plan/src/rank/score.rs``, in the table ``TERMS``: put each printed number into the row of its
-name. To try another term, add a row with the weight 0 there, build, and fit. Needs the extra ``cli``.
+The weights are in ``env/plan/src/rank/score.rs``, in the table ``TERMS``: put each printed number into the row of its
+name. To try another term, add a row with weight 0 there, build, and fit. Needs the extra ``cli``.
 """
 
 import json
@@ -34,12 +33,12 @@ from graspbox.resume_log import ResumeLog
 Array = NDArray[np.float64]
 
 FOLDS = 6
-#: Ridge on the weight of an intercept: it only keeps objects without a success, or without a failure, finite.
+#: Ridge on the intercepts; it only keeps those of objects without a success, or without a failure, finite.
 INTERCEPT_RIDGE = 0.3
 
 
 def collect(spec: ObjectSpec, top: int, others: int, seed: int) -> dict[str, Any]:
-    """Try the best `top` poses of an object and `others` of the rest: one row of the log."""
+    """Try the `top` best poses of an object and `others` random ones; returns a row of the log."""
     scene = graspbox.Scene(spec.load())
     rest = scene.world_from_object
     plan = graspbox.plan(scene.mesh, world_from_object=rest, seed=seed, features=True).best()
@@ -57,12 +56,12 @@ def collect(spec: ObjectSpec, top: int, others: int, seed: int) -> dict[str, Any
 
 
 def fit(features: Array, success: Array, objects: NDArray[np.int64], ridge: float) -> Array:
-    """Fit the weights: features (n, k), success (n,) of 0 and 1, objects (n,); gives (k,).
+    """Fit the weights (k,) to features (n, k), success (n,) of 0 and 1, and object numbers (n,).
 
-    `ridge` is on weights of features of unit variance.
+    `ridge` applies to the weights of standardised features.
     """
     scale = features.std(axis=0)
-    # A feature that does not vary says nothing; the ridge then leaves its weight at 0.
+    # The ridge leaves the weight of a constant feature at 0.
     scale[scale < 1e-9] = 1.0
     indicators = (objects[:, None] == np.unique(objects)).astype(np.float64)
     x = np.hstack([(features - features.mean(axis=0)) / scale, indicators])
@@ -80,7 +79,7 @@ def fit(features: Array, success: Array, objects: NDArray[np.int64], ridge: floa
 
 
 def judge(score: Array, success: Array, objects: NDArray[np.int64]) -> dict[str, float]:
-    """Judge a score: how often the first pose of an object succeeds, and how many of its pairs are in order."""
+    """Judge a score: success rate of the first pose per object, and share of its pairs in the right order."""
     first, pairs = [], []
     for number in np.unique(objects):
         mine = objects == number
@@ -92,7 +91,7 @@ def judge(score: Array, success: Array, objects: NDArray[np.int64]) -> dict[str,
 
 
 def held_out(features: Array, success: Array, objects: NDArray[np.int64], ridge: float, seed: int) -> Array:
-    """Score each object by weights that were fitted without it."""
+    """Score each object by weights fitted without it."""
     fold = np.random.default_rng(seed).permutation(objects.max() + 1) % FOLDS
     score = np.zeros(len(success))
     for k in range(FOLDS):
@@ -102,7 +101,7 @@ def held_out(features: Array, success: Array, objects: NDArray[np.int64], ridge:
 
 
 def report(rows: list[dict[str, Any]], ridge: float, seed: int) -> dict[str, Any]:
-    """Fit and judge."""
+    """Fit the weights and judge them; returns all figures."""
     rows = [row for row in rows if row["success"]]
     features = np.array([x for row in rows for x in row["features"]])
     success = np.array([float(x) for row in rows for x in row["success"]])
@@ -131,7 +130,7 @@ def report(rows: list[dict[str, Any]], ridge: float, seed: int) -> dict[str, Any
 
 
 def show(facts: dict[str, Any]) -> None:
-    """Print what one pastes, and how good it is."""
+    """Print the weights beside the present ones, and how well each order does."""
     console = Console()
     weights = Table("term", "present", "fitted", title="TERMS of env/plan/src/rank/score.rs")
     for (name, present), fitted in zip(rank_weights().items(), facts["weights"].values(), strict=True):
@@ -145,12 +144,12 @@ def show(facts: dict[str, Any]) -> None:
 
 
 def main(
-    log: Annotated[Path, typer.Option(help="JSON lines, one an object; what it holds is not tried again.")],
+    log: Annotated[Path, typer.Option(help="JSON lines, one per object; objects in it are not tried again.")],
     objects: Annotated[str, typer.Option(help="Object set; its training split is used.")] = "procedural:2000-2003",
     top: Annotated[int, typer.Option(min=0, help="The planner's best poses of each object.")] = 8,
-    others: Annotated[int, typer.Option(min=0, help="Random poses among the rest.")] = 24,
-    ridge: Annotated[float, typer.Option(min=0.01, help="Ridge on weights of features of unit variance.")] = 8.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of plans, random poses and folds.")] = 0,
+    others: Annotated[int, typer.Option(min=0, help="Random other poses of each object.")] = 24,
+    ridge: Annotated[float, typer.Option(min=0.01, help="Ridge on the weights of standardised features.")] = 8.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of plans, random poses and folds.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Try poses, fit the weights of the ranking, and print them with their held-out figures."""

@@ -26,8 +26,8 @@ def read(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, 
     first, *rows = (json.loads(line) for line in path.read_text().splitlines())
     if not rows:
         raise typer.BadParameter(f"the run in {str(folder)!r} has not been evaluated yet")
-    beside = folder / "baselines.json"
-    return first["settings"], rows, json.loads(beside.read_text()) if beside.is_file() else {}
+    baselines = folder / "baselines.json"
+    return first["settings"], rows, json.loads(baselines.read_text()) if baselines.is_file() else {}
 
 
 def main(
@@ -45,18 +45,18 @@ def main(
 
 
 def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]]) -> Figure:
-    """Plot runs as `read` gives them: success with its 95 % interval, and the references as horizontal lines."""
+    """Plot runs as `read` gives them: success with its 95 % interval, and the baselines as horizontal lines."""
     figure = Figure(figsize=(11, 4.4), dpi=120, layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     known: dict[str, float] = {}
-    for settings, rows, beside in runs:
+    for settings, rows, baselines in runs:
         success, intervals = (np.array([row[name] for row in rows]) for name in ("success", "ci95"))
         for panel, name, unit in ((panels[0], "timesteps", 1.0), (panels[1], "seconds", 60.0)):
             places = np.array([row[name] for row in rows]) / unit
             label = f"{settings['algorithm']}, seed {settings['seed']} (band: Wilson's 95 % interval)"
             (line,) = panel.plot(places, success, marker=".", label=label)
             panel.fill_between(places, *intervals.T, color=line.get_color(), alpha=0.2, lw=0)
-        known |= {name: found["success"] for name, found in beside.items()}
+        known |= {name: found["success"] for name, found in baselines.items()}
     for panel, title in zip(
         panels, ("steps of all environments", "minutes of training, evaluations included"), strict=True
     ):

@@ -1,7 +1,7 @@
-"""Where a physics step's time goes: instructions of 16 environments under the expert, counted by callgrind.
+"""Profile of a physics step: instructions of 16 environments under the scripted expert, counted by callgrind.
 
-The steps are those of ``graspbox bench``: its objects, and the actions that its expert takes. Counts do not depend on
-what else the machine does; they are no times, but near them where the work is of one kind.
+Objects, number of environments and steps are those of ``graspbox bench``. Counts do not depend on the load of the
+machine; they approximate times where the instruction mix is the same.
 
     python scripts/profile_step.py
 
@@ -14,16 +14,19 @@ import sys
 import tempfile
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from graspbox import policies
 from graspbox.cli import bench_images as bench
-from graspbox.envs.vector import GraspVectorEnv
+from graspbox.policies import Task
 
 #: Functions by the ends of their names, as callgrind prints them.
-PLAY, WORLD = "agent::play::Play::step", "world::World::step"
+EPISODE, WORLD = "agent_episode::AgentEpisode::step", "world::World::step"
 ENGINE, SOLVE, SEARCH = (
     "PhysicsPipeline>::step_inner",
     "StagedIslandSolver>::init_and_solve",
@@ -35,36 +38,39 @@ MOTIONS = ("Multibody::forward_kinematics", "Multibody::update_acceleration", "M
 _COST = re.compile(r"^\s*([\d,]+) \([^)]*\)\s+([*>])\s+(.*?)(?: \([\d,]+x\))?(?: \[.*\])?$")
 
 
+def environments(threads: int | None = None) -> Any:
+    """Make the environments of ``graspbox bench``."""
+    settings = {"objects": bench._OBJECTS, "autoreset_mode": "SameStep", "num_threads": threads}
+    return gymnasium.make_vec("graspbox/Grasp-v0", num_envs=bench._ENVS, **settings)
+
+
 def actions() -> np.ndarray:
-    """Take the expert's actions, (steps, envs, numbers)."""
-    env = GraspVectorEnv(bench._ENVS, bench._OBJECTS, obs=("state",), max_episode_steps=200)
-    seen, info = env.reset(seed=0)
-    experts = [bench._expert(env, name, state) for name, state in zip(info["object"], seen["state"], strict=True)]
-    taken = []
-    ended = np.zeros(bench._ENVS, dtype=np.bool_)
+    """Actions of the policy ``planner``, (steps, envs, numbers)."""
+    envs, policy = environments(), policies.load("planner")
+    policy.bind(Task.of(envs))
+    state, info = envs.reset(seed=0)
+    taken, begin = [], np.ones(bench._ENVS, dtype=np.bool_)
     for _ in range(bench._STEPS):
-        acts = [expert.act(state) for expert, state in zip(experts, seen["state"], strict=True)]
-        taken.append(np.stack(acts).astype(np.float32))
-        seen, _, terminated, truncated, info = env.step(taken[-1])
-        for i in np.flatnonzero(ended):
-            experts[i] = bench._expert(env, info["object"][i], seen["state"][i])
-        ended = terminated | truncated
+        policy.reset(mask=begin, info=info)
+        taken.append(policy.act(state))
+        state, _, terminated, truncated, info = envs.step(taken[-1])
+        begin = terminated | truncated
     return np.stack(taken)
 
 
 def replay(path: str) -> None:
-    """Take saved actions on one thread."""
-    env = GraspVectorEnv(bench._ENVS, bench._OBJECTS, obs=("state",), max_episode_steps=200, num_threads=1)
-    env.reset(seed=0)
+    """Step through saved actions on one thread."""
+    envs = environments(threads=1)
+    envs.reset(seed=0)
     for action in np.load(path):
-        env.step(action)
+        envs.step(action)
 
 
 def counted(folder: Path) -> tuple[dict[str, int], dict[tuple[str, str], int]]:
-    """Count instructions of each function with what it calls, and of each call."""
+    """Inclusive instructions per function, and per call."""
     np.save(folder / "actions.npy", actions())
     out = folder / "callgrind.out"
-    tool = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--toggle-collect=*agent*play*Play*step*"]
+    tool = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", f"--toggle-collect=*{EPISODE}"]
     subprocess.run([*tool, sys.executable, __file__, str(folder / "actions.npy")], check=True, capture_output=True)
     show = ["callgrind_annotate", "--inclusive=yes", "--tree=calling", "--threshold=100", str(out)]
     text = subprocess.run(show, check=True, capture_output=True, text=True).stdout
@@ -89,7 +95,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         total, calls = counted(Path(folder))
     if not total:
-        raise SystemExit("nothing was counted: the extension was stripped (profile dist); build it by `make test`")
+        raise SystemExit(f"no function {EPISODE!r} was counted: build the extension with symbols, by `make test`")
 
     def whole(*ends: str) -> int:
         return sum(cost for name, cost in total.items() if name.endswith(ends))
@@ -97,7 +103,7 @@ def main() -> None:
     def outside(*ends: str) -> int:
         return sum(cost for (a, b), cost in calls.items() if a.endswith(ENGINE) and b.endswith(ends))
 
-    # The kinematics are also found once before the solver.
+    # The kinematics are also computed once before the solver.
     before = outside(*MOTIONS)
     inside = whole(*MASSES, *MOTIONS) - before
     rows = [
@@ -107,12 +113,12 @@ def main() -> None:
         ("contact constraints and integration", whole(SOLVE) - inside),
         ("candidates, islands and the rest of the engine", whole(ENGINE) - whole(SEARCH) - whole(SOLVE) - before),
         ("tendons, motors and the moving frame", whole(WORLD) - whole(ENGINE)),
-        ("judge, arm, protective stop, reward", whole(PLAY) - whole(WORLD)),
+        ("judge, arm, protective stop, reward", whole(EPISODE) - whole(WORLD)),
     ]
-    each = whole(PLAY) / (bench._ENVS * bench._STEPS) / 1e6
-    table = Table("part", "share, %", title=f"{each:.1f} million instructions an env-step")
+    each = whole(EPISODE) / (bench._ENVS * bench._STEPS) / 1e6
+    table = Table("part", "share, %", title=f"{each:.1f} million instructions per env-step")
     for part, cost in rows:
-        table.add_row(part, f"{100 * cost / whole(PLAY):.0f}")
+        table.add_row(part, f"{100 * cost / whole(EPISODE):.0f}")
     Console().print(table)
 
 

@@ -1,13 +1,13 @@
 """Find the YCB objects that the hand can grasp at all; writes the list behind the object set ``ycb:graspable``.
 
-An object is tried in ranking order, plan after plan with another seed and no pose twice, until one succeeds. It leaves
-the list only after 2,000 different feasible poses without a success, and the list says why: too flat, too large, too
-heavy. A log that was interrupted is gone on with; begin a new one whenever planner or physics have changed.
+Poses of an object are tried in ranking order, over plans with different seeds and no pose twice, until one succeeds. An
+object is left out after 2,000 different feasible poses without a success; the list gives the reason: too flat, too
+large, too heavy. An interrupted log is resumed; begin a new one after a change of planner or physics.
 
     python scripts/sweep_graspable.py --log out/graspable.jsonl --list python/graspbox/data/ycb_graspable.txt
 
-The exit status is 1 where an object that left fits none of these reasons, or one stays in only because it does not
-offer 2,000 poses; look at those. Needs the extras ``cli`` and ``ycb``.
+The exit status is 1 if an object is left out for none of these reasons, or stays in only because it does not have 2,000
+poses; inspect these. Needs the extras ``cli`` and ``ycb``.
 """
 
 import json
@@ -29,24 +29,24 @@ from graspbox.resume_log import ResumeLog
 
 #: Poses without a success after which an object counts as not graspable.
 ENOUGH = 2000
-#: Poses a call: few while a success is likely, then more, since a call keeps all threads busy but for its end.
+#: Poses per call: few while a success is likely, then more, because threads idle only at the end of a call.
 FIRST_BATCH, LARGEST_BATCH = 2, 64
-#: Plans a sweep: an object that offers few poses in each is not tried for ever.
+#: Plans per object: bounds the sweep of an object with few poses per plan.
 MOST_PLANS = 100
-#: Later plans vary each pose more often: they are asked for what the first did not think of.
+#: Later plans make more variations of each pose, to find poses that the first plan lacks.
 MORE = PlanConfig(poses=PoseConfig(variations=32))
 
-#: The length of a distal pad, metres: fingers that come from above touch a lower object with their tips alone.
+#: Length of a distal pad, metres: from above, fingers touch a lower object only with their tips.
 FLAT = 0.026
-#: Our choice, kg: where the tip alone touches, a finger presses with 4.5 to 7 N, and the heaviest YCB objects that most
-#: poses lift have about this mass.
+#: Our choice, kg: a fingertip presses with 4.5 to 7 N, and the heaviest YCB objects that most poses lift have about
+#: this mass.
 HEAVY = 0.6
-#: Our choice, metres: an object thicker than this in every direction does not fit between the fingers' middles.
+#: Our choice, metres: an object thicker than this in every direction does not fit between the fingers.
 LARGE = 0.14
 
 
 def reasons(scene: graspbox.Scene, mass: float) -> list[str]:
-    """Say what is out of the ordinary about an object: flat, large, heavy."""
+    """Reasons why an object may be impossible to grasp: flat, large, heavy."""
     rest = scene.world_from_object
     points = scene.mesh.vertices @ rest[:3, :3].T + rest[:3, 3]
     height = float(np.ptp(points[:, 2]))
@@ -62,7 +62,7 @@ def reasons(scene: graspbox.Scene, mass: float) -> list[str]:
 
 
 def sweep(spec: ObjectSpec, progress: Progress) -> dict[str, Any]:
-    """Try poses of one object until one succeeds or enough have failed: one row of the log."""
+    """Try poses of one object until one succeeds or enough have failed; returns a row of the log."""
     task = progress.add_task(spec.name, total=ENOUGH)
     scene = graspbox.Scene(spec.load())
     seen: set[bytes] = set()
@@ -114,8 +114,8 @@ def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def main(
-    log: Annotated[Path, typer.Option(help="JSON lines, one an object; what it holds is not swept again.")],
-    list_file: Annotated[Path, typer.Option("--list", help="Where to write the names of the graspable objects.")],
+    log: Annotated[Path, typer.Option(help="JSON lines, one per object; objects in it are not tried again.")],
+    list_file: Annotated[Path, typer.Option("--list", help="File for the names of the graspable objects.")],
     objects: Annotated[str, typer.Option(help="The object set to sweep.")] = "ycb",
     as_json: Annotated[bool, typer.Option("--json", help="Print the rows of the log as JSON.")] = False,
 ) -> None:
@@ -139,7 +139,7 @@ def main(
         print(json.dumps(rows))
     unclear = [row for row in rows if row["graspable"] is None or (row["graspable"] is False and not row["reasons"])]
     for row in unclear:
-        errors.print(f"{row['name']}: {row['failed']} poses failed, and that does not settle it")
+        errors.print(f"{row['name']}: undecided after {row['failed']} failed poses")
     raise typer.Exit(1 if unclear else 0)
 
 

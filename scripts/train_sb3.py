@@ -93,7 +93,7 @@ class Parameters:
     env: dict[str, Any]
     #: Arguments of the algorithm.
     model: dict[str, Any]
-    #: Successful episodes of the scripted expert: sac and td3 learn from them beside their own, ppo clones them.
+    #: Successful episodes of the scripted expert: sac and td3 replay them, ppo clones them.
     demonstrations: int = 0
     #: Passes over the demonstrations when cloning.
     clone_epochs: int = 60

@@ -142,7 +142,11 @@ class ObjectSet(Sequence[ObjectSpec]):
             raise ObjectSetError(f"there is no split {split!r}; choose from {', '.join(get_args(Split))}")
         kept = tuple(spec for spec in self.objects if spec.split == split)
         if not kept:
-            raise ObjectSetError(f"none of the {len(self)} objects of {self.name!r} belongs to the split {split!r}")
+            families = {spec.family for spec in self.objects if spec.family}
+            more = f"; a range of seeds gives more, as 'procedural:{min(families)}:0-99'" if families else ""
+            raise ObjectSetError(
+                f"none of the {len(self)} objects of {self.name!r} belongs to the split {split!r}{more}"
+            )
         return ObjectSet(f"{self.name}/{split}", kept)
 
 

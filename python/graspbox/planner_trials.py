@@ -1,4 +1,4 @@
-"""Plan and try grasps over a whole object set: what ``graspbox grasp`` prints."""
+"""Trials of planned poses over an object set: the results that ``graspbox grasp`` prints."""
 
 import time
 from collections.abc import Callable
@@ -20,7 +20,7 @@ __all__ = ["ObjectResult", "SetResult", "try_object", "try_set"]
 
 @dataclass(frozen=True)
 class ObjectResult:
-    """What came of one object.
+    """Result of one object.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class ObjectResult:
     plan : Plan or None
         The poses that were tried, in ranking order; None if the object could not be prepared.
     outcomes : Outcomes or None
-        What came of each.
+        Outcome of each trial.
     seconds : float
         Wall time of the trials alone.
     error : str
@@ -43,7 +43,7 @@ class ObjectResult:
     error: str = ""
 
     def row(self) -> dict[str, Any]:
-        """Count, as ``graspbox grasp --json`` prints it."""
+        """Count the trials, as ``graspbox grasp --json`` prints them."""
         out = self.outcomes
         # Early stops may have cut the study's measures off; an infeasible pose has none and counts as failed.
         cut_off = out is not None and bool((np.isnan(out.kindness) & (out.failure != "infeasible")).any())
@@ -58,7 +58,7 @@ class ObjectResult:
         }
 
     def details(self) -> dict[str, Any]:
-        """Give every grasp and its outcome too, as ``graspbox grasp --out`` writes it.
+        """List counts, every grasp and its outcome, as ``graspbox grasp --out`` writes them.
 
         Beside the counts of `row`: ``error`` (empty if there is none), ``hand``, ``world_from_object`` (4x4) and
         ``grasps``, best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box`` and ``face``
@@ -77,12 +77,12 @@ class ObjectResult:
 
 @dataclass(frozen=True)
 class SetResult:
-    """What came of an object set."""
+    """Results of an object set."""
 
     objects: list[ObjectResult] = field(default_factory=list)
 
     def table(self, *, details: bool = False) -> dict[str, Any]:
-        """Sum up, as ``graspbox grasp --json`` prints it; with `details`, as ``--out`` writes it.
+        """Totals and rows, as ``graspbox grasp --json`` prints them; with `details`, as ``--out`` writes them.
 
         ``rate`` is a share of the tried poses; ``first_rate`` and ``objects_with_success`` are over all objects of
         the set, where one without a feasible pose counts as failed.
@@ -113,7 +113,7 @@ def try_object(
     physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
     num_threads: int | None = None,
 ) -> ObjectResult:
-    """Let an object settle, plan for it as it rests, and try the best `poses` feasible poses.
+    """Let an object settle, plan for its resting pose, and try the best `poses` feasible poses.
 
     What graspbox refuses (a broken mesh, an object that rolls away) is reported in `ObjectResult.error`.
 

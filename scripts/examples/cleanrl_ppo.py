@@ -1,9 +1,9 @@
-"""PPO in one file, in the manner of CleanRL, on the native vector environment: torch and nothing else.
+"""PPO in one file, in the style of CleanRL, on the native vector environment; its only learning library is torch.
 
     python scripts/examples/cleanrl_ppo.py --steps 200000
 
-Episodes begin anew in the step that ends them, so that no transition is lost; what a cut-off episode would still have
-paid is estimated from its last observation. Needs the extras ``cli`` and ``train``.
+Autoreset is ``SAME_STEP``, so that every step is a transition; truncated episodes bootstrap from the value of their
+last observation. Needs the extras ``cli`` and ``train``.
 """
 
 import time
@@ -22,13 +22,13 @@ GAMMA, LAMBDA, CLIP, EPOCHS, MINIBATCHES, ENTROPY, VALUE = 0.99, 0.95, 0.2, 4, 8
 
 
 class Scale:
-    """Scales observations by the mean and variance of all that it has seen."""
+    """Scales observations by their running mean and variance."""
 
     def __init__(self, size: int) -> None:
         self.mean, self.square, self.count = np.zeros(size), np.ones(size), 1e-4
 
     def __call__(self, seen: Any, learn: bool = True) -> Tensor:
-        """Learn from observations (rows, size), if so asked, and scale them."""
+        """Scale observations (rows, size); with `learn` they update the statistics first."""
         if learn:
             share = len(seen) / (self.count + len(seen))
             self.mean += share * (seen.mean(0) - self.mean)
@@ -60,7 +60,7 @@ class Agent(nn.Module):
 
 
 def advantages(rewards: Tensor, values: Tensor, after: Tensor, dones: Tensor) -> Tensor:
-    """Generalised advantage estimates (steps, envs); `after` is the value of what each step led to."""
+    """Generalised advantage estimates (steps, envs); `after` is the value of the state after each step."""
     found, last = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
     for t in reversed(range(len(rewards))):
         last = rewards[t] + GAMMA * after[t] - values[t] + GAMMA * LAMBDA * (1 - dones[t]) * last
@@ -69,7 +69,7 @@ def advantages(rewards: Tensor, values: Tensor, after: Tensor, dones: Tensor) ->
 
 
 def update(agent: Agent, optimizer: torch.optim.Optimizer, batch: dict[str, Tensor]) -> float:
-    """Improve the agent by one rollout; the last loss of its value."""
+    """Improve the agent on one rollout; returns the last value loss."""
     rows = len(batch["gain"])
     for order in (torch.randperm(rows) for _ in range(EPOCHS)):
         for part in order.chunk(MINIBATCHES):
@@ -92,11 +92,11 @@ def main(
     objects: Annotated[str, typer.Option(help="Object set.")] = "procedural:can:0-9",
     steps: Annotated[int, typer.Option(help="Steps of all environments together.")] = 1_000_000,
     num_envs: Annotated[int, typer.Option(help="Environments.")] = 16,
-    rollout: Annotated[int, typer.Option(help="Steps of each environment between two updates.")] = 128,
-    learning_rate: Annotated[float, typer.Option(help="Falls linearly to zero.")] = 5e-4,
+    rollout: Annotated[int, typer.Option(help="Steps per environment between two updates.")] = 128,
+    learning_rate: Annotated[float, typer.Option(help="Learning rate; falls linearly to zero.")] = 5e-4,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
 ) -> None:
-    """Train; prints a line for each update."""
+    """Train; prints a line per update."""
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     envs: Any = gymnasium.make_vec(
@@ -121,8 +121,8 @@ def main(
                     last = scale(infos["final_obs"][i][None], learn=False)
                     after[i] = 0.0 if terminated[i] else agent.value(last)[0, 0]
                 value = agent.value(seen)[:, 0]
-            paid, over = torch.as_tensor(rewards, dtype=torch.float32), torch.as_tensor(done, dtype=torch.float32)
-            history.append((seen, actions, policy.log_prob(actions).sum(1), value, paid, over, after))
+            reward, over = torch.as_tensor(rewards, dtype=torch.float32), torch.as_tensor(done, dtype=torch.float32)
+            history.append((seen, actions, policy.log_prob(actions).sum(1), value, reward, over, after))
             seen, returns = now, returns + rewards
             ends += [(returns[i], infos["final_info"]["is_success"][i]) for i in np.flatnonzero(done)]
             returns[done] = 0.0

@@ -1,6 +1,6 @@
 """PPO of RLlib on the single environment, in two processes.
 
-RLlib pins an older Gymnasium than the one that graspbox is tested with; graspbox runs on both. pip lets the pin win:
+RLlib pins an older Gymnasium than the one that graspbox is tested with; graspbox runs on both. pip obeys the pin:
 
     pip install 'graspbox[rllib]'
     python scripts/examples/rllib_ppo.py
@@ -17,7 +17,7 @@ from ray.tune.registry import register_env
 
 
 def make(settings: dict[str, Any]) -> gymnasium.Env[Any, Any]:
-    """Make an environment; in RLlib's processes, where the id's first part imports graspbox."""
+    """Make an environment in a process of RLlib; the prefix of the id imports graspbox there."""
     return gymnasium.make("graspbox:graspbox/Grasp-v0", **settings)
 
 

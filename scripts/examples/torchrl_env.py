@@ -1,9 +1,9 @@
-"""The single environment as TorchRL takes it, by its `GymWrapper`: a rollout of random actions as a TensorDict.
+"""The single environment in TorchRL's `GymWrapper`: a rollout of random actions as a TensorDict.
 
     pip install torchrl
     python scripts/examples/torchrl_env.py
 
-TorchRL's own vector environments (``ParallelEnv``) take a function that makes one: `make`.
+TorchRL's own vector environments (``ParallelEnv``) take a function that makes an environment: `make`.
 """
 
 import gymnasium
@@ -13,7 +13,7 @@ import graspbox  # noqa: F401 (registers the environments)
 
 
 def make(objects: str = "procedural:can:0-9") -> TransformedEnv:
-    """Make an environment that sums up its rewards."""
+    """Make an environment that records its return."""
     env = gymnasium.make("graspbox/Grasp-v0", objects=objects, obs=("proprio", "depth"), reward="dense")
     return TransformedEnv(GymWrapper(env), RewardSum())
 

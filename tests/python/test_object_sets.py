@@ -160,6 +160,10 @@ def test_splits_part_the_objects() -> None:
     assert 0.66 < len(parts["train"]) / len(every) < 0.74
     with pytest.raises(errors.ObjectSetError, match="no split"):
         every.split("holdout")  # type: ignore[arg-type]
+    # Ten objects may have none in a split; the error says how to get more.
+    with pytest.raises(errors.ObjectSetError, match="a range of seeds gives more, as 'procedural:mug:0-99'"):
+        object_sets.load("procedural:mug", split="test")
+    assert len(object_sets.load("procedural:mug:0-99", split="test")) == 11
 
 
 @given(st.text(min_size=1, max_size=40))

@@ -12,6 +12,8 @@ import pytest
 import graspbox
 from graspbox import policies
 from graspbox.envs import IDS
+from graspbox.envs.coding import encode_action, object_pose
+from graspbox.envs.grasp_pose import GraspPoseVectorEnv
 from graspbox.errors import ConfigError
 from graspbox.policies import Policy, Task
 
@@ -91,9 +93,9 @@ def test_the_planner_decides_once_an_episode_as_the_planner_itself() -> None:
     actions = policy.act(observation)
     for env in range(2):
         mesh = envs.objects[envs.objects.names.index(info["object"][env])].load()
-        world_from_object = graspbox.envs.grasp_pose.object_pose(observation[env])
+        world_from_object = object_pose(observation[env])
         best = graspbox.plan(mesh, world_from_object=world_from_object)
-        wanted = graspbox.envs.grasp_pose.encode_action(world_from_object @ best.poses[0], best.preshape[0])
+        wanted = encode_action(world_from_object @ best.poses[0], best.preshape[0])
         np.testing.assert_array_equal(actions[env], wanted)
     # The next episode of one environment alone is planned for.
     mask = np.array([False, True])
@@ -139,6 +141,17 @@ def test_one_environment_is_one_row() -> None:
     observation, info = env.reset(seed=0)
     policy.reset(0, info=info)
     assert env.step(policy.act(observation[None])[0])[4]["is_success"]
+
+
+def test_numeric_infos_name_objects_too() -> None:
+    actions = []
+    for kind in ("full", "numeric"):
+        envs = make(POSE, 2, info=kind)
+        policy = bound("planner", envs)
+        observation, info = envs.reset(seed=4)
+        policy.reset(info=info)
+        actions.append(policy.act(observation))
+    np.testing.assert_array_equal(actions[0], actions[1])
 
 
 def test_objects_without_a_feasible_pose_get_zeros(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +222,7 @@ def test_wrong_calls_are_explained() -> None:
     with pytest.raises(ConfigError, match="id 'CartPole-v1'"):
         Task.of(gymnasium.make("CartPole-v1"))
     with pytest.raises(ConfigError, match="no registered id"):
-        Task.of(graspbox.envs.grasp_pose.GraspPoseVectorEnv(2, CANS))
+        Task.of(GraspPoseVectorEnv(2, CANS))
     policy = bound("planner", make(POSE, 2))
     with pytest.raises(ConfigError, match="3 seeds; give one for each of the 2"):
         policy.reset([1, 2, 3])
@@ -219,6 +232,8 @@ def test_wrong_calls_are_explained() -> None:
         policy.reset(info={"object": np.array(["can-000000"])})
     with pytest.raises(ConfigError, match=r"needs info\['object'\]"):
         policy.reset(0)
-    policy.reset(info={"object": np.array(["can-000000", "spoon"], dtype=object)})
+    with pytest.raises(ConfigError, match="info='numeric'"):
+        graspbox.evaluation.evaluate("zero", POSE, CANS, 1, info="numeric")
+    policy.reset(info={"object": np.array(["spoon", "can-000000"], dtype=object)})
     with pytest.raises(ConfigError, match="no object 'spoon' in the set"):
         policy.act(np.zeros((2, 19), dtype=np.float32) + 0.5)

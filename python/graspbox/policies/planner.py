@@ -54,7 +54,9 @@ class Planner(Policy):
         if "object" not in info:
             raise ConfigError(f"the policy {self.name!r} needs info['object'], the object's name; give reset its info")
         # The plan waits for the first observation, which holds the object's pose.
-        self._objects[env] = str(info["object"])
+        given = info["object"]
+        # With info='numeric' it is an index.
+        self._objects[env] = given if isinstance(given, str) else self.task.objects.names[int(given)]
         self._experts[env] = None
 
     def act(self, observation: Any) -> Actions:

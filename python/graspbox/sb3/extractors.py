@@ -1,17 +1,18 @@
-"""Features of every observation, without flattening what has a shape: ``policy_kwargs=dict(features_extractor_class=Extractor)``.
+"""A features extractor with a suitable network for each kind of observation.
 
-Stable-Baselines3 has a network for uint8 images alone; metres, labels, points and voxels it would flatten. `Extractor`
-looks at the space, at each one of a ``Dict``, and chooses:
+Stable-Baselines3 has a network for uint8 images only; it flattens depth, labels, points and voxels. `Extractor` chooses
+a network by the space, for each entry of a ``Dict``; pass it as
+``policy_kwargs=dict(features_extractor_class=Extractor)``.
 
-| the space | is taken for | network |
+| space | taken for | network |
 |---|---|---|
-| one axis | a vector | none: the numbers as they are |
-| (n, 3) or (H, W, 3), float, negative x allowed | points | the same small network for every point seen, then the maximum |
+| one axis | a vector | none: the numbers themselves |
+| (n, 3) or (H, W, 3), float, negative x allowed | points | one small network applied to every visible point, then the maximum |
 | three equal sides | voxels | labels as channels, Conv3d |
-| three axes, the first or the last at most 16 | an image, channels where these are | Conv2d |
+| three axes, the first or the last at most 16 | an image; the channels are on that axis | Conv2d |
 
-Of an image, uint8 up to 255 is colour, which Stable-Baselines3 scales to [0, 1] and puts channels first by itself; uint8
-below is a label, each a channel of its own; floats (depth, rgbd) are scaled to [0, 1] by the bounds of the space.
+Images of uint8 up to 255 are colour: Stable-Baselines3 scales them to [0, 1] and puts channels first. Smaller uint8 are
+labels, one-hot encoded as channels. Floats (depth, rgbd) are scaled to [0, 1] by the bounds of the space.
 
 >>> from stable_baselines3 import PPO
 >>> from graspbox.sb3 import Extractor, VecEnv
@@ -34,11 +35,11 @@ from graspbox.errors import ConfigError
 
 __all__ = ["Extractor", "ImageNet", "PointNet", "VoxelNet"]
 
-#: More channels than this are no channels.
+#: An axis longer than this does not hold channels.
 _MAX_CHANNELS = 16
-#: Points beyond so many are left out, evenly: on a CPU a policy has no time for more.
+#: A larger cloud is subsampled evenly, to keep a policy fast on a CPU.
 _MAX_POINTS = 1024
-#: Neighbouring cells that the last maps of an image and of voxels keep along a side.
+#: Side of the last feature map of an image and of voxels.
 _MAP_2D, _MAP_3D = 4, 2
 
 
@@ -48,14 +49,14 @@ def _is_points(space: Box) -> bool:
 
 
 def _labels(space: Box) -> int | None:
-    """Count the labels of a space; None where its numbers are no labels."""
+    """Count the labels of a space; None if its numbers are not labels."""
     if not np.issubdtype(space.dtype, np.integer) or (space.high == 255).all():
         return None
     return int(space.high.max()) + 1
 
 
 class _Unit(nn.Module):  # type: ignore[misc]
-    """Channels of a network from an observation (rows, *shape): labels one by one, floats in [0, 1]."""
+    """Channels (rows, channels, ...) of observations (rows, *shape): one-hot labels, floats in [0, 1]."""
 
     low: Tensor
     span: Tensor
@@ -67,7 +68,7 @@ class _Unit(nn.Module):  # type: ignore[misc]
         self._colour = self.labels is None and np.issubdtype(space.dtype, np.integer)
         low, span = space.low.astype(np.float32), (space.high - space.low).astype(np.float32)
         if not self._colour and not (np.isfinite([low, span]).all() and (span > 0).all()):
-            raise ConfigError(f"the bounds of {space} do not say how to scale it; give finite ones")
+            raise ConfigError(f"the bounds of {space} define the scaling; give finite ones, low below high")
         self.register_buffer("low", torch.as_tensor(low), persistent=False)
         self.register_buffer("span", torch.as_tensor(span), persistent=False)
         own = 1 if channel_axis is None else space.shape[channel_axis]
@@ -87,14 +88,14 @@ class _Unit(nn.Module):  # type: ignore[misc]
 
 
 class ImageNet(nn.Module):  # type: ignore[misc]
-    """Features of an image: four strided convolutions, and a layer over what they leave of its places.
+    """Features of an image: four strided convolutions and a linear layer.
 
     Parameters
     ----------
     space : Box
-        Three axes; the first or the last one is that of the channels.
+        Three axes; the first or the last holds the channels.
     features : int
-        How many numbers come out.
+        Number of features.
     """
 
     def __init__(self, space: Box, features: int) -> None:
@@ -116,14 +117,14 @@ class ImageNet(nn.Module):  # type: ignore[misc]
 
 
 class VoxelNet(nn.Module):  # type: ignore[misc]
-    """Features of a cube of voxels (N, N, N): three strided convolutions, and a layer over what they leave.
+    """Features of a cube of voxels (N, N, N): three strided convolutions and a linear layer.
 
     Parameters
     ----------
     space : Box
         Three axes of the same length.
     features : int
-        How many numbers come out.
+        Number of features.
     """
 
     def __init__(self, space: Box, features: int) -> None:
@@ -144,14 +145,14 @@ class VoxelNet(nn.Module):  # type: ignore[misc]
 
 
 class PointNet(nn.Module):  # type: ignore[misc]
-    """Features of a cloud, whatever the order of its points; those at the origin are missing, and left out.
+    """Features of a point cloud, invariant to the order of its points; points at the origin are missing ones, left out.
 
     Parameters
     ----------
     space : Box
         (n, 3), or (H, W, 3) as an image of points.
     features : int
-        How many numbers come out.
+        Number of features.
 
     Notes
     -----
@@ -169,7 +170,7 @@ class PointNet(nn.Module):  # type: ignore[misc]
         self._pick = (slice(None), *[slice(None, None, step)] * (len(space.shape) - 1))
         low, high = (bound.reshape(-1, 3) for bound in (space.low, space.high))
         if not np.isfinite([low, high]).all():
-            raise ConfigError(f"the bounds of {space} do not say how to scale it; give finite ones")
+            raise ConfigError(f"the bounds of {space} define the scaling; give finite ones, low below high")
         middle, half = (low.min(0) + high.max(0)) / 2, (high.max(0) - low.min(0)).max() / 2
         self.register_buffer("middle", torch.as_tensor(middle, dtype=torch.float32), persistent=False)
         self._half = float(half)
@@ -183,7 +184,7 @@ class PointNet(nn.Module):  # type: ignore[misc]
         points = observation[self._pick].flatten(1, -2)
         missing = (points == 0).all(-1, keepdim=True)
         found = self.each((points - self.middle) / self._half)
-        # What comes out of a ReLU is not negative: zero is the maximum of no points.
+        # A ReLU is not negative, so zero is the maximum over no points.
         pooled: Tensor = self.all(found.masked_fill(missing, 0.0).amax(1))
         return pooled
 
@@ -198,12 +199,12 @@ class _Vector(nn.Module):  # type: ignore[misc]
 
 
 def network(space: gymnasium.Space[Any], features: int) -> tuple[nn.Module, int]:
-    """Choose the network of a space, and say how many numbers come out of it.
+    """Choose the network of a space; returns it with the number of its features.
 
     Raises
     ------
     ConfigError
-        For a space that the table does not know.
+        For a space that is not in the table.
     """
     if isinstance(space, Box):
         if len(space.shape) == 1:
@@ -219,19 +220,19 @@ def network(space: gymnasium.Space[Any], features: int) -> tuple[nn.Module, int]
 
 
 class Extractor(BaseFeaturesExtractor):  # type: ignore[misc]
-    """Features of an observation, or of all of a ``Dict``, one after the other.
+    """Features of an observation; those of the entries of a ``Dict`` are concatenated.
 
     Parameters
     ----------
     observation_space : gymnasium.Space
         A ``Box``, or a ``Dict`` of them; see the module.
     features : int
-        How many numbers come of each image, cloud or cube; vectors stay as they are.
+        Number of features per image, point cloud or cube; vectors are passed through.
 
     Raises
     ------
     ConfigError
-        For a space that the module's table does not know, or one whose bounds are not finite.
+        For a space that is not in the table of the module, or whose bounds are not finite.
     """
 
     def __init__(self, observation_space: gymnasium.Space[Any], features: int = 128) -> None:

@@ -26,7 +26,7 @@ class ModelPolicy(Policy):
     statistics : VecNormalize, optional
         Scales the observations; its statistics are read, not updated.
     name : str
-        What results are listed under.
+        Name in results.
     """
 
     def __init__(self, model: BaseAlgorithm, statistics: VecNormalize | None = None, name: str = "policy") -> None:

@@ -264,9 +264,10 @@ class Run(BaseCallback):  # type: ignore[misc]
 
     def _is_due(self) -> bool:
         """Whether enough steps, or enough time, have passed since the last evaluation."""
-        steps = self.num_timesteps - (self.last["timesteps"] if self.last else 0)
-        if steps >= self.every or self.every_minutes is None:
-            return steps >= self.every
+        steps = self.num_timesteps - (int(self.last["timesteps"]) if self.last else 0)
+        enough: bool = steps >= self.every
+        if enough or self.every_minutes is None:
+            return enough
         # From start to start; but a run trains for at least as long as it evaluates.
         waited = time.monotonic() - self._evaluated
         return waited >= max(60 * self.every_minutes, 2 * self._evaluation)

@@ -61,7 +61,7 @@ def study_objects() -> list[str]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Our counts beside the study's.
+    """Our counts, to compare with the study's.
 
     Attributes
     ----------

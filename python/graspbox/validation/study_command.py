@@ -7,6 +7,7 @@ from pathlib import Path
 
 from graspbox import object_sets
 from graspbox.configs import TrialConfig
+from graspbox.files import check_output, write_text
 from graspbox.planner_trials import try_set
 from graspbox.validation.study import Comparison, study_objects
 
@@ -28,7 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
     if args.poses < 1:
         parser.error(f"--poses is {args.poses}; give 1 or more")
     if args.out is not None:
-        args.out.mkdir(parents=True, exist_ok=True)
+        check_output(args.out / "table_3_1.md")
     result = try_set(
         object_sets.load(study_objects()),
         poses=args.poses,
@@ -40,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     if args.out is not None:
         from graspbox.validation.study_chart import save_comparison
 
-        (args.out / "table_3_1.md").write_text(comparison.markdown())
+        write_text(args.out / "table_3_1.md", comparison.markdown())
         save_comparison(args.out / "table_3_1.png", comparison)
     print(json.dumps(dict(comparison.ours)) if args.json else comparison.markdown())
     errors = [f"{found.name}: {found.error}" for found in result.objects if found.error]

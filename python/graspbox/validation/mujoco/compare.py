@@ -1,12 +1,11 @@
-"""Many trials in both engines: where the labels are equal, where they differ and why, and how fast each is.
+"""Many trials in both engines: equal and different labels, reasons of the differences, and speed.
 
-Objects are those of a set, poses are drawn at random around them (from above and from the sides, the hand's palm near
-the surface), so that the planner has no say. Both engines get the same arrays; a pose that either finds in collision
-at the start is counted apart and not compared.
+Poses are sampled at random around the objects (from above and from the sides, the palm near the surface), independently
+of the planner. Both engines get the same arrays; a pose that is in collision at the start in either of them is counted
+separately and not compared.
 
-A label that differs is looked at once more, with both engines at half their time step. If one of them then
-contradicts itself, the grasp was on a knife's edge there, and the disagreement says nothing about the model; if
-neither does, the engines truly disagree.
+Trials with different labels are repeated in both engines at half their time step. If an engine then changes its label,
+that label was numerically undecided and the difference says nothing about the model; otherwise the engines disagree.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ import numpy as np
 import graspbox
 from graspbox import _core
 from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.errors import ConfigError
 from graspbox.validation.mujoco.description import Array, HandDescription, read_hand
 from graspbox.validation.mujoco.replay import Outcome, replay
 from graspbox.validation.mujoco.scene import Numerics, ObjectData, build
@@ -41,7 +41,7 @@ DEFAULT_OBJECTS = (
     "ycb:065-d_cups",
     "procedural:0",
 )
-#: Poses are drawn in rounds until enough are feasible; an object on which this many fail is left out.
+#: Poses are sampled in rounds until enough are feasible; after this many rounds the object is left out.
 _MAX_ROUNDS = 20
 
 Why = Literal["core undecided", "mujoco undecided", "both undecided", "engines disagree"]
@@ -89,7 +89,7 @@ class Row:
 
 @dataclass
 class Report:
-    """What came of a comparison."""
+    """Result of a comparison."""
 
     rows: list[Row] = field(default_factory=list)
     #: Trials that MuJoCo finds in collision at the start.
@@ -143,7 +143,7 @@ class Report:
 
 
 def object_data(scene: graspbox.Scene) -> ObjectData:
-    """Take the object of a core's scene, as it rests there."""
+    """Take the object of a core scene at its resting pose."""
     body = scene.body
     return ObjectData(
         scene.name, body.parts, body.mass, body.center_of_mass, body.inertia, np.array(scene.world_from_object)
@@ -156,7 +156,7 @@ def reflex() -> HandDescription:
 
 
 def random_pose(random: np.random.Generator, points: Array, center: Array) -> tuple[Array, float]:
-    """Draw a hand pose from above or from a side, and a preshape.
+    """Sample a hand pose from above or from a side, and a preshape.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def random_pose(random: np.random.Generator, points: Array, center: Array) -> tu
     -------
     world_from_hand : (4, 4)
     preshape : float
-        rad: a pinch in three of ten cases, else between 0 and 0.6.
+        rad: pi/2 (a pinch) with probability 0.3, else uniform between 0 and 0.6.
     """
     yaw = random.uniform(0.0, 2.0 * np.pi)
     side = np.array([np.cos(yaw), np.sin(yaw), 0.0])
@@ -192,8 +192,8 @@ def random_pose(random: np.random.Generator, points: Array, center: Array) -> tu
     return pose, float(preshape)
 
 
-def draw_trials(scene: graspbox.Scene, count: int, random: np.random.Generator) -> tuple[Array, Array] | None:
-    """Draw poses that the core finds feasible: (count, 4, 4) ``object_from_hand`` and (count,) preshapes."""
+def sample_trials(scene: graspbox.Scene, count: int, random: np.random.Generator) -> tuple[Array, Array] | None:
+    """Sample poses that are feasible in the core: (count, 4, 4) ``object_from_hand`` and (count,) preshapes."""
     rest = np.array(scene.world_from_object)
     body = scene.body
     points = np.concatenate(body.parts) @ rest[:3, :3].T + rest[:3, 3]
@@ -201,7 +201,7 @@ def draw_trials(scene: graspbox.Scene, count: int, random: np.random.Generator) 
     world_to_object = np.linalg.inv(rest)
     poses: list[Array] = []
     preshapes: list[float] = []
-    # The shortest trial tells whether a pose is feasible.
+    # A short trial suffices to find out whether a pose is feasible.
     check = TrialConfig(close_time=0.1, lift_time=0.1, hold_time=0.5)
     for _ in range(_MAX_ROUNDS):
         drawn = [random_pose(random, points, center) for _ in range(count)]
@@ -259,19 +259,28 @@ def compare(
     objects : sequence of str
         Object sets.
     trials : int
-        How many.
+        Number of trials, at least one.
     seed : int
-        Of the poses.
+        Seed of the poses.
     threads : int, optional
         For both engines; by default as many as the core would use.
     numerics : Numerics, optional
         MuJoCo's settings.
     explain : bool
-        Look at every difference once more at half the time step.
+        Repeat trials with different labels at half the time step.
     progress : callable, optional
-        Told how many trials are done, after each object.
+        Called after each object with the number of finished trials.
+
+    Raises
+    ------
+    ConfigError
+        If there are no trials, or MuJoCo's time step is not positive.
     """
     numerics = numerics or Numerics()
+    if trials < 1:
+        raise ConfigError(f"trials is {trials}; give 1 or more")
+    if not 0.0 < numerics.timestep <= 0.01:
+        raise ConfigError(f"timestep is {numerics.timestep}; give at most 0.01 s")
     specs = graspbox.object_sets.load(list(objects))
     hand = reflex()
     report = Report(threads=threads or _core.num_threads())
@@ -283,7 +292,7 @@ def compare(
             continue
         mesh = spec.load()
         scene = graspbox.Scene(mesh)
-        drawn = draw_trials(scene, count, np.random.default_rng([seed, number]))
+        drawn = sample_trials(scene, count, np.random.default_rng([seed, number]))
         done += count
         if drawn is None:
             report.left_out.append(spec.name)

@@ -1,7 +1,7 @@
-"""A hand's two files, read once more: the judge shares no code with the core, only the description.
+"""Reads the two files of a hand independently of the core, which shares only these files.
 
-The text of a URDF (links, joints, boxes, masses) and of a ``hand.toml`` (tendons, springs, motors, friction) become
-plain values. What the core checks is not checked again here.
+The URDF (links, joints, boxes, masses) and the ``hand.toml`` (tendons, springs, motors, friction) become plain values.
+Checks that the core makes are not repeated here.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Finger:
-    """Two joints on one tendon; SI units. Link indices stand for the joints that carry them."""
+    """Two joints on one tendon; SI units. A joint has the index of its child link."""
 
     name: str
     #: The link that the preshape turns, and its sign.
@@ -81,7 +81,7 @@ class Finger:
 
 @dataclass(frozen=True)
 class HandDescription:
-    """A whole hand; parents stand before children."""
+    """A hand; parent links come before their children."""
 
     name: str
     links: tuple[Link, ...]
@@ -157,7 +157,7 @@ def _inertial(element: ET.Element) -> tuple[float, Array, Array]:
 
 
 def _links(robot: ET.Element, pads: set[str], friction: dict[str, float]) -> tuple[Link, ...]:
-    """Walk from the base outwards, so that parents stand before children."""
+    """Order the links from the base outwards: parents before children."""
     elements = {element.attrib["name"]: element for element in robot.findall("link")}
     joints: dict[str, list[ET.Element]] = {}
     children = set()

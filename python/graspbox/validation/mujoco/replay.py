@@ -1,7 +1,7 @@
-"""One trial in MuJoCo: close, lift, hold, and the same definition of success as the core's.
+"""One trial in MuJoCo: close, lift, hold, with the core's definition of success.
 
 Only MuJoCo steps the world. Between steps the spools turn (position command at full speed, stalled while the tension
-is at its maximum), the soft joint stops push, and the carriage is put where the minimum-jerk lift wants it.
+is at its maximum), the soft joint stops push, and the carriage follows the minimum-jerk lift.
 """
 
 from __future__ import annotations
@@ -13,18 +13,22 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.validation.mujoco.description import Array, Finger
 from graspbox.validation.mujoco.scene import CARRIAGE_INERTIA, Scene, quaternion
 
 FailureKind = Literal["infeasible", "no_contact", "slipped", "dropped", "unstable"]
 
-#: The predicate of success: rise of the centre of mass (m), speed in the hand's frame (m/s), for so long (s).
-LIFT_HEIGHT, REST_SPEED, HOLD_TIME = 0.15, 0.005, 0.5
-#: Once it rose this far the object can be dropped, m.
+#: Criterion of success: rise of the centre of mass (m), speed in the hand's frame (m/s), and hold time (s).
+LIFT_HEIGHT, REST_SPEED, HOLD_TIME = (
+    SuccessCriterion.lift_height,
+    SuccessCriterion.rest_speed,
+    SuccessCriterion.hold_time,
+)
+#: An object that has risen this far counts as dropped, not slipped, m.
 _CLEAR_OF_TABLE = 0.02
-#: The judge looks at the world this often, s: the core's time step.
+#: Interval at which the criterion is checked, s: the core's time step.
 _LOOK_EVERY = PhysicsConfig.dt
 #: Bodies that overlap by more than this at the start make a trial infeasible, m: contacts are left at rest less deep
 #: than this.
@@ -52,7 +56,7 @@ class TrialTimes:
 
 @dataclass
 class Outcome:
-    """What came of a trial."""
+    """Result of a trial."""
 
     success: bool
     failure: FailureKind | None
@@ -124,7 +128,7 @@ class Replay:
         self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
 
     def contacts(self) -> tuple[bool, int, float]:
-        """Tell whether the object touches the scenery, how many hand links touch it, and how deep they are."""
+        """Whether the object touches the scenery, the number of hand links that touch it, and their depth in metres."""
         contact = self.data.contact
         geoms, distance = contact.geom, contact.dist
         scene = self.scene

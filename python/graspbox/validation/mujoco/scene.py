@@ -1,8 +1,8 @@
 """The same hand, object, table and friction as an MJCF model.
 
-* The hand hangs on a carriage that slides along the world's z with so large an armature that no contact force moves
-  it; its position and speed are prescribed at every step, so that contacts feel the true velocity of the palm.
-* Base pose and preshape are the pose of bodies without joints, set when a trial begins.
+* The hand is mounted on a carriage that slides along the world's z; its armature is so large that contact forces do not
+  move it. Its position and velocity are prescribed at every step, so that contacts see the true velocity of the palm.
+* Base pose and preshape are poses of bodies without joints, set when a trial begins.
 * A tendon is a fixed tendon with the two moment arms, pulled by an actuator whose affine law is ``k stretch + d
   rate``, clamped to ``[0, max_tension]``; `replay` moves the spool.
 * The coefficient of a pair is the product of its two factors. Contacts of the object take MuJoCo's maximum of the two
@@ -22,11 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.configs import PhysicsConfig
+from graspbox.errors import ConfigError
 from graspbox.validation.mujoco.description import BASE, Array, HandDescription, Link
 
 #: Table top and ground, metres: the same sizes as the core's.
 _TABLE_SIDE, _TABLE_THICKNESS, _TABLE_HEIGHT, _GROUND_SIDE = 1.2, 0.1, 0.75, 20.0
-#: Inertia of the carriage, kg: what 100 N of contact force do to it in a step, 1e-5 m/s, is undone in the next.
+#: Inertia of the carriage, kg: 100 N of contact force change its speed by 1e-5 m/s in a step; the next one resets it.
 CARRIAGE_INERTIA = 1e4
 
 
@@ -67,7 +68,7 @@ class Numerics:
 
 @dataclass
 class Scene:
-    """A compiled model and where everything in it is."""
+    """A compiled model and the indices of its parts."""
 
     model: mujoco.MjModel
     hand: HandDescription
@@ -245,11 +246,11 @@ def mjcf(hand: HandDescription, item: ObjectData, physics: PhysicsConfig, numeri
 def build(
     hand: HandDescription, item: ObjectData, physics: PhysicsConfig | None = None, numerics: Numerics | None = None
 ) -> Scene:
-    """Compile the model of one object and the hand; of the physics only gravity and friction are taken."""
+    """Compile the model of one object and the hand; gravity and friction are those of `physics`."""
     physics, numerics = physics or PhysicsConfig(), numerics or Numerics()
     if physics.friction.object != 1.0:
         # The surface factor of the other side is the coefficient only then.
-        raise ValueError("the judge takes the object's friction factor as 1")
+        raise ConfigError(f"friction.object is {physics.friction.object}; the MuJoCo model needs 1")
     model = mujoco.MjModel.from_xml_string(mjcf(hand, item, physics, numerics))
     names = [model.geom(i).name for i in range(model.ngeom)]
     is_object = np.array([n.startswith("object_") for n in names])

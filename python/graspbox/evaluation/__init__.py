@@ -1,0 +1,122 @@
+"""Measure a policy: success and security of a fixed set of seeded trials, with Wilson intervals.
+
+>>> import graspbox
+>>> result = graspbox.evaluation.evaluate("planner", "graspbox/GraspPose-v0", "procedural:can:0-9", trials=8, seed=0)
+>>> result.succeeded, result.rate, [round(bound, 2) for bound in result.ci95]
+(8, 1.0, [0.68, 1.0])
+
+| name | what it is |
+|---|---|
+| `evaluate`    | makes the environments, runs the trials, counts |
+| `Evaluation`  | the result: trials, counts, intervals |
+| `run_trials`  | runs seeded trials in existing environments |
+| `trial_seeds` | the seeds of the trials |
+| `wilson`      | interval of a rate |
+
+A trial is one episode with a seed of its own, which fixes object, pose, and what is random in the policy. All trials
+run to their end, in whatever environment is free: neither the number of environments nor the length of an episode
+changes what is counted.
+"""
+
+import operator
+from collections.abc import Callable
+from typing import Any, SupportsIndex
+
+import gymnasium
+from gymnasium.vector import AutoresetMode
+
+from graspbox import object_sets, policies
+from graspbox.envs import IDS
+from graspbox.envs.settings import ObjectsArgument
+from graspbox.errors import ConfigError
+from graspbox.evaluation.results import Evaluation, ObjectCount, TrialResult, wilson
+from graspbox.evaluation.trials import run_trials, trial_seeds
+from graspbox.policies import Policy, Task
+
+__all__ = [
+    "MAX_ENVS",
+    "MAX_TRIALS",
+    "Evaluation",
+    "ObjectCount",
+    "TrialResult",
+    "evaluate",
+    "run_trials",
+    "trial_seeds",
+    "wilson",
+]
+
+#: Most trials of an evaluation.
+MAX_TRIALS = 1_000_000
+#: Most environments that step at once.
+MAX_ENVS = 4096
+
+
+def evaluate(
+    policy: Policy | str,
+    env_id: str = "graspbox/GraspPose-v0",
+    objects: ObjectsArgument = "procedural",
+    trials: SupportsIndex = 200,
+    seed: SupportsIndex = 0,
+    *,
+    split: object_sets.Split | None = None,
+    num_envs: SupportsIndex = 16,
+    progress: Callable[[int], None] = lambda _: None,
+    **settings: Any,
+) -> Evaluation:
+    """Evaluate a policy on seeded trials; the same seed gives the same trials, whatever `num_envs` is.
+
+    Parameters
+    ----------
+    policy : Policy or str
+        A policy, or a name that `graspbox.policies.load` takes.
+    env_id : str
+        One of `graspbox.envs.IDS`.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets, from which each trial draws one object: see `graspbox.object_sets`.
+    trials : int
+        Number of trials, 1 to `MAX_TRIALS`.
+    seed : int
+        Determines the seeds of the trials (`trial_seeds`); at least 0.
+    split : {"train", "validation", "test"}, optional
+        Draw from this split only.
+    num_envs : int
+        Environments that step at once, 1 to `MAX_ENVS`.
+    progress : callable
+        Called with the number of finished trials.
+    **settings
+        Other keywords of the environment. ``obs`` is by default what the policy observes.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError, MissingExtraError
+        If an argument cannot be used.
+    MeshError, FileError, SimulationError
+        If an object cannot be read or simulated.
+    """
+    chosen = policies.load(policy) if isinstance(policy, str) else policy
+    count = _whole("trials", trials, 1, MAX_TRIALS)
+    seeds = trial_seeds(_whole("seed", seed, 0, 2**64 - 1), count)
+    width = min(_whole("num_envs", num_envs, 1, MAX_ENVS), count)
+    if env_id.removeprefix("graspbox:") not in IDS:
+        raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
+    if chosen.obs is not None:
+        settings.setdefault("obs", chosen.obs)
+    envs = gymnasium.make_vec(
+        env_id, width, objects=objects, split=split, autoreset_mode=AutoresetMode.DISABLED, **settings
+    )
+    try:
+        chosen.bind(Task.of(envs))
+        return run_trials(chosen, envs, seeds, progress=progress)
+    finally:
+        envs.close()
+
+
+def _whole(name: str, value: Any, low: int, high: int) -> int:
+    """Check a whole number; numpy's are whole numbers too."""
+    try:
+        found = operator.index(value)
+    except TypeError:
+        raise ConfigError(f"{name} is {value!r}; give a whole number") from None
+    if not low <= found <= high:
+        raise ConfigError(f"{name} is {found}; it must be between {low} and {high}")
+    return found

@@ -1,0 +1,159 @@
+"""Results of an evaluation: trials, counts, Wilson intervals."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from graspbox.errors import ConfigError
+
+__all__ = ["Evaluation", "ObjectCount", "TrialResult", "wilson"]
+
+#: 97.5 % quantile of the normal distribution.
+_Z95 = 1.959963984540054
+
+
+def wilson(succeeded: int, trials: int, z: float = _Z95) -> tuple[float, float]:
+    """Wilson score interval of a rate.
+
+    Parameters
+    ----------
+    succeeded, trials : int
+        Number of successes, and of independent trials; at least one trial.
+    z : float
+        Quantile of the normal distribution; by default that of a 95 % interval.
+
+    Raises
+    ------
+    ConfigError
+        If there is no trial, or there are more successes than trials.
+
+    Notes
+    -----
+    Source: Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22, 1927.
+    """
+    if trials < 1 or not 0 <= succeeded <= trials:
+        raise ConfigError(f"{succeeded} of {trials} trials succeeded; give at least one trial and no more successes")
+    rate, weight = succeeded / trials, z * z / trials
+    center = (rate + weight / 2) / (1 + weight)
+    half = z / (1 + weight) * np.sqrt(rate * (1 - rate) / trials + weight / (4 * trials))
+    # Exact where the formula only comes within rounding.
+    low = 0.0 if succeeded == 0 else float(center - half)
+    high = 1.0 if succeeded == trials else float(center + half)
+    return low, high
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """One trial.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of its episode.
+    object : str
+        Name of its object.
+    success, secure : bool
+        As `graspbox.simulation` defines them; a secure grasp is a success too.
+    failure : str
+        Kind of the failure; empty for a success.
+    steps : int
+        Actions taken.
+    reward : float
+        Sum of the rewards.
+    """
+
+    seed: int
+    object: str
+    success: bool
+    secure: bool
+    failure: str
+    steps: int
+    reward: float
+
+
+@dataclass(frozen=True)
+class ObjectCount:
+    """Counts of one object: its name, its trials, and how many of them succeeded and were secure."""
+
+    name: str
+    trials: int
+    succeeded: int
+    secure: int
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Result of an evaluation; two are equal if their trials are.
+
+    Attributes
+    ----------
+    policy : str
+        Name of the policy.
+    env_id : str
+        Id of the environment.
+    trials : tuple of TrialResult
+        In the order of `trial_seeds`.
+    ms_per_decision : float
+        Wall time of the policy per action, milliseconds; the simulation is not included.
+    """
+
+    policy: str
+    env_id: str
+    trials: tuple[TrialResult, ...]
+    ms_per_decision: float = field(compare=False)
+
+    @property
+    def succeeded(self) -> int:
+        """Number of trials that succeeded."""
+        return sum(trial.success for trial in self.trials)
+
+    @property
+    def secure(self) -> int:
+        """Number of trials that ended with a secure grasp."""
+        return sum(trial.secure for trial in self.trials)
+
+    @property
+    def rate(self) -> float:
+        """Share of trials that succeeded."""
+        return self.succeeded / len(self.trials)
+
+    @property
+    def ci95(self) -> tuple[float, float]:
+        """Wilson 95 % interval of `rate`."""
+        return wilson(self.succeeded, len(self.trials))
+
+    @property
+    def secure_ci95(self) -> tuple[float, float]:
+        """Wilson 95 % interval of the share of secure trials."""
+        return wilson(self.secure, len(self.trials))
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Number of failures by kind, in alphabetical order."""
+        kinds = sorted(trial.failure for trial in self.trials if not trial.success)
+        return {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+
+    @property
+    def objects(self) -> tuple[ObjectCount, ...]:
+        """Counts of every object that was drawn, in alphabetical order."""
+        rows: dict[str, list[TrialResult]] = {}
+        for trial in self.trials:
+            rows.setdefault(trial.object, []).append(trial)
+        return tuple(
+            ObjectCount(name, len(found), sum(t.success for t in found), sum(t.secure for t in found))
+            for name, found in sorted(rows.items())
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, as ``graspbox evaluate --json`` prints them."""
+        return {
+            "policy": self.policy,
+            "trials": len(self.trials),
+            "succeeded": self.succeeded,
+            "secure": self.secure,
+            "rate": self.rate,
+            "ci95": list(self.ci95),
+            "objects": [{"name": o.name, "trials": o.trials, "succeeded": o.succeeded} for o in self.objects],
+            "ms_per_decision": self.ms_per_decision,
+        }
