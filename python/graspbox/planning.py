@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core, plan_files
-from graspbox._core import Mesh
-from graspbox.arguments import floats, shown, to_json, with_settings
+from graspbox.arguments import floats, to_json, with_settings
 from graspbox.boxes import Box, BoxTree
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
-from graspbox.meshes import mesh_from_arrays
+from graspbox.meshes import MeshLike, as_mesh
 
 __all__ = ["Box", "BoxTree", "DecomposeSettings", "Grasp", "Plan", "PlanSettings", "decompose", "plan", "rank_weights"]
 
@@ -42,27 +41,8 @@ class PlanSettings(TypedDict, total=False):
     standoff: float
 
 
-def as_mesh(mesh: Any) -> Mesh:
-    """Take a mesh, or any object with arrays ``vertices`` (n, 3) and ``faces`` (m, 3), such as trimesh's.
-
-    Raises
-    ------
-    ConfigError
-        If it is neither.
-    """
-    if isinstance(mesh, Mesh):
-        return mesh
-    vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
-    if vertices is None or faces is None:
-        raise ConfigError(
-            f"mesh is {shown(mesh)}; give what graspbox.load_mesh or graspbox.mesh_from_arrays returns, or an object "
-            "with vertices and faces"
-        )
-    return mesh_from_arrays(vertices, faces)
-
-
 def decompose(
-    mesh: Mesh,
+    mesh: MeshLike,
     config: DecomposeConfig = DecomposeConfig(),  # noqa: B008 (frozen)
     **settings: Unpack[DecomposeSettings],
 ) -> BoxTree:
@@ -71,7 +51,7 @@ def decompose(
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     config : DecomposeConfig
         How to cut.
     **settings
@@ -258,7 +238,7 @@ def _tree_columns(tree: BoxTree) -> dict[str, NDArray[Any]]:
 
 
 def plan(
-    mesh: Mesh,
+    mesh: MeshLike,
     *,
     hand: HandLike = "reflex",
     seed: int | None = None,
@@ -273,7 +253,7 @@ def plan(
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     seed : int, optional

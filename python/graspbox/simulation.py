@@ -21,9 +21,10 @@ from graspbox.arguments import floats, to_json
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
+from graspbox.meshes import MeshLike, as_mesh
 from graspbox.outcomes import Outcome, Outcomes, Trace
 from graspbox.plan_files import mesh_hash
-from graspbox.planning import Grasp, Plan, as_mesh
+from graspbox.planning import Grasp, Plan
 
 __all__ = ["Body", "Hand", "Outcome", "Outcomes", "Scene", "Trace", "cache_folder", "load_hand", "simulate"]
 
@@ -59,7 +60,7 @@ class Scene:
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional
@@ -77,7 +78,7 @@ class Scene:
 
     def __init__(
         self,
-        mesh: Mesh,
+        mesh: MeshLike,
         *,
         hand: HandLike = "reflex",
         world_from_object: ArrayLike | None = None,
@@ -85,10 +86,10 @@ class Scene:
         cache: Path | None = None,
     ) -> None:
         start = None if world_from_object is None else floats(world_from_object, "world_from_object").copy()
-        mesh, self._hand = as_mesh(mesh), load_hand(hand)
+        given, self._hand = as_mesh(mesh), load_hand(hand)
         settings = to_json(physics, PhysicsConfig, "physics")
-        self._core = _core.Scene(mesh, self._hand, settings, start, cache or cache_folder())
-        self._made_from = (mesh, self._hand, start, physics, cache)
+        self._core = _core.Scene(given, self._hand, settings, start, cache or cache_folder())
+        self._made_from = (given, self._hand, start, physics, cache)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _scene, self._made_from
@@ -225,7 +226,7 @@ def _scene(
 
 
 def simulate(
-    mesh: Mesh,
+    mesh: MeshLike,
     poses: ArrayLike | Plan,
     preshape: ArrayLike | None = None,
     *,
@@ -240,7 +241,7 @@ def simulate(
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     poses : (n, 4, 4) array_like, or Plan
         ``object_from_hand``: the hand's grasp frame in the object's frame, metres. A plan (``plan``, ``plan[:5]``)
         brings its preshapes, and the pose that its object rests in.

@@ -26,7 +26,6 @@ LONGEST_FUNCTION = 60
 KNOWN_CIRCLES: set[tuple[str, ...]] = {
     ("agent", "action", "arm_controller", "config", "observation_spec"),
     ("agent", "agent_episode", "initial_state", "reward"),
-    ("py", "env_pool", "vision"),
 }
 KNOWN_LONG_FILES: set[str] = {
     "env/agent/src/initial_state.rs",

@@ -16,6 +16,7 @@
 //! | [`mesh`] | the handle on a mesh |
 //! | [`plan`] | box trees and plans |
 //! | [`objects`] | objects by family and seed |
+//! | [`rows`] | what environments return, as arrays |
 //! | [`env_pool`] | many environments in one call |
 //! | [`voxel`] | voxels, and their files |
 //!
@@ -35,6 +36,7 @@ pub mod mesh;
 pub mod objects;
 pub mod plan;
 pub mod render;
+pub mod rows;
 pub mod vision;
 pub mod voxel;
 
