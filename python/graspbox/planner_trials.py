@@ -1,4 +1,4 @@
-"""Plan and try grasps over a whole object set: what ``graspbox grasp`` prints."""
+"""Plan and try grasps over an object set: the results that ``graspbox grasp`` prints."""
 
 import time
 from collections.abc import Callable
@@ -20,7 +20,7 @@ __all__ = ["ObjectResult", "SetResult", "try_object", "try_set"]
 
 @dataclass(frozen=True)
 class ObjectResult:
-    """What came of one object.
+    """Result for one object.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class ObjectResult:
     plan : Plan or None
         The poses that were tried, in ranking order; None if the object could not be prepared.
     outcomes : Outcomes or None
-        What came of each.
+        The outcome of each.
     seconds : float
         Wall time of the trials alone.
     error : str
@@ -77,7 +77,7 @@ class ObjectResult:
 
 @dataclass(frozen=True)
 class SetResult:
-    """What came of an object set."""
+    """Results for an object set."""
 
     objects: list[ObjectResult] = field(default_factory=list)
 

@@ -134,9 +134,9 @@ class Plan:
     world_from_object : (4, 4) float64
         Where the object rests; the table is the plane z = 0.
     features : (n, k) float64 or None
-        If asked for: what the ranking read off each pose, one column for each name of `rank_weights`; NaN where a pose
-        is not feasible. Their sum weighted by `rank_weights`, less a little for every better pose of the same box, face
-        and preshape, is the score.
+        If asked for: the terms of the ranking, one column per name of `rank_weights`; NaN where a pose is not feasible.
+        The score is their sum weighted by `rank_weights`, minus a small penalty per better-ranked pose of the same box,
+        face and preshape.
     name, mesh_sha256, hand_name : str
         The object's name, the hash of its mesh (`graspbox.plan_files.mesh_hash`), and the hand's name.
     """
@@ -227,7 +227,7 @@ class Plan:
 
 #: Columns of a plan, in the order of the fields of `Grasp`.
 _ROWS = tuple("poses" if f.name == "pose" else f.name for f in fields(Grasp))
-#: What a plan says beside its columns and its tree.
+#: Attributes of a plan other than its columns and its tree.
 _FACTS = ("name", "mesh_sha256", "hand_name", "world_from_object", "features")
 
 
@@ -266,7 +266,7 @@ def plan(
     num_threads : int, optional
         Threads to use, 1 to 1024; by default ``GRASPBOX_THREADS``, else all. The result does not depend on it.
     features : bool
-        Also return what the ranking read off each pose.
+        Also return the terms of the ranking for each pose.
     **settings
         Fields of `PlanConfig` by name, instead of those of `config`.
 
@@ -275,7 +275,7 @@ def plan(
     ConfigError
         If a setting is out of range.
     PlanError
-        If the object is flat, or the hand is not one that the planner knows.
+        If the object is flat, or the planner does not support the hand.
     """
     mesh, hand = as_mesh(mesh), load_hand(hand)
     chosen = {**settings} if seed is None else {**settings, "seed": seed}

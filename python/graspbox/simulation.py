@@ -1,6 +1,6 @@
-"""Grasp trials: an object at rest on a table, hand poses, and what came of each.
+"""Grasp trials: an object at rest on a table, hand poses, and the outcome of each.
 
-The trial: the open hand stands at the pose, closes its tendons, lifts, and holds. One judge decides:
+The trial: the open hand starts at the pose, closes its tendons, lifts, and holds. One judge decides:
 
 - ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
   touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s (`SuccessCriterion`).
@@ -31,7 +31,7 @@ __all__ = ["Body", "Hand", "Outcome", "Outcomes", "Scene", "Trace", "cache_folde
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What the engine takes for an object; object frame.
+    """An object as the engine simulates it, in the object frame.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Body:
 class Scene:
     """An object that has come to rest on the table, with a hand to grasp it.
 
-    Preparing one takes from milliseconds to seconds (convex parts are cached on disk); its trials share it. Scenes are
+    Preparing a scene takes milliseconds to seconds (convex parts are cached on disk); its trials share it. Scenes are
     immutable. One that is pickled is prepared again where it is loaded, and comes to rest as it did before.
 
     Parameters
@@ -66,7 +66,7 @@ class Scene:
     world_from_object : (4, 4) array_like, optional
         Pose to settle from; by default the file's +z is up, and the object stands over the table's origin.
     physics : PhysicsConfig
-        Settings of the engine.
+        Settings of the physics engine.
     cache : Path or None
         Folder for convex parts.
 
@@ -131,7 +131,7 @@ class Scene:
 
     @property
     def body(self) -> Body:
-        """The object as the engine takes it."""
+        """The object as the engine simulates it."""
         parts, mass, center, inertia = self._core.body()
         return Body(tuple(parts), mass, center, inertia)
 
@@ -155,7 +155,7 @@ class Scene:
         if given.ndim == 3 and angles.ndim == 0:
             angles = np.full(len(given), angles)
         text = to_json(config, TrialConfig)
-        return Outcomes.from_core(self._core.simulate(given, angles, text, num_threads))
+        return Outcomes._from_core(self._core.simulate(given, angles, text, num_threads))
 
     def _check_plan(self, plan: Plan) -> None:
         """Refuse a plan for another object or hand; one that was put together by hand names none."""
@@ -205,7 +205,7 @@ class Scene:
         if angle.size != 1:
             raise ConfigError(f"preshape has shape {list(angle.shape)}; give one angle in radians")
         outcome, samples = self._core.trace(given, float(angle.item()), to_json(config, TrialConfig))
-        return Outcomes.from_core(outcome), Trace(**samples)
+        return Outcomes._from_core(outcome), Trace(**samples)
 
 
 T = TypeVar("T")

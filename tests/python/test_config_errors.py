@@ -17,7 +17,7 @@ import graspbox
 from graspbox import _core, configs, errors
 from graspbox.arguments import floats, to_json
 
-CONFIGS: list[Any] = [getattr(configs, name) for name in configs.__all__]
+CONFIGS: list[Any] = [kind for name in configs.__all__ if isinstance(kind := getattr(configs, name), type)]
 NUMPY: dict[type, tuple[Callable[[Any], Any], ...]] = {
     int: (np.int64, np.int32, np.uint8, np.asarray),
     float: (np.float64, np.float32, np.float16, np.longdouble, np.asarray),

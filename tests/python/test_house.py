@@ -30,7 +30,6 @@ KNOWN_CIRCLES: set[tuple[str, ...]] = {
 KNOWN_LONG_FILES: set[str] = {
     "env/agent/src/initial_state.rs",
     "env/sim/src/world.rs",
-    "python/graspbox/configs.py",
     "python/graspbox/evaluation.py",
     "tests/rust/agent.rs",
 }

@@ -2,7 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`mod@bench`] | what is too short to be timed through Python |
+//! | [`mod@bench`] | timings of work that is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
 //! | [`convert`] | arrays, with every check of a shape or a number |
 //! | [`json`] | reads configs, and names the field that is wrong |
