@@ -61,7 +61,7 @@ def test_demo_checks_its_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("picture", "status", "complaint"), [("a.xyz", 2, ".xyz"), (".", 1, "folder"), ("/proc/x/a.png", 1, "/proc/x")]
+    ("picture", "status", "complaint"), [("a.xyz", 2, ".xyz"), (".", 2, "folder"), ("/proc/x/a.png", 1, "/proc/x")]
 )
 def test_pictures_are_checked_before_the_work(tmp_path: Path, picture: str, status: int, complaint: str) -> None:
     refused(run("plan", BOX, "--picture", tmp_path / picture), status, complaint)
