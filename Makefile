@@ -106,9 +106,9 @@ bench: $(STAMPS)/demo $(STAMPS)/core
 # The package shows what it exports; modules that it does not export have pages of their own. Importing MuJoCo starts a process.
 MODULES := $(subst /,.,$(patsubst python/%,%,$(patsubst %/__init__,%,$(basename \
 	$(wildcard python/graspbox/[a-z]*.py python/graspbox/[a-z]*/__init__.py)))))
-PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation object_sets policies),$(MODULES))
-# The package imports these only when they are asked for; they have pages where Stable-Baselines3 is there.
-SB3_PAGES := $(subst /,.,$(patsubst python/%.py,%,$(wildcard python/graspbox/sb3/[a-z]*.py)))
+PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation object_sets policies sb3),$(MODULES))
+# Pages of these need Stable-Baselines3, which only the extra `train` brings.
+SB3_PAGES := graspbox.sb3 $(subst /,.,$(patsubst python/%.py,%,$(wildcard python/graspbox/sb3/[a-z]*.py)))
 
 docs: $(STAMPS)/dev $(STAMPS)/core
 	rm -rf out/docs && mkdir -p out/docs

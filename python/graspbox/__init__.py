@@ -6,9 +6,10 @@
 >>> len(tree)
 4
 
-Importing the package registers its Gymnasium environments.
+Importing the package registers its Gymnasium environments. Repairs and cache use are logged to the logger ``graspbox``.
 """
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -87,6 +88,7 @@ __all__ = [
 if TYPE_CHECKING:
     from graspbox import evaluation, policies
 
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 register()
 
 

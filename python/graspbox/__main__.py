@@ -1,8 +1,8 @@
-"""The ``graspbox`` command; it needs the extra ``cli`` and says so where that is missing."""
+"""The ``graspbox`` command; it needs the extra ``cli``, and names it if it is not installed."""
 
 import sys
 
-#: What the extra ``cli`` brings that the command line cannot do without.
+#: Packages of the extra ``cli`` that every command needs.
 _CLI_MODULES = ("typer", "rich")
 
 

@@ -1,12 +1,18 @@
-"""Settings of the core as frozen dataclasses: the same fields, defaults and meaning as in Rust.
+"""Settings as frozen dataclasses, with the same fields, defaults and meaning as in the Rust core.
 
-The core checks every value when it is used, and names the first one that is out of range.
+The core checks every value when it is used; errors name the field, its value and what to give. numpy's scalars and
+arrays are accepted as numbers and lists.
 """
 
 from dataclasses import dataclass, field
 from typing import Literal, Self
 
+from graspbox.camera_configs import FRONT, PALM, VIEWER, CameraConfig, CamerasConfig, PictureConfig
+
 __all__ = [
+    "FRONT",
+    "PALM",
+    "VIEWER",
     "AgentConfig",
     "CameraConfig",
     "CamerasConfig",
@@ -26,12 +32,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class LoadConfig:
-    """How large a mesh file may be.
+    """Unit and size limits of mesh files.
 
     Attributes
     ----------
     scale : float
-        Metres in one unit of the file.
+        Metres per unit of the file.
     max_bytes, max_vertices, max_faces : int
         Limits; a file beyond them is refused before memory is taken for it.
     """
@@ -49,7 +55,7 @@ class CleanConfig:
     Attributes
     ----------
     weld : float
-        Vertices nearer than this share of the longest side become one, in [0, 1).
+        Vertices closer than this share of the longest side are merged, in [0, 1).
     min_component_area : float
         Components with less than this share of the surface are dropped, in [0, 1).
     orient : bool
@@ -78,9 +84,9 @@ class DecomposeConfig:
     max_boxes : int
         Greatest number of leaves.
     split_cost : {"share", "area"}
-        Compare cuts by the share of their own face, or (the study's program) by area across faces.
+        Compare cuts by the share of their own face, or by area across faces as the reference study's program does.
     samples : int
-        Surface points that cuts are searched on.
+        Number of surface points on which cuts are searched.
     seed : int
         Seed of these points.
     """
@@ -97,28 +103,29 @@ class DecomposeConfig:
 
 @dataclass(frozen=True)
 class PoseConfig:
-    """How candidate poses are made from boxes.
+    """How candidate poses are generated from boxes.
 
     Attributes
     ----------
     frame : {"reflex", "soft_hand"}
         Which hand axis lies along the longest side of a box: y for the ReFlex, x for the SoftHand.
     offset : float
-        The palm stands this far outside the box, metres.
+        Distance between the palm and the box, metres.
     standoffs : tuple of float
-        Further distances that are tried, added to `offset`, metres; at most 1,000.
+        Further distances to try, added to `offset`, metres; at most 1,000.
     variation : {"random", "grid"}
         Random variations along and about the long axis, or the reference study's grid.
     variations : int
-        Random variations per face and turn, at most 10,000. No plan has more than 200,000 candidates.
+        Random variations per face and orientation, at most 10,000. No plan has more than 200,000 candidates.
     max_shift : float
         Greatest shift along the long side, as a share of it.
     max_tilt : float
         Greatest turn about the long axis, radians.
     square : float
-        A face whose short side is at least this share of its long one is also tried with the hand turned by a quarter.
+        Faces whose short side is at least this share of their long side are also tried with the hand turned by 90
+        degrees.
     whole : bool
-        Try the box around the whole object like the leaves.
+        Also generate poses from the box around the whole object.
     """
 
     frame: Literal["reflex", "soft_hand"] = "reflex"
@@ -134,18 +141,18 @@ class PoseConfig:
 
 @dataclass(frozen=True)
 class PlanConfig:
-    """Everything that steers the planner.
+    """Settings of the planner.
 
     Attributes
     ----------
     decompose : DecomposeConfig
         How the object is cut into boxes.
     poses : PoseConfig
-        How candidates are made.
+        How candidates are generated.
     clearance : float
-        Room that the open hand must have on every side, metres.
+        Clearance that the open hand must have on every side, metres.
     standoff : float
-        The hand comes from this far behind, along its -z, metres.
+        The hand approaches from this far back along its -z, metres.
     seed : int
         Seed of the random variations.
     """
@@ -159,7 +166,7 @@ class PlanConfig:
 
 @dataclass(frozen=True)
 class FrictionConfig:
-    """Friction factors of table and object; the hand's own stand in its ``hand.toml``.
+    """Friction factors of table and object; the hand's are set in its ``hand.toml``.
 
     The coefficient of a pair is the product of its two factors.
 
@@ -178,16 +185,16 @@ class FrictionConfig:
 
 @dataclass(frozen=True)
 class PhysicsConfig:
-    """Integrator and contacts. The defaults pass the project's checks of hold and labels; change all or none.
+    """Integrator and contacts. The defaults were validated together by the project's hold and label tests.
 
     Attributes
     ----------
     dt : float
         Time step, seconds.
     solver_iterations : int
-        Solver sub-steps in a step.
+        Solver sub-steps per step.
     idle_iterations : int
-        The same while nothing in the hand moves, it is in contact with nothing and the object does not tumble.
+        Solver sub-steps while no joint of the hand moves, the hand touches nothing and the object does not tumble.
     contact_frequency, static_contact_frequency : float
         Natural frequency of contacts, and of those with hand root and table, Hz.
     contact_damping_ratio : float
@@ -195,10 +202,10 @@ class PhysicsConfig:
     prediction : float
         Distance at which contacts are predicted, metres.
     contact_drift : float
-        A pair is searched for contacts anew once it has moved by this since the last search, metres; 0 searches at
-        every step.
+        Contacts of a pair are searched again once it has moved by this distance since the last search, metres; 0
+        searches at every step.
     allowed_penetration : float
-        Penetration that is left alone, metres.
+        Penetration that is not corrected, metres.
     gravity : float
         m/s2, along -z of the world.
     friction : FrictionConfig
@@ -216,91 +223,6 @@ class PhysicsConfig:
     allowed_penetration: float = 0.0005
     gravity: float = 9.81
     friction: FrictionConfig = field(default_factory=FrictionConfig)
-
-
-@dataclass(frozen=True)
-class CameraConfig:
-    """One camera; lengths in metres, in the frame of what carries it.
-
-    Attributes
-    ----------
-    name : str
-        Small letters and digits.
-    mount : {"world", "hand"}
-        What carries it: the world, or the palm (the grasp frame, z out of the palm).
-    eye, target, up : tuple of float
-        Where it is, what is in the middle of its image, what is upward in it.
-    fov : float
-        Angle from the upper to the lower border of its image, radians.
-    near, far : float
-        Least and greatest depth that it sees, metres.
-    """
-
-    name: str = "front"
-    mount: Literal["world", "hand"] = "world"
-    eye: tuple[float, float, float] = (-0.421, 0.0, 0.413)
-    target: tuple[float, float, float] = (0.0, 0.0, 0.06)
-    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    fov: float = 0.5
-    near: float = 0.02
-    far: float = 2.0
-
-
-#: In front of the workspace, 0.55 m from its middle, looking down at 40 degrees.
-FRONT = CameraConfig()
-#: On a bracket beside the palm, looking between the fingers at what they hold.
-PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
-#: For pictures: from the side, with the whole workspace of the hand (0.7 x 0.7 x 0.75 m) and 5 cm around it.
-VIEWER = CameraConfig("viewer", eye=(-1.125, -1.5, 1.0), target=(0.0, 0.0, 0.275), fov=0.6, far=30.0)
-
-
-@dataclass(frozen=True)
-class CamerasConfig:
-    """What environments see.
-
-    Attributes
-    ----------
-    images : tuple of str
-        Names of images, ``kind`` (from the first camera) or ``kind_camera``; the kinds are ``rgb``, ``depth``,
-        ``rgbd``, ``segmentation``, ``points`` and ``voxels``. ``voxels`` alone is made of what all cameras see.
-    image_size : pair of int
-        Rows and columns of every image.
-    cameras : tuple of CameraConfig
-        The cameras.
-    shadows : bool
-        Whether hand and object throw shadows in colour images.
-    voxels : int
-        Voxels along each side of the cube of ``voxels``.
-    voxel_side : float
-        Side of that cube, metres. It stands over the table's middle; the table's top is in the middle of its lowest
-        layer.
-    """
-
-    images: tuple[str, ...] = ()
-    image_size: tuple[int, int] = (64, 64)
-    cameras: tuple[CameraConfig, ...] = (FRONT, PALM)
-    shadows: bool = True
-    voxels: int = 32
-    voxel_side: float = 0.4
-
-
-@dataclass(frozen=True)
-class PictureConfig:
-    """A picture to look at.
-
-    Attributes
-    ----------
-    image_size : pair of int
-        Rows and columns.
-    samples : int
-        Samples along each side of a pixel, 1 to 8.
-    camera : CameraConfig
-        Who looks.
-    """
-
-    image_size: tuple[int, int] = (480, 640)
-    samples: int = 3
-    camera: CameraConfig = VIEWER
 
 
 @dataclass(frozen=True)
@@ -337,7 +259,7 @@ class TrialConfig:
     early_stop : bool
         Stop as soon as success is out of reach.
     legacy : bool
-        Read the reference study's own measures as well; early stops then wait until these are read.
+        Also take the reference study's own measures; early stops then wait until these are taken.
     success : SuccessCriterion
         What counts as success.
     """
@@ -354,22 +276,22 @@ class TrialConfig:
 
 @dataclass(frozen=True)
 class Randomization:
-    """What varies from episode to episode beside object and start; by default nothing.
+    """What is randomized per episode besides the object and its initial state; nothing by default.
 
     Attributes
     ----------
     friction, mass : pair of float
         Least and greatest factor on the object's friction and mass.
     object_position : float
-        The object's place varies by so much more in x and y, metres.
+        Additional variation of the object's position in x and y, metres.
     hand_position, hand_rotation : float
-        Greatest constant error of the hand's pose in an episode, along and about each axis, metres and radians: the
-        arm believes that the hand is elsewhere than it is.
+        Bounds of the constant calibration error of the hand's pose in an episode, along and about each axis, metres
+        and radians.
     camera_position, camera_rotation : float
-        Greatest shift and turn of a camera along and about each of its axes, metres and radians.
+        Greatest translation and rotation of a camera along and about each of its axes, metres and radians.
     light : float
-        Variation of the light, in [0, 1]: at 1 the lamp turns by up to 0.7 rad about each axis and grows or fades by
-        half.
+        Variation of the light, in [0, 1]: at 1 its direction turns by up to 0.7 rad about each axis and its intensity
+        changes by up to half.
     """
 
     friction: tuple[float, float] = (1.0, 1.0)
@@ -383,7 +305,7 @@ class Randomization:
 
     @classmethod
     def standard(cls) -> Self:
-        """Make the preset ``"standard"``: what a calibrated robot and a household leave open."""
+        """Make the preset ``"standard"``: the uncertainty left by a calibrated robot and household objects."""
         return cls(
             (0.7, 1.3),
             (0.75, 1.25),
@@ -398,24 +320,24 @@ class Randomization:
 
 @dataclass(frozen=True)
 class AgentConfig:
-    """Everything that steers environments under an agent.
+    """Settings of environments.
 
     Attributes
     ----------
     control : {"twist", "delta_pose", "target_pose", "grasp_pose"}
-        How an action moves the hand; ``grasp_pose`` is one decision an episode.
+        How an action moves the hand; ``grasp_pose`` takes one decision per episode.
     autoreset : {"next_step", "same_step", "disabled"}
-        When a finished environment begins again.
+        When a finished environment is reset.
     frame_skip : int
-        Control periods of 0.05 s that a step lasts: its action holds for all of them.
+        Control periods of 0.05 s per step; the action is held for all of them.
     max_episode_steps : int or None
-        An episode is cut off after so many steps.
+        Steps after which an episode is truncated.
     observations : tuple of str
-        What is observed, in this order.
+        Names of the observations, in order.
     randomization : Randomization
-        What varies.
+        What is randomized.
     cameras : CamerasConfig
-        What is seen.
+        Cameras and images.
     success : SuccessCriterion
         What counts as success, in every control mode.
     trial : TrialConfig

@@ -2,11 +2,11 @@
 
 
 class GraspboxError(Exception):
-    """Base of every error that graspbox raises on purpose."""
+    """Base class of the errors that graspbox raises on purpose."""
 
 
 class ConfigError(GraspboxError, ValueError):
-    """An argument or a configuration value is out of place."""
+    """An argument or a configuration value is invalid."""
 
 
 class FileError(GraspboxError, OSError):
@@ -22,7 +22,7 @@ class HandError(GraspboxError, ValueError):
 
 
 class PlanError(GraspboxError, ValueError):
-    """Nothing can be planned for this object or hand."""
+    """Nothing can be planned for this object or hand, or a file holds no plan."""
 
 
 class SimulationError(GraspboxError, RuntimeError):
@@ -34,7 +34,7 @@ class ObjectSetError(GraspboxError, ValueError):
 
 
 class MissingExtraError(GraspboxError, ImportError):
-    """A package is missing that one of the extras brings; the message names the extra."""
+    """A package of one of the extras is not installed; the message names the extra."""
 
 
 class InternalError(GraspboxError, RuntimeError):

@@ -14,7 +14,7 @@ A set is named by a string, or by a sequence of strings whose objects are put to
 | any other string                            | a mesh file: .stl, .ply, .obj, .off |
 
 Meshes of a folder are named without their suffix, but for those that would share a name: ``mug.obj`` and ``mug.stl``.
-Every set can be split by object into train, validation and test; where an object belongs depends on its name alone.
+Every set can be split by object into train, validation and test; the split of an object depends on its name alone.
 """
 
 import csv
@@ -38,7 +38,7 @@ Split = Literal["train", "validation", "test"]
 #: Cumulative shares of the splits: 70 % train, 15 % validation, 15 % test.
 _SPLIT_ENDS: tuple[tuple[float, Split], ...] = ((0.70, "train"), (0.85, "validation"), (1.0, "test"))
 _MESH_SUFFIXES = frozenset({".stl", ".ply", ".obj", ".off"})
-#: Files that stand for their folder, best first: YCB (two reconstructions, and the scanner's), APC 2015.
+#: Files that represent their folder, best first: YCB (two reconstructions, and the scanner's), APC 2015.
 _LAYOUTS = (
     "meshes/tsdf_mesh.stl",
     "meshes/poisson_mesh.stl",
@@ -47,9 +47,9 @@ _LAYOUTS = (
 )
 #: Seeds of each family where a set names none.
 _DEFAULT_SEEDS = range(10)
-#: More objects than this in one set are a slip: their names alone would fill the memory.
+#: Larger sets are refused: their names alone would fill the memory.
 _MAX_OBJECTS = 1_000_000
-#: More files than this in a folder of meshes are a slip, such as ``dir:/``.
+#: Larger folders are refused: they are a mistake, such as ``dir:/``.
 _MAX_FILES = 1_000_000
 
 
@@ -64,11 +64,11 @@ class ObjectSpec:
     path : Path or None
         Mesh file; None for a procedural object.
     family, seed : str and int, or None
-        What a procedural object is made from.
+        Family and seed of a procedural object.
     scale : float
-        Metres in one unit of the file; for a procedural object, a factor on its size.
+        Metres per unit of the file; for a procedural object, a factor on its size.
     mass : float or None
-        Kilograms; None where it follows from the volume (see `graspbox.load_mesh`).
+        Kilograms; None if it follows from the volume (see `graspbox.load_mesh`).
     mass_known : str
         ``published``, ``weighed``, ``estimate``, ``given``, ``made`` (procedural) or ``density``.
     """
@@ -83,13 +83,13 @@ class ObjectSpec:
 
     @property
     def split(self) -> Split:
-        """The split that the object belongs to: a matter of its name alone."""
+        """The split that the object belongs to; it depends on the name alone."""
         digest = hashlib.sha256(self.name.encode()).digest()
         share = int.from_bytes(digest[:8], "big") / 2**64
         return next(split for end, split in _SPLIT_ENDS if share < end)
 
     def load(self) -> Mesh:
-        """Read or make the mesh, with the mass that the set knows.
+        """Read or generate the mesh, with the mass that the set specifies.
 
         Raises
         ------
@@ -164,27 +164,27 @@ def load(
     objects : str, Path, ObjectSet, or sequence of str
         Name of a set, as in the table of `graspbox.object_sets`.
     scale : float
-        Metres in one unit of the mesh files (0.001 for millimetres, 0.3 for Princeton's models). The sizes of
-        ``ycb`` and ``procedural`` are known: for them it is a factor, and masses go with its cube.
+        Metres per unit of the mesh files (0.001 for millimetres, 0.3 for Princeton's models). The sizes of
+        ``ycb`` and ``procedural`` are known: for them it is a factor, and masses scale with its cube.
     mass : float, optional
-        Kilograms of every object, instead of what the set knows.
+        Kilograms of every object, instead of the masses of the set.
     split : {"train", "validation", "test"}, optional
         Keep this split only.
 
     Raises
     ------
     ObjectSetError
-        If the name says nothing, or two objects have the same name.
+        If the name is unknown, or two objects have the same name.
     MissingExtraError
         If ``ycb`` is asked for without its package.
     """
     if not (0.0 < scale < float("inf")):
-        raise ObjectSetError(f"scale is {scale}; it must be a positive number of metres in one unit of the file")
+        raise ObjectSetError(f"scale is {scale}; give a positive number of metres per unit of the file")
     if mass is not None and not (0.0 < mass < float("inf")):
-        raise ObjectSetError(f"mass is {mass}; it must be a positive number of kilograms")
+        raise ObjectSetError(f"mass is {mass}; give a positive number of kilograms")
     if isinstance(objects, ObjectSet):
         if scale != 1.0:
-            raise ObjectSetError("scale belongs to the name of a set; this set has been loaded already")
+            raise ObjectSetError("scale applies when a set is loaded; this one has been loaded already")
         found = objects
     else:
         names = [objects] if isinstance(objects, str | Path) else list(objects)

@@ -1,4 +1,4 @@
-"""What came of grasp trials: one row for each, and the record of a single one."""
+"""Outcomes of grasp trials, one row each, and the recorded trace of a single trial."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -14,7 +14,7 @@ __all__ = ["Outcome", "Outcomes", "Trace"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one trial; the fields have the meaning that they have in `Outcomes`.
+    """Outcome of one trial; the fields mean what they mean in `Outcomes`.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Outcomes:
-    """What came of n trials; arrays of length n.
+    """Outcomes of n trials; arrays of length n.
 
     ``outcomes[3]`` is an `Outcome`; a slice, a mask or an array of indices gives outcomes of these rows. Two are equal
     if all their values are; NaN equals NaN.
@@ -62,9 +62,9 @@ class Outcomes:
     kindness_rate : (n,) float64
         Mean of |d distance/dt| between hand and object since lifting began, m/s.
     legacy_success : (n,) bool
-        The study's success; False where it was not read (see `kindness`).
+        The study's success; False where it was not measured (see `kindness`).
     kindness : (n,) float64
-        The study's kindness; NaN where an early stop cut it off (``TrialConfig(legacy=True)`` reads it always).
+        The study's kindness; NaN where an early stop prevented it (``TrialConfig(legacy=True)`` always measures it).
     time : (n,) float64
         Simulated seconds.
     """
@@ -111,7 +111,7 @@ class Outcomes:
         return float(self.success.mean()) if len(self) else 0.0
 
     @classmethod
-    def from_core(cls, arrays: "_core.OutcomeArrays") -> "Outcomes":
+    def _from_core(cls, arrays: "_core.OutcomeArrays") -> "Outcomes":
         """Take the arrays of the core."""
         failure = np.array(arrays["failure"], dtype=np.str_)
         rest = {f.name: arrays[f.name] for f in fields(cls) if f.name != "failure"}  # type: ignore[literal-required]

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core, plan_files
-from graspbox._core import Mesh
-from graspbox.arguments import floats, shown, to_json, with_settings
+from graspbox.arguments import floats, to_json, with_settings
 from graspbox.boxes import Box, BoxTree
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
-from graspbox.meshes import mesh_from_arrays
+from graspbox.meshes import MeshLike, as_mesh
 
 __all__ = ["Box", "BoxTree", "DecomposeSettings", "Grasp", "Plan", "PlanSettings", "decompose", "plan", "rank_weights"]
 
@@ -42,27 +41,8 @@ class PlanSettings(TypedDict, total=False):
     standoff: float
 
 
-def as_mesh(mesh: Any) -> Mesh:
-    """Take a mesh, or any object with arrays ``vertices`` (n, 3) and ``faces`` (m, 3), such as trimesh's.
-
-    Raises
-    ------
-    ConfigError
-        If it is neither.
-    """
-    if isinstance(mesh, Mesh):
-        return mesh
-    vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
-    if vertices is None or faces is None:
-        raise ConfigError(
-            f"mesh is {shown(mesh)}; give what graspbox.load_mesh or graspbox.mesh_from_arrays returns, or an object "
-            "with vertices and faces"
-        )
-    return mesh_from_arrays(vertices, faces)
-
-
 def decompose(
-    mesh: Mesh,
+    mesh: MeshLike,
     config: DecomposeConfig = DecomposeConfig(),  # noqa: B008 (frozen)
     **settings: Unpack[DecomposeSettings],
 ) -> BoxTree:
@@ -71,7 +51,7 @@ def decompose(
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     config : DecomposeConfig
         How to cut.
     **settings
@@ -154,9 +134,9 @@ class Plan:
     world_from_object : (4, 4) float64
         Where the object rests; the table is the plane z = 0.
     features : (n, k) float64 or None
-        If asked for: what the ranking read off each pose, one column for each name of `rank_weights`; NaN where a pose
-        is not feasible. Their sum weighted by `rank_weights`, less a little for every better pose of the same box, face
-        and preshape, is the score.
+        If asked for: the terms of the ranking, one column per name of `rank_weights`; NaN where a pose is not feasible.
+        The score is their sum weighted by `rank_weights`, minus a small penalty per better-ranked pose of the same box,
+        face and preshape.
     name, mesh_sha256, hand_name : str
         The object's name, the hash of its mesh (`graspbox.plan_files.mesh_hash`), and the hand's name.
     """
@@ -247,7 +227,7 @@ class Plan:
 
 #: Columns of a plan, in the order of the fields of `Grasp`.
 _ROWS = tuple("poses" if f.name == "pose" else f.name for f in fields(Grasp))
-#: What a plan says beside its columns and its tree.
+#: Attributes of a plan other than its columns and its tree.
 _FACTS = ("name", "mesh_sha256", "hand_name", "world_from_object", "features")
 
 
@@ -258,7 +238,7 @@ def _tree_columns(tree: BoxTree) -> dict[str, NDArray[Any]]:
 
 
 def plan(
-    mesh: Mesh,
+    mesh: MeshLike,
     *,
     hand: HandLike = "reflex",
     seed: int | None = None,
@@ -273,7 +253,7 @@ def plan(
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     seed : int, optional
@@ -286,7 +266,7 @@ def plan(
     num_threads : int, optional
         Threads to use, 1 to 1024; by default ``GRASPBOX_THREADS``, else all. The result does not depend on it.
     features : bool
-        Also return what the ranking read off each pose.
+        Also return the terms of the ranking for each pose.
     **settings
         Fields of `PlanConfig` by name, instead of those of `config`.
 
@@ -295,7 +275,7 @@ def plan(
     ConfigError
         If a setting is out of range.
     PlanError
-        If the object is flat, or the hand is not one that the planner knows.
+        If the object is flat, or the planner does not support the hand.
     """
     mesh, hand = as_mesh(mesh), load_hand(hand)
     chosen = {**settings} if seed is None else {**settings, "seed": seed}

@@ -1,6 +1,6 @@
-"""Grasp trials: an object at rest on a table, hand poses, and what came of each.
+"""Grasp trials: an object at rest on a table, hand poses, and the outcome of each.
 
-The trial: the open hand stands at the pose, closes its tendons, lifts, and holds. One judge decides:
+The trial: the open hand starts at the pose, closes its tendons, lifts, and holds. One judge decides:
 
 - ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
   touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s (`SuccessCriterion`).
@@ -21,16 +21,17 @@ from graspbox.arguments import floats, to_json
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
+from graspbox.meshes import MeshLike, as_mesh
 from graspbox.outcomes import Outcome, Outcomes, Trace
 from graspbox.plan_files import mesh_hash
-from graspbox.planning import Grasp, Plan, as_mesh
+from graspbox.planning import Grasp, Plan
 
 __all__ = ["Body", "Hand", "Outcome", "Outcomes", "Scene", "Trace", "cache_folder", "load_hand", "simulate"]
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What the engine takes for an object; object frame.
+    """An object as the engine simulates it, in the object frame.
 
     Attributes
     ----------
@@ -53,19 +54,19 @@ class Body:
 class Scene:
     """An object that has come to rest on the table, with a hand to grasp it.
 
-    Preparing one takes from milliseconds to seconds (convex parts are cached on disk); its trials share it. Scenes are
+    Preparing a scene takes milliseconds to seconds (convex parts are cached on disk); its trials share it. Scenes are
     immutable. One that is pickled is prepared again where it is loaded, and comes to rest as it did before.
 
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional
         Pose to settle from; by default the file's +z is up, and the object stands over the table's origin.
     physics : PhysicsConfig
-        Settings of the engine.
+        Settings of the physics engine.
     cache : Path or None
         Folder for convex parts.
 
@@ -77,7 +78,7 @@ class Scene:
 
     def __init__(
         self,
-        mesh: Mesh,
+        mesh: MeshLike,
         *,
         hand: HandLike = "reflex",
         world_from_object: ArrayLike | None = None,
@@ -85,10 +86,10 @@ class Scene:
         cache: Path | None = None,
     ) -> None:
         start = None if world_from_object is None else floats(world_from_object, "world_from_object").copy()
-        mesh, self._hand = as_mesh(mesh), load_hand(hand)
+        given, self._hand = as_mesh(mesh), load_hand(hand)
         settings = to_json(physics, PhysicsConfig, "physics")
-        self._core = _core.Scene(mesh, self._hand, settings, start, cache or cache_folder())
-        self._made_from = (mesh, self._hand, start, physics, cache)
+        self._core = _core.Scene(given, self._hand, settings, start, cache or cache_folder())
+        self._made_from = (given, self._hand, start, physics, cache)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _scene, self._made_from
@@ -130,7 +131,7 @@ class Scene:
 
     @property
     def body(self) -> Body:
-        """The object as the engine takes it."""
+        """The object as the engine simulates it."""
         parts, mass, center, inertia = self._core.body()
         return Body(tuple(parts), mass, center, inertia)
 
@@ -154,7 +155,7 @@ class Scene:
         if given.ndim == 3 and angles.ndim == 0:
             angles = np.full(len(given), angles)
         text = to_json(config, TrialConfig)
-        return Outcomes.from_core(self._core.simulate(given, angles, text, num_threads))
+        return Outcomes._from_core(self._core.simulate(given, angles, text, num_threads))
 
     def _check_plan(self, plan: Plan) -> None:
         """Refuse a plan for another object or hand; one that was put together by hand names none."""
@@ -204,7 +205,7 @@ class Scene:
         if angle.size != 1:
             raise ConfigError(f"preshape has shape {list(angle.shape)}; give one angle in radians")
         outcome, samples = self._core.trace(given, float(angle.item()), to_json(config, TrialConfig))
-        return Outcomes.from_core(outcome), Trace(**samples)
+        return Outcomes._from_core(outcome), Trace(**samples)
 
 
 T = TypeVar("T")
@@ -225,7 +226,7 @@ def _scene(
 
 
 def simulate(
-    mesh: Mesh,
+    mesh: MeshLike,
     poses: ArrayLike | Plan,
     preshape: ArrayLike | None = None,
     *,
@@ -240,7 +241,7 @@ def simulate(
     Parameters
     ----------
     mesh : Mesh
-        The object; an object with ``vertices`` and ``faces`` (trimesh's, for example) is converted.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     poses : (n, 4, 4) array_like, or Plan
         ``object_from_hand``: the hand's grasp frame in the object's frame, metres. A plan (``plan``, ``plan[:5]``)
         brings its preshapes, and the pose that its object rests in.

@@ -11,15 +11,16 @@ Camera frames have z forward, x right, y down; pixel (row, column) has its centr
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
+from graspbox.arguments import floats, plain
 from graspbox.errors import ConfigError
-from graspbox.meshes import Mesh
+from graspbox.meshes import MeshLike, as_mesh
 
 __all__ = ["ViewPlan", "Views", "depth_millimetres", "occupancy", "views"]
 
@@ -92,7 +93,7 @@ class Views:
 
 
 def views(
-    mesh: Mesh,
+    mesh: MeshLike,
     *,
     plan: str | ViewPlan = "study",
     count: int = 16,
@@ -112,27 +113,27 @@ def views(
     Parameters
     ----------
     mesh : Mesh
-        The object.
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     plan : {"study", "grid", "random"} or ViewPlan
-        Where the cameras stand.
+        Placement of the cameras.
     count : int
-        How many.
+        Number of views.
     seed : int
         Seed of random plans; their first views do not depend on `count`.
     image_size : int or (int, int)
         Rows and columns.
     images : str or iterable of {"depth", "rgb", "segmentation"}
-        Images that are made besides the depth, which always is.
+        Images besides depth, which is always rendered.
     fov : float
-        Angle from the upper to the lower border, radians.
+        Vertical field of view, radians.
     near, far : float
-        Least and greatest depth that is seen, metres.
+        Clipping distances, metres.
     table : bool
-        Whether table and ground are there.
+        Whether to render table and ground.
     world_from_object : (4, 4) array, optional
         Default: file +z up, lowest vertex at z = 0, centred over the table's origin.
     target : (3,) array, optional
-        What the cameras look at, world; by default the middle of the object's bounds.
+        Point that the cameras look at, world; by default the centre of the object's bounds.
     num_threads : int, optional
         Threads to use; images do not depend on it.
 
@@ -147,10 +148,10 @@ def views(
     if unknown := wanted - {"depth", "rgb", "segmentation"}:
         raise ConfigError(f"there is no image {sorted(unknown)[0]!r}; choose from depth, rgb, segmentation")
     config = {
-        "plan": asdict(PLANS[plan] if isinstance(plan, str) else plan),
+        "plan": PLANS[plan] if isinstance(plan, str) else plan,
         "count": count,
         "seed": seed,
-        "image_size": (image_size, image_size) if isinstance(image_size, int) else tuple(image_size),
+        "image_size": (image_size, image_size) if np.ndim(image_size) == 0 else image_size,
         "fov": fov,
         "near": near,
         "far": far,
@@ -158,8 +159,9 @@ def views(
         "segmentation": "segmentation" in wanted,
         "table": table,
     }
-    pose, middle = (None if a is None else np.array(a, dtype=np.float64) for a in (world_from_object, target))
-    found = _core.views(mesh, json.dumps(config), pose, middle, num_threads)
+    given = {"world_from_object": world_from_object, "target": target}
+    pose, middle = (None if value is None else floats(value, name) for name, value in given.items())
+    found = _core.views(as_mesh(mesh), json.dumps(plain(config, "views")), pose, middle, num_threads)
     return Views(
         depth=found["depth"],
         rgb=found.get("rgb"),

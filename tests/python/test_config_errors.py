@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -17,7 +18,8 @@ import graspbox
 from graspbox import _core, configs, errors
 from graspbox.arguments import floats, to_json
 
-CONFIGS: list[Any] = [getattr(configs, name) for name in configs.__all__]
+BOX = "procedural:box:0"
+CONFIGS: list[Any] = [kind for name in configs.__all__ if isinstance(kind := getattr(configs, name), type)]
 NUMPY: dict[type, tuple[Callable[[Any], Any], ...]] = {
     int: (np.int64, np.int32, np.uint8, np.asarray),
     float: (np.float64, np.float32, np.float16, np.longdouble, np.asarray),
@@ -203,6 +205,38 @@ def test_numpy_arguments() -> None:
     np.testing.assert_array_equal(plan.poses, graspbox.plan(mesh, seed=3).poses)
     with pytest.raises(errors.ConfigError, match=r"PlanConfig\.seed is 3\.0 \(float\)"):
         graspbox.plan(mesh, seed=3.0)  # type: ignore[arg-type]
+
+
+def test_numpy_arguments_of_views() -> None:
+    mesh = graspbox.object_sets.load("procedural:box:0")[0].load()
+    given: dict[str, Any] = {
+        "count": np.int64(2),
+        "seed": np.uint8(4),
+        "image_size": np.array([8, 12]),
+        "fov": np.float32(0.5),
+        "near": np.float64(0.02),
+        "far": np.asarray(5.0),
+        "table": np.bool_(True),
+        "images": "rgb",
+    }
+    seen = graspbox.views(mesh, **given)
+    assert seen.rgb is not None
+    assert seen.rgb.shape == (2, 8, 12, 3)
+    assert graspbox.views(mesh, count=1, image_size=np.int32(8)).depth.shape == (1, 8, 8)  # type: ignore[arg-type]
+    for name, value in {"fov": "x", "near": None, "count": 1.5, "image_size": [8], "far": float("nan")}.items():
+        with pytest.raises(errors.ConfigError, match=rf"views\.{name} is "):
+            graspbox.views(mesh, **{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [1.5, "1", -1, 2**64])
+def test_bad_seeds_of_resets_are_named(seed: Any) -> None:
+    env = gym.make("graspbox/GraspPose-v0", objects=BOX).unwrapped
+
+    with pytest.raises(errors.ConfigError, match="seed is "):
+        env.reset(seed=seed)
+    env.reset(seed=np.int64(3))  # type: ignore[arg-type]
+    with pytest.raises(errors.ConfigError, match=r"reset options\.place\[0\] is nan"):
+        env.reset(options={"place": [float("nan"), 0.0, 0.0]})
 
 
 @pytest.mark.parametrize("value", [-1, 0, 1025, 10**30, 2.5, "x", [1]])

@@ -28,7 +28,7 @@ def test_bad_number_of_threads_is_named(monkeypatch: pytest.MonkeyPatch, value: 
     monkeypatch.setenv("GRASPBOX_THREADS", value)
     with pytest.raises(errors.ConfigError, match="GRASPBOX_THREADS"):
         _core._spin(0.0)
-    with pytest.raises(ValueError, match="num_threads"):
+    with pytest.raises(ValueError, match="num_threads is 0; give an integer between 1 and 1024, or None"):
         _core._spin(0.0, num_threads=0)
 
 

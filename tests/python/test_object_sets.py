@@ -193,3 +193,31 @@ def test_meshes_load_from_every_format(tmp_path: Path) -> None:
         assert mesh.volume == pytest.approx(1e-3 / 6)
         assert mesh.watertight
         assert mesh.mass == pytest.approx(mesh.volume * 400)
+
+
+def test_meshes_of_one_name_keep_their_suffix(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "mug.stl")
+    write_mesh(tmp_path / "mug.ply")
+    write_mesh(tmp_path / "cup.off")
+    write_mesh(tmp_path / "more/bowl.off")
+    write_mesh(tmp_path / "more/bowl.stl")
+    write_mesh(tmp_path / "025_mug/meshes/tsdf_mesh.stl")
+    write_mesh(tmp_path / "025_mug.ply")
+    found = object_sets.load(f"dir:{tmp_path}")
+    names = ("025_mug.stl", "025_mug.ply", "cup", "more/bowl.off", "more/bowl.stl", "mug.ply", "mug.stl")
+    assert found.names == names
+    # The mass of a YCB object goes by the name of its files.
+    assert [spec.mass for spec in found[:3]] == [0.118, 0.118, None]
+
+
+def test_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(errors.FileError) as caught:
+        object_sets.load("dir:/proc")
+    assert str(caught.value.filename).startswith("/proc")
+    write_mesh(tmp_path / "more/a.off")
+    write_mesh(tmp_path / "more/b.off")
+    monkeypatch.setattr(object_sets, "_MAX_FILES", 1)
+    with pytest.raises(errors.ObjectSetError, match="more than 1 files"):
+        object_sets.load(f"dir:{tmp_path}")
+    with pytest.raises(errors.ObjectSetError, match="names no object set"):
+        object_sets.load("x" * 5000 + ".stl")

@@ -16,10 +16,10 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 use std::path::{Path, PathBuf};
 
-/// Whatever a call into the core can end in, other than its result.
+/// Errors of a call into the core.
 #[derive(Debug, thiserror::Error)]
 pub enum CoreError {
-    /// A value of a configuration or an argument is out of place.
+    /// A configuration value or an argument is invalid.
     #[error("{0}")]
     Config(String),
     /// A file could not be read or written.
@@ -51,7 +51,7 @@ pub enum CoreError {
 }
 
 impl CoreError {
-    /// What is wrong with a file, which the message names.
+    /// An error about the file at `path`, which the message names.
     pub fn in_file(error: MeshError, path: &Path) -> Self {
         match error {
             MeshError::UnknownFormat { .. } => error.into(),
@@ -59,7 +59,7 @@ impl CoreError {
         }
     }
 
-    /// The same, with what it is about named first; errors of files name them already.
+    /// The same error with its subject named first; errors of files name them already.
     pub fn about(self, what: &str) -> Self {
         let named = |text: String| format!("{what}: {text}");
         match self {

@@ -1,7 +1,7 @@
 //! The one place that releases the GIL.
 //!
-//! Work runs on a rayon pool of this process while the calling thread waits and looks for signals every `PATIENCE`. On
-//! Ctrl-C it asks the work to stop, gives it `GRACE` to return, and leaves it behind if it does not.
+//! Work runs on a rayon pool of this process while the calling thread waits and checks for signals every `PATIENCE`. On
+//! Ctrl-C it asks the work to stop, waits for `GRACE`, and abandons the work if it has not returned.
 
 use crate::errors::CoreError;
 use graspbox_agent::panic_text;
@@ -14,13 +14,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long the calling thread sleeps between two looks for signals; a fifth of the promised second.
+/// Time between two checks for signals; a tenth of the promised second.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// How long cancelled work may take to return before it is left behind.
+/// Time that cancelled work has to return before it is abandoned.
 const GRACE: Duration = Duration::from_millis(500);
 /// Stack of a pool thread, bytes: that of a main thread, since hull and tree code recurses.
 const STACK: usize = 8 << 20;
-/// More threads than this is a slip of the keyboard.
+/// Greatest number of threads.
 const MAX_THREADS: usize = 1024;
 
 /// Pools by process and size. A forked child finds its parent's pools here, whose threads it does not have.
@@ -92,13 +92,13 @@ fn pool(count: usize) -> Result<Arc<ThreadPool>, CoreError> {
     Ok(pool)
 }
 
-/// Waits for the result with the GIL released, taking it every [`PATIENCE`] to look for signals.
+/// Waits for the result with the GIL released, taking it every [`PATIENCE`] to check for signals.
 fn wait<T: Send>(
     py: Python<'_>,
     mut results: Receiver<Result<T, CoreError>>,
     stop: impl FnOnce(),
 ) -> PyResult<Result<T, CoreError>> {
-    let lost = || CoreError::Internal("the worker went away without a result".into());
+    let lost = || CoreError::Internal("the worker ended without a result".into());
     loop {
         // The receiver goes in and out by value, because it cannot be shared with another thread.
         let (answer, receiver) = py.detach(move || (results.recv_timeout(PATIENCE), results));
@@ -140,7 +140,7 @@ where
     Ok(result??)
 }
 
-/// As [`interruptible`], for work that cannot be asked to stop: after a signal it is left behind.
+/// As [`interruptible`], for work that cannot be asked to stop: after a signal it is abandoned.
 ///
 /// # Errors
 /// As [`interruptible`].
@@ -167,7 +167,7 @@ pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResul
         Ok(result) => Ok(Some(result)),
         Err(RecvTimeoutError::Timeout) => Ok(None),
         Err(RecvTimeoutError::Disconnected) => {
-            Err(CoreError::Internal("the workers went away without a result".into()).into())
+            Err(CoreError::Internal("the workers ended without a result".into()).into())
         }
     }
 }
@@ -178,7 +178,7 @@ pub fn num_threads() -> PyResult<usize> {
     Ok(thread_count(None)?)
 }
 
-/// Busies the pool for `seconds`, then returns the number of its threads: for tests of threads, forks, signals and panics.
+/// Occupies the pool for `seconds`, then returns the number of its threads: for tests of threads, forks, signals and panics.
 #[pyfunction]
 #[pyo3(name = "_spin", signature = (seconds, *, num_threads=None, deaf=false, fail=false))]
 pub fn spin(

@@ -2,7 +2,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`mod@bench`] | what is too short to be timed through Python |
+//! | [`mod@bench`] | timings of work that is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
 //! | [`convert`] | arrays, with every check of a shape or a number |
 //! | [`json`] | reads configs, and names the field that is wrong |
@@ -16,6 +16,7 @@
 //! | [`mesh`] | the handle on a mesh |
 //! | [`plan`] | box trees and plans |
 //! | [`objects`] | objects by family and seed |
+//! | [`rows`] | what environments return, as arrays |
 //! | [`env_pool`] | many environments in one call |
 //! | [`voxel`] | voxels, and their files |
 //!
@@ -35,6 +36,7 @@ pub mod mesh;
 pub mod objects;
 pub mod plan;
 pub mod render;
+pub mod rows;
 pub mod vision;
 pub mod voxel;
 

@@ -1,4 +1,4 @@
-"""``graspbox bench``: how fast the parts are on this machine."""
+"""``graspbox bench``: speed of the parts on this machine."""
 
 import time
 from collections.abc import Callable
@@ -16,12 +16,12 @@ from graspbox.cli.common import Json, Threads, console, print_json, print_table
 from graspbox.configs import DecomposeConfig
 from graspbox.envs.grasp_pose import GraspPoseVectorEnv
 
-#: Objects of the mix on which trials are timed.
+#: Objects on which trials are timed.
 _MIX = ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1")
 _POSES = 10
-#: Environments of the call whose overhead is measured.
+#: Environments and repeats of the call whose overhead is measured.
 _WIDE, _CALLS = 64, 201
-#: What the parts are to reach on two cores, by how their rows begin: times at most, rates and shares at least.
+#: Goals on two cores, by the beginning of their rows: upper bounds for times, lower bounds for rates and shares.
 _GOALS = {
     "best split": 0.6,
     "decomposition into at most 8 PCA": 4.0,
@@ -55,7 +55,7 @@ def median_seconds(work: Callable[[], Any], repeats: int = 7) -> float:
 
 
 def call_overhead(threads: int | None) -> float:
-    """Time whole vector steps without physics, since their actions name no pose: microseconds an environment."""
+    """Time whole vector steps without physics, since their actions name no pose: microseconds per environment."""
     # 74 numbers an environment; the state of Grasp-v0 has 88.
     obs = ("proprio", "state", "tactile")
     env = GraspPoseVectorEnv(_WIDE, "procedural:can:0", obs=obs, reward="dense", num_threads=threads)
@@ -111,9 +111,10 @@ def against(work: str, value: float, unit: str) -> dict[str, float | None]:
 
 
 def bench(threads: Threads = None, as_json: Json = False) -> None:
-    """Measure how fast the parts are on this machine.
+    """Measure the speed of the parts on this machine.
 
-    Exit status 1 where the hand was too seldom on the object, or the object on too few pixels, for the speeds to count.
+    Exit status 1 if the hand touched the object too rarely, or the object covered too few pixels, for the speeds to be
+    meaningful.
     """
     with console.status("measuring"):
         rows = measure(threads)

@@ -1,4 +1,4 @@
-"""The part of ``graspbox bench`` that sees: frames and steps a second, with the shares that make them honest."""
+"""Images in ``graspbox bench``: frames and steps per second, with the shares that make them meaningful."""
 
 import time
 from typing import Any
@@ -19,14 +19,14 @@ _SIZES = (64, 128, 224)
 _FRAMES = 300
 _ENVS, _STEPS = 16, 120
 _OBJECT = 2
-#: Shares of steps with the hand on the object, and of pixels with the object, below which a speed says nothing.
+#: Shares of steps with the hand on the object, and of pixels with the object, below which a speed is not meaningful.
 LEAST = {"steps in contact": 30.0, "pixels of the object": 10.0}
 
 Row = tuple[str, float, str]
 
 
 def frames(threads: int | None) -> list[Row]:
-    """Count frames a second on one thread, of hand, table and object, as the camera ``front`` sees a grasp begin."""
+    """Measure frames per second on one thread: hand, table and object at the start of a grasp, from ``front``."""
     env = GraspVectorEnv(1, _SEEN, obs=("segmentation", "state"), num_threads=threads)
     world_from_hand = [[1.0, 0, 0, 0.0], [0, -1.0, 0, 0.0], [0, 0, -1.0, 0.21], [0, 0, 0, 1.0]]
     seen, _ = env.reset(seed=0, options={"world_from_hand": world_from_hand, "resting": 0, "place": [0.0, 0.0, 0.9]})
@@ -50,7 +50,7 @@ def _expert(env: GraspVectorEnv, name: str, state: NDArray[np.float32]) -> Exper
 
 
 def steps(threads: int | None) -> list[Row]:
-    """Count steps a second of environments side by side, under the actions of the scripted expert."""
+    """Measure steps per second of environments side by side, under the actions of the scripted expert."""
 
     def make(obs: Any) -> GraspVectorEnv:
         return GraspVectorEnv(_ENVS, _OBJECTS, obs=obs, max_episode_steps=200, num_threads=threads)
@@ -87,9 +87,9 @@ def steps(threads: int | None) -> list[Row]:
 
 
 def idle(rows: list[dict[str, Any]]) -> list[str]:
-    """Find the shares that are too small for the speeds to count: a sentence for each."""
+    """Find the shares that are too small for the speeds to be meaningful: a sentence for each."""
     return [
-        f"{row['work']}: {row['value']:.1f} %; below {least:g} % the speeds say nothing"
+        f"{row['work']}: {row['value']:.1f} %; below {least:g} % the speeds are not meaningful"
         for row in rows
         for name, least in LEAST.items()
         if row["work"].startswith(name) and row["value"] < least

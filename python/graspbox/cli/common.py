@@ -1,4 +1,4 @@
-"""What the commands share: options, tables, progress."""
+"""Options, tables and progress bars that the commands share."""
 
 import sys
 from typing import Annotated, Any
@@ -19,14 +19,14 @@ Threads = Annotated[
     typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),
 ]
 Split = Annotated[str | None, typer.Option("--split", help="Only this split: train, validation or test.")]
-Scale = Annotated[float, typer.Option("--scale", help="Metres in one unit of the mesh files.")]
+Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
 
-#: Progress and remarks go here, so that standard output holds results alone.
+#: Progress and remarks go to standard error; standard output holds results alone.
 console = Console(stderr=True, markup=False, highlight=False, emoji=False)
 
 
 def progress() -> Progress:
-    """Make a progress bar on standard error; it vanishes when it is done."""
+    """Make a progress bar on standard error; it disappears at the end."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     return Progress(*columns, console=console, transient=True)
 

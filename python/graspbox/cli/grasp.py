@@ -13,7 +13,7 @@ from graspbox.planner_trials import ObjectResult, SetResult, try_set
 
 
 def run(objects: ObjectSet, **settings: Any) -> SetResult:
-    """Evaluate a set with a progress bar; objects that could not be tried are told on standard error."""
+    """Evaluate a set with a progress bar; objects that could not be tried are reported on standard error."""
     with progress() as bar:
         task = bar.add_task("grasping", total=len(objects))
 
@@ -55,7 +55,7 @@ def grasp(
     ] = None,
     poses: Annotated[int, typer.Option("--poses", min=1, help="Poses to try for each object, best first.")] = 20,
     legacy: Annotated[
-        bool, typer.Option(help="Read the reference study's measures too (lost grasps then run 2.5 s).")
+        bool, typer.Option(help="Also take the reference study's measures (failed grasps then run for 2.5 s).")
     ] = True,
     split: Split = None,
     scale: Scale = 1.0,

@@ -73,6 +73,8 @@ def plan(
     if picture is not None:
         from graspbox import pictures
 
+        if not picture.is_dir():
+            check_output(picture)
         picture = pictures.check_path(picture)
     spec = find_one(mesh, scale)
     decompose = graspbox.DecomposeConfig(fit=fit, max_boxes=max_boxes)  # type: ignore[arg-type]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
+from graspbox.arguments import plain
 from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
@@ -57,20 +58,9 @@ def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: Ph
     return found, loaded
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"not {type(value).__name__}")
-
-
 def options_json(options: Mapping[str, Any] | None) -> str | None:
     """Write the options of a reset as the core reads them."""
-    if not options:
-        return None
-    try:
-        return json.dumps(dict(options), allow_nan=False, default=_plain)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"the options of a reset must be finite numbers, strings and arrays ({error})") from None
+    return json.dumps(plain(dict(options), "reset options")) if options else None
 
 
 def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:

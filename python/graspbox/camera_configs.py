@@ -1,0 +1,90 @@
+"""Cameras of environments and pictures, as frozen dataclasses; `graspbox.configs` holds all other settings."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["FRONT", "PALM", "VIEWER", "CameraConfig", "CamerasConfig", "PictureConfig"]
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """One camera; lengths in metres, in the frame of its mount.
+
+    Attributes
+    ----------
+    name : str
+        Lower-case letters and digits.
+    mount : {"world", "hand"}
+        The world frame, or the palm (the grasp frame, z out of the palm).
+    eye, target, up : tuple of float
+        Its position, the point at the centre of its image, and the direction that is up in it.
+    fov : float
+        Vertical field of view, radians.
+    near, far : float
+        Clipping distances, metres.
+    """
+
+    name: str = "front"
+    mount: Literal["world", "hand"] = "world"
+    eye: tuple[float, float, float] = (-0.421, 0.0, 0.413)
+    target: tuple[float, float, float] = (0.0, 0.0, 0.06)
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    fov: float = 0.5
+    near: float = 0.02
+    far: float = 2.0
+
+
+#: In front of the workspace, 0.55 m from its middle, looking down at 40 degrees.
+FRONT = CameraConfig()
+#: On a bracket beside the palm, looking between the fingers at what they hold.
+PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
+#: For pictures: from the side, with the whole workspace of the hand (0.7 x 0.7 x 0.75 m) and 5 cm around it.
+VIEWER = CameraConfig("viewer", eye=(-1.125, -1.5, 1.0), target=(0.0, 0.0, 0.275), fov=0.6, far=30.0)
+
+
+@dataclass(frozen=True)
+class CamerasConfig:
+    """Cameras and images of environments.
+
+    Attributes
+    ----------
+    images : tuple of str
+        Names of images, ``kind`` (from the first camera) or ``kind_camera``; the kinds are ``rgb``, ``depth``,
+        ``rgbd``, ``segmentation``, ``points`` and ``voxels``. Only ``voxels`` combines all cameras.
+    image_size : pair of int
+        Rows and columns of every image.
+    cameras : tuple of CameraConfig
+        The cameras.
+    shadows : bool
+        Whether hand and object cast shadows in colour images.
+    voxels : int
+        Voxels along each side of the cube of ``voxels``.
+    voxel_side : float
+        Side of that cube, metres. It is centred above the table; the table top is in the middle of its lowest layer.
+    """
+
+    images: tuple[str, ...] = ()
+    image_size: tuple[int, int] = (64, 64)
+    cameras: tuple[CameraConfig, ...] = (FRONT, PALM)
+    shadows: bool = True
+    voxels: int = 32
+    voxel_side: float = 0.4
+
+
+@dataclass(frozen=True)
+class PictureConfig:
+    """A rendered picture for viewing.
+
+    Attributes
+    ----------
+    image_size : pair of int
+        Rows and columns.
+    samples : int
+        Samples along each side of a pixel, 1 to 8.
+    camera : CameraConfig
+        The camera.
+    """
+
+    image_size: tuple[int, int] = (480, 640)
+    samples: int = 3
+    camera: CameraConfig = VIEWER

@@ -1,0 +1,54 @@
+"""Log events of the core reach Python's logging, from the thread that made the call."""
+
+import logging
+from pathlib import Path
+
+import pytest
+
+import graspbox
+from graspbox import object_sets
+
+
+def scanned() -> graspbox.Mesh:
+    """Load a mesh whose convex parts are cached; a fresh one each time, since a mesh keeps its parts."""
+    mesh = object_sets.load("procedural:mug:0")[0].load()
+    return graspbox.mesh_from_arrays(mesh.vertices, mesh.faces, name="mug")
+
+
+def test_damaged_cache_files_are_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("GRASPBOX_CACHE", str(tmp_path))
+    with caplog.at_level(logging.INFO, logger="graspbox"):
+        graspbox.Scene(scanned())
+        assert caplog.records == []
+        (parts,) = (path for path in tmp_path.rglob("*") if path.is_file())
+        parts.write_bytes(b"damaged")
+        graspbox.Scene(scanned())
+    (record,) = caplog.records
+    assert (record.name, record.levelno) == ("graspbox", logging.WARNING)
+    assert str(parts) in record.getMessage()
+
+
+def test_a_broken_handler_does_not_stop_the_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Broken(logging.Filter):
+        def filter(self, record: logging.LogRecord) -> bool:
+            raise RuntimeError("broken filter")
+
+    monkeypatch.setenv("GRASPBOX_CACHE", str(tmp_path))
+    graspbox.Scene(scanned())
+    (parts,) = (path for path in tmp_path.rglob("*") if path.is_file())
+    parts.write_bytes(b"damaged")
+    logger, broken = logging.getLogger("graspbox"), Broken()
+    logger.addFilter(broken)
+    seen: list[object] = []
+    monkeypatch.setattr("sys.unraisablehook", seen.append)
+    try:
+        assert graspbox.Scene(scanned()).name == "mug"
+    finally:
+        logger.removeFilter(broken)
+    assert len(seen) == 1
+
+
+def test_nothing_is_printed_without_a_handler() -> None:
+    assert any(isinstance(handler, logging.NullHandler) for handler in logging.getLogger("graspbox").handlers)
