@@ -70,7 +70,7 @@ def test_arrays_are_as_the_tables_say(objects: _core.Objects, control: str) -> N
         assert arrays["terms"].shape == (NUM_ENVS, len(table["terms"]))
         assert all(arrays[name].dtype == bool and arrays[name].shape == (NUM_ENVS,) for name in FLAGS)  # type: ignore[literal-required]
         assert arrays["env"].tolist() == [0, 1, 2]
-        entries = {row["name"]: row for row in table["decision"]["info"]}
+        entries = {row["name"]: row for row in table["info"]}
         assert list(arrays["info"]) == list(entries)
         for name, values in arrays["info"].items():
             dtype = "int64" if entries[name]["names"] else entries[name]["dtype"]
@@ -144,7 +144,7 @@ def test_environments_come_back_as_they_arrive(objects: _core.Objects) -> None:
 
 
 def test_an_interrupt_calls_back_what_was_sent(objects: _core.Objects) -> None:
-    """Once, `recv` looked for signals only while nothing arrived, and everything that was sent was stepped in any case."""
+    """Once, `recv` looked for signals only while nothing arrived, and everything that was sent was stepped."""
     count = 400
     pool, other = (_core.EnvPool(objects, json.dumps({"frame_skip": 100}), count, 1) for _ in range(2))
     pool.reset(list(range(count)))

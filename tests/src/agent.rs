@@ -120,6 +120,16 @@ pub fn follow(pool: &EnvPool, options: &ResetOptions, seed: u64, grasp: &GraspPo
     follow_until(pool, options, seed, grasp, |_| false)
 }
 
+/// The hand of environment 0 has reached `pose` and stands still.
+fn is_at(pool: &EnvPool, pose: &Isometry3<f64>) -> bool {
+    let env = pool.env(0).unwrap();
+    let arm = env.episode().unwrap().arm();
+    let (at, still) = (*arm.believed(), arm.velocity().0.norm() < 0.005);
+    still
+        && (at.translation.vector - pose.translation.vector).norm() < 5e-4
+        && at.rotation.angle_to(&pose.rotation) < 5e-3
+}
+
 /// As [`follow`], until `enough` says so after a step.
 pub fn follow_until(
     pool: &EnvPool,
@@ -154,18 +164,10 @@ pub fn follow_until(
         driven.terms.iter_mut().zip(&batch.terms).for_each(|(sum, term)| *sum += term);
         batch.terminated[0] || enough(&batch)
     };
-    let near = |pose: &Isometry3<f64>| {
-        let env = pool.env(0).unwrap();
-        let arm = env.episode().unwrap().arm();
-        let (at, still) = (*arm.believed(), arm.velocity().0.norm() < 0.005);
-        still
-            && (at.translation.vector - pose.translation.vector).norm() < 5e-4
-            && at.rotation.angle_to(&pose.rotation) < 5e-3
-    };
     let mut ended = false;
     for pose in [over(&start), over(&standoff), standoff, goal] {
         for _ in 0..80 {
-            if ended || near(&pose) {
+            if ended || is_at(pool, &pose) {
                 break;
             }
             ended = go(&pose, -1.0);

@@ -1,18 +1,15 @@
 //! `graspbox._core.EnvPool`: many environments in one call; `Objects`: what they sample from.
 
-use crate::convert::{Array, array, config, entries, json};
+use crate::convert::{Array, config, entries, json};
+use crate::env_arrays::arrays;
 use crate::errors::CoreError;
 use crate::gil::{awaited, detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::Mesh;
 use graspbox_agent::env_pool::Stepped;
-use graspbox_agent::info::{INFO, InfoArray};
-use graspbox_agent::reward::TERM_COUNT;
-use graspbox_agent::{
-    self as agent, AgentConfig, AgentError, Batch, EnvSpec, ObjectDescription, ResetOptions, Source, Tables,
-};
+use graspbox_agent::{self as agent, AgentConfig, AgentError, Batch, ObjectDescription, ResetOptions, Source, Tables};
 use graspbox_sim::PhysicsConfig;
-use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::PyReadonlyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::path::PathBuf;
@@ -283,72 +280,6 @@ impl EnvPool {
         let last = (!stepped.last.is_empty()).then(|| arrays(py, spec, stepped.last, None));
         Ok((arrays(py, spec, stepped.now, out)?, last.transpose()?))
     }
-}
-
-/// A batch as arrays by name; observations go into the arrays of `out` where it has them.
-fn arrays<'py>(
-    py: Python<'py>,
-    spec: &EnvSpec,
-    batch: Batch,
-    out: Option<&Bound<'py, PyDict>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let rows = batch.len();
-    let dict = PyDict::new(py);
-    for (observation, values) in spec.observations.iter().zip(batch.observations) {
-        let name = observation.observation.name();
-        let given = out.map(|out| out.get_item(name)).transpose()?.flatten();
-        let found = match given {
-            Some(given) => filled(given.cast_into::<PyArrayDyn<f32>>()?, name, &values, rows)?,
-            None => array(py, values, &[rows, observation.size])?,
-        };
-        dict.set_item(name, found)?;
-    }
-    crate::vision::images(py, spec, batch.images, rows, &dict, out)?;
-    dict.set_item("terms", array(py, batch.terms, &[rows, TERM_COUNT])?)?;
-    let flags = [("terminated", batch.terminated), ("truncated", batch.truncated), ("reset", batch.reset)];
-    for (name, values) in flags {
-        dict.set_item(name, array(py, values, &[rows])?)?;
-    }
-    let envs = batch.envs.iter().map(|env| *env as i64).collect();
-    dict.set_item("env", array::<i64>(py, envs, &[rows])?)?;
-    dict.set_item("info", infos(py, batch.info, rows)?)?;
-    Ok(dict)
-}
-
-/// The entries of the info as arrays by name.
-fn infos<'py>(py: Python<'py>, info: Vec<InfoArray>, rows: usize) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    for (row, values) in INFO.iter().zip(info) {
-        match values {
-            InfoArray::Flags(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
-            InfoArray::Numbers(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
-            InfoArray::Indices(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
-        }
-    }
-    Ok(dict)
-}
-
-/// Writes `values` into the caller's array.
-pub(crate) fn filled<'py, T: Element + Copy>(
-    given: Bound<'py, PyArrayDyn<T>>,
-    name: &str,
-    values: &[T],
-    rows: usize,
-) -> PyResult<Array<'py, T>> {
-    let wrong = || {
-        let size = values.len() / rows.max(1);
-        CoreError::Config(format!(
-            "out[{name:?}] has shape {:?}; give a writeable C-contiguous array of {rows} rows of {size} numbers",
-            given.shape()
-        ))
-    };
-    let mut target = given.try_readwrite().map_err(|_| wrong())?;
-    match target.as_slice_mut() {
-        Ok(slice) if slice.len() == values.len() && given.is_c_contiguous() => slice.copy_from_slice(values),
-        _ => return Err(wrong().into()),
-    }
-    drop(target);
-    Ok(given)
 }
 
 /// The tables of everything that the environments of a hand take and return, as JSON.

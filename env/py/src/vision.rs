@@ -1,19 +1,19 @@
 //! Images of environments and objects, pictures, cameras.
 
 use crate::convert::{Array, Floats, array, config, isometries, isometry, json, matrices, point};
-use crate::env_pool::{EnvPool, filled};
+use crate::env_pool::EnvPool;
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
+use graspbox_agent::AgentError;
 use graspbox_agent::tables::image_tables as image_tables_of;
-use graspbox_agent::{AgentError, EnvSpec};
 use graspbox_camera::{Camera, Channels, DepthView, Frame, Intrinsics, Light, ViewPlan};
 use graspbox_mesh::VoxelFrame;
 use graspbox_vision::visual_models::object_color;
-use graspbox_vision::{CamerasConfig, Observer, PictureConfig, Pixels, ScenePose, VisualModels, render_views};
+use graspbox_vision::{CamerasConfig, Observer, PictureConfig, ScenePose, VisualModels, render_views};
 use nalgebra::{Isometry3, Point3};
-use numpy::{Element, PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
@@ -26,42 +26,6 @@ use std::time::Instant;
 pub fn image_tables(hand: &Hand, cameras: &str) -> PyResult<String> {
     let config: CamerasConfig = config(cameras, "CamerasConfig")?;
     Ok(json(&image_tables_of(&hand.0, config).map_err(CoreError::from)?)?)
-}
-
-/// Puts images as arrays by name into `dict`; into the arrays of `out` where it has them.
-pub(crate) fn images<'py>(
-    py: Python<'py>,
-    spec: &EnvSpec,
-    images: Vec<Pixels>,
-    rows: usize,
-    dict: &Bound<'py, PyDict>,
-    out: Option<&Bound<'py, PyDict>>,
-) -> PyResult<()> {
-    for (table, pixels) in spec.observer.tables().iter().zip(images) {
-        let [a, b, c] = table.shape;
-        let shape = [rows, a, b, c];
-        match pixels {
-            Pixels::Bytes(values) => put(py, dict, out, &table.name, values, shape)?,
-            Pixels::Floats(values) => put(py, dict, out, &table.name, values, shape)?,
-        }
-    }
-    Ok(())
-}
-
-fn put<'py, T: Element + Copy>(
-    py: Python<'py>,
-    dict: &Bound<'py, PyDict>,
-    out: Option<&Bound<'py, PyDict>>,
-    name: &str,
-    values: Vec<T>,
-    shape: [usize; 4],
-) -> PyResult<()> {
-    let given = out.map(|out| out.get_item(name)).transpose()?.flatten();
-    let found = match given {
-        Some(given) => filled(given.cast_into::<PyArrayDyn<T>>()?, name, &values, shape[0])?,
-        None => array(py, values, &shape)?,
-    };
-    dict.set_item(name, found)
 }
 
 /// Pictures (n, H, W, 3) uint8 of environments `envs` as they stand; `picture` is JSON.
