@@ -9,6 +9,7 @@ use graspbox_agent::agent_episode::AgentEpisode;
 use graspbox_agent::info::{INFO, InfoValue, failure_names, info_table, read_info};
 use graspbox_agent::observation_row::{Row, Size};
 use graspbox_agent::potentials::Potentials;
+use graspbox_agent::record::Record;
 use graspbox_agent::reward::{Attempt, TERMS, TermValues, Transition, term_table};
 use graspbox_agent::view::View;
 use graspbox_agent::{AgentConfig, AgentError, Column, Control, EnvPool, Observation, Randomization, ResetOptions};
@@ -329,6 +330,13 @@ fn infos_hold_what_their_names_say() {
             assert!(seen.iter().any(|info| info[i] != info[j]), "{} and {} can be swapped", a.name, b.name);
         }
     }
+    // Before the first step there is no failure yet.
+    let view = episode.view(pool.spec());
+    let failure = INFO.iter().position(|row| row.name == "failure").unwrap();
+    assert_eq!(read_info(&view)[failure], InfoValue::Index(0));
+    let record = Record { steps: 1, ..view.record.clone() };
+    let untouched = FailureKind::ALL.iter().position(|kind| *kind == FailureKind::NoContact).unwrap() as i64 + 1;
+    assert_eq!(read_info(&View { record: &record, ..view })[failure], InfoValue::Index(untouched));
     let names = |control| info_table(control).iter().map(|row| row.name).collect::<Vec<_>>();
     assert!(names(Control::GraspPose).contains(&"infeasible") && !names(Control::Twist).contains(&"infeasible"));
 }
