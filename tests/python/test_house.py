@@ -29,7 +29,7 @@ KNOWN_LONG_FILES: set[str] = {
     "python/graspbox/configs.py",
     "python/graspbox/evaluation.py",
 }
-KNOWN_LONG_FUNCTIONS: set[str] = {"scripts/train_sb3.py: train"}
+KNOWN_LONG_FUNCTIONS: set[str] = set()
 KNOWN_WITHOUT_EXAMPLE: set[str] = {"episode", "plan", "sim"}
 
 
