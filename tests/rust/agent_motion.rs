@@ -240,15 +240,16 @@ fn a_planned_grasp_succeeds_by_actions_alone() {
 #[test]
 fn a_lost_object_ends_the_episode() {
     let pool = pool(&objects(&[Family::Ball]), Control::Twist, 1);
-    let hand = palm_down(0.18, 0.0, 0.11).to_homogeneous();
+    let hand = palm_down(0.15, 0.15, 0.1).to_homogeneous();
     let options = ResetOptions {
-        place: Some([0.3, 0.0, 0.0]),
+        place: Some([0.3, 0.3, 0.0]),
         world_from_hand: Some(std::array::from_fn(|i| std::array::from_fn(|j| hand[(i, j)]))),
         ..ResetOptions::default()
     };
     pool.reset(&[Some(0)], None, &options).unwrap();
     let mut push = vec![0.0; pool.spec().action];
-    push[0] = 1.0;
+    // The hand's y axis is against the world's.
+    (push[0], push[1]) = (1.0, -1.0);
     let ended = (0..200).find_map(|_| {
         let batch = pool.step(&push).unwrap().now;
         batch.terminated[0].then_some(batch)

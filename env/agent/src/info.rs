@@ -60,7 +60,7 @@ pub const INFO: &[InfoRow] = &[
     InfoRow {
         name: "failure",
         unit: "",
-        meaning: "kind of the failure if the episode ended now; empty for a success",
+        meaning: "kind of the failure if the episode ended now; empty for a success, and before the first step",
         decision_only: false,
         read: Reader::Name(Names::Failures, |view| failure(view).map_or(0, failure_code)),
     },
@@ -108,9 +108,9 @@ pub const INFO: &[InfoRow] = &[
     },
 ];
 
-/// The kind of failure if the episode ended now; none for a success.
+/// The kind of failure if the episode ended now; none for a success, and before the first step.
 fn failure(view: &View<'_>) -> Option<FailureKind> {
-    if view.record.success || view.record.failure.is_some() {
+    if view.record.steps == 0 || view.record.success || view.record.failure.is_some() {
         view.record.failure
     } else if has_diverged(view.world()) {
         Some(FailureKind::Unstable)

@@ -1,11 +1,11 @@
 //! `graspbox._core.EnvPool`: many environments in one call; `Objects`: what they sample from.
 
 use crate::convert::{Array, config, entries, json};
+use crate::env_arrays::arrays;
 use crate::errors::CoreError;
 use crate::gil::{awaited, detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::Mesh;
-use crate::rows::arrays;
 use graspbox_agent::env_pool::Stepped;
 use graspbox_agent::{self as agent, AgentConfig, AgentError, Batch, ObjectDescription, ResetOptions, Source, Tables};
 use graspbox_sim::PhysicsConfig;

@@ -16,7 +16,7 @@
 //! | [`mesh`] | the handle on a mesh |
 //! | [`plan`] | box trees and plans |
 //! | [`objects`] | objects by family and seed |
-//! | [`rows`] | what environments return, as arrays |
+//! | [`env_arrays`] | results of environments as arrays by name |
 //! | [`env_pool`] | many environments in one call |
 //! | [`voxel`] | voxels, and their files |
 //!
@@ -25,6 +25,7 @@
 pub mod bench;
 pub mod config;
 pub mod convert;
+pub mod env_arrays;
 pub mod env_pool;
 pub mod episode;
 pub mod errors;
@@ -36,7 +37,6 @@ pub mod mesh;
 pub mod objects;
 pub mod plan;
 pub mod render;
-pub mod rows;
 pub mod vision;
 pub mod voxel;
 

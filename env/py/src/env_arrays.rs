@@ -1,4 +1,4 @@
-//! What environments return, as arrays by name with one row per environment.
+//! Results of environments as arrays by name.
 
 use crate::convert::{Array, array};
 use crate::errors::CoreError;
@@ -36,14 +36,15 @@ pub fn arrays<'py>(
     }
     let envs = batch.envs.iter().map(|env| *env as i64).collect();
     dict.set_item("env", array::<i64>(py, envs, &[rows])?)?;
-    dict.set_item("info", infos(py, batch.info, rows)?)?;
+    dict.set_item("info", infos(py, spec, batch.info, rows)?)?;
     Ok(dict)
 }
 
 /// The entries of the info as arrays by name.
-fn infos<'py>(py: Python<'py>, info: Vec<InfoArray>, rows: usize) -> PyResult<Bound<'py, PyDict>> {
+fn infos<'py>(py: Python<'py>, spec: &EnvSpec, info: Vec<InfoArray>, rows: usize) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
-    for (row, values) in INFO.iter().zip(info) {
+    let decides = spec.config.control.decides();
+    for (row, values) in INFO.iter().zip(info).filter(|(row, _)| decides || !row.decision_only) {
         match values {
             InfoArray::Flags(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
             InfoArray::Numbers(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
