@@ -23,7 +23,7 @@ def test_preshapes_beyond_the_hand_are_refused(scene: graspbox.Scene, preshape: 
 
 
 def test_degrees_are_recognized(scene: graspbox.Scene) -> None:
-    with pytest.raises(errors.ConfigError, match="30 looks like degrees: give 0.5236 rad"):
+    with pytest.raises(errors.ConfigError, match=r"30 looks like degrees: give 0\.5236 rad"):
         scene.simulate(from_above(0.12)[None], 30.0)
 
 
@@ -35,14 +35,14 @@ def test_poses_in_millimetres_are_refused(scene: graspbox.Scene) -> None:
 @pytest.mark.parametrize(("scale", "factor"), [(1000.0, "0.001"), (100.0, "0.01"), (0.001, "1000")])
 def test_a_file_in_another_unit_is_refused_with_its_likely_scale(scale: float, factor: str) -> None:
     mesh = cuboid(0.08 * scale, 0.08 * scale, 0.1 * scale)
-    with pytest.raises(errors.MeshError, match=f"multiply `scale=` by {factor} "):
+    with pytest.raises(errors.MeshError, match=rf"multiply `scale=` by {factor} "):
         graspbox.Scene(mesh)
-    with pytest.raises(errors.MeshError, match="open hand|cannot be simulated"):
+    with pytest.raises(errors.MeshError, match=r"open hand|cannot be simulated"):
         graspbox.plan(mesh)
 
 
 def test_a_mass_in_grams_is_refused() -> None:
-    with pytest.raises(errors.MeshError, match="weighs 118 kg"):
+    with pytest.raises(errors.MeshError, match=r"weighs 118 kg"):
         graspbox.Scene(cuboid(0.08, 0.08, 0.1, mass=118.0))
 
 
@@ -56,7 +56,7 @@ def test_a_mass_in_grams_is_refused() -> None:
     ],
 )
 def test_counts_of_candidates_are_bounded(poses: graspbox.PoseConfig) -> None:
-    with pytest.raises(errors.ConfigError, match="variations|standoffs"):
+    with pytest.raises(errors.ConfigError, match=r"variations|standoffs"):
         graspbox.plan(cuboid(0.06, 0.06, 0.1), config=graspbox.PlanConfig(poses=poses))
 
 
@@ -68,10 +68,10 @@ def test_the_criterion_of_success_is_a_setting(scene: graspbox.Scene) -> None:
     assert not outcome.success[0]
     assert outcome.failure[0] == "unstable"
     low = graspbox.TrialConfig(lift_height=0.15, success=graspbox.SuccessCriterion(lift_height=0.19))
-    with pytest.raises(errors.ConfigError, match="`lift_height` is 0.15, but it must be between 0.19 and 1 m"):
+    with pytest.raises(errors.ConfigError, match=r"`lift_height` is 0\.15, but it must be between 0\.19 and 1 m"):
         scene.simulate(pose, 0.0, config=low)
     nothing = graspbox.TrialConfig(success=graspbox.SuccessCriterion(rest_speed=0.0))
-    with pytest.raises(errors.ConfigError, match="`success.rest_speed` is 0"):
+    with pytest.raises(errors.ConfigError, match=r"`success\.rest_speed` is 0"):
         scene.simulate(pose, 0.0, config=nothing)
 
 
