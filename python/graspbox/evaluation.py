@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets, policies
 from graspbox.envs import IDS
-from graspbox.envs.core import ObjectsArgument
+from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError
 from graspbox.policies import Actions, Policy, Task
 

@@ -334,6 +334,51 @@ class GraspVectorEnv(NativeVectorEnv):
 
     Parameters
     ----------
+    num_envs : int
+        Number of environments.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to draw from: see `graspbox.object_sets`.
+    split : {"train", "validation", "test"}, optional
+        Draw from this split only.
+    obs : str or sequence of str
+        Observation: a name, or several names, which give a ``Dict``.
+    reward : {"sparse", "dense"}
+        Weights of the reward terms.
+    reward_weights : mapping of str to float, optional
+        Weights that replace those of the same name in `reward`.
+    success : SuccessCriterion, optional
+        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+    info : {"full", "numeric"}
+        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
+        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
+        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
+    randomization : "standard" or Randomization, optional
+        What varies besides object and start; by default nothing.
+    render_mode : "rgb_array", optional
+        Whether `render` returns pictures.
+    num_threads : int, optional
+        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    physics : PhysicsConfig
+        Settings of the engine; the time step must divide 0.05 s.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    cameras : CamerasConfig
+        Cameras, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, samples per pixel and camera of the pictures of `render`.
+    control : {"twist", "delta_pose", "target_pose"}
+        The control mode: what an action means.
+    frame_skip : int
+        Control periods of 0.05 s per step: the action holds for all of them, and their reward terms are added. Slower
+        control is easier to explore.
+    autoreset_mode : AutoresetMode or its value
+        When a finished environment begins again.
+    max_episode_steps : int, optional
+        Episodes are truncated after this number of steps.
+    copy : bool
+        Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
 
     Raises
     ------
