@@ -171,7 +171,7 @@ def test_keys_of_play_move_the_hand_as_they_say(control: str) -> None:
     for _ in range(3):
         still = env.step(env.idle_action)[0]
     np.testing.assert_allclose(still[place], state[place], atol=1e-6)
-    for index, (more, less) in enumerate(("da", "ws", "eq", "ik", "uo", "jl")):
+    for index, (more, less) in enumerate([("d", "a"), ("w", "s"), ("e", "q"), ("i", "k"), ("u", "o"), ("j", "l")]):
         for key, sign in ((more, 1.0), (less, -1.0)):
             env.reset(seed=0)
             for _ in range(2):

@@ -7,6 +7,9 @@ Three modes of autoreset, as Gymnasium defines them: ``NEXT_STEP`` (the step aft
 and ignores its action), ``SAME_STEP`` (the next episode begins at once; ``final_obs`` and ``final_info`` hold the end
 of the last one), ``DISABLED`` (``reset(options={"reset_mask": done})`` begins the next episodes).
 
+Of Gymnasium's wrapper `RecordEpisodeStatistics`, use version 1.4 or later with ``SAME_STEP``: before, it counts these
+episodes one step short.
+
 A reset takes the options of the single environment for all, and ``each`` for options that differ:
 ``reset(options={"friction": 0.8, "each": [{"object": "mug-000000"}, None, {"resting": 1}]})``.
 """
