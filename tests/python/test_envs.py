@@ -40,8 +40,9 @@ def test_a_planned_grasp_gives_the_reward_that_simulate_promises() -> None:
         assert terminated
         assert not truncated
         assert reward == float(info["is_success"])
-        assert abs(info["lift"] - promised.lift[0]) < 0.02 or info["is_success"] != promised.success[0]
         verdicts.append((info["is_success"], bool(promised.success[0])))
+        if verdicts[-1][0] == verdicts[-1][1]:
+            assert info["lift"] == pytest.approx(promised.lift[0], abs=0.02)
     assert len(verdicts) >= 4
     assert any(env_says for env_says, _ in verdicts)
     # The action is float32, so that the pose differs in its last digits.

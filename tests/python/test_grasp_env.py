@@ -48,6 +48,25 @@ def test_spaces_follow_the_control_mode(control: str) -> None:
     np.testing.assert_array_equal(state[-len(action) :], action)
 
 
+def test_bounds_of_the_state_cut_nothing_off() -> None:
+    """Observations are clipped to their bounds, so those must be wide enough: a grasp comes near none of them.
+
+    Loads, contacts and sizes do reach their lower bound of 0; columns without a unit are shares and axes.
+    """
+    columns = spaces.tables(graspbox.load_hand())["observations"]["twist"]["state"]
+    for objects in ("procedural:can:0", "procedural:box:1"):
+        env = make(objects=objects).unwrapped
+        actions = expert_actions(env, 0)
+        states = [env.reset(seed=0)[0], *(env.step(action)[0] for action in actions)]
+        first = 0
+        for column in columns:
+            values = np.stack(states)[:, first : first + column["size"]]
+            first += column["size"]
+            if column["unit"] != "1":
+                assert values.max() < column["high"] * (1 - 1e-6), column["name"]
+                assert values.min() > column["low"] * (1 - 1e-6) or column["low"] == 0.0, column["name"]
+
+
 def test_reward_is_the_weighted_sum_of_its_terms() -> None:
     """Dense, sparse and own weights on the same actions: one run, three rewards."""
     envs = {

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from mypy import api as mypy
 
-from acting import OBJECTS, pressing
+from acting import OBJECTS, best_grasp, expert_actions, pressing
 from graspbox import errors
-from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs import settings
 from graspbox.envs.grasp import GraspEnv
 from graspbox.envs.grasp_pose import GraspPoseEnv, GraspPoseVectorEnv
@@ -94,6 +94,26 @@ def test_a_trial_is_the_decisions_alone() -> None:
     short = TrialConfig(hold_time=0.6)
     env: Any = gymnasium.make(POSE, trial=short).unwrapped
     assert env._core.config.trial == short
+
+
+def test_success_is_a_criterion_that_can_be_set() -> None:
+    """A lower one ends the expert's episode sooner; one that no hand fulfils makes failures of good grasps."""
+    low, high = SuccessCriterion(lift_height=0.03, hold_time=0.1), SuccessCriterion(lift_height=0.5)
+    env: Any = gymnasium.make(GRASP, objects="procedural:can:0").unwrapped
+    actions = expert_actions(env, 0)
+    eager: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=low).unwrapped
+    eager.reset(seed=0)
+    steps = next(step for step, action in enumerate(actions) if eager.step(action)[2])
+    assert steps + 5 < len(actions)
+    results = []
+    settings: list[dict[str, Any]] = [{}, {"success": high}, {"trial": TrialConfig(success=high)}]
+    for given in settings:
+        decision: Any = gymnasium.make(POSE, objects="procedural:can:0", **given).unwrapped
+        state, info = decision.reset(seed=0)
+        results.append(decision.step(best_grasp(decision.objects, info["object"], state))[1])
+    assert results == [1.0, 0.0, 0.0]
+    with pytest.raises(errors.ConfigError, match="lift_height"):
+        gymnasium.make(GRASP, success=SuccessCriterion(lift_height=-1.0))
 
 
 def flat_numbers(info: dict[str, Any]) -> bool:
