@@ -82,7 +82,7 @@ lets go of what it holds.
 Observation
 -----------
 ``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The columns
-named like an observation say where a field stands in it, for the control mode ``twist``; ``last_action`` is as long as
+named like an observation give the indices of a column in it, for the control mode ``twist``; ``last_action`` is as long as
 an action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot gives it.
 ``proprio``, ``tactile`` and the images hold nothing of the object's pose.
 
@@ -92,7 +92,7 @@ an action. Values beyond their range are clipped. ``state`` is **privileged**: n
 | state | 88 | float32 | yes |
 | tactile | 27 | float32 | no |
 
-| field | proprio | state | tactile | min | max | unit | meaning |
+| column | proprio | state | tactile | min | max | unit | meaning |
 |---|---|---|---|---|---|---|---|
 | hand_position | 0-2 | 0-2 |  | -1 | 1 | m | grasp frame as the arm knows it, world |
 | hand_rotation | 3-8 | 3-8 |  | -1 | 1 | 1 | first two columns of world_from_hand |
@@ -155,18 +155,27 @@ The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; 
 | lift | -1 | 1 | change of the share of the lift height, while the hand holds the object off the table |
 | hold | -1 | 1 | change of the share of the hold time |
 | success | 0 | 1 | 1 at success |
-| failure | -1 | 0 | -1 where the object is lost for good |
+| failure | -1 | 0 | -1 when the object is lost for good |
 | effort | -1 | 0 | minus the mean square of hand and spool speeds as shares of their limits |
-| push | -1 | 1 | minus the change of how far the object was moved sideways, up to 0.2 m |
+| push | -1 | 1 | minus the change of how far the object was moved sideways, up to 0.2 m, as a share |
 | table | -1 | 0 | -1 while the hand touches the table |
 | stop | -1 | 0 | -1 while the protective stop holds the hand |
 
 Info
 ----
-After a reset and after a step: ``is_success``, ``is_secure`` (bool, as `graspbox.simulation` defines them), ``failure``
-(str: what the failure would be called if the episode ended now; empty for a success), ``lift`` (m), ``object`` (str),
-``resting`` (int: which resting pose; -1 where it was let go at a pose), ``touches`` (bool: the hand touches the object), ``protective_stop`` (bool) and
-``reward_terms`` (float by name).
+After a reset and after a step: the entries below, and ``reward_terms`` (float by name). ``is_success`` and ``is_secure``
+are defined by `graspbox.simulation`.
+
+| entry | type | unit | meaning |
+|---|---|---|---|
+| is_success | bool |  | the grasp succeeded |
+| is_secure | bool |  | it succeeded without shifting or turning in the hand |
+| failure | str |  | kind of the failure if the episode ended now; empty for a success |
+| lift | float | m | rise of the object's centre of mass above its resting height |
+| object | str |  | name of the object |
+| resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
+| touches | bool |  | the hand touches the object |
+| protective_stop | bool |  | the protective stop held the hand at some time in the last step |
 
 Options of a reset
 ------------------
@@ -176,8 +185,8 @@ What is named is taken, the rest is drawn; the draws of what is not named stay t
 |---|---|
 | object | name of an object, or its index |
 | resting | index of its resting pose, the most probable first |
-| place | x, y (m) and turn about the vertical (rad) of the resting pose; over the table, 0.6 m to each side |
-| world_from_object | pose (4, 4), instead of both: the object is let go there, over the table and up to 1 m above it |
+| place | x, y (m) and turn about the vertical (rad) of the resting pose; within 0.5 m of the table's middle |
+| world_from_object | pose (4, 4), instead of both: the object is dropped there, within 0.5 m of the table's middle and up to 1 m above it |
 | world_from_hand | pose (4, 4), in the workspace: 0.35 m to each side, up to 0.75 m above the table |
 | preshape | rad |
 | friction, mass | factor on the object's |

@@ -57,7 +57,7 @@ in `graspbox.envs.grasp`. ``state`` is **privileged**; it tells of the object al
 | state | 19 | float32 | yes |
 | tactile | 27 | float32 | no |
 
-| field | proprio | state | tactile | min | max | unit | meaning |
+| column | proprio | state | tactile | min | max | unit | meaning |
 |---|---|---|---|---|---|---|---|
 | hand_position | 0-2 |  |  | -1 | 1 | m | grasp frame as the arm knows it, world |
 | hand_rotation | 3-8 |  |  | -1 | 1 | 1 | first two columns of world_from_hand |
@@ -94,20 +94,32 @@ of `graspbox.envs.reward.DECISION`. The terms of an attempt:
 
 | term | min | max | meaning |
 |---|---|---|---|
-| reach | 0 | 1 | 1 - d / 0.4 m, with d the distance of the grasp centre from the object's core before the hand closes |
+| reach | 0 | 1 | 1 - d / 0.4 m, with d the distance from the grasp centre to the object's core before the hand closes |
 | contact | 0 | 1 | mean of the share of fingers that touch and how far two of them oppose, when the hand has closed |
 | closure | 0 | 1 | epsilon quality of the contacts, when the hand has closed |
 | lift | 0 | 1 | greatest rise of the centre of mass, as a share of the lift height |
 | hold | 0 | 1 | share of the hold time at the end |
 | success | 0 | 1 | 1 at success |
-| failure | -1 | 0 | -1 where the attempt is infeasible |
+| failure | -1 | 0 | -1 if the attempt is infeasible |
 | push | -1 | 0 | minus how far the object was moved sideways while the hand closed, up to 0.2 m, as a share |
 
 ``effort``, ``table`` and ``stop`` are 0.
 
 Info
 ----
-After a reset and after a step, as in `graspbox.envs.grasp`; and ``infeasible`` (bool).
+After a reset and after a step: the entries below, and ``reward_terms`` (float by name).
+
+| entry | type | unit | meaning |
+|---|---|---|---|
+| is_success | bool |  | the grasp succeeded |
+| is_secure | bool |  | it succeeded without shifting or turning in the hand |
+| failure | str |  | kind of the failure if the episode ended now; empty for a success |
+| lift | float | m | rise of the object's centre of mass above its resting height |
+| object | str |  | name of the object |
+| resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
+| touches | bool |  | the hand touches the object |
+| protective_stop | bool |  | the protective stop held the hand at some time in the last step |
+| infeasible | bool |  | the hand could not reach its pose |
 
 Options of a reset
 ------------------
