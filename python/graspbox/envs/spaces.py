@@ -35,12 +35,10 @@ __all__ = [
     "image_names",
     "image_table",
     "images",
-    "info_table",
     "keyword_table",
     "observation_space",
     "observation_table",
     "tables",
-    "term_table",
     "vector_table",
 ]
 
@@ -298,26 +296,9 @@ def vector_table(control: str, found: Tables) -> str:
     return "\n".join(lines)
 
 
-def term_table(control: str, found: Tables) -> str:
-    """Write the table of a control mode's reward terms, as Markdown; terms that are always 0 are left out."""
-    rows = found["decision"]["terms"] if control == "grasp_pose" else found["terms"]
-    lines = ["| term | min | max | meaning |", "|---|---|---|---|"]
-    lines += [f"| {row['name']} | {row['low']:g} | {row['high']:g} | {row['meaning']} |" for row in rows]
-    return "\n".join(lines)
-
-
 def entries(control: str, found: Tables) -> list[Entry]:
     """Find the entries of a control mode's info."""
     return found["decision"]["info"] if control == "grasp_pose" else found["info"]
-
-
-def info_table(control: str, found: Tables) -> str:
-    """Write the table of a control mode's info, as Markdown; ``reward_terms`` comes beside these entries."""
-    lines = ["| entry | type | unit | meaning |", "|---|---|---|---|"]
-    for row in entries(control, found):
-        kind = {"float64": "float", "int64": "int"}.get(row["dtype"], row["dtype"])
-        lines.append(f"| {row['name']} | {kind} | {row['unit']} | {row['meaning']} |")
-    return "\n".join(lines)
 
 
 def keyword_table(single: type, vector: type) -> str:
