@@ -97,7 +97,7 @@ class Recorder:
         """Add what a step returned."""
         self._show(observation)
         self._rewards.append(reward)
-        self._terms.append({name: float(value) for name, value in info["reward_terms"].items()})
+        self._terms.append({name: float(value) for name, value in info["reward_terms"].items() if name in TERMS})
         self._infos.append(_plain(info))
 
     def result(self) -> dict[str, Any]:
@@ -114,7 +114,8 @@ class Recorder:
         }
 
 
-#: Entries of an info that the file pins; an entry that comes later changes nothing here.
+#: Entries of an info, and reward terms, that the file pins; those that come later change nothing here.
+TERMS = ("reach", "contact", "closure", "lift", "hold", "success", "failure", "effort", "push", "table", "stop")
 INFO = ("is_success", "is_secure", "failure", "lift", "object", "resting", "touches", "protective_stop")
 
 

@@ -238,15 +238,16 @@ def test_the_hand_is_kept_off_the_object_and_the_table_as_they_are(env_id: str) 
                 env.reset(seed=seed, options={"world_from_object": lies[1], "world_from_hand": sunk})
 
 
-def test_an_object_is_let_go_where_it_stays_on_the_table() -> None:
+def test_an_object_is_dropped_where_it_stays_in_the_workspace() -> None:
     env: Any = make(objects="procedural:can:0").unwrapped
     env.reset(seed=0)
-    # Tipped over the edge.
+    # Tipped, so that it tumbles away from the table's middle.
     pose, angle = np.eye(4), 0.8
     pose[0, [0, 2]], pose[2, [0, 2]] = [np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]
-    pose[:3, 3] = 0.56, 0.0, 0.3
-    with pytest.raises(errors.ConfigError, match="falls off"):
-        env.reset(options={"world_from_object": pose})
+    for x, z, match in ((0.56, 0.3, "within 0.5 m"), (0.46, 0.3, "leaves the workspace"), (0.46, 0.9, "falls off")):
+        pose[:3, 3] = x, 0.0, z
+        with pytest.raises(errors.ConfigError, match=match):
+            env.reset(options={"world_from_object": pose})
     pose[:3, 3] = 0.0, 0.0, 0.1
     with pytest.raises(errors.ConfigError, match="not both"):
         env.reset(options={"world_from_object": pose, "resting": 0})

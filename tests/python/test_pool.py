@@ -5,6 +5,9 @@ What they do is tested in ``tests/rust``.
 
 import json
 import os
+import signal
+import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +17,7 @@ import pytest
 from graspbox import _core, errors
 
 NUM_ENVS = 3
-FLAGS = ("terminated", "truncated", "reset", "is_success", "is_secure", "touches", "protective_stop")
+FLAGS = ("terminated", "truncated", "reset")
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +35,11 @@ def actions(seed: int, num_envs: int = NUM_ENVS, size: int = 10) -> Iterator[np.
     rng = np.random.default_rng(seed)
     while True:
         yield rng.uniform(-1, 1, (num_envs, size)).astype(np.float32)
+
+
+def flat(arrays: Any) -> dict[str, np.ndarray[Any, Any]]:
+    """All arrays in one dictionary, the info's among them."""
+    return {**{name: array for name, array in arrays.items() if name != "info"}, **arrays["info"]}
 
 
 def tables() -> Any:
@@ -62,7 +70,12 @@ def test_arrays_are_as_the_tables_say(objects: _core.Objects, control: str) -> N
         assert arrays["terms"].shape == (NUM_ENVS, len(table["terms"]))
         assert all(arrays[name].dtype == bool and arrays[name].shape == (NUM_ENVS,) for name in FLAGS)  # type: ignore[literal-required]
         assert arrays["env"].tolist() == [0, 1, 2]
-        assert all(table["failures"][code] == "no_contact" for code in arrays["failure"])
+        entries = {row["name"]: row for row in table["decision"]["info"]}
+        assert list(arrays["info"]) == list(entries)
+        for name, values in arrays["info"].items():
+            dtype = "int64" if entries[name]["names"] else entries[name]["dtype"]
+            assert (values.dtype.name, values.shape) == (dtype, (NUM_ENVS,)), name
+        assert all(table["failures"][code] == "no_contact" for code in arrays["info"]["failure"])
     assert table["privileged"] == ["state"]
     config = json.loads(_core._config("AgentConfig", json.dumps({"randomization": table["randomization"]["standard"]})))
     assert config["randomization"] == table["randomization"]["standard"]
@@ -76,10 +89,10 @@ def test_arrays_are_fresh_or_the_callers_own(objects: _core.Objects) -> None:
     draw = actions(0)
     first = pool.reset([0, 1, 2])
     assert "tactile" not in first
-    kept = {name: array.copy() for name, array in first.items()}  # type: ignore[attr-defined]
+    kept = {name: array.copy() for name, array in flat(first).items()}
     pool.step(next(draw))
     for name, array in kept.items():
-        np.testing.assert_array_equal(array, first[name])  # type: ignore[literal-required]
+        np.testing.assert_array_equal(array, flat(first)[name])
     out = {"state": np.zeros_like(first["state"])}
     stepped, _ = pool.step(next(draw), out)
     assert stepped["state"] is out["state"]
@@ -104,9 +117,9 @@ def test_one_environment_is_like_one_of_many(objects: _core.Objects) -> None:
         for i, pool in enumerate(single):
             alone, own = pool.step(action[i : i + 1])
             assert (own is None) == (last is None or i not in last["env"])
-            for name, array in alone.items():
+            for name, array in flat(alone).items():
                 if name != "env":
-                    np.testing.assert_array_equal(array[0], together[name][i], name)  # type: ignore[index, literal-required]
+                    np.testing.assert_array_equal(array[0], flat(together)[name][i], name)
     assert ended >= 2 * NUM_ENVS
 
 
@@ -128,6 +141,50 @@ def test_environments_come_back_as_they_arrive(objects: _core.Objects) -> None:
         assert sorted(seen) == [0, 1, 2]
     with pytest.raises(errors.ConfigError, match="0 environments"):
         apart.recv(1)
+
+
+def test_an_interrupt_calls_back_what_was_sent(objects: _core.Objects) -> None:
+    """Once, `recv` looked for signals only while nothing arrived, and everything that was sent was stepped in any case."""
+    count = 400
+    pool, other = (_core.EnvPool(objects, json.dumps({"frame_skip": 100}), count, 1) for _ in range(2))
+    pool.reset(list(range(count)))
+    first = pool.now()["state"].copy()
+    still = np.zeros((count, 10), np.float32)
+    pool.send(still, list(range(count)))
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        pool.recv(count)
+    assert time.monotonic() - started < 3.0, "the promised second, and room for a busy machine"
+    # One environment may still be stepping; the others are here, or can be received.
+    time.sleep(1.0)
+    stepped = []
+    while True:
+        try:
+            stepped += pool.recv(1)[0]["env"].tolist()
+        except errors.ConfigError:
+            break
+    assert 0 < len(stepped) < count / 2
+    rest = np.setdiff1d(np.arange(count), stepped)
+    np.testing.assert_array_equal(pool.now()["state"][rest], first[rest])
+    # The environments that stayed step as if they had never been sent.
+    chosen = rest[-2:].tolist()
+    other.reset(list(range(count)))
+    for each in (pool, other):
+        each.send(still[:2], chosen)
+    ours, theirs = ({int(env): row for env, row in zip(a["env"], a["state"], strict=True)} for a in (
+        pool.recv(2)[0], other.recv(2)[0]))  # fmt: skip
+    assert ours.keys() == theirs.keys() == set(chosen)
+    for env in chosen:
+        np.testing.assert_array_equal(ours[env], theirs[env])
+
+
+def test_the_number_of_environments_is_bounded(objects: _core.Objects) -> None:
+    """Once, a billion environments aborted the process."""
+    for count in (0, 65_537, 10**9):
+        with pytest.raises(errors.ConfigError, match=r"num_envs.*between 1 and 65536"):
+            make(objects, count)
 
 
 def half_broken() -> _core.Objects:

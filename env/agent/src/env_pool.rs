@@ -343,10 +343,10 @@ mod tests {
     use std::sync::mpsc::channel;
 
     /// A panic in a step that was sent off is an error of that environment alone, and a reset makes it usable again.
-        let hand = Arc::new(Hand::reflex().unwrap().clone());
+    #[test]
     fn a_panic_of_a_sent_environment_is_its_error() {
         let ball = Source::Procedural { name: "ball".into(), family: Family::Ball, seed: 0, scale: 1.0, mass: None };
-        let hand = Arc::new(Hand::reflex().unwrap());
+        let hand = Arc::new(Hand::reflex().unwrap().clone());
         let objects = Objects::new(vec![ball], hand, PhysicsConfig::default(), None).unwrap();
         let pool = Arc::new(EnvPool::new(Arc::new(objects), AgentConfig::default(), 2).unwrap());
         pool.reset(&[Some(0), Some(1)], None, &ResetOptions::default()).unwrap();

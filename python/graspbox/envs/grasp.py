@@ -227,8 +227,8 @@ Options replace parts of the initial state; the other parts are sampled as they 
 |---|---|
 | object | name of an object, or its index |
 | resting | index of its resting pose, the most probable first |
-| place | x, y (m) and turn about the vertical (rad) of the resting pose; over the table, 0.6 m to each side |
-| world_from_object | pose (4, 4), instead of both: the object is dropped there, over the table and up to 1 m above it |
+| place | x, y (m) and turn about the vertical (rad) of the resting pose; within 0.5 m of the table's middle |
+| world_from_object | pose (4, 4), instead of both: the object is dropped there, within 0.5 m of the table's middle and up to 1 m above it |
 | world_from_hand | pose (4, 4), in the workspace: 0.35 m to each side, up to 0.75 m above the table |
 | preshape | preshape angle, rad |
 | friction | factor on the object's friction, 0.01 to 100 |
