@@ -1,6 +1,7 @@
 """Keywords of the environments: known to type checkers, to `inspect` and to whoever misspells one."""
 
 import inspect
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -97,7 +98,7 @@ def test_a_trial_is_the_decisions_alone() -> None:
 
 
 def test_success_is_a_criterion_that_can_be_set() -> None:
-    """A lower one ends the expert's episode sooner; one that no hand fulfils makes failures of good grasps."""
+    """A lower one ends the expert's episode sooner, a higher one never; a decision's must fit its lift."""
     low, high = SuccessCriterion(lift_height=0.03, hold_time=0.1), SuccessCriterion(lift_height=0.5)
     env: Any = gymnasium.make(GRASP, objects="procedural:can:0").unwrapped
     actions = expert_actions(env, 0)
@@ -105,13 +106,20 @@ def test_success_is_a_criterion_that_can_be_set() -> None:
     eager.reset(seed=0)
     steps = next(step for step, action in enumerate(actions) if eager.step(action)[2])
     assert steps + 5 < len(actions)
-    results = []
-    settings: list[dict[str, Any]] = [{}, {"success": high}, {"trial": TrialConfig(success=high)}]
-    for given in settings:
+    strict: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=high).unwrapped
+    strict.reset(seed=0)
+    assert not any(strict.step(action)[2] for action in actions)
+    short = TrialConfig(lift_height=0.05)
+    ways: list[dict[str, Any]] = [{"trial": short, "success": low}, {"trial": replace(short, success=low)}]
+    for given in ways:
         decision: Any = gymnasium.make(POSE, objects="procedural:can:0", **given).unwrapped
         state, info = decision.reset(seed=0)
-        results.append(decision.step(best_grasp(decision.objects, info["object"], state))[1])
-    assert results == [1.0, 0.0, 0.0]
+        _, reward, _, _, info = decision.step(best_grasp(decision.objects, info["object"], state))
+        assert reward == 1.0
+        assert info["lift"] < 0.06
+    for wrong in ({"trial": short}, {"success": high}):
+        with pytest.raises(errors.ConfigError, match="lift_height"):
+            gymnasium.make(POSE, objects="procedural:can:0", **wrong)
     with pytest.raises(errors.ConfigError, match="lift_height"):
         gymnasium.make(GRASP, success=SuccessCriterion(lift_height=-1.0))
 
