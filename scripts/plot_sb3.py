@@ -53,7 +53,7 @@ def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[s
         success, intervals = (np.array([row[name] for row in rows]) for name in ("success", "ci95"))
         for panel, name, unit in ((panels[0], "timesteps", 1.0), (panels[1], "seconds", 60.0)):
             places = np.array([row[name] for row in rows]) / unit
-            label = f"{settings['algorithm']}, seed {settings['seed']} (band: 95 % interval)"
+            label = f"{settings['algorithm']}, seed {settings['seed']} (band: Wilson's 95 % interval)"
             (line,) = panel.plot(places, success, marker=".", label=label)
             panel.fill_between(places, *intervals.T, color=line.get_color(), alpha=0.2, lw=0)
         known |= {name: found["success"] for name, found in beside.items()}
@@ -66,7 +66,7 @@ def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[s
         panel.grid(alpha=0.3)
     panels[0].set(ylabel="share of held-out trials that succeed")
     panels[0].legend(loc="best", fontsize=9)
-    figure.suptitle(f"{settings['id']}, split {settings['evaluate']}, {settings['episodes']} trials; bands: Wilson's 95 % intervals")
+    figure.suptitle(f"{settings['id']}, split {settings['evaluate']}: {settings['episodes']} trials per evaluation")
     return figure
 
 

@@ -221,7 +221,7 @@ def test_captions_count_and_name_outcomes(bottle: tuple[graspbox.Scene, graspbox
     example = GraspExample.run(scene, lost)
     assert example.outcomes is not None
     assert example.captions(20)[1:] == (
-        "0 of the best 1 pose succeed",
+        "the best pose fails",
         f"pose 1 (bold) simulated: {example.outcomes.failure[0]}",
     )
     assert replace(example, trial=None).captions(20)[2] == f"open hand at pose 1: {example.outcomes.failure[0]}"
@@ -319,14 +319,14 @@ def test_learning_curves_name_their_band() -> None:
     plot = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(plot)
     settings = {"algorithm": "ppo", "seed": 1, "id": "graspbox/Grasp-v0", "evaluate": "validation", "episodes": 100}
-    rows = [{"success": 0.2, "error": 0.04, "timesteps": 0, "seconds": 0}]
-    rows += [{"success": 0.6, "error": 0.05, "timesteps": 50, "seconds": 90}]
+    rows = [{"success": 0.2, "ci95": [0.16, 0.3], "timesteps": 0, "seconds": 0}]
+    rows += [{"success": 0.6, "ci95": [0.5, 0.65], "timesteps": 50, "seconds": 90}]
     figure = plot.success_figure([(settings, rows, {"planner": {"success": 0.96}})])
     for axes in figure.axes:
         low, high = axes.collections[0].get_paths()[0].get_extents().intervaly
         assert (low, high) == pytest.approx((0.16, 0.65))
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labels == ["ppo, seed 1 (band: ± 1 standard error)", "planner: 96%"]
+    assert labels == ["ppo, seed 1 (band: Wilson's 95 % interval)", "planner: 96%"]
 
 
 def test_committed_pictures_are_small_and_show_something() -> None:

@@ -149,7 +149,8 @@ def test_the_extra_is_named_where_matplotlib_is_missing() -> None:
     result = run(blocked + "import graspbox\ntry:\n import graspbox.pictures\n" + caught)
     assert result.returncode == 0, result.stderr
     assert "graspbox[cli]" in result.stdout
-    command = run(blocked + "from graspbox.__main__ import main; main()")
+    arguments = ["graspbox", "plan", "procedural:can:0", "--picture", "a.png"]
+    command = run(blocked + f"sys.argv = {arguments!r}; from graspbox.__main__ import main; main()")
     assert command.returncode == 2
     assert "graspbox[cli]" in command.stderr
     assert "Traceback" not in command.stderr

@@ -1,4 +1,4 @@
-"""Hands in pictures: posed hands, the joints that collision shapes leave out, and small glyphs for grasp poses."""
+"""Hands in pictures: posed hands, the joints that collision shapes lack, and small glyphs for grasp poses."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,7 +16,7 @@ _JOINT = "#4d525c"
 _HINGE = (1.2, 1.6)
 #: Half sides of the neck between a finger's links, as a share of the least half side of its first link.
 _NECK = 0.62
-#: Radians that joints are turned by to find their axes.
+#: Angle by which joints are turned to find their axes, radians.
 _TURN = 0.1
 #: Size of a glyph relative to the hand, length of its stem in metres, and its fingers' angles in radians.
 _GLYPH_SCALE, _STEM = 0.36, 0.03
@@ -30,7 +30,8 @@ class Finger:
     Attributes
     ----------
     root, knuckle : (3,) float64
-        Points on the axes of the proximal and of the distal joint, amid the links that they carry.
+        Points on the axes of the proximal and of the distal joint, each nearest to the centre of the link that it
+        carries.
     root_axis : (3,) float64
         Unit direction of the proximal axis.
     tip : (3,) float64
@@ -104,7 +105,7 @@ class PosedHand:
         return fingers
 
     def joints(self) -> list[Solid]:
-        """Make what joins the fingers to the palm and their links to each other, for the eye alone: world frame."""
+        """Make a hinge at each finger's root and a neck between its links, which collision shapes lack; world frame."""
         solids = []
         for finger in self.skeleton():
             least, middle, _ = np.sort(finger.link.half_extents)
@@ -133,10 +134,10 @@ def _joint(before: Floats, after: Floats) -> tuple[Floats, Floats]:
 
 
 def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
-    """Stand for each grasp pose by a small hand whose fingers are half closed.
+    """Make a small hand with half-closed fingers for each grasp pose.
 
-    A stem ends at the palm's centre and shows the approach; from there lines lead to each finger's root, knuckle and
-    tip, so that roll and preshape can be read.
+    A stem along the approach ends at the palm's centre; from there lines lead to the root, knuckle and tip of each
+    finger, which show roll and preshape.
 
     Parameters
     ----------

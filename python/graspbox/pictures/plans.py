@@ -60,7 +60,7 @@ class GraspExample:
 
     @classmethod
     def of(cls, scene: Scene, plan: Plan, outcomes: Outcomes) -> "GraspExample":
-        """Take outcomes that are known; shows the best-ranked success, or the first pose."""
+        """Use known outcomes of a plan; shows the best-ranked success, or the first pose."""
         trial = Trial.run(scene, plan, int(np.argmax(outcomes.success))) if len(outcomes) else None
         return cls(scene.mesh, plan, outcomes, trial)
 
@@ -68,12 +68,16 @@ class GraspExample:
         """Say what each panel shows: boxes, the best `count` poses, the grasp."""
         tree, best = self.plan.tree, self.plan.best(count)
         boxes = f"{count_boxes(len(tree))}, {tree.volume * 1e6:.0f} cm³"
-        noun = "pose" if len(best) == 1 else "poses"
+        return boxes, self._poses_caption(len(best)), self._grasp_caption(len(best))
+
+    def _poses_caption(self, shown: int) -> str:
+        noun = "the best pose" if shown == 1 else f"the best {shown} poses"
         if self.outcomes is None:
-            poses = f"the best {len(best)} {noun}, not simulated"
-        else:
-            poses = f"{int(self.outcomes.success[: len(best)].sum())} of the best {len(best)} {noun} succeed"
-        return boxes, poses, self._grasp_caption(len(best))
+            return f"{noun}, not simulated"
+        succeeded = int(self.outcomes.success[:shown].sum())
+        if shown == 1:
+            return f"{noun} {'succeeds' if succeeded else 'fails'}"
+        return f"{succeeded} of {noun} succeed"
 
     def _grasp_caption(self, shown: int) -> str:
         if self.trial is not None:

@@ -43,12 +43,12 @@ _STEPS = 120
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the eye is: far away, in a direction.
+    """Viewing direction of a distant camera.
 
     Attributes
     ----------
     azimuth, elevation : float
-        Degrees: 0, 0 looks along -x; elevation 90 looks down.
+        Where the camera is as seen from the object, degrees: 0, 0 looks along -x; elevation 90 looks down.
     """
 
     azimuth: float = -60.0
@@ -56,19 +56,19 @@ class Camera:
 
     @classmethod
     def across(cls, way: ArrayLike, *, elevation: float = 25.0) -> "Camera":
-        """Look across a direction (3,), slanting, from the side that is nearer to the default."""
+        """Look across a direction (3,), from the side that is closer to the default azimuth."""
         x, y, _ = np.asarray(way, dtype=np.float64)
         usual = cls.azimuth
         if np.hypot(x, y) < 0.3 * float(np.linalg.norm(way)):
             return cls(usual, elevation)
         along = float(np.degrees(np.arctan2(y, x)))
-        # Not quite at right angles: seen a little from before, a hand shows its palm and all its fingers.
+        # Not quite at right angles: seen slightly from the front, a hand shows its palm and all its fingers.
         nearest = min((along + 72.0, along - 72.0), key=lambda a: abs((a - usual + 180.0) % 360.0 - 180.0))
         return cls(nearest, elevation)
 
     @property
     def axes(self) -> Floats:
-        """World directions of the picture's right, of its down, and of the view: columns (3, 3)."""
+        """World directions of right, down and forward in the picture: columns (3, 3)."""
         a, e = np.radians([self.azimuth, self.elevation])
         right = [-np.sin(a), np.cos(a), 0.0]
         down = [np.cos(a) * np.sin(e), np.sin(a) * np.sin(e), -np.cos(e)]
@@ -77,12 +77,12 @@ class Camera:
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera in its place.
+    """A camera with its pose and intrinsics.
 
     Attributes
     ----------
     intrinsics : (3, 3) float64
-        Takes a point in the camera's frame to homogeneous image positions, pixels.
+        Maps a point in the camera's frame to homogeneous pixel coordinates.
     world_from_camera : (4, 4) float64
         Camera frames have x right, y down, z forward.
     size : (int, int)
@@ -95,7 +95,7 @@ class Lens:
 
     @classmethod
     def showing(cls, points: ArrayLike, camera: Camera, size: tuple[int, int]) -> "Lens":
-        """Stand back and aim so that points (n, 3) fill the picture as far as they can."""
+        """Place a camera so that points (n, 3) fill the picture."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         pose = np.eye(4)
@@ -109,7 +109,7 @@ class Lens:
         return cls(np.array([[focal, 0, center[0]], [0, focal, center[1]], [0, 0, 1.0]]), pose, size)
 
     def project(self, points: ArrayLike) -> Floats:
-        """Turn world points (..., 3) into column, row (pixels from the upper left corner) and depth (metres)."""
+        """Project world points (..., 3) to column, row (pixels from the upper left corner) and depth (metres)."""
         pose, points = self.world_from_camera, np.asarray(points, dtype=np.float64)
         seen = (points - pose[:3, 3]) @ pose[:3, :3]
         flat = seen @ self.intrinsics.T
@@ -123,17 +123,15 @@ class View:
     Parameters
     ----------
     solids : sequence of Solid
-        What is seen.
+        The solids.
     camera : Camera
-        From where.
+        Viewing direction.
     shown : (n, 3) array_like
         Points that must lie in the picture, metres.
     size : (int, int)
         Columns and rows.
     hand : PosedHand, optional
         The hand.
-    opacity : float
-        Of the hand; below 1 what is behind it shines through, and it hides no lines.
     table : (n, 3) array_like, optional
         Points above a table with its top at z = 0, metres; the table is as large as them and their shadows. Without
         them there is no table.
@@ -147,7 +145,6 @@ class View:
         shown: ArrayLike,
         size: tuple[int, int],
         hand: PosedHand | None = None,
-        opacity: float = 1.0,
         table: ArrayLike | None = None,
     ) -> None:
         lamp = -_direction(camera.azimuth + _LAMP[0], _LAMP[1])
@@ -158,16 +155,12 @@ class View:
             shown = np.concatenate([np.asarray(shown, dtype=np.float64).reshape(-1, 3), top.corners()])
         self.lens = Lens.showing(shown, camera, size)
         self.image, self.depth = self._render(solids, lamp, hand)
-        if hand is not None and opacity < 1.0:
-            bare, self.depth = self._render(solids, lamp, None)
-            mixed = opacity * self.image.astype(np.float64) + (1 - opacity) * bare
-            self.image = np.rint(mixed).astype(np.uint8)
         if table is not None:
             # Lower edges of what rests on the table lie in its top, which must not hide them.
             self.depth[self._heights() < _ON_SURFACE] = 0.0
 
     def _heights(self) -> Floats:
-        """Heights (H, W) of what is seen above the world's origin, metres."""
+        """Heights (H, W) of the visible surfaces above z = 0, metres."""
         columns, rows = np.meshgrid(np.arange(self.lens.size[0]) + 0.5, np.arange(self.lens.size[1]) + 0.5)
         ways = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(self.lens.intrinsics).T
         pose = self.lens.world_from_camera
@@ -199,7 +192,7 @@ class View:
         )
 
     def visible(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which of the points (n, 3) no surface hides."""
+        """Tell which of the points (n, 3) no surface hides."""
         projected = self.lens.project(points)
         columns, rows = self.lens.size
         at = np.floor(projected[:, :2]).astype(np.int64)
@@ -229,8 +222,8 @@ class View:
     ) -> None:
         """Add segments (n, 2, 3) to axes.
 
-        Where a surface hides them they have the opacity `hidden`; a white `halo` (points on each side) sets off what
-        is seen from earlier lines.
+        Where a surface hides them they have the opacity `hidden`. A white `halo`, in points on each side, separates
+        them from earlier lines.
         """
         ends = np.asarray(lines, dtype=np.float64)
         t = np.linspace(0.0, 1.0, _STEPS + 1)[None, :, None]
