@@ -92,11 +92,13 @@ lint: $(STAMPS)/dev $(STAMPS)/core
 	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 	ruff check .
 	ruff format --check .
+	python scripts/generate_docs.py --check
 	mypy
 	python -m mypy.stubtest graspbox._core
 
-fmt: $(STAMPS)/dev
+fmt: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all
+	python scripts/generate_docs.py
 	ruff check --fix .
 	ruff format .
 

@@ -3,18 +3,20 @@
     python scripts/generate_docs.py            # rewrite what is out of date
     python scripts/generate_docs.py --check    # name what is out of date, and exit with 1
 
-A table is between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in the docstring of a module, where NAME is a key of
-`TABLES`. The section Parameters of the constructors is written as a whole. Everything comes from the core's tables
+A table is between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in the docstring of a module, where NAME is one of
+`tables`. The section Parameters of the constructors is written as a whole. Everything comes from the core's tables
 (`graspbox.envs.spaces.tables`) and from `graspbox.envs.settings`: a new observation, reward term, info entry or keyword
 is a row there. ``make fmt`` runs this program, ``make lint`` its check.
 """
 
 import argparse
+import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import is_dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +40,11 @@ CONSTRUCTORS = (
 POSITIONAL = {"num_envs": settings.NUM_ENVS, "objects": settings.OBJECTS}
 
 
-def markdown(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Write a table as Markdown."""
-    lines = [titles, ["---"] * len(titles), *rows]
-    return "\n".join("|" + "|".join(row) + "|" if row is lines[1] else f"| {' | '.join(row)} |" for row in lines)
+def markdown(titles: str, rows: Iterable[Sequence[str]]) -> str:
+    """Write a table as Markdown; its titles are words."""
+    names = titles.split()
+    lines = [f"| {' | '.join(cells)} |" for cells in (names, *rows)]
+    return "\n".join([lines[0], "|" + "---|" * len(names), *lines[1:]])
 
 
 def shown(value: Any) -> str:
@@ -51,51 +54,115 @@ def shown(value: Any) -> str:
     return str(value) if isinstance(value, Enum) else repr(value)
 
 
-def keyword_table(single: type, vector: type) -> str:
-    """Keywords of an environment: their defaults, and where they are available."""
-    alone, beside = settings.keywords(single), settings.keywords(vector)
-    rows = [("num_envs", settings.NUM_ENVS, "vector"), ("objects", settings.OBJECTS, "both")]
-    rows += [(name, row, "both" if name in alone else "vector") for name, row in beside.items()]
-    return markdown(("keyword", "default", "environment"), [(name, shown(r.default), where) for name, r, where in rows])
-
-
 def number(value: float) -> str:
     """Write a bound."""
-    return f"{value:g}"
+    known = {round(math.pi, 6): "pi", round(math.pi / 2, 6): "pi/2"}
+    return known.get(round(value, 6), f"{value:g}")
 
 
-def term_table(terms: Sequence[spaces.Term]) -> str:
-    """Reward terms."""
-    rows = [(t["name"], number(t["low"]), number(t["high"]), t["meaning"]) for t in terms]
-    return markdown(("term", "min", "max", "meaning"), rows)
+def placed(columns: Sequence[spaces.Column]) -> Iterator[tuple[str, spaces.Column]]:
+    """Give the columns of a vector with their indices."""
+    first = 0
+    for column in columns:
+        last = first + column["size"] - 1
+        yield str(first) if last == first else f"{first}-{last}", column
+        first = last + 1
 
 
-def info_table(entries: Sequence[Any]) -> str:
-    """Entries of the info; what Python adds comes last."""
-    rows = [(row["name"], row["dtype"], row["unit"] or "1", row["meaning"]) for row in entries]
-    added = ("reward_terms", "dict of float64", "1", "reward terms of the last step by name; zeros after a reset")
-    return markdown(("entry", "type", "unit", "meaning"), [*rows, added])
+def keyword_table(single: type, vector: type) -> str:
+    """Keywords of an environment: their defaults, and where they are available."""
+    alone = settings.keywords(single)
+    rows = [("num_envs", settings.NUM_ENVS, "vector"), ("objects", settings.OBJECTS, "both")]
+    rows += [(name, row, "both" if name in alone else "vector") for name, row in settings.keywords(vector).items()]
+    return markdown("keyword default environment", [(name, shown(row.default), where) for name, row, where in rows])
+
+
+def action_table(control: str) -> str:
+    """Actions of a control mode."""
+    rows = [
+        (index, row["name"], number(row["low"]), number(row["high"]), row["unit"], row["meaning"])
+        for index, row in placed(spaces.columns_of(control, FOUND)[0])
+    ]
+    return markdown("index name -1 1 unit meaning", rows)
+
+
+def vector_table(control: str) -> str:
+    """Vectors of a control mode as wholes; `column_table` lists their columns."""
+    rows = [
+        (name, str(spaces.size(columns)), "float32", "yes" if name in FOUND["privileged"] else "no")
+        for name, columns in spaces.columns_of(control, FOUND)[1].items()
+    ]
+    return markdown("vector shape dtype privileged", rows)
+
+
+def column_table(control: str) -> str:
+    """Columns of all vectors of a control mode: the indices of each column in each vector."""
+    vectors = spaces.columns_of(control, FOUND)[1]
+    indices: dict[str, dict[str, str]] = {}
+    columns: dict[str, spaces.Column] = {}
+    for vector, rows in vectors.items():
+        for index, column in placed(rows):
+            indices.setdefault(column["name"], {})[vector] = index
+            columns[column["name"]] = column
+    cells = [
+        (
+            name,
+            *(indices[name].get(vector, "") for vector in vectors),
+            *(number(row["low"]), number(row["high"]), row["unit"], row["meaning"]),
+        )
+        for name, row in columns.items()
+    ]
+    return markdown(f"column {' '.join(vectors)} min max unit meaning", cells)
 
 
 def image_table() -> str:
-    """Images of the default cameras."""
-    return spaces.image_table(spaces.images(graspbox.load_hand(), CamerasConfig(images=spaces.IMAGES)))
+    """Images of the default cameras; a single bound applies to all channels."""
+    rows = []
+    for row in spaces.images(graspbox.load_hand(), CamerasConfig(images=spaces.IMAGES)):
+        low, high = (", ".join(f"{bound:.3g}" for bound in row[key]) for key in ("low", "high"))
+        shape, cameras = " x ".join(map(str, row["shape"])), ", ".join(row["cameras"])
+        privileged = "yes" if row["privileged"] else "no"
+        bounds = (row["name"], shape, row["dtype"], low, high, cameras)
+        rows.append((*bounds, row["frame"], row["unit"], row["missing"], privileged, row["meaning"]))
+    return markdown("image shape dtype min max camera frame unit missing privileged meaning", rows)
 
 
-TABLES: dict[str, Callable[[], str]] = {
-    "keywords of Grasp-v0": lambda: keyword_table(settings.GraspSettings, settings.GraspVectorSettings),
-    "keywords of GraspPose-v0": lambda: keyword_table(settings.GraspPoseSettings, settings.GraspPoseVectorSettings),
-    **{f"action of {mode}": lambda mode=mode: spaces.action_table(mode, FOUND) for mode in (*FOUND["actions"], "grasp_pose")},
-    "vectors of Grasp-v0": lambda: spaces.vector_table("twist", FOUND),
-    "vectors of GraspPose-v0": lambda: spaces.vector_table("grasp_pose", FOUND),
-    "fields of Grasp-v0": lambda: spaces.observation_table("twist", FOUND),
-    "fields of GraspPose-v0": lambda: spaces.observation_table("grasp_pose", FOUND),
-    "images": image_table,
-    "reward of Grasp-v0": lambda: term_table(FOUND["terms"]),
-    "reward of GraspPose-v0": lambda: term_table(FOUND["decision"]["terms"]),
-    "info of Grasp-v0": lambda: info_table(FOUND["info"]),
-    "info of GraspPose-v0": lambda: info_table(FOUND["decision"]["info"]),
-}
+def term_table(control: str) -> str:
+    """Reward terms of a control mode."""
+    rows = [(t["name"], number(t["low"]), number(t["high"]), t["meaning"]) for t in spaces.terms(control, FOUND)]
+    return markdown("term min max meaning", rows)
+
+
+def info_table(control: str) -> str:
+    """Info of a control mode; what Python adds to the core's entries comes last."""
+    types = {"float64": "float", "int64": "int"}
+    rows = [
+        (row["name"], types.get(row["dtype"], row["dtype"]), row["unit"], row["meaning"])
+        for row in spaces.entries(control, FOUND)
+    ]
+    added = ("reward_terms", "dict", "", "reward terms of the last step (float) by name; zeros after a reset")
+    return markdown("entry type unit meaning", [*rows, added])
+
+
+def tables() -> dict[str, Callable[[], str]]:
+    """Every table that a marker can name."""
+    found: dict[str, Callable[[], str]] = {"images": image_table}
+    kinds = {
+        "Grasp-v0": ("twist", settings.GraspSettings, settings.GraspVectorSettings),
+        "GraspPose-v0": ("grasp_pose", settings.GraspPoseSettings, settings.GraspPoseVectorSettings),
+    }
+    for env, (control, single, vector) in kinds.items():
+        found[f"keywords of {env}"] = partial(keyword_table, single, vector)
+        found[f"vectors of {env}"] = partial(vector_table, control)
+        found[f"columns of {env}"] = partial(column_table, control)
+        found[f"reward of {env}"] = partial(term_table, control)
+        found[f"info of {env}"] = partial(info_table, control)
+    for control in (*FOUND["actions"], "grasp_pose"):
+        found[f"action of {control}"] = partial(action_table, control)
+    return found
+
+
+TABLES = tables()
 
 
 def with_tables(text: str) -> str:

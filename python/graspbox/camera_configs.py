@@ -38,8 +38,8 @@ class CameraConfig:
 FRONT = CameraConfig()
 #: On a bracket beside the palm, looking between the fingers at what they hold.
 PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
-#: For pictures: from the side, with the whole workspace of the hand (0.7 x 0.7 x 0.75 m) and 5 cm around it.
-VIEWER = CameraConfig("viewer", eye=(-1.125, -1.5, 1.0), target=(0.0, 0.0, 0.275), fov=0.6, far=30.0)
+#: For pictures: from the side, with the whole workspace of the hand (0.7 x 0.7 x 0.75 m) and its body above.
+VIEWER = CameraConfig("viewer", eye=(-1.125, -1.5, 1.0), target=(0.0, 0.0, 0.34375), fov=0.6, far=30.0)
 
 
 @dataclass(frozen=True)

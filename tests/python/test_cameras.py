@@ -119,7 +119,7 @@ def test_labels_name_what_is_there(objects: _core.Objects) -> None:
     envs = pool(objects, CamerasConfig(images=images, image_size=(128, 128), cameras=(FRONT, PALM, LEVEL)))
     options = {"world_from_hand": pose(0.15, 0.0, 0.25, DOWN), "place": [0.0, 0.0, 0.3]}
     for index, name in enumerate(objects.names):
-        shown: Any = envs.reset([index], None, json.dumps({**options, "object": name}))
+        shown: Any = envs.reset([index], None, [json.dumps({**options, "object": name})])
         world_from_object, world_from_hand, _ = (poses[0] for poses in envs.poses())
         mesh = object_sets.load(OBJECTS[index])[0].load()
         middle = world_from_object[:3, :3] @ mesh.bounds.mean(axis=0) + world_from_object[:3, 3]
@@ -163,12 +163,12 @@ def test_no_image_tells_where_a_hidden_object_is(objects: _core.Objects) -> None
     envs = pool(objects, CamerasConfig(images=IMAGES, shadows=False))
     hand = {"world_from_hand": pose(0.1, 0.0, 0.3, DOWN)}
     shown: list[Any] = [
-        envs.reset([0], None, json.dumps({**hand, "object": 0, "world_from_object": pose(-0.46, y, 0.07)}))
+        envs.reset([0], None, [json.dumps({**hand, "object": 0, "world_from_object": pose(-0.46, y, 0.07)})])
         for y in (-0.15, 0.17)
     ]
     for name in ("proprio", *IMAGES):
         np.testing.assert_array_equal(shown[0][name], shown[1][name])
-    visible: Any = envs.reset([0], None, json.dumps({**hand, "object": 0, "world_from_object": pose(0.0, 0.0, 0.06)}))
+    visible: Any = envs.reset([0], None, [json.dumps({**hand, "object": 0, "world_from_object": pose(0.0, 0.0, 0.06)})])
     assert all(not np.array_equal(shown[0][name], visible[name]) for name in IMAGES)
 
 
@@ -232,13 +232,13 @@ def test_cameras_and_light_vary_only_where_asked(objects: _core.Objects) -> None
 def test_a_reset_can_place_a_camera(objects: _core.Objects) -> None:
     envs = pool(objects, CamerasConfig(images=("depth",)))
     above = pose(0.0, 0.0, 0.9, DOWN)
-    shown: Any = envs.reset([0], None, json.dumps({"cameras": {"front": above}}))
+    shown: Any = envs.reset([0], None, [json.dumps({"cameras": {"front": above}})])
     np.testing.assert_allclose(_core.poses_of_cameras(envs)["front"][1][0], above, atol=1e-12)
     # Straight above the table: no point is farther than the table.
     assert shown["depth"].max() == pytest.approx(0.9, abs=1e-5)
     for cameras, message in (({"back": above}, "back"), ({"front": (2 * np.array(above)).tolist()}, "cameras")):
         with pytest.raises(errors.ConfigError, match=message):
-            envs.reset([0], None, json.dumps({"cameras": cameras}))
+            envs.reset([0], None, [json.dumps({"cameras": cameras})])
 
 
 def test_voxels_are_those_of_the_depth_images(objects: _core.Objects) -> None:

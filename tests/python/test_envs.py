@@ -1,6 +1,5 @@
 """``graspbox/GraspPose-v0``: what is particular to it; what all environments must do: ``test_conformance``."""
 
-import inspect
 from typing import Any
 
 import gymnasium
@@ -10,7 +9,6 @@ import pytest
 import graspbox
 from graspbox import errors
 from graspbox.configs import FRONT, CameraConfig, CamerasConfig
-from graspbox.envs import grasp_pose, spaces
 from graspbox.envs.coding import encode_action, object_pose
 
 
@@ -42,8 +40,9 @@ def test_a_planned_grasp_gives_the_reward_that_simulate_promises() -> None:
         assert terminated
         assert not truncated
         assert reward == float(info["is_success"])
-        assert abs(info["lift"] - promised.lift[0]) < 0.02 or info["is_success"] != promised.success[0]
         verdicts.append((info["is_success"], bool(promised.success[0])))
+        if verdicts[-1][0] == verdicts[-1][1]:
+            assert info["lift"] == pytest.approx(promised.lift[0], abs=0.02)
     assert len(verdicts) >= 4
     assert any(env_says for env_says, _ in verdicts)
     # The action is float32, so that the pose differs in its last digits.
@@ -195,8 +194,8 @@ def test_proprioception_after_an_attempt_tells_of_the_hand() -> None:
     assert seen["tactile"].max() > 0.5
 
 
-def test_a_limit_of_one_step_is_that_of_the_single_environment() -> None:
-    settings: dict[str, Any] = {"objects": "procedural:can:0", "max_episode_steps": 1}
+def test_the_limit_of_one_step_is_that_of_the_single_environment() -> None:
+    settings: dict[str, Any] = {"objects": "procedural:can:0"}
     single = gymnasium.make("graspbox/GraspPose-v0", **settings)
     several = gymnasium.make_vec("graspbox/GraspPose-v0", num_envs=2, **settings)
     single.reset(seed=0)
@@ -206,19 +205,8 @@ def test_a_limit_of_one_step_is_that_of_the_single_environment() -> None:
     assert [bool(flag) for flag in one[2:4]] == [bool(flags[0]) for flags in all_of_them[2:4]] == [True, True]
 
 
-def test_the_tables_of_the_module_are_the_cores() -> None:
-    found = spaces.tables(graspbox.load_hand())
-    text = inspect.getdoc(grasp_pose) or ""
-    assert spaces.action_table("grasp_pose", found) in text
-    assert spaces.observation_table("grasp_pose", found) in text
-    assert spaces.vector_table("grasp_pose", found) in text
-    for term in found["decision"]["terms"]:
-        assert f"| {term['name']} | {term['low']:g} | {term['high']:g} | {term['meaning']} |" in text
-    assert spaces.keyword_table(grasp_pose.GraspPoseEnv, grasp_pose.GraspPoseVectorEnv) in text
-
-
 def test_degenerate_and_colliding_actions_are_infeasible() -> None:
-    env = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0")
+    env = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0").unwrapped
     actions = {
         "no first column": [0, 0, 1, 0, 0, 0, 0, 1, 0, 0],
         "parallel columns": [0, 0, 1, 1, 0, 0, 1, 0, 0, 0],
@@ -236,17 +224,17 @@ def test_degenerate_and_colliding_actions_are_infeasible() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "message"),
     [
-        {"obs": "deep"},
-        {"reward": "fair"},
-        {"control": "twist"},
-        {"objects": "cupboard"},
-        {"split": "x"},
+        ({"obs": "deep"}, "no observation 'deep'"),
+        ({"reward": "fair"}, "no reward 'fair'"),
+        ({"control": "twist"}, "no keyword 'control'"),
+        ({"objects": "cupboard"}, "no object set"),
+        ({"split": "x"}, "split"),
     ],
 )
-def test_wrong_arguments_are_explained(wrong: dict[str, Any]) -> None:
-    with pytest.raises((errors.GraspboxError, TypeError)):
+def test_wrong_arguments_are_explained(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(errors.GraspboxError, match=message):
         gymnasium.make("graspbox/GraspPose-v0", **wrong)
 
 

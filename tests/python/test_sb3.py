@@ -1,5 +1,6 @@
 """`graspbox.sb3`: Stable-Baselines3 sees what it sees of single environments. Needs the extra ``train``."""
 
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from acting import OBJECTS, Experts, pressing
 from graspbox import errors
+from graspbox.configs import PictureConfig
 
 pytestmark = pytest.mark.train
 
@@ -97,12 +99,21 @@ def test_attributes_methods_and_their_errors() -> None:
     assert data_equivalence(env.step(actions[0]), first, exact=True)
     with pytest.raises(errors.ConfigError, match="no method"):
         env.env_method("step", actions[0])
-    with pytest.raises(errors.ConfigError, match="without indices"):
+    with pytest.raises(errors.ConfigError, match="'render_mode' is shared"):
         env.set_attr("render_mode", None, indices=[0])
-    env.set_options([{"object": 0}, {"object": 1}, {"object": 0}])
-    with pytest.raises(errors.ConfigError, match="the same"):
-        env.reset()
+    env.set_attr("level", 3, indices=[0, 2])
+    assert env.get_attr("level", indices=[0, 2]) == [3, 3]
+    assert not env.has_attr("level")
+    env.set_options([{"object": 0}, {"object": 5}, {"object": 2}])
+    env.reset()
+    names = env.get_attr("objects", 0)[0].names
+    assert [info["object"] for info in env.reset_infos] == [names[0], names[5], names[2]]
+    from stable_baselines3.common.env_util import make_vec_env
+
     from graspbox.sb3 import VecEnv
+
+    with pytest.raises(errors.ConfigError, match=r"VecEnv\.make"):
+        make_vec_env(ID, n_envs=2, vec_env_cls=VecEnv)
 
     with pytest.raises(errors.ConfigError, match="SameStep"):
         VecEnv(gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS))
@@ -127,6 +138,29 @@ def test_what_belongs_to_one_environment_is_had_alone() -> None:
     assert len(cameras) == 1
     assert cameras[0]["front"][1].shape == (4, 4)
     np.testing.assert_array_equal(cameras[0]["palm"][1], env.env.cameras()["palm"][1][1])
+
+
+def test_a_copy_continues_with_the_same_bits() -> None:
+    env = make(2, randomization="standard")
+    env.seed(3)
+    env.reset()
+    actions = pressing(24, 2)
+    for action in actions[:12]:
+        env.step(action)
+    other = pickle.loads(pickle.dumps(env))
+    ends = 0
+    for action in actions[12:]:
+        ours = env.step(action)
+        assert data_equivalence(tuple(ours), tuple(other.step(action)), exact=True)
+        ends += int(ours[2].sum())
+    assert ends >= 2
+
+
+def test_pictures_of_some_environments() -> None:
+    env = make(2, render_mode="rgb_array", picture=PictureConfig(image_size=(32, 48), samples=1))
+    env.reset()
+    frames = env.get_images()
+    np.testing.assert_array_equal(env.env_method("render", indices=[1])[0], frames[1])
 
 
 def test_ppo_learns_and_is_evaluated() -> None:

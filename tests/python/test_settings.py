@@ -1,6 +1,7 @@
 """Keywords of the environments: known to type checkers, to `inspect` and to whoever misspells one."""
 
 import inspect
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -9,9 +10,9 @@ import numpy as np
 import pytest
 from mypy import api as mypy
 
-from acting import OBJECTS, pressing
+from acting import OBJECTS, best_grasp, expert_actions, pressing
 from graspbox import errors
-from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs import settings
 from graspbox.envs.grasp import GraspEnv
 from graspbox.envs.grasp_pose import GraspPoseEnv, GraspPoseVectorEnv
@@ -96,6 +97,33 @@ def test_a_trial_is_the_decisions_alone() -> None:
     assert env._core.config.trial == short
 
 
+def test_success_is_a_criterion_that_can_be_set() -> None:
+    """A lower one ends the expert's episode sooner, a higher one never; a decision's must fit its lift."""
+    low, high = SuccessCriterion(lift_height=0.03, hold_time=0.1), SuccessCriterion(lift_height=0.5)
+    env: Any = gymnasium.make(GRASP, objects="procedural:can:0").unwrapped
+    actions = expert_actions(env, 0)
+    eager: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=low).unwrapped
+    eager.reset(seed=0)
+    steps = next(step for step, action in enumerate(actions) if eager.step(action)[2])
+    assert steps + 5 < len(actions)
+    strict: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=high).unwrapped
+    strict.reset(seed=0)
+    assert not any(strict.step(action)[2] for action in actions)
+    short = TrialConfig(lift_height=0.05)
+    ways: list[dict[str, Any]] = [{"trial": short, "success": low}, {"trial": replace(short, success=low)}]
+    for given in ways:
+        decision: Any = gymnasium.make(POSE, objects="procedural:can:0", **given).unwrapped
+        state, info = decision.reset(seed=0)
+        _, reward, _, _, info = decision.step(best_grasp(decision.objects, info["object"], state))
+        assert reward == 1.0
+        assert info["lift"] < 0.06
+    for wrong in ({"trial": short}, {"success": high}):
+        with pytest.raises(errors.ConfigError, match="lift_height"):
+            gymnasium.make(POSE, objects="procedural:can:0", **wrong)
+    with pytest.raises(errors.ConfigError, match="lift_height"):
+        gymnasium.make(GRASP, success=SuccessCriterion(lift_height=-1.0))
+
+
 def flat_numbers(info: dict[str, Any]) -> bool:
     return all(isinstance(value, bool | int | float | np.bool_ | np.number) for value in info.values())
 
@@ -171,7 +199,7 @@ def test_keys_of_play_move_the_hand_as_they_say(control: str) -> None:
     for _ in range(3):
         still = env.step(env.idle_action)[0]
     np.testing.assert_allclose(still[place], state[place], atol=1e-6)
-    for index, (more, less) in enumerate(("da", "ws", "eq", "ik", "uo", "jl")):
+    for index, (more, less) in enumerate([("d", "a"), ("w", "s"), ("e", "q"), ("i", "k"), ("u", "o"), ("j", "l")]):
         for key, sign in ((more, 1.0), (less, -1.0)):
             env.reset(seed=0)
             for _ in range(2):

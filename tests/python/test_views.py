@@ -95,6 +95,28 @@ def test_what_cannot_be_viewed_is_refused(ball: graspbox.Mesh) -> None:
         graspbox.occupancy(seen.depth[0], seen.intrinsics, seen.world_from_camera, 8, [0, 0, 0], 1.0)
 
 
+def test_one_image_can_be_named(ball: graspbox.Mesh) -> None:
+    one, several = (graspbox.views(ball, count=1, image_size=16, images=images) for images in ("rgb", ("rgb",)))
+    assert one.rgb is not None
+    assert one.segmentation is None
+    np.testing.assert_array_equal(one.rgb, several.rgb)
+
+
+def test_integer_depth_is_millimetres_or_refused(ball: graspbox.Mesh) -> None:
+    """As 16-bit cameras give it; taken as metres it would leave nothing but free space."""
+    seen = graspbox.views(ball, count=3, image_size=64, table=False, images=())
+    cube = (np.linalg.inv(seen.camera_from_object), 24, ball.bounds.mean(axis=0) - 0.06, 0.12)
+    metres = graspbox.occupancy(seen.depth, seen.intrinsics, *cube)
+    millimetres = graspbox.occupancy(graspbox.depth_millimetres(seen.depth), seen.intrinsics, *cube)
+    assert (metres == 2).sum() > 50
+    # Half a millimetre in 5 mm: few voxels change sides.
+    assert (metres != millimetres).mean() < 0.03
+    exact = graspbox.depth_millimetres(seen.depth) * np.float32(1e-3)
+    np.testing.assert_array_equal(graspbox.occupancy(exact, seen.intrinsics, *cube), millimetres)
+    with pytest.raises(errors.ConfigError, match="depth is of dtype int32"):
+        graspbox.occupancy(graspbox.depth_millimetres(seen.depth).astype(np.int32), seen.intrinsics, *cube)
+
+
 def test_millimetres_are_rounded_and_bounded() -> None:
     depth = np.array([[0.0, 0.0004, 0.0006], [1.2345, 65.535, 70.0]], np.float32)
     np.testing.assert_array_equal(graspbox.depth_millimetres(depth), np.array([[0, 0, 1], [1235, 65535, 0]], np.uint16))

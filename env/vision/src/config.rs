@@ -76,14 +76,14 @@ impl CameraConfig {
         }
     }
 
-    /// For pictures: from the side, with the whole workspace of the hand (0.7 x 0.7 x 0.75 m) and 5 cm around it.
+    /// For pictures: from the side, with the whole workspace of the hand (0.7 x 0.7 x 0.75 m) and its body above.
     #[must_use]
     pub fn viewer() -> Self {
         Self {
             name: "viewer".into(),
             mount: Mount::World,
             eye: [-1.125, -1.5, 1.0],
-            target: [0.0, 0.0, 0.275],
+            target: [0.0, 0.0, 0.34375],
             up: [0.0, 0.0, 1.0],
             fov: 0.6,
             near: 0.02,

@@ -148,7 +148,8 @@ class GraspCore:
             randomization=_randomization(settings["randomization"]),
             cameras=cameras,
             success=success,
-            trial=replace(trial, success=success),
+            # In closed loop there is no trial whose lift the criterion would have to fit.
+            trial=replace(trial, success=success) if self._decides else trial,
         )
         threads = settings["num_threads"]
         self._pool: _core.EnvPool | None = _core.EnvPool(self.handle, to_json(self.config), num_envs, threads)

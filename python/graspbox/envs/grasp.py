@@ -1,8 +1,8 @@
 """``graspbox/Grasp-v0``: a hand, a table, an object; closed loop at 20 Hz.
 
-An object lies near the middle of a table in one of its resting poses. The hand begins open, somewhere above it, and has
-no plan: the agent moves it, closes it, lifts. An episode ends with success, which is that of `graspbox.simulation` (the
-object is held for 0.5 s, 0.15 m above where it lay, free and still), or when the object is lost for good: off the
+An object lies near the middle of a table in one of its resting poses. The hand begins open above it; the agent moves
+it, closes it, lifts. An episode ends with success as `graspbox.simulation` defines it (``success`` sets the criterion; by
+default the object is held for 0.5 s, 0.15 m above where it lay, free and still), or when the object is lost: off the
 table, or further than 0.5 m from its middle.
 
 The object lies within 5 cm of the table's middle, turned by any angle. The grasp frame begins within 10 cm of the
@@ -11,8 +11,11 @@ by any angle; where the hand would stand in the object it begins higher, in step
 
 Keywords
 --------
-Of the single environment, of the native vector environment (`gymnasium.make_vec`), or of both; what they mean stands
-with the classes. ``gymnasium.make`` and ``make_vec`` take ``max_episode_steps`` too, 200 by default.
+Of the single environment, of the native vector environment (`gymnasium.make_vec`), or of both; `GraspEnv` and
+`graspbox.envs.vector.GraspVectorEnv` document them. ``gymnasium.make`` and ``make_vec`` take ``max_episode_steps`` too,
+200 by default.
+
+<!-- generated: keywords of Grasp-v0 -->
 
 | keyword | default | environment |
 |---|---|---|
@@ -22,29 +25,34 @@ with the classes. ``gymnasium.make`` and ``make_vec`` take ``max_episode_steps``
 | obs | 'state' | both |
 | reward | 'sparse' | both |
 | reward_weights | None | both |
+| success | None | both |
+| info | 'full' | both |
 | image_size | None | both |
-| control | 'twist' | both |
-| frame_skip | 1 | both |
 | randomization | None | both |
-| autoreset_mode | AutoresetMode.NEXT_STEP | vector |
-| max_episode_steps | None | vector |
 | render_mode | None | both |
-| copy | True | vector |
 | num_threads | None | both |
 | physics | PhysicsConfig() | both |
 | hand | 'reflex' | both |
 | cameras | CamerasConfig() | both |
 | picture | PictureConfig() | both |
+| control | 'twist' | both |
+| frame_skip | 1 | both |
+| autoreset_mode | AutoresetMode.NEXT_STEP | vector |
+| max_episode_steps | None | vector |
+| copy | True | vector |
+
+<!-- end -->
 
 Action
 ------
 ``Box(-1, 1, float32)``; numbers beyond are clipped. Accelerations are limited to 5 m/s2 and 20 rad/s2, speeds to what
-``twist`` allows; what ``delta_pose`` adds up never runs further ahead of the hand than 5 cm and 0.2 rad. The palm cannot
-be driven into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. The hand is shaped
-before it closes: fingers that are closed keep their preshape, since one that is swivelled under load, by however little,
-lets go of what it holds.
+``twist`` allows; the goal of ``delta_pose`` is at most 5 cm and 0.2 rad ahead of the hand. The palm cannot be driven
+into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. Closed fingers keep
+their preshape, since turning the swivels under load releases the object.
 
 ``control="twist"``, a velocity in the hand's axes:
+
+<!-- generated: action of twist -->
 
 | index | name | -1 | 1 | unit | meaning |
 |---|---|---|---|---|---|
@@ -55,7 +63,11 @@ lets go of what it holds.
 | 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
 
+<!-- end -->
+
 ``control="delta_pose"``, a step in the hand's axes:
+
+<!-- generated: action of delta_pose -->
 
 | index | name | -1 | 1 | unit | meaning |
 |---|---|---|---|---|---|
@@ -66,7 +78,11 @@ lets go of what it holds.
 | 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
 
+<!-- end -->
+
 ``control="target_pose"``, a pose in the world:
+
+<!-- generated: action of target_pose -->
 
 | index | name | -1 | 1 | unit | meaning |
 |---|---|---|---|---|---|
@@ -79,18 +95,26 @@ lets go of what it holds.
 | 11 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
 | 12 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
 
+<!-- end -->
+
 Observation
 -----------
-``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The columns
-named like an observation give the indices of a column in it, for the control mode ``twist``; ``last_action`` is as long as
-an action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot gives it.
-``proprio``, ``tactile`` and the images hold nothing of the object's pose.
+``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The second
+table lists the indices of each column in each vector, for the control mode ``twist``; ``last_action`` is as long as an
+action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot measures it.
+``proprio``, ``tactile`` and the images do not contain the object's pose.
+
+<!-- generated: vectors of Grasp-v0 -->
 
 | vector | shape | dtype | privileged |
 |---|---|---|---|
 | proprio | 28 | float32 | no |
 | state | 88 | float32 | yes |
 | tactile | 27 | float32 | no |
+
+<!-- end -->
+
+<!-- generated: columns of Grasp-v0 -->
 
 | column | proprio | state | tactile | min | max | unit | meaning |
 |---|---|---|---|---|---|---|---|
@@ -124,11 +148,15 @@ an action. Values beyond their range are clipped. ``state`` is **privileged**: n
 | last_action |  | 78-87 |  | -1 | 1 | 1 | the last action; zeros after a reset |
 | tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
 
-Images are taken by the first camera of ``cameras``, ``front`` by default, in front of the workspace; ``depth_palm`` by the
-camera ``palm``, on the palm; so for every kind and camera. ``voxels`` is made of the depth images of all cameras, for a
-cube of 0.4 m over the table's middle, whose lowest layer has the table's top in its middle; ``voxels_front`` of one. A
-camera's frame has z forward, x right, y down; ``cameras()`` tells where the cameras are. At the default size of 64 x 64
-(``image_size``), and with one bound where it is that of all channels:
+<!-- end -->
+
+Images are taken by the first camera of ``cameras``, ``front`` by default, in front of the workspace; ``depth_palm`` is
+taken by the camera ``palm``, on the palm, and so on for every kind and camera. ``voxels`` combines the depth images of
+all cameras in a cube of 0.4 m over the table's middle, whose lowest layer has the table's top in its middle;
+``voxels_front`` uses one. A camera's frame has z forward, x right, y down; ``cameras()`` returns their poses. At the
+default size of 64 x 64 (``image_size``; a single bound applies to all channels):
+
+<!-- generated: images -->
 
 | image | shape | dtype | min | max | camera | frame | unit | missing | privileged | meaning |
 |---|---|---|---|---|---|---|---|---|---|---|
@@ -139,13 +167,17 @@ camera's frame has z forward, x right, y down; ``cameras()`` tells where the cam
 | points | 64 x 64 x 3 | float32 | -0.511, -0.511, 0 | 0.511, 0.511, 2 | front | camera | m | 0, 0, 0 | no | the point seen: x right, y down, z forward from the camera |
 | voxels | 32 x 32 x 32 | uint8 | 0 | 2 | front, palm | world | 1 | 0 | no | 0 unseen, 1 free, 2 occupied (by table, object or hand); axes x, y, z |
 
+<!-- end -->
+
 Links of the ReFlex, from label 3 on: base; swivel, proximal and distal link of finger 1; the same of finger 2; proximal
 and distal link of finger 3. ``segmentation`` is privileged, since its labels come from the simulation.
 
 Reward
 ------
-The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; ``reward="dense"`` has the weights of
+The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; ``reward="dense"`` has the weights
 `graspbox.envs.reward.DENSE`. ``reward_weights`` replaces weights by name.
+
+<!-- generated: reward of Grasp-v0 -->
 
 | term | min | max | meaning |
 |---|---|---|---|
@@ -161,25 +193,35 @@ The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; 
 | table | -1 | 0 | -1 while the hand touches the table |
 | stop | -1 | 0 | -1 while the protective stop holds the hand |
 
+<!-- end -->
+
 Info
 ----
-After a reset and after a step: the entries below, and ``reward_terms`` (float by name). ``is_success`` and ``is_secure``
-are defined by `graspbox.simulation`.
+After a reset and after a step; success is defined in `graspbox.simulation`:
+
+<!-- generated: info of Grasp-v0 -->
 
 | entry | type | unit | meaning |
 |---|---|---|---|
 | is_success | bool |  | the grasp succeeded |
 | is_secure | bool |  | it succeeded without shifting or turning in the hand |
-| failure | str |  | kind of the failure if the episode ended now; empty for a success, and before the first step |
+| failure | str |  | kind of the failure if the episode ended now; empty for a success |
 | lift | float | m | rise of the object's centre of mass above its resting height |
 | object | str |  | name of the object |
 | resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
 | touches | bool |  | the hand touches the object |
 | protective_stop | bool |  | the protective stop held the hand at some time in the last step |
+| reward_terms | dict |  | reward terms of the last step (float) by name; zeros after a reset |
+
+<!-- end -->
+
+With ``info="numeric"`` it is flat and holds numbers alone: ``failure`` is an index into
+``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` one into ``env.objects``, and every reward term is an
+entry, such as ``reward_reach``.
 
 Options of a reset
 ------------------
-What is named is taken, the rest is drawn; the draws of what is not named stay the same.
+Options replace parts of the initial state; the other parts are sampled as they would be without them.
 
 | option | value |
 |---|---|
@@ -188,19 +230,22 @@ What is named is taken, the rest is drawn; the draws of what is not named stay t
 | place | x, y (m) and turn about the vertical (rad) of the resting pose; within 0.5 m of the table's middle |
 | world_from_object | pose (4, 4), instead of both: the object is dropped there, within 0.5 m of the table's middle and up to 1 m above it |
 | world_from_hand | pose (4, 4), in the workspace: 0.35 m to each side, up to 0.75 m above the table |
-| preshape | rad |
-| friction, mass | factor on the object's |
+| preshape | preshape angle, rad |
+| friction | factor on the object's friction, 0.01 to 100 |
+| mass | factor on the object's mass, 0.01 to 100 |
 | cameras | ``{name: pose}``: poses (4, 4) of cameras in the world, or in the grasp frame if the hand carries them |
 
 Pictures
 --------
-``render_mode="rgb_array"`` makes ``render`` give smooth pictures of 480 x 640 pixels from the side; ``picture`` chooses
-their size and camera.
+With ``render_mode="rgb_array"``, ``render`` returns antialiased pictures of 480 x 640 pixels from the side, of the whole
+workspace; ``picture`` sets their size and camera. `gymnasium.wrappers.RecordVideo` writes them with moviepy:
+``pip install 'graspbox[video]'``. `gymnasium.utils.play.play` takes the keys of `GraspEnv.get_keys_to_action`, with
+``noop=env.unwrapped.idle_action``.
 
 Version history
 ---------------
 v0: first version.
-"""  # noqa: E501 (the table of images)
+"""  # noqa: E501 (tables)
 
 import itertools
 from typing import Unpack
@@ -230,6 +275,43 @@ class GraspEnv(SingleEnv):
 
     Parameters
     ----------
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to draw from: see `graspbox.object_sets`.
+    split : {"train", "validation", "test"}, optional
+        Draw from this split only.
+    obs : str or sequence of str
+        Observation: a name, or several names, which give a ``Dict``.
+    reward : {"sparse", "dense"}
+        Weights of the reward terms.
+    reward_weights : mapping of str to float, optional
+        Weights that replace those of the same name in `reward`.
+    success : SuccessCriterion, optional
+        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+    info : {"full", "numeric"}
+        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
+        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
+        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
+    randomization : "standard" or Randomization, optional
+        What varies besides object and start; by default nothing.
+    render_mode : "rgb_array", optional
+        Whether `render` returns pictures.
+    num_threads : int, optional
+        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    physics : PhysicsConfig
+        Settings of the engine; the time step must divide 0.05 s.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    cameras : CamerasConfig
+        Cameras, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, samples per pixel and camera of the pictures of `render`.
+    control : {"twist", "delta_pose", "target_pose"}
+        The control mode: what an action means.
+    frame_skip : int
+        Control periods of 0.05 s per step: the action holds for all of them, and their reward terms are added. Slower
+        control is easier to explore.
 
     Raises
     ------

@@ -1,12 +1,15 @@
-"""``graspbox/GraspPose-v0``: one decision an episode.
+"""``graspbox/GraspPose-v0``: one decision per episode.
 
-An object rests somewhere near the middle of a table. The agent names one hand pose and a preshape; the hand closes
+An object rests near the middle of a table. The agent names one hand pose and a preshape; the hand closes
 there, lifts and holds; the episode ends.
 
 Keywords
 --------
-As those of `graspbox.envs.grasp`; instead of ``control`` and ``frame_skip`` there is ``trial``, which fixes how the
-hand closes, lifts and holds. ``max_episode_steps`` is there for tools that give it: an episode is over after one step.
+Those of `graspbox.envs.grasp`; instead of ``control`` and ``frame_skip`` there is ``trial``, which sets how the hand
+closes, lifts and holds. An episode ends after one step, and ``max_episode_steps`` is 1: under ``gymnasium.make`` and
+``make_vec`` that step also truncates it, but ``terminated`` is True first of all.
+
+<!-- generated: keywords of GraspPose-v0 -->
 
 | keyword | default | environment |
 |---|---|---|
@@ -16,23 +19,29 @@ hand closes, lifts and holds. ``max_episode_steps`` is there for tools that give
 | obs | 'state' | both |
 | reward | 'sparse' | both |
 | reward_weights | None | both |
-| hand | 'reflex' | both |
-| trial | TrialConfig() | both |
-| physics | PhysicsConfig() | both |
+| success | None | both |
+| info | 'full' | both |
+| image_size | None | both |
 | randomization | None | both |
+| render_mode | None | both |
+| num_threads | None | both |
+| physics | PhysicsConfig() | both |
+| hand | 'reflex' | both |
+| cameras | CamerasConfig() | both |
+| picture | PictureConfig() | both |
+| trial | TrialConfig() | both |
 | autoreset_mode | AutoresetMode.NEXT_STEP | vector |
 | max_episode_steps | None | vector |
 | copy | True | vector |
-| num_threads | None | both |
-| render_mode | None | both |
-| image_size | None | both |
-| cameras | CamerasConfig() | both |
-| picture | PictureConfig() | both |
+
+<!-- end -->
 
 Action
 ------
 ``Box(-1, 1, (10,), float32)``, in the world's frame (z up, table top at z = 0). The box of positions is fixed in the
 world; the object is not at its centre.
+
+<!-- generated: action of grasp_pose -->
 
 | index | name | -1 | 1 | unit | meaning |
 |---|---|---|---|---|---|
@@ -42,6 +51,8 @@ world; the object is not at its centre.
 | 3-8 | rotation | -1 | 1 | 1 | first two columns of world_from_hand, any length; degenerate ones name no pose |
 | 9 | preshape | 0 | pi/2 | rad | preshape |
 
+<!-- end -->
+
 The two columns are made orthonormal in this order. Where that is impossible (a column shorter than 0.001, or the two
 within a thousandth of a radian of parallel), or where the hand collides with the object or the table at the pose or
 on the straight approach of 0.10 m along its -z, the attempt is ``infeasible``: no trial, reward 0.
@@ -49,13 +60,19 @@ on the straight approach of 0.10 m along its -z, the attempt is ``infeasible``: 
 Observation
 -----------
 ``obs="state"``, or another name, gives a ``Box(float32)``; several names give a ``Dict``. Columns and clipping are as
-in `graspbox.envs.grasp`. ``state`` is **privileged**; it tells of the object alone.
+in `graspbox.envs.grasp`. ``state`` is **privileged** and describes the object alone.
+
+<!-- generated: vectors of GraspPose-v0 -->
 
 | vector | shape | dtype | privileged |
 |---|---|---|---|
 | proprio | 28 | float32 | no |
 | state | 19 | float32 | yes |
 | tactile | 27 | float32 | no |
+
+<!-- end -->
+
+<!-- generated: columns of GraspPose-v0 -->
 
 | column | proprio | state | tactile | min | max | unit | meaning |
 |---|---|---|---|---|---|---|---|
@@ -76,6 +93,8 @@ in `graspbox.envs.grasp`. ``state`` is **privileged**; it tells of the object al
 | mass |  | 18 |  | 0 | 10 | kg | of the object |
 | tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
 
+<!-- end -->
+
 Before the decision the hand waits, open, where ``Grasp-v0`` would begin but 0.35 m higher, and all of that tipped by 50
 degrees about the table's middle towards +y: its palm faces the object from 0.5 to 0.65 m, and neither the camera
 ``front`` nor one overhead sees it. ``proprio`` and ``tactile`` are its own. The camera ``palm`` looks between the
@@ -83,14 +102,16 @@ fingers, often past an object so far away; an eye in hand that sees it from ther
 ``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)``.
 
 Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``, and those of single cameras, as
-``depth_palm``; the table in `graspbox.envs.grasp` fixes shapes, units and bounds) hold no pose of the object. The
-observation that ends the episode shows what the attempt left.
+``depth_palm``; `graspbox.envs.grasp` has the table of shapes, units and bounds) do not contain the object's pose. The
+last observation of an episode shows the scene after the attempt.
 
 Reward
 ------
 The sum of weights times terms, as in `graspbox.envs.grasp`; ``reward_weights`` replaces weights by name.
 ``reward="sparse"`` is 1 for a success as `graspbox.simulation` defines it, else 0; ``reward="dense"`` has the weights
-of `graspbox.envs.reward.DECISION`. The terms of an attempt:
+`graspbox.envs.reward.DECISION`. The terms of an attempt, of which those of ``Grasp-v0`` that are missing here are 0:
+
+<!-- generated: reward of GraspPose-v0 -->
 
 | term | min | max | meaning |
 |---|---|---|---|
@@ -103,34 +124,39 @@ of `graspbox.envs.reward.DECISION`. The terms of an attempt:
 | failure | -1 | 0 | -1 if the attempt is infeasible |
 | push | -1 | 0 | minus how far the object was moved sideways while the hand closed, up to 0.2 m, as a share |
 
-``effort``, ``table`` and ``stop`` are 0.
+<!-- end -->
 
 Info
 ----
-After a reset and after a step: the entries below, and ``reward_terms`` (float by name).
+As in `graspbox.envs.grasp`:
+
+<!-- generated: info of GraspPose-v0 -->
 
 | entry | type | unit | meaning |
 |---|---|---|---|
 | is_success | bool |  | the grasp succeeded |
 | is_secure | bool |  | it succeeded without shifting or turning in the hand |
-| failure | str |  | kind of the failure if the episode ended now; empty for a success, and before the first step |
+| failure | str |  | kind of the failure if the episode ended now; empty for a success |
 | lift | float | m | rise of the object's centre of mass above its resting height |
 | object | str |  | name of the object |
 | resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
 | touches | bool |  | the hand touches the object |
 | protective_stop | bool |  | the protective stop held the hand at some time in the last step |
 | infeasible | bool |  | the hand could not reach its pose |
+| reward_terms | dict |  | reward terms of the last step (float) by name; zeros after a reset |
+
+<!-- end -->
 
 Options of a reset
 ------------------
-As in `graspbox.envs.grasp`; but an object that is let go at ``world_from_object`` comes to rest before it is observed,
-and ``world_from_hand`` (within 1 m) and ``preshape`` say how the hand waits, not how it grasps. The randomisation is
-the same too: an error of calibration moves the hand away from where the action sends it.
+As in `graspbox.envs.grasp`; but an object that is dropped at ``world_from_object`` comes to rest before it is observed,
+and ``world_from_hand`` (within 1 m) and ``preshape`` set how the hand waits, not how it grasps. The randomization is the
+same too: a calibration error moves the hand away from the pose of the action.
 
 Version history
 ---------------
 v0: first version.
-"""
+"""  # noqa: E501 (tables)
 
 from typing import Unpack
 
@@ -155,6 +181,40 @@ class GraspPoseEnv(SingleEnv):
 
     Parameters
     ----------
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to draw from: see `graspbox.object_sets`.
+    split : {"train", "validation", "test"}, optional
+        Draw from this split only.
+    obs : str or sequence of str
+        Observation: a name, or several names, which give a ``Dict``.
+    reward : {"sparse", "dense"}
+        Weights of the reward terms.
+    reward_weights : mapping of str to float, optional
+        Weights that replace those of the same name in `reward`.
+    success : SuccessCriterion, optional
+        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+    info : {"full", "numeric"}
+        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
+        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
+        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
+    randomization : "standard" or Randomization, optional
+        What varies besides object and start; by default nothing.
+    render_mode : "rgb_array", optional
+        Whether `render` returns pictures.
+    num_threads : int, optional
+        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    physics : PhysicsConfig
+        Settings of the engine; the time step must divide 0.05 s.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    cameras : CamerasConfig
+        Cameras, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, samples per pixel and camera of the pictures of `render`.
+    trial : TrialConfig
+        How the hand closes, lifts and holds.
 
     Raises
     ------
@@ -178,6 +238,48 @@ class GraspPoseVectorEnv(NativeVectorEnv):
 
     Parameters
     ----------
+    num_envs : int
+        Number of environments.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to draw from: see `graspbox.object_sets`.
+    split : {"train", "validation", "test"}, optional
+        Draw from this split only.
+    obs : str or sequence of str
+        Observation: a name, or several names, which give a ``Dict``.
+    reward : {"sparse", "dense"}
+        Weights of the reward terms.
+    reward_weights : mapping of str to float, optional
+        Weights that replace those of the same name in `reward`.
+    success : SuccessCriterion, optional
+        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+    info : {"full", "numeric"}
+        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
+        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
+        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
+    randomization : "standard" or Randomization, optional
+        What varies besides object and start; by default nothing.
+    render_mode : "rgb_array", optional
+        Whether `render` returns pictures.
+    num_threads : int, optional
+        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    physics : PhysicsConfig
+        Settings of the engine; the time step must divide 0.05 s.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    cameras : CamerasConfig
+        Cameras, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, samples per pixel and camera of the pictures of `render`.
+    trial : TrialConfig
+        How the hand closes, lifts and holds.
+    autoreset_mode : AutoresetMode or its value
+        When a finished environment begins again.
+    max_episode_steps : int, optional
+        Episodes are truncated after this number of steps.
+    copy : bool
+        Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
 
     Raises
     ------

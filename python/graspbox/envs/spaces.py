@@ -5,11 +5,8 @@ image is one row: kind, camera, shape, dtype, bounds. An observation is requeste
 names, which gives a ``Dict``.
 """
 
-import inspect
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import is_dataclass
-from enum import Enum
 from functools import cache
 from typing import Any, Literal, TypedDict
 
@@ -31,15 +28,14 @@ __all__ = [
     "Tables",
     "Term",
     "action_space",
-    "action_table",
+    "columns_of",
+    "entries",
     "image_names",
-    "image_table",
     "images",
-    "keyword_table",
     "observation_space",
-    "observation_table",
+    "size",
     "tables",
-    "vector_table",
+    "terms",
 ]
 
 #: Kinds of images; ``kind_camera`` names one of a certain camera.
@@ -248,81 +244,11 @@ def action_space(control: str, found: Tables) -> gymnasium.Space[Any]:
     return gymnasium.spaces.Box(-1.0, 1.0, (size(actions),), dtype=np.float32)
 
 
-def _place(first: int, size: int) -> str:
-    return str(first) if size == 1 else f"{first}-{first + size - 1}"
-
-
-def _number(value: float) -> str:
-    known = {round(np.pi, 6): "pi", round(np.pi / 2, 6): "pi/2"}
-    return known.get(round(value, 6), f"{value:g}")
-
-
-def action_table(control: str, found: Tables) -> str:
-    """Write the table of a control mode's actions, as Markdown."""
-    lines = ["| index | name | -1 | 1 | unit | meaning |", "|---|---|---|---|---|---|"]
-    first = 0
-    for row in columns_of(control, found)[0]:
-        cells = (_place(first, row["size"]), row["name"], _number(row["low"]), _number(row["high"]), row["unit"])
-        lines.append(f"| {' | '.join(cells)} | {row['meaning']} |")
-        first += row["size"]
-    return "\n".join(lines)
-
-
-def observation_table(control: str, found: Tables) -> str:
-    """Write the table of all observations, as Markdown: the indices of each column in each observation."""
-    _, vectors = columns_of(control, found)
-    lines = [f"| column | {' | '.join(vectors)} | min | max | unit | meaning |", "|---" * (len(vectors) + 5) + "|"]
-    places: dict[str, dict[str, str]] = {}
-    columns: dict[str, Column] = {}
-    for vector, rows in vectors.items():
-        first = 0
-        for row in rows:
-            places.setdefault(row["name"], {})[vector] = _place(first, row["size"])
-            columns[row["name"]] = row
-            first += row["size"]
-    for name, row in columns.items():
-        where = " | ".join(places[name].get(vector, "") for vector in vectors)
-        bounds = f"{_number(row['low'])} | {_number(row['high'])}"
-        lines.append(f"| {name} | {where} | {bounds} | {row['unit']} | {row['meaning']} |")
-    return "\n".join(lines)
-
-
-def vector_table(control: str, found: Tables) -> str:
-    """Write the table of the vectors as wholes, as Markdown; `observation_table` lists their columns."""
-    lines = ["| vector | shape | dtype | privileged |", "|---|---|---|---|"]
-    for name, columns in columns_of(control, found)[1].items():
-        privileged = "yes" if name in found["privileged"] else "no"
-        lines.append(f"| {name} | {size(columns)} | float32 | {privileged} |")
-    return "\n".join(lines)
+def terms(control: str, found: Tables) -> list[Term]:
+    """Find the reward terms of a control mode; those that are always 0 are left out."""
+    return found["decision"]["terms"] if control == "grasp_pose" else found["terms"]
 
 
 def entries(control: str, found: Tables) -> list[Entry]:
     """Find the entries of a control mode's info."""
     return found["decision"]["info"] if control == "grasp_pose" else found["info"]
-
-
-def keyword_table(single: type, vector: type) -> str:
-    """Write the table of the keywords of two environments, as Markdown: their defaults, and whose they are."""
-    lines = ["| keyword | default | environment |", "|---|---|---|"]
-    keywords = [inspect.signature(kind).parameters for kind in (single, vector)]
-    for name, keyword in {**keywords[1], **keywords[0]}.items():
-        value = keyword.default
-        shown = str(value) if isinstance(value, Enum) else repr(value)
-        if is_dataclass(value):
-            shown = f"{type(value).__name__}()"
-        where = "both" if all(name in found for found in keywords) else "vector"
-        lines.append(f"| {name} | {shown} | {where} |")
-    return "\n".join(lines)
-
-
-def image_table(rows: Iterable[Image]) -> str:
-    """Write the table of images, as Markdown."""
-    titles = ("image", "shape", "dtype", "min", "max", "camera", "frame", "unit", "missing", "privileged", "meaning")
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    for row in rows:
-        low, high = (", ".join(f"{bound:.3g}" for bound in row[key]) for key in ("low", "high"))
-        shape = " x ".join(map(str, row["shape"]))
-        cells = (row["name"], shape, row["dtype"], low, high, ", ".join(row["cameras"]), row["frame"], row["unit"])
-        privileged = "yes" if row["privileged"] else "no"
-        lines.append(f"| {' | '.join(cells)} | {row['missing']} | {privileged} | {row['meaning']} |")
-    return "\n".join(lines)

@@ -7,11 +7,14 @@ Three modes of autoreset, as Gymnasium defines them: ``NEXT_STEP`` (the step aft
 and ignores its action), ``SAME_STEP`` (the next episode begins at once; ``final_obs`` and ``final_info`` hold the end
 of the last one), ``DISABLED`` (``reset(options={"reset_mask": done})`` begins the next episodes).
 
+Of Gymnasium's wrapper `RecordEpisodeStatistics`, use version 1.4 or later with ``SAME_STEP``: before, it counts these
+episodes one step short.
+
 A reset takes the options of the single environment for all, and ``each`` for options that differ:
 ``reset(options={"friction": 0.8, "each": [{"object": "mug-000000"}, None, {"resting": 1}]})``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Unpack
 
 import numpy as np
@@ -20,9 +23,10 @@ from gymnasium.vector.utils import batch_space, create_empty_array
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.envs.core import GraspCore, checked_seed, fresh_seed
+from graspbox.envs.core import GraspCore
 from graspbox.envs.env_view import EnvView
 from graspbox.envs.infos import full, mask_of, scattered, taken
+from graspbox.envs.reset_arguments import options_of_each, reset_mask, seeds_of
 from graspbox.envs.settings import NUM_ENVS, OBJECTS, GraspVectorSettings, ObjectsArgument, signed
 from graspbox.errors import ConfigError
 
@@ -96,9 +100,9 @@ class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             As the single environment; other environments may have begun their episodes already.
         """
         given = dict(options or {})
-        mask = _reset_mask(given.pop("reset_mask", None), self.num_envs)
-        each = _options_of_each(given.pop("each", None), given, self.num_envs)
-        seeds = self._seeds_for(seed, mask)
+        mask = reset_mask(given.pop("reset_mask", None), self.num_envs)
+        each = options_of_each(given.pop("each", None), given, self.num_envs)
+        seeds = seeds_of(seed, mask, self._seeds)
         arrays = self._core.reset(seeds, mask, each, self._out)
         self._seeds = [old if new is None else new for old, new in zip(self._seeds, seeds, strict=True)]
         columns = self._core.columns(arrays)
@@ -276,26 +280,6 @@ class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             self._seeds[env] = -1
         return self._core.first(arrays)
 
-    def _seeds_for(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None) -> list[int | None]:
-        """Find the seeds of a reset; a stream that has not begun gets a fresh one."""
-        given: list[int | None]
-        if seed is None:
-            given = [None] * self.num_envs
-        elif isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
-            given = list(seed)
-        else:
-            given = [checked_seed(seed) + i for i in range(self.num_envs)]
-        if len(given) != self.num_envs:
-            raise ConfigError(f"there are {len(given)} seeds; give one for each of the {self.num_envs} environments")
-        for env, (old, new) in enumerate(zip(self._seeds, given, strict=True)):
-            if mask is not None and not mask[env]:
-                given[env] = None
-            elif new is None:
-                given[env] = fresh_seed() if old is None else None
-            else:
-                given[env] = checked_seed(new)
-        return given
-
     def _results(self, now: "_core.EnvArrays", last: "_core.EnvArrays | None", count: int) -> Step:
         """Put together what a step of `count` environments returns."""
         infos = full(self._core.columns(now), count)
@@ -334,6 +318,51 @@ class GraspVectorEnv(NativeVectorEnv):
 
     Parameters
     ----------
+    num_envs : int
+        Number of environments.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to draw from: see `graspbox.object_sets`.
+    split : {"train", "validation", "test"}, optional
+        Draw from this split only.
+    obs : str or sequence of str
+        Observation: a name, or several names, which give a ``Dict``.
+    reward : {"sparse", "dense"}
+        Weights of the reward terms.
+    reward_weights : mapping of str to float, optional
+        Weights that replace those of the same name in `reward`.
+    success : SuccessCriterion, optional
+        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+    info : {"full", "numeric"}
+        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
+        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
+        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
+    randomization : "standard" or Randomization, optional
+        What varies besides object and start; by default nothing.
+    render_mode : "rgb_array", optional
+        Whether `render` returns pictures.
+    num_threads : int, optional
+        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    physics : PhysicsConfig
+        Settings of the engine; the time step must divide 0.05 s.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    cameras : CamerasConfig
+        Cameras, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, samples per pixel and camera of the pictures of `render`.
+    control : {"twist", "delta_pose", "target_pose"}
+        The control mode: what an action means.
+    frame_skip : int
+        Control periods of 0.05 s per step: the action holds for all of them, and their reward terms are added. Slower
+        control is easier to explore.
+    autoreset_mode : AutoresetMode or its value
+        When a finished environment begins again.
+    max_episode_steps : int, optional
+        Episodes are truncated after this number of steps.
+    copy : bool
+        Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
 
     Raises
     ------
@@ -349,22 +378,3 @@ class GraspVectorEnv(NativeVectorEnv):
         **settings: Unpack[GraspVectorSettings],
     ) -> None:
         super().__init__(GraspCore(GraspVectorSettings, num_envs, objects, settings), settings.get("copy", True))
-
-
-def _reset_mask(given: Any, count: int) -> NDArray[np.bool_] | None:
-    if given is None:
-        return None
-    if not isinstance(given, np.ndarray) or given.dtype != np.bool_ or given.shape != (count,):
-        raise ConfigError(f"reset_mask must be an array of {count} bool")
-    if not given.any():
-        raise ConfigError("reset_mask names no environment; give at least one True")
-    return np.ascontiguousarray(given)
-
-
-def _options_of_each(given: Any, shared: Mapping[str, Any], count: int) -> list[Mapping[str, Any]]:
-    """Options of a reset: those for all, or for each environment with its own ones added."""
-    if given is None:
-        return [shared]
-    if isinstance(given, Mapping | str) or not isinstance(given, Sequence) or len(given) != count:
-        raise ConfigError(f"options['each'] must be a sequence of {count} dictionaries or None")
-    return [{**shared, **(own or {})} for own in given]

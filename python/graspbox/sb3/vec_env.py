@@ -17,7 +17,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from graspbox.envs.core import options_json, row
+from graspbox.envs.core import row
+from graspbox.envs.env_view import EnvView
 from graspbox.errors import ConfigError, MissingExtraError
 
 try:
@@ -31,14 +32,15 @@ except ModuleNotFoundError as error:
 __all__ = ["VecEnv"]
 
 #: Methods that an environment has by itself.
-_PER_ENV = ("get_state", "set_state", "cameras")
+_PER_ENV = ("get_state", "set_state", "cameras", "render")
 
 
 class VecEnv(_VecEnv):  # type: ignore[misc]
     """A native vector environment for Stable-Baselines3.
 
-    Infos hold what the single environment says, ``TimeLimit.truncated``, and in the last step of an episode
-    ``terminal_observation``.
+    Infos are those of the single environment, with ``TimeLimit.truncated``, and in the last step of an episode
+    ``terminal_observation``. ``set_options`` takes options for all environments, or a list with one dictionary per
+    environment. It can be pickled, as its environment can.
 
     Parameters
     ----------
@@ -48,10 +50,16 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
     Raises
     ------
     ConfigError
-        If the environment resets in another way, or overwrites the observations that it gave.
+        If it is no vector environment, resets in another way, or overwrites the observations that it returned.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+        if not isinstance(env, VectorEnv):
+            raise ConfigError(
+                f"graspbox.sb3.VecEnv takes a vector environment of Gymnasium, not {type(env).__name__}; "
+                "make_vec_env of Stable-Baselines3 makes single environments: use VecEnv.make(env_id, num_envs, ...) "
+                "instead, or make_vec_env with DummyVecEnv"
+            )
         if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
             raise ConfigError(
                 "Stable-Baselines3 resets in the step that ends an episode; use autoreset_mode='SameStep'"
@@ -73,10 +81,8 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
 
     def reset(self) -> Any:
         """Begin episodes, with the seeds and options that were set before; returns the observations."""
-        if len({options_json(options) for options in self._options}) > 1:
-            raise ConfigError("the options of a reset must be the same for all environments")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        observations, infos = self.env.reset(seed=seeds, options=self._options[0] or None)  # type: ignore[arg-type]
+        observations, infos = self.env.reset(seed=seeds, options={"each": self._options})  # type: ignore[arg-type]
         self.reset_infos = _listed(infos, self.num_envs)
         self._reset_seeds()
         self._reset_options()
@@ -113,27 +119,29 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Read an attribute: all environments share it, but for the seeds of their streams."""
-        if attr_name in ("observation_space", "action_space"):
-            # What Stable-Baselines3 knows is one environment's.
-            attr_name = f"single_{attr_name}"
-        value = getattr(self.env, attr_name)
-        return [value[i] if attr_name == "np_random_seed" else value for i in self._get_indices(indices)]
+        """Read an attribute of each environment, or one of the vector environment that they share."""
+        which = list(self._get_indices(indices))
+        views = [self._views[i] for i in which]
+        if all(hasattr(view, attr_name) for view in views):
+            return [getattr(view, attr_name) for view in views]
+        return [getattr(self.env, attr_name)] * len(which)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute: all environments share it.
+        """Set an attribute of some environments, to be read by `get_attr`.
 
         Raises
         ------
         ConfigError
-            If it is to be set for some of them.
+            For an attribute that all environments share.
         """
-        if len(list(self._get_indices(indices))) != self.num_envs:
-            raise ConfigError(f"{attr_name!r} belongs to all environments together; set it without indices")
-        setattr(self.env, attr_name, value)
+        for i in self._get_indices(indices):
+            try:
+                setattr(self._views[i], attr_name, value)
+            except AttributeError:
+                raise ConfigError(f"{attr_name!r} is shared by all environments; give it to VecEnv.make") from None
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call ``get_state``, ``set_state`` or ``cameras`` of some environments.
+        """Call ``get_state``, ``set_state``, ``cameras`` or ``render`` of some environments.
 
         Raises
         ------
@@ -142,11 +150,13 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         """
         if method_name not in _PER_ENV:
             raise ConfigError(f"an environment has no method {method_name!r} here; choose from {', '.join(_PER_ENV)}")
-        method, which = getattr(self.env, method_name), self._get_indices(indices)
-        if method_name == "cameras":
-            found = method(*method_args, **method_kwargs).items()
-            return [{name: (intrinsics, poses[i]) for name, (intrinsics, poses) in found} for i in which]
-        return [method(index, *method_args, **method_kwargs) for index in which]
+        views = [self._views[i] for i in self._get_indices(indices)]
+        return [getattr(view, method_name)(*method_args, **method_kwargs) for view in views]
+
+    @property
+    def _views(self) -> tuple[EnvView, ...]:
+        found: tuple[EnvView, ...] = self.env.unwrapped.envs  # type: ignore[attr-defined]
+        return found
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Tell that no wrapper stands between: wrap this in ``VecMonitor`` and the like."""
