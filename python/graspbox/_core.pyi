@@ -87,7 +87,7 @@ class SampleArrays(TypedDict):
 class EnvArrays(TypedDict):
     """One row per environment. Observations are float32 (rows, size), if the config names them.
 
-    ``info`` holds an array per row of the core's table: bool, float64 or int64; indices into names where it says ``str``.
+    ``info`` holds an array per row of the core's table: bool, float64 or int64 (for ``str``, an index into names).
     """
 
     proprio: NotRequired[NDArray[np.float32]]

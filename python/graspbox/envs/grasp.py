@@ -205,7 +205,7 @@ After a reset and after a step; success is defined in `graspbox.simulation`:
 |---|---|---|---|
 | is_success | bool |  | the grasp succeeded |
 | is_secure | bool |  | it succeeded without shifting or turning in the hand |
-| failure | str |  | kind of the failure if the episode ended now; empty for a success |
+| failure | str |  | kind of the failure if the episode ended now; empty for a success, and before the first step |
 | lift | float | m | rise of the object's centre of mass above its resting height |
 | object | str |  | name of the object |
 | resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
