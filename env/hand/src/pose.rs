@@ -30,7 +30,10 @@ pub fn rigid_motion(rows: &[f64; 16]) -> Option<Isometry3<f64>> {
         return None;
     }
     let guess = Rotation3::from_matrix_unchecked(rotation);
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(&rotation, 1e-12, 20, guess));
+    let closest = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(&rotation, 1e-12, 20, guess));
+    // The iteration keeps the skew of its guess. A rotation that is exact within rounding keeps its bits.
+    let exact = (closest.norm_squared() - 1.0).abs() < 1e-12;
+    let rotation = if exact { closest } else { UnitQuaternion::new_normalize(closest.into_inner()) };
     let translation = Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);
     Some(Isometry3::from_parts(translation, rotation))
 }
