@@ -8,7 +8,7 @@
 //! | [`source`] | where an object comes from |
 //! | [`objects`] | objects that are prepared at their first use and shared by every environment |
 //! | [`random_stream`] | the random stream of one environment |
-//! | [`column`] | one row of a table of numbers |
+//! | [`mod@column`] | one row of a table of numbers |
 //! | [`action`] | what the numbers of an action mean |
 //! | [`arm_controller`] | moves the hand within its limits |
 //! | [`guard`] | keeps the hand off the table and stops it if it presses too hard |
@@ -25,7 +25,7 @@
 //! | [`agent_episode`] | one episode under an agent |
 //! | [`step_result`] | what a step or a reset of one environment returns |
 //! | [`saved_state`] | an environment as bytes |
-//! | [`env`] | one environment: its stream, its episode, its results |
+//! | [`mod@env`] | one environment: its stream, its episode, its results |
 //! | [`batch`] | results of many environments, as flat arrays |
 //! | [`env_pool`] | all environments in one call |
 //! | [`tables`] | the tables of everything that environments take and return |

@@ -153,7 +153,7 @@ where
     interruptible(py, num_threads, || (), work)
 }
 
-/// The next of what other threads send, waited for without the GIL for at most [`PATIENCE`]; none if nothing came.
+/// The next of what other threads send, waited for without the GIL for at most `PATIENCE`; none if nothing came.
 ///
 /// # Errors
 /// The signal handler's exception after a signal, also while results keep coming; an internal error if nobody can send any more.
