@@ -184,7 +184,7 @@ impl Objects {
     /// The object at rest in pose `resting`, or in the next pose in which it comes to rest; and the index of that pose.
     ///
     /// # Errors
-    /// [`EpisodeError::NoRest`](graspbox_episode::EpisodeError::NoRest) if none does.
+    /// [`EpisodeError::NoRest`] if none does.
     pub fn scene(&self, object: &Prepared, resting: usize) -> Result<(usize, Arc<Scene>), AgentError> {
         let count = object.resting_poses.len();
         for i in (0..count).map(|i| (resting + i) % count) {
