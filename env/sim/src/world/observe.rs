@@ -112,8 +112,8 @@ impl World {
     /// True once the simulation went wrong: a number that is not finite, or a motion that no table-top scene can have.
     ///
     /// The bounds leave ample room: the object's centre of mass falls no deeper than the ground under the table, rises no higher than
-    /// [`HIGHEST`], leaves the table's middle by no more than half the ground, moves slower than [`FASTEST`] in the hand's frame, and
-    /// no finger's joint is further beyond its stop than [`BEYOND_STOP`].
+    /// `HIGHEST`, leaves the table's middle by no more than half the ground, moves slower than `FASTEST` in the hand's frame, and
+    /// no finger's joint is further beyond its stop than `BEYOND_STOP`.
     pub fn has_diverged(&self) -> bool {
         let center = self.object_center();
         let away = center.coords.xy().norm() > GROUND_SIDE / 2.0 || !(-TABLE_HEIGHT..=HIGHEST).contains(&center.z);
