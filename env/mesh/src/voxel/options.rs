@@ -56,7 +56,7 @@ impl FillRule {
     }
 }
 
-/// What [`voxelize`] makes.
+/// What [`voxelize`](crate::voxelize) makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VoxelOptions {
     /// Voxels along each side of the grid before it is halved, 1 to 1024.
