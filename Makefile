@@ -61,7 +61,8 @@ YCB = $$(python -c "from importlib.util import find_spec as f; print(f('ycb_util
 
 test-rust: $(STAMPS)/dev
 	cargo test --release --workspace
-	GRASPBOX_YCB=$(YCB) cargo test --release -p graspbox-tests --test hold_suite -- --ignored
+	# With --workspace the features stay the same, and nothing is compiled again.
+	GRASPBOX_YCB=$(YCB) cargo test --release --workspace --test hold_suite -- --ignored
 
 test-python: $(STAMPS)/dev $(STAMPS)/core
 	pytest -m 'not train and not slow'

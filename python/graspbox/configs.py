@@ -107,8 +107,6 @@ class PoseConfig:
 
     Attributes
     ----------
-    frame : {"reflex", "soft_hand"}
-        Which hand axis lies along the longest side of a box: y for the ReFlex, x for the SoftHand.
     offset : float
         Distance between the palm and the box, metres.
     standoffs : tuple of float
@@ -128,7 +126,6 @@ class PoseConfig:
         Also generate poses from the box around the whole object.
     """
 
-    frame: Literal["reflex", "soft_hand"] = "reflex"
     offset: float = 0.005
     standoffs: tuple[float, ...] = (0.015, 0.03, 0.045, 0.06)
     variation: Literal["random", "grid"] = "random"

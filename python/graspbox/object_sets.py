@@ -187,7 +187,11 @@ def load(
             raise ObjectSetError("scale applies when a set is loaded; this one has been loaded already")
         found = objects
     else:
-        names = [objects] if isinstance(objects, str | Path) else list(objects)
+        names = [objects] if isinstance(objects, str | Path) else objects
+        if not isinstance(names, Sequence) or not all(isinstance(name, str | Path) for name in names):
+            raise ObjectSetError(
+                f"objects is {objects!r}; give names of object sets or mesh files, such as 'procedural:mug'"
+            )
         specs = tuple(spec for name in names for spec in _find(str(name), scale))
         found = ObjectSet(",".join(map(str, names)), specs)
     if mass is not None:

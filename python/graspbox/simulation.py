@@ -137,16 +137,18 @@ class Scene:
 
     def simulate(
         self,
-        poses: ArrayLike | Plan,
+        poses: ArrayLike | Plan | Grasp,
         preshape: ArrayLike | None = None,
         *,
         config: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
         num_threads: int | None = None,
     ) -> Outcomes:
-        """Try every pose, or every grasp of a plan; see `graspbox.simulate`."""
+        """Try every pose, every grasp of a plan, or one grasp of it; see `graspbox.simulate`."""
         if isinstance(poses, Plan):
             self._check_plan(poses)
             given, preshape = poses.poses, _own(preshape, poses.preshape)
+        elif isinstance(poses, Grasp):
+            given, preshape = poses.pose[None], _own(preshape, poses.preshape)
         else:
             given = floats(poses, "poses")
         if preshape is None:

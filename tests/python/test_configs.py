@@ -22,7 +22,7 @@ def changed(value: Any) -> Any:
         return [changed(inner) for inner in value] or ["rgb"]
     if isinstance(value, dict):
         return {key: changed(inner) for key, inner in value.items()}
-    other = {"minimum": "pca", "share": "area", "random": "grid", "reflex": "soft_hand"}
+    other = {"minimum": "pca", "share": "area", "random": "grid"}
     other |= {"twist": "delta_pose", "next_step": "same_step"}
     other |= {"proprio": "tactile", "tactile": "state", "state": "proprio"}
     other |= {"world": "hand", "front": "side", "palm": "wrist", "viewer": "me", "hand": "world"}

@@ -179,6 +179,12 @@ def test_numbers_of_numpy_are_numbers() -> None:
     json.dumps(plain.to_json())
 
 
+def test_a_function_is_no_policy() -> None:
+    policy: Any = lambda observation: observation  # noqa: E731
+    with pytest.raises(ConfigError, match=r"policy is a function; give a graspbox\.policies\.Policy"):
+        evaluate(policy, IDS[0], "procedural:can:0", 1, 0)
+
+
 def test_environments_that_reset_by_themselves_are_refused() -> None:
     policy = policies.load("zero")
     envs: Any = gymnasium.make_vec(POSE, num_envs=2, objects=SET)

@@ -4,6 +4,7 @@ import csv
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -223,3 +224,9 @@ def test_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pyte
         object_sets.load(f"dir:{tmp_path}")
     with pytest.raises(errors.ObjectSetError, match="names no object set"):
         object_sets.load("x" * 5000 + ".stl")
+
+
+@pytest.mark.parametrize("objects", [5, None, ["procedural:can:0", 5], object()])
+def test_what_names_no_set_is_refused(objects: Any) -> None:
+    with pytest.raises(errors.ObjectSetError, match="give names of object sets or mesh files"):
+        object_sets.load(objects)

@@ -207,6 +207,12 @@ def test_a_plan_is_simulated_where_its_object_rests(can: graspbox.Mesh, scene: g
     assert list(scene.simulate(plan).failure) != list(out.failure)
 
 
+def test_one_grasp_of_a_plan_is_simulated_alone(scene: graspbox.Scene, plan: graspbox.Plan) -> None:
+    assert scene.simulate(plan[0]) == scene.simulate(plan[:1])
+    with pytest.raises(errors.ConfigError, match="preshape is given twice"):
+        scene.simulate(plan[0], 0.0)
+
+
 def test_plans_for_others_are_refused(plan: graspbox.Plan, scene: graspbox.Scene) -> None:
     other = graspbox.Scene(object_sets.load("procedural:ball:0")[0].load())
     with pytest.raises(errors.ConfigError, match="another mesh, 'can-000000', than 'ball-000000'"):

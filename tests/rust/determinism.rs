@@ -249,8 +249,8 @@ fn a_damaged_snapshot_is_refused() {
     let good = world.snapshot().unwrap();
     assert_eq!(refused(&case.template, &good), None);
     for (bytes, why) in [
-        (&good[..0], "it is not a snapshot of this version"),
-        (&good[..7], "it is not a snapshot of this version"),
+        (&good[..0], "it is of another kind or version"),
+        (&good[..7], "it is of another kind or version"),
         (&good[..20], "it is too short"),
         (&good[..good.len() - 1], "its checksum does not match; it was cut off or changed"),
     ] {

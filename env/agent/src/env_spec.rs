@@ -68,11 +68,6 @@ impl EnvSpec {
     pub fn hand(&self) -> &Arc<Hand> {
         self.objects.hand()
     }
-
-    /// Entries of all observations together.
-    pub fn observed(&self) -> usize {
-        self.observations.iter().map(|observation| observation.size).sum()
-    }
 }
 
 /// Distance from the grasp frame that no part of a hand exceeds in any configuration, metres: the sum of the distances from joint to

@@ -11,13 +11,12 @@ use crate::random_stream::RandomStreamState;
 use crate::record::Record;
 use crate::reward::TermValues;
 use graspbox_episode::{Episode, EpisodeError, Judge};
+use graspbox_mesh::checksum;
 use graspbox_vision::Mount;
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
 const MAGIC: &[u8; 8] = b"gbagent7";
-/// Length of the checksum that follows.
-const CHECKSUM: usize = 32;
 
 /// The content of a saved state.
 #[derive(Serialize, Deserialize)]
@@ -78,10 +77,7 @@ impl SavedState {
     /// Content that cannot be encoded.
     pub fn encode(&self) -> Result<Vec<u8>, AgentError> {
         let body = postcard::to_allocvec(self).map_err(|error| bad(error.to_string()))?;
-        let mut bytes = MAGIC.to_vec();
-        bytes.extend_from_slice(blake3::hash(&body).as_bytes());
-        bytes.extend_from_slice(&body);
-        Ok(bytes)
+        Ok(checksum::seal(MAGIC, &body))
     }
 
     /// From bytes.
@@ -89,11 +85,7 @@ impl SavedState {
     /// # Errors
     /// Bytes of another version, or damaged ones.
     pub fn decode(bytes: &[u8]) -> Result<Self, AgentError> {
-        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| bad("it is not a state of this version"))?;
-        let (sum, body) = rest.split_at_checked(CHECKSUM).ok_or_else(|| bad("it is too short"))?;
-        if blake3::hash(body).as_bytes() != sum {
-            return Err(bad("its checksum does not match; it was cut off or changed"));
-        }
+        let body = checksum::open(MAGIC, bytes).map_err(|error| bad(error.to_string()))?;
         postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))
     }
 

@@ -2,7 +2,7 @@
 
 use crate::AgentError;
 use graspbox_episode::{EpisodeError, ObjectSpec};
-use graspbox_mesh::{CleanOptions, LoadOptions};
+use graspbox_mesh::LoadOptions;
 use graspbox_objects::{Family, generate};
 use nalgebra::Point3;
 use serde::Deserialize;
@@ -60,7 +60,6 @@ impl Source {
             Self::File { name, path, scale, mass } => {
                 let options = LoadOptions { scale: *scale, ..LoadOptions::default() };
                 let mesh = graspbox_mesh::load(path, &options).map_err(mesh_error)?;
-                let (mesh, _) = graspbox_mesh::clean(&mesh, &CleanOptions::default()).map_err(mesh_error)?;
                 Ok(ObjectSpec { name: name.clone(), mesh, mass: *mass, parts: None })
             }
             Self::Procedural { name, family, seed, scale, mass } => {

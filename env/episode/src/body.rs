@@ -18,7 +18,7 @@ pub const DEFAULT_DENSITY: f64 = 400.0;
 pub const TOUCHING: f64 = 0.002;
 /// Shortest longest side of an object, metres: ten times the depth to which contacts are resolved.
 pub const LEAST_SIDE: f64 = 0.005;
-/// The shortest side of an object is at most so many times as wide as the open hand: beyond, no grasp is imaginable.
+/// Greatest shortest side of an object, as a multiple of the width of the open hand: nothing wider can be grasped.
 pub const SPANS: f64 = 2.0;
 /// Least mass of an object, kg: a grain of rice weighs more.
 pub const LEAST_MASS: f64 = 1e-5;

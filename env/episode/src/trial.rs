@@ -125,7 +125,7 @@ pub struct Trial {
 
 /// Steps without contact, seconds, after which an object in the air is lost.
 const LOST_AFTER: f64 = 0.06;
-/// Contact is looked for every so many steps.
+/// Steps between two checks for contact.
 const LOOK_EVERY: u64 = 5;
 /// An object that lies in closed fingers without touching them is met by the time the hand has risen this far, metres.
 const MEETS_WITHIN: f64 = 0.05;

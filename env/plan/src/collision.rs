@@ -6,7 +6,7 @@
 //!
 //! The collision library runs in f64 and metres: in f32 its absolute tolerances ask for centimetres, and one pose in about a thousand was
 //! free with a clearance and not free without. Measured on 43,836 candidates of 20 objects (YCB and procedural): the same answers as f32
-//! in centimetres with a second check, and whole plans 8 % faster.
+//! in centimetres with a second check, and whole plans, with a cheaper ranking, take 8 % less CPU time.
 
 mod box_surface;
 
@@ -160,7 +160,7 @@ impl CollisionScene {
         })
     }
 
-    /// [`CollisionScene::check`] for a single pose of a hand; many poses share an [`OpenHand`] each preshape.
+    /// [`CollisionScene::check`] for a single pose of a hand; many poses share one [`OpenHand`] per preshape.
     ///
     /// * `clearance`, `standoff`: as for [`OpenHand::new`].
     ///

@@ -50,6 +50,6 @@ pub use collision::{CollisionScene, Feasibility, Obstacle};
 pub use error::PlanError;
 pub use open_hand::OpenHand;
 pub use planner::{Candidate, Plan, PlanObject, PlanParams, plan};
-pub use poses::{HandFrame, PoseParams, Variation};
+pub use poses::{PoseParams, Variation};
 pub use rank::{Prediction, RANK_TERMS, rank_features, rank_weights};
 pub use wrench::{Directions, WrenchSpace};

@@ -17,17 +17,6 @@ const MOST_STANDOFFS: usize = 1000;
 /// Most candidates of a plan: they take 0.1 GB.
 pub const MOST_CANDIDATES: usize = 200_000;
 
-/// Which hand axis lies along the longest side of the face.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum HandFrame {
-    /// Hand y: the ReFlex closes across the long side.
-    #[default]
-    Reflex,
-    /// Hand x: the Pisa/IIT SoftHand.
-    SoftHand,
-}
-
 /// How poses vary along and about the long axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -43,8 +32,6 @@ pub enum Variation {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PoseParams {
-    /// Which hand axis lies along the long side.
-    pub frame: HandFrame,
     /// The palm stands this far outside the box, metres (the study: 5 mm).
     pub offset: f64,
     /// Further distances that are tried, added to `offset`, metres; at most 1,000. Fingers need room to close above the table: a flat object is
@@ -82,7 +69,6 @@ impl PoseParams {
 impl Default for PoseParams {
     fn default() -> Self {
         Self {
-            frame: HandFrame::Reflex,
             offset: 0.005,
             standoffs: vec![0.015, 0.03, 0.045, 0.06],
             variation: Variation::Random,
@@ -148,7 +134,7 @@ pub(crate) fn propose(
         for (axis, sign) in faces(bounds, up, &(bounds.center - centroid)) {
             let face = Face::new(bounds, axis, sign);
             for (quarter, long) in face.orientations() {
-                let size = face.size(bounds, long, params.frame);
+                let size = face.size(bounds, long);
                 for preshape in preshapes(hand, size, quarter, params.square) {
                     let center = closing_center(hand, preshape);
                     let variations = variations(params, &mut rng);
@@ -198,13 +184,10 @@ impl Face {
         [(false, (long, 1.0)), (false, (long, -1.0)), (true, (short, 1.0)), (true, (short, -1.0))]
     }
 
-    fn size(&self, bounds: &OrientedBox, (long, _): (usize, f64), frame: HandFrame) -> FaceSize {
+    fn size(&self, bounds: &OrientedBox, (long, _): (usize, f64)) -> FaceSize {
         let across = self.sides[0] + self.sides[1] - long;
         let (length, width) = (2.0 * bounds.half_extents[long], 2.0 * bounds.half_extents[across]);
-        match frame {
-            HandFrame::Reflex => FaceSize { width, length },
-            HandFrame::SoftHand => FaceSize { width: length, length: width },
-        }
+        FaceSize { width, length }
     }
 
     fn pose(
@@ -218,10 +201,8 @@ impl Face {
         let long = bounds.axes.column(axis).into_owned();
         let normal = Rotation3::from_axis_angle(&Unit::new_unchecked(long), vary.tilt) * self.normal;
         let (z, along) = (-normal, long * sign);
-        let columns = match params.frame {
-            HandFrame::Reflex => [along.cross(&z), along, z],
-            HandFrame::SoftHand => [along, z.cross(&along), z],
-        };
+        // The fingers close along hand x, so hand y lies along the long side.
+        let columns = [along.cross(&z), along, z];
         let rotation =
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns)));
         let out = bounds.half_extent_along(&normal) + params.offset + vary.standoff;

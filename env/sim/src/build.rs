@@ -96,7 +96,7 @@ pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParam
         // The engine's own threshold (5 cm) is a large part of a grasp: contacts would go stale.
         contact_recycling: config.contact_drift > 0.0,
         normalized_contact_recycle_distance: scaled(config.contact_drift as f32),
-        // Household objects and fingers move slower than their own thickness a step.
+        // Household objects and fingers move slower than their own thickness per step.
         max_ccd_substeps: 0,
         // Solved contact by contact: boxes on the table lose up to 12 % of mu, but the engine's friction of whole patches lets
         // firmly held objects creep.

@@ -4,7 +4,7 @@
 use crate::SimError;
 use serde::{Deserialize, Serialize};
 
-/// Friction factors of the surfaces that the hand meets; the hand's own stand in its description ([`graspbox_hand::Friction`]).
+/// Friction factors of the surfaces that the hand meets; the hand's own are in its description ([`graspbox_hand::Friction`]).
 /// The coefficient of a pair is the product of its two factors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -27,7 +27,7 @@ impl Default for Friction {
 pub struct PhysicsConfig {
     /// Time step, seconds.
     pub dt: f64,
-    /// Solver sub-steps a step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
+    /// Solver sub-steps per step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
     pub solver_iterations: usize,
     /// The same while nothing in the hand moves, it is in contact with nothing and the object does not tumble: what remains then is
     /// an object on the table.

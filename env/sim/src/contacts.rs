@@ -28,7 +28,7 @@ pub struct Contacts {
 /// Forces on the tactile sensors in the order of the hand's sensors, N.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tactile {
-    /// One force a sensor.
+    /// One force per sensor.
     pub force: Vec<f64>,
 }
 

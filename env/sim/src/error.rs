@@ -49,6 +49,6 @@ pub enum SimError {
     #[error("the snapshot cannot be restored: {why}")]
     BadSnapshot {
         /// The reason.
-        why: &'static str,
+        why: String,
     },
 }

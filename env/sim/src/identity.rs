@@ -12,7 +12,7 @@ pub(crate) type Identity = [u8; 32];
 pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig) -> Result<Identity, SimError> {
     let mass = &object.mass_properties;
     let bytes = postcard::to_allocvec(&(&object.shape, mass, config))
-        .map_err(|_| SimError::BadSnapshot { why: "the object's shape could not be written" })?;
+        .map_err(|_| SimError::BadSnapshot { why: "the object's shape could not be written".into() })?;
     let mut hasher = blake3::Hasher::new();
     hasher.update(&bytes);
     // Every number of the hand, written so that it can be told from any other.

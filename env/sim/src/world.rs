@@ -1,4 +1,4 @@
-//! The world: a template that is built once an object, and the worlds that are cloned from it, stepped and observed.
+//! The world: a template that is built once per object, and the worlds that are cloned from it, stepped and observed.
 
 use crate::build::{self, Handles, Part};
 use crate::config::PhysicsConfig;

@@ -316,7 +316,7 @@ class GraspEnv(SingleEnv):
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first drawn.
+        For a wrong argument; objects are read when they are first sampled.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": FPS}  # noqa: RUF012 (as Gymnasium declares it)

@@ -219,7 +219,7 @@ class GraspPoseEnv(SingleEnv):
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first drawn.
+        For a wrong argument; objects are read when they are first sampled.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
@@ -284,7 +284,7 @@ class GraspPoseVectorEnv(NativeVectorEnv):
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first drawn.
+        For a wrong argument; objects are read when they are first sampled.
     """
 
     @signed(GraspPoseVectorSettings)

@@ -367,7 +367,7 @@ class GraspVectorEnv(NativeVectorEnv):
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first drawn.
+        For a wrong argument; objects are read when they are first sampled.
     """
 
     @signed(GraspVectorSettings)

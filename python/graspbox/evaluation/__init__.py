@@ -94,6 +94,8 @@ def evaluate(
         If an object cannot be read or simulated.
     """
     chosen = policies.load(policy) if isinstance(policy, str) else policy
+    if not isinstance(chosen, policies.Policy):
+        raise ConfigError(f"policy is a {type(policy).__name__}; give a graspbox.policies.Policy, or the name of one")
     count = _whole("trials", trials, 1, MAX_TRIALS)
     seeds = trial_seeds(_whole("seed", seed, 0, 2**64 - 1), count)
     width = min(_whole("num_envs", num_envs, 1, MAX_ENVS), count)

@@ -1,6 +1,6 @@
 //! The score: log-odds of a grasp, up to a constant, as a fixed weighted sum of what its geometry says.
 //!
-//! The weights were fitted once by logistic regression (ridge, one intercept an object, so that they rank poses within an object) to simulated
+//! The weights were fitted once by logistic regression (ridge, one intercept per object, so that they rank poses within an object) to simulated
 //! grasps of procedural objects of the training split: 1343 poses of 44 objects (seeds 2000 to 2003 of eleven families),
 //! the best eight of each by an earlier guess and others at random. `scripts/fit_ranking.py` fits them again. Nothing is simulated when
 //! planning, and no object that is counted took part. Signs are as one would expect: more fingers, opposed and near the centre of mass,

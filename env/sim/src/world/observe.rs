@@ -37,7 +37,7 @@ impl World {
         self.state.steps as f64 * self.shared.config.dt
     }
 
-    /// Seconds a step.
+    /// Seconds per step.
     pub fn dt(&self) -> f64 {
         self.shared.config.dt
     }
