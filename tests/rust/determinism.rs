@@ -188,7 +188,7 @@ fn a_scene_built_again_gives_the_same_trials() {
     assert_eq!(labels(), labels());
 }
 
-fn refused(template: &Template, bytes: &[u8]) -> Option<&'static str> {
+fn refused(template: &Template, bytes: &[u8]) -> Option<String> {
     match template.restore(bytes) {
         Ok(_) => None,
         Err(SimError::BadSnapshot { why }) => Some(why),
@@ -254,7 +254,7 @@ fn a_damaged_snapshot_is_refused() {
         (&good[..20], "it is too short"),
         (&good[..good.len() - 1], "its checksum does not match; it was cut off or changed"),
     ] {
-        assert_eq!(refused(&case.template, bytes), Some(why));
+        assert_eq!(refused(&case.template, bytes).as_deref(), Some(why));
     }
     let mut state = 7;
     let mut reasons = std::collections::BTreeMap::new();
@@ -271,7 +271,7 @@ fn a_damaged_snapshot_is_refused() {
         let mut bad = good[..8].to_vec();
         bad.extend_from_slice(blake3::hash(&body).as_bytes());
         bad.extend_from_slice(&body);
-        *forged.entry(refused(&case.template, &bad).unwrap_or("restored")).or_insert(0) += 1;
+        *forged.entry(refused(&case.template, &bad).unwrap_or_else(|| "restored".into())).or_insert(0) += 1;
     }
     println!("500 snapshots with forged checksums: {forged:?}");
     assert!(forged.len() > 1 && forged.contains_key("restored"), "the mutations do not reach the reader: {forged:?}");
@@ -302,6 +302,6 @@ fn a_snapshot_of_another_world_is_refused() {
         ("another time step", template(reflex(), &can, 0.2, slower)),
     ] {
         let why = Some("it was taken with another hand, object or physics setting");
-        assert_eq!(refused(&template, &bytes), why, "a snapshot was restored into {what}");
+        assert_eq!(refused(&template, &bytes).as_deref(), why, "a snapshot was restored into {what}");
     }
 }
