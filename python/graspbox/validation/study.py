@@ -83,8 +83,11 @@ class Comparison:
         return (0, 0) if ours is None else (ours["succeeded"], ours["tried"])
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Cells of the table as text, totals last; our totals are over the evaluated objects."""
-        rows = [self._row(row) for row in TABLE_3_1]
+        """Cells of the table as text, totals last; our totals are over the evaluated objects.
+
+        Objects that neither the study nor we tried are left out.
+        """
+        rows = [self._row(row) for row in TABLE_3_1 if row.tried or row.ycb_name is not None]
         study = (sum(r.succeeded for r in TABLE_3_1), sum(r.tried for r in TABLE_3_1))
         sums = {key: sum(row[key] for row in self.ours.values()) for key in ("succeeded", "tried", "legacy_succeeded")}
         first = sum(bool(row["first_succeeded"]) for row in self.ours.values())
