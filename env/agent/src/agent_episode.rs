@@ -234,7 +234,7 @@ impl AgentEpisode {
     /// Where everything is now.
     ///
     /// # Errors
-    /// A mesh that cannot be drawn.
+    /// A mesh that cannot be rendered.
     pub fn scene_pose(&self) -> Result<ScenePose<'_>, AgentError> {
         let object = self.prepared.model()?;
         let color = object_color(self.prepared.body().name());

@@ -25,7 +25,7 @@ pub enum AgentError {
         /// Its name.
         name: String,
     },
-    /// An object cannot be drawn.
+    /// An object cannot be rendered.
     #[error("object `{object}`: {source}")]
     Undrawable {
         /// Name of the object.

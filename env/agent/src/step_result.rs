@@ -30,7 +30,7 @@ impl StepResult {
     /// Fills observations, images and info from an episode as it stands; keeps the rest.
     ///
     /// # Errors
-    /// A mesh that cannot be drawn, or an observation whose reader does not fit its row.
+    /// A mesh that cannot be rendered, or an observation whose reader does not fit its row.
     pub fn observe(&mut self, episode: &AgentEpisode, spec: &EnvSpec) -> Result<(), AgentError> {
         let view = episode.view(spec);
         self.info = read_info(&view);

@@ -1,4 +1,4 @@
-//! Scanline rasterisation into a nearness buffer.
+//! Scanline rasterization into a nearness buffer.
 //!
 //! Nearness is 1/z for a perspective camera and -z for an orthographic one: both are linear over the image of a plane, and the greater
 //! value hides the smaller. Where an edge crosses a row depends on the edge alone, so that neighbouring faces

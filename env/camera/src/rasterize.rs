@@ -94,7 +94,7 @@ pub(crate) enum Cull {
     Front,
 }
 
-/// A rasterised triangle: a face, or part of a clipped one.
+/// A rasterized triangle: a face, or part of a clipped one.
 pub(crate) struct Piece<'a> {
     pub(crate) level: &'a Level,
     pub(crate) face: usize,

@@ -81,7 +81,7 @@ impl Episode {
         Ok(())
     }
 
-    /// Tells the judge at which height of its centre of mass (m) the object, which was let go, rests.
+    /// Tells the judge that the object was dropped, and the height of its centre of mass at rest (m).
     pub fn dropped(&mut self, resting_height: f64) {
         self.judge.dropped(&self.world, resting_height);
     }
@@ -96,7 +96,7 @@ impl Episode {
         self.judge.verdict(&self.world)
     }
 
-    /// The scene that this episode plays in.
+    /// The scene of this episode.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }

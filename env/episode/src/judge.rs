@@ -134,7 +134,7 @@ impl Judge {
         &self.criterion
     }
 
-    /// The object was let go where it is, or was before it came to rest; its centre of mass rests at `resting_height`, metres.
+    /// The object is dropped from where it is, or has been; its centre of mass comes to rest at `resting_height`, metres.
     pub fn dropped(&mut self, world: &World, resting_height: f64) {
         self.resting_height = resting_height;
         self.highest = 0.0;

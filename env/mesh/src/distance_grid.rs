@@ -1,6 +1,6 @@
 //! Distance from any point to a mesh, with sign, on a grid.
 //!
-//! Every node knows its closest face (rasterised near the surface, passed on from node to node elsewhere) and whether it lies
+//! Every node knows its closest face (rasterized near the surface, passed on from node to node elsewhere) and whether it lies
 //! inside. Inside is a vote of three scan directions over signed crossings, so a mesh with a few holes or overlapping shells
 //! still has an inside. A query near the surface measures the faces that its cell's corners know; so walls thinner than the
 //! grid keep their place.
@@ -49,7 +49,7 @@ impl<'a> DistanceGrid<'a> {
             closest: vec![[f32::INFINITY; 3]; nodes],
             inside: vec![false; nodes],
         };
-        grid.rasterise();
+        grid.rasterize();
         grid.propagate();
         grid.vote();
         grid
@@ -144,7 +144,7 @@ impl<'a> DistanceGrid<'a> {
     }
 
     /// Tells the nodes around each face about it. Large faces are cut up, so that only nodes near them are visited.
-    fn rasterise(&mut self) {
+    fn rasterize(&mut self) {
         let mut stack = Vec::new();
         for face in 0..self.mesh.faces().len() {
             let whole = self.mesh.triangle(face);

@@ -28,7 +28,7 @@ pub struct MeshData {
     pub spec: ObjectSpec,
     properties: MassProperties,
     body: OnceLock<Arc<Body>>,
-    look: OnceLock<Model>,
+    render_model: OnceLock<Model>,
     surface: OnceLock<Model>,
 }
 
@@ -40,7 +40,7 @@ impl MeshData {
     pub fn new(spec: ObjectSpec) -> Result<Self, CoreError> {
         let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
         let properties = mass_properties(&spec.mesh, mass)?;
-        Ok(Self { spec, properties, body: OnceLock::new(), look: OnceLock::new(), surface: OnceLock::new() })
+        Ok(Self { spec, properties, body: OnceLock::new(), render_model: OnceLock::new(), surface: OnceLock::new() })
     }
 
     /// The object as the simulation takes it, prepared at its first use; convex parts are kept in the folder `cache`.
@@ -61,7 +61,7 @@ impl MeshData {
     /// # Errors
     /// As [`Model::without_levels`].
     pub fn surface(&self) -> Result<&Model, CoreError> {
-        if let Some(model) = self.look.get().or_else(|| self.surface.get()) {
+        if let Some(model) = self.render_model.get().or_else(|| self.surface.get()) {
             return Ok(model);
         }
         let made = Model::without_levels(&self.spec.mesh)?;
@@ -72,12 +72,12 @@ impl MeshData {
     ///
     /// # Errors
     /// As [`Model::new`].
-    pub fn look(&self) -> Result<&Model, CoreError> {
-        if let Some(look) = self.look.get() {
-            return Ok(look);
+    pub fn render_model(&self) -> Result<&Model, CoreError> {
+        if let Some(model) = self.render_model.get() {
+            return Ok(model);
         }
         let made = Model::new(&self.spec.mesh)?;
-        Ok(self.look.get_or_init(|| made))
+        Ok(self.render_model.get_or_init(|| made))
     }
 }
 

@@ -42,7 +42,7 @@ type Posed<'py> = (PyRef<'py, Hand>, Floats<'py>, f64, Floats<'py>, Floats<'py>)
 /// along the optical axis, 0 where nothing is.
 ///
 /// `world_from_mesh` (n, 4, 4); `colors` (n, 3) in [0, 1]; `intrinsics` (3, 3); `world_from_camera` (4, 4), the
-/// camera's frame with x right, y down, z forward; `config` is JSON. Meshes are drawn in full detail.
+/// camera's frame with x right, y down, z forward; `config` is JSON. Meshes are rendered in full detail.
 #[pyfunction]
 #[pyo3(signature = (
     meshes, world_from_mesh, colors, casts_shadow, hand, intrinsics, world_from_camera, config, num_threads
@@ -60,7 +60,7 @@ pub fn render<'py>(
     config: &str,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<(Array<'py, u8>, Array<'py, f32>)> {
-    let config: RenderConfig = crate::convert::config(config, "draw")?;
+    let config: RenderConfig = crate::convert::config(config, "RenderConfig")?;
     let solids = solids(&meshes, &world_from_mesh, &colors, &casts_shadow)?;
     let hand = hand.map(posed).transpose()?;
     let [height, width] = config.image_size;
@@ -120,8 +120,8 @@ fn paint(
     config: &RenderConfig,
 ) -> Result<(Vec<u8>, Vec<f32>), CoreError> {
     let mut instances = Vec::with_capacity(solids.len());
-    if let Some((stage, links)) = &hand {
-        instances.extend(stage.hand(links));
+    if let Some((models, links)) = &hand {
+        instances.extend(models.hand(links));
     }
     for solid in solids {
         instances.push(Instance {

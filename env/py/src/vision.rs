@@ -127,10 +127,10 @@ pub fn views<'py>(
         let around = graspbox_camera::views(&config.plan, lens, target, count, config.seed)?;
         let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
         let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
-        let moment = still(&data, pose, Isometry3::identity(), Vec::new())?;
-        let stage = VisualModels::bare(config.table)?;
+        let scene_pose = still(&data, pose, Isometry3::identity(), Vec::new())?;
+        let models = VisualModels::bare(config.table)?;
         let channels = Channels { rgb, segmentation };
-        let frames = render_views(&stage, &moment, &cameras, &Light::default(), channels)?;
+        let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels)?;
         Ok::<_, CoreError>((cameras, frames))
     })?;
     let (height, width) = (height as usize, width as usize);
@@ -225,7 +225,7 @@ fn still(
     world_from_links: Vec<Isometry3<f64>>,
 ) -> Result<ScenePose<'_>, CoreError> {
     Ok(ScenePose {
-        object: data.look()?,
+        object: data.render_model()?,
         color: object_color(&data.spec.name),
         world_from_object,
         world_from_hand,

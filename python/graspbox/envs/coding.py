@@ -7,7 +7,7 @@
 | `encode_action` | the action that moves the hand to a pose, in any control mode |
 | `rotation_from_columns` | a rotation from two columns, as the core makes it from an action |
 
-Where a field is and what an action's numbers mean comes from the core's tables (`graspbox.envs.spaces.tables`), so that
+The places of columns and the meaning of actions come from the core's tables (`graspbox.envs.spaces.tables`), so that
 all of it holds for any hand. `Codec` does the same for one hand and control mode without looking them up again.
 
 >>> import gymnasium, graspbox
@@ -82,8 +82,8 @@ class Codec:
             self._places[row["name"]] = slice(self.state_size, self.state_size + row["size"])
             self.state_size += row["size"]
 
-    def field(self, state: ArrayLike, name: str) -> NDArray[np.float64]:
-        """Read a field of a state, by its name in the table of observations.
+    def column(self, state: ArrayLike, name: str) -> NDArray[np.float64]:
+        """Read a column of a state, by its name in the table of observations.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class Codec:
             )
         if name not in self._places:
             known = ", ".join(self._places)
-            raise ConfigError(f"a state of control mode {self._control!r} has no field {name!r}; choose from {known}")
+            raise ConfigError(f"a state of control mode {self._control!r} has no column {name!r}; choose from {known}")
         return values[self._places[name]]
 
     def pose(self, state: ArrayLike, name: str) -> Pose:
@@ -109,14 +109,14 @@ class Codec:
         Raises
         ------
         ConfigError
-            As `field`, or if the columns name no rotation.
+            As `column`, or if the columns name no rotation.
         """
-        columns = self.field(state, f"{name}_rotation")
+        columns = self.column(state, f"{name}_rotation")
         rotation = rotation_from_columns(columns[:3], columns[3:])
         if rotation is None:
             raise ConfigError(f"{name}_rotation of the state is {columns}; these columns name no rotation")
         pose = np.eye(4)
-        pose[:3, 3], pose[:3, :3] = self.field(state, f"{name}_position"), rotation
+        pose[:3, 3], pose[:3, :3] = self.column(state, f"{name}_position"), rotation
         return pose
 
     def encode_action(

@@ -136,9 +136,9 @@ class Expert:
     def _top(self, state: ArrayLike) -> float:
         """Height of the top of the object's bounds above the table, metres."""
         hand_from_object = self._codec.pose(state, "object_in_hand")
-        middle = np.linalg.inv(hand_from_object) @ np.append(self._codec.field(state, "bounds_center"), 1.0)
+        middle = np.linalg.inv(hand_from_object) @ np.append(self._codec.column(state, "bounds_center"), 1.0)
         world_from_object = self._codec.pose(state, "object")
-        reach = np.abs(world_from_object[2, :3]) @ self._codec.field(state, "half_extents")
+        reach = np.abs(world_from_object[2, :3]) @ self._codec.column(state, "half_extents")
         return float(world_from_object[2] @ middle + reach)
 
     def _path(self, start: Pose, goal: Pose, top: float, trial: TrialConfig) -> list[Motion]:
