@@ -39,7 +39,7 @@ def test_the_pose_of_a_state_is_that_of_the_simulation(control: str) -> None:
         np.testing.assert_array_equal(object_pose(state, control=control), pose)
         np.testing.assert_array_equal(object_pose(state, hand=load_hand()), pose)
         if control == "grasp_pose":
-            with pytest.raises(errors.ConfigError, match="no field 'hand_rotation'"):
+            with pytest.raises(errors.ConfigError, match="no column 'hand_rotation'"):
                 hand_pose(state)
         else:
             np.testing.assert_allclose(hand_pose(state), poses[1][0], atol=1e-6)
