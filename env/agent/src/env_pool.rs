@@ -14,7 +14,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Most environments in a pool: about 10 GB of worlds.
+/// Most environments in a pool. `tests/rust/footprint.rs` bounds the memory of one world.
 pub const MOST_ENVS: usize = 65_536;
 
 /// Environments side by side; a single one is a pool of one.
