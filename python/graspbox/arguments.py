@@ -5,6 +5,7 @@ numpy's scalars and arrays are numbers and lists here, wherever they appear in a
 
 import json
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 
-__all__ = ["floats", "plain", "shown", "to_json", "with_settings"]
+__all__ = ["floats", "natural", "plain", "shown", "to_json", "with_settings"]
 
 #: Lists within lists of a config: the deepest holds matrices.
 _MAX_DEPTH = 8
@@ -40,6 +41,25 @@ def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:
     except (TypeError, ValueError, OverflowError):
         pass
     raise ConfigError(f"{name} is {shown(values)}; give an array of numbers")
+
+
+def natural(value: Any, name: str, bits: int = 32) -> int:
+    """Take an integer, also numpy's, of at most `bits` bits; the core checks the range that makes sense.
+
+    Raises
+    ------
+    ConfigError
+        If the value, called `name`, is no integer, negative or larger.
+    """
+    try:
+        found = operator.index(value)
+    except TypeError:
+        raise ConfigError(f"{name} is {shown(value)}; give an integer") from None
+    if found < 0:
+        raise ConfigError(f"{name} is {shown(found)}; give an integer that is not negative")
+    if found >= 2**bits:
+        raise ConfigError(f"{name} is {shown(found)}; give an integer below 2^{bits}")
+    return found
 
 
 def to_json(config: Any, kind: type | None = None, name: str = "config") -> str:

@@ -2,14 +2,17 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Any, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
 
-__all__ = ["Outcome", "Outcomes", "Trace"]
+__all__ = ["FailureKind", "Outcome", "Outcomes", "Trace"]
+
+#: Why a trial failed, as the core names it.
+FailureKind = Literal["infeasible", "no_contact", "slipped", "dropped", "unstable"]
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Outcomes:
     success, secure : (n,) bool
         See `graspbox.simulation`.
     failure : (n,) str
-        ``infeasible``, ``no_contact``, ``slipped``, ``dropped``, ``unstable``; empty for a success.
+        One of `FailureKind`; empty for a success.
     lift : (n,) float64
         Rise of the object's centre of mass at the end, metres.
     kindness_rate : (n,) float64

@@ -17,15 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
+from graspbox.arguments import natural
 from graspbox.errors import ConfigError
 from graspbox.meshes import MeshLike, as_mesh, floats
 
 __all__ = ["Fill", "Mode", "Voxels", "load_binvox", "save_binvox", "voxelize"]
-
-#: Most voxels along a side: binvox's own limit. A grid takes 1 byte per voxel, up to 3 while it is made.
-MAX_RESOLUTION = 1024
-#: Most halvings of such a grid.
-MAX_DOWN = 10
 
 Mode = Literal["solid", "surface"]
 Fill = Literal["winding", "parity", "vote"]
@@ -122,7 +118,8 @@ def voxelize(
     mesh : Mesh, or an object with vertices and faces
         The object; see `graspbox.meshes.as_mesh`.
     resolution : int
-        Voxels along each side before the grid is halved, 1 to 1024.
+        Voxels along each side before the grid is halved, 1 to 1024 (binvox's own limit). A grid takes 1 byte per voxel,
+        and up to 3 while it is made.
     mode : str
         ``solid``: voxels whose centre lies inside. ``surface``: voxels that a triangle touches.
     down : int
@@ -145,11 +142,8 @@ def voxelize(
     """
     if mode not in get_args(Mode):
         raise ConfigError(f"mode is {mode!r}; choose solid or surface")
-    if not 1 <= resolution <= MAX_RESOLUTION:
-        raise ConfigError(f"resolution is {resolution}; give 1 to {MAX_RESOLUTION} voxels a side")
-    if not 0 <= down <= MAX_DOWN:
-        raise ConfigError(f"down is {down}; a grid can be halved 0 to {MAX_DOWN} times")
-    grid, fill = _core.voxelize(as_mesh(mesh), resolution, mode, down, remove_internal, exact)
+    sides, halvings = natural(resolution, "resolution"), natural(down, "down")
+    grid, fill = _core.voxelize(as_mesh(mesh), sides, mode, halvings, remove_internal, exact)
     return Voxels(*grid, fill=cast(Fill | None, fill))
 
 

@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import gymnasium
 import numpy as np
@@ -11,8 +11,8 @@ from gymnasium.utils.env_checker import data_equivalence
 
 import graspbox
 from acting import OBJECTS, expert_actions, pressing
-from graspbox import errors
-from graspbox.configs import Randomization
+from graspbox import errors, outcomes
+from graspbox.configs import CamerasConfig, Randomization
 from graspbox.envs import grasp, reward, spaces
 from graspbox.envs.coding import object_pose
 
@@ -34,6 +34,16 @@ def test_what_the_documentation_says_in_words_is_true() -> None:
     assert found["control_period"] * grasp.GraspEnv.metadata["render_fps"] == 1.0
     _, info = make().reset(seed=0)
     assert list(info) == [*(row["name"] for row in found["info"]), "reward_terms"]
+
+
+def test_names_that_python_repeats_are_those_of_the_core() -> None:
+    """Type checkers need the kinds of failures, and spaces the kinds of images, before there is a pool."""
+    found = spaces.tables(graspbox.load_hand())
+    assert ["", *get_args(outcomes.FailureKind)] == found["failures"]
+    with pytest.raises(errors.ConfigError, match="there is no image") as refused:
+        spaces.images(graspbox.load_hand(), CamerasConfig(images=("nothing",)))
+    listed = re.findall(r"give (.*?), alone", str(refused.value))[0]
+    assert tuple(re.split(", | or ", listed)) == spaces.IMAGES
 
 
 @pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])

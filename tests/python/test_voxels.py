@@ -78,10 +78,12 @@ def test_files_read_back(tmp_path: Path) -> None:
 
 def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     mesh = corner_box()
-    for wrong, complaint in (({"resolution": 0}, "1 to 1024"), ({"resolution": -1}, "1 to 1024"),
+    for wrong, complaint in (({"resolution": 0}, "1 to 1024"), ({"resolution": 1025}, "1 to 1024"),
                              ({"mode": "hollow"}, "solid or surface"), ({"down": 6}, "halved"),
-                             ({"down": -1}, "0 to 10"), ({"down": 10**30}, "0 to 10"),
-                             ({"resolution": 10**30}, "1 to 1024")):  # fmt: skip
+                             ({"down": 32}, "halved"), ({"down": -1}, r"down is -1 \(int\); .* not negative"),
+                             ({"down": 10**30}, r"down is 10.* below 2\^32"), ({"resolution": 8.5}, "an integer"),
+                             ({"resolution": -1}, "resolution is -1 .* not negative"),
+                             ({"resolution": 10**30}, r"resolution is 10.* below 2\^32")):  # fmt: skip
         with pytest.raises(errors.ConfigError, match=complaint):
             graspbox.voxelize(mesh, **wrong)
     flags = np.ones((2, 2, 2), dtype=bool)

@@ -17,7 +17,7 @@ def voxelize(
     mode: Annotated[
         str, typer.Option(help="Voxels with their centre inside ('solid') or touched by a triangle ('surface').")
     ] = "solid",
-    down: Annotated[int, typer.Option(min=0, max=10, help="Halve the resolution this often.")] = 0,
+    down: Annotated[int, typer.Option(min=0, help="Halve the resolution this often.")] = 0,
     remove_internal: Annotated[
         bool, typer.Option("--ri", "--remove-internal", help="Clear voxels whose six neighbours are set.")
     ] = False,

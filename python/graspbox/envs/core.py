@@ -1,7 +1,6 @@
 """What all environments share, single and vector: a pool, and what its rows mean."""
 
 import json
-import operator
 import os
 import secrets
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
-from graspbox.arguments import plain
+from graspbox.arguments import natural, plain
 from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
@@ -24,9 +23,6 @@ from graspbox.envs.settings import HandArgument, ObjectsArgument, complete
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
 from graspbox.simulation import cache_folder, load_hand
-
-#: Steps per second of simulated time at ``frame_skip=1``, so that videos run at the speed of the simulation.
-FPS = 20
 
 _AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
     AutoresetMode.NEXT_STEP: "next_step",
@@ -74,13 +70,12 @@ def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
 
 def checked_seed(seed: Any) -> int:
     """Take a seed, also a numpy integer, as an int; refuse one that the core does not take."""
-    try:
-        value = operator.index(seed)
-    except TypeError:
-        raise ConfigError(f"seed is {seed!r}; give an integer") from None
-    if not 0 <= value < 2**64:
-        raise ConfigError(f"seed is {value}; it must be between 0 and 2^64 - 1")
-    return value
+    return natural(seed, "seed", bits=64)
+
+
+def frames_per_second(tables: spaces.Tables, frame_skip: int = 1) -> int:
+    """Return steps per second of simulated time, so that videos run at the speed of the simulation."""
+    return max(1, round(1.0 / (tables["control_period"] * frame_skip)))
 
 
 def fresh_seed() -> int:
@@ -186,7 +181,7 @@ class GraspCore:
     @property
     def fps(self) -> int:
         """Frames per second of a video: one frame per step, of a decision one per second."""
-        return 1 if self._decides else max(1, round(FPS / self.frame_skip))
+        return 1 if self._decides else frames_per_second(self.tables, self.frame_skip)
 
     @property
     def idle_action(self) -> NDArray[np.float32]:

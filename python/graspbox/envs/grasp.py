@@ -253,10 +253,12 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.envs.core import FPS, GraspCore
+from graspbox.envs import spaces
+from graspbox.envs.core import GraspCore, frames_per_second
 from graspbox.envs.settings import OBJECTS, GraspSettings, ObjectsArgument, signed
 from graspbox.envs.single import SingleEnv
 from graspbox.errors import ConfigError
+from graspbox.hands import load_hand
 
 __all__ = ["GraspEnv"]
 
@@ -319,7 +321,10 @@ class GraspEnv(SingleEnv):
         For a wrong argument; objects are read when they are first sampled.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": FPS}  # noqa: RUF012 (as Gymnasium declares it)
+    metadata = {  # noqa: RUF012 (as Gymnasium declares it)
+        "render_modes": ["rgb_array"],
+        "render_fps": frames_per_second(spaces.tables(load_hand())),
+    }
 
     @signed(GraspSettings)
     def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[GraspSettings]) -> None:

@@ -18,7 +18,6 @@ run to their end, in whatever environment is free: neither the number of environ
 changes what is counted.
 """
 
-import operator
 from collections.abc import Callable
 from typing import Any, SupportsIndex
 
@@ -26,6 +25,7 @@ import gymnasium
 from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets, policies
+from graspbox.arguments import natural
 from graspbox.envs import IDS
 from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError
@@ -96,9 +96,9 @@ def evaluate(
     chosen = policies.load(policy) if isinstance(policy, str) else policy
     if not isinstance(chosen, policies.Policy):
         raise ConfigError(f"policy is a {type(policy).__name__}; give a graspbox.policies.Policy, or the name of one")
-    count = _whole("trials", trials, 1, MAX_TRIALS)
-    seeds = trial_seeds(_whole("seed", seed, 0, 2**64 - 1), count)
-    width = min(_whole("num_envs", num_envs, 1, MAX_ENVS), count)
+    count = _within("trials", trials, MAX_TRIALS)
+    seeds = trial_seeds(natural(seed, "seed", bits=64), count)
+    width = min(_within("num_envs", num_envs, MAX_ENVS), count)
     if env_id.removeprefix("graspbox:") not in IDS:
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
     if chosen.obs is not None:
@@ -113,12 +113,9 @@ def evaluate(
         envs.close()
 
 
-def _whole(name: str, value: Any, low: int, high: int) -> int:
-    """Check a whole number; numpy's are whole numbers too."""
-    try:
-        found = operator.index(value)
-    except TypeError:
-        raise ConfigError(f"{name} is {value!r}; give a whole number") from None
-    if not low <= found <= high:
-        raise ConfigError(f"{name} is {found}; it must be between {low} and {high}")
+def _within(name: str, value: Any, high: int) -> int:
+    """Check a count, which is at least 1."""
+    found = natural(value, name)
+    if not 1 <= found <= high:
+        raise ConfigError(f"{name} is {found}; it must be between 1 and {high}")
     return found

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from typing import Literal
 
 import mujoco
 import numpy as np
 
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
+from graspbox.outcomes import FailureKind
 from graspbox.validation.mujoco.description import Array, Finger
 from graspbox.validation.mujoco.scene import CARRIAGE_INERTIA, Scene, quaternion
-
-FailureKind = Literal["infeasible", "no_contact", "slipped", "dropped", "unstable"]
 
 #: Criterion of success: rise of the centre of mass (m), speed in the hand's frame (m/s), and hold time (s).
 LIFT_HEIGHT, REST_SPEED, HOLD_TIME = (
