@@ -7,11 +7,13 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.by_value import ByValue
+
 __all__ = ["Box", "BoxTree"]
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class Box(ByValue):
     """An oriented box in the object's frame.
 
     Attributes
@@ -47,7 +49,7 @@ class Box:
 
 
 @dataclass(frozen=True, eq=False)
-class BoxTree(Sequence[Box]):
+class BoxTree(ByValue, Sequence[Box]):
     """A box decomposition: a binary tree of boxes, depth first; its leaves cover the object. As a sequence: the leaves.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox.by_value import ByValue
 
 __all__ = ["FailureKind", "Outcome", "Outcomes", "Trace"]
 
@@ -48,7 +49,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Outcomes:
+class Outcomes(ByValue):
     """Outcomes of n trials; arrays of length n.
 
     ``outcomes[3]`` is an `Outcome`; a slice, a mask or an array of indices gives outcomes of these rows. Two are equal
@@ -87,14 +88,6 @@ class Outcomes:
     def __repr__(self) -> str:
         return f"Outcomes(trials={len(self)}, succeeded={int(self.success.sum())}, secure={int(self.secure.sum())})"
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Outcomes):
-            return NotImplemented
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in pairs)
-
-    __hash__ = None  # type: ignore[assignment] # arrays can change
-
     @overload
     def __getitem__(self, index: int) -> Outcome: ...
     @overload
@@ -122,7 +115,7 @@ class Outcomes:
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class Trace(ByValue):
     """One trial every 10 ms: t samples, f fingers. An infeasible pose has none (t = 0): nothing moved.
 
     Attributes

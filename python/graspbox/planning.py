@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox import _core, plan_files
 from graspbox.arguments import floats, to_json, with_settings
 from graspbox.boxes import Box, BoxTree
+from graspbox.by_value import ByValue
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
@@ -84,7 +85,7 @@ def _tree(arrays: "_core.BoxArrays") -> BoxTree:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class Grasp(ByValue):
     """One candidate of a `Plan`; the fields have the meaning that they have there.
 
     Attributes
@@ -110,11 +111,11 @@ class Grasp:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan:
+class Plan(ByValue):
     """Candidate grasps of an object: n rows, the feasible ones first, the planner's best guess first of all.
 
     ``plan[3]`` is a `Grasp`; a slice, a mask or an array of indices gives a plan of these rows, and iteration gives
-    its grasps. Plans can be pickled, and saved as JSON.
+    its grasps. Plans can be pickled, and saved as JSON. Two are equal if all their values are; NaN equals NaN.
 
     Attributes
     ----------

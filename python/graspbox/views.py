@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
 from graspbox.arguments import floats, plain
+from graspbox.by_value import ByValue
 from graspbox.errors import ConfigError
 from graspbox.meshes import MeshLike, as_mesh
 
@@ -62,9 +63,9 @@ PLANS = {
 }
 
 
-@dataclass(frozen=True)
-class Views:
-    """Images of an object, one row a view.
+@dataclass(frozen=True, eq=False)
+class Views(ByValue):
+    """Images of an object, one row per view.
 
     Attributes
     ----------

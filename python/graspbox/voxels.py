@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
 from graspbox.arguments import natural
+from graspbox.by_value import ByValue
 from graspbox.errors import ConfigError
 from graspbox.meshes import MeshLike, as_mesh, floats
 
@@ -28,7 +29,7 @@ Fill = Literal["winding", "parity", "vote"]
 
 
 @dataclass(frozen=True, eq=False)
-class Voxels:
+class Voxels(ByValue):
     """A cube of voxels, aligned with the axes of its frame: for a mesh, the object's.
 
     The centre of voxel (i, j, k) is ``origin + (np.array([i, j, k]) + 0.5) * voxel_size``.

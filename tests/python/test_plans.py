@@ -54,6 +54,34 @@ def same(first: graspbox.Plan, second: graspbox.Plan) -> None:
             np.testing.assert_array_equal(getattr(a, f.name), getattr(b, f.name))
 
 
+def test_equal_contents_are_equal(scene: graspbox.Scene, plan: graspbox.Plan, tmp_path: Path) -> None:
+    """A plan that was saved and loaded was once not equal to itself."""
+    plan.save(tmp_path / "plan.json")
+    again = graspbox.Plan.load(tmp_path / "plan.json")
+    assert again == plan
+    assert np.isnan(plan.features[~plan.feasible]).all() if plan.features is not None else False
+    for other in (plan[:-1], plan[::-1], replace(plan, name="x"), replace(plan, features=None), 4, None):
+        assert plan != other
+        assert other != plan
+    for name in COLUMNS:
+        changed = getattr(plan, name).copy()
+        changed[7] = ~changed[7] if changed.dtype == bool else changed[7] + 1
+        assert replace(plan, **{name: changed}) != plan, name
+    assert (again[3], again.tree, again.tree[0]) == (plan[3], plan.tree, plan.tree[0])
+    assert plan[3] != plan[4]
+    boxes = plan.tree.nodes
+    assert replace(plan.tree, nodes=(*boxes[:-1], replace(boxes[-1], center=boxes[-1].center + 1e-9))) != plan.tree
+    assert plan.tree[0] in again.tree
+    trace, voxels = scene.trace(plan[0])[1], graspbox.voxelize(scene.mesh, 4)
+    views = graspbox.views(scene.mesh, count=1, image_size=16)
+    assert trace == scene.trace(plan[0])[1] != scene.trace(plan[1])[1]
+    assert voxels == graspbox.voxelize(scene.mesh, 4) != graspbox.voxelize(scene.mesh, 4, "surface")
+    assert views == graspbox.views(scene.mesh, count=1, image_size=16) != graspbox.views(scene.mesh, count=1, seed=1)
+    for each in (plan, plan[0], plan.tree, plan.tree[0], trace, voxels, views, scene.simulate(plan[:1])):
+        with pytest.raises(TypeError, match="unhashable"):
+            hash(each)
+
+
 def test_a_plan_is_a_sequence_of_grasps(plan: graspbox.Plan) -> None:
     first = plan[:5]
     assert len(first) == 5
