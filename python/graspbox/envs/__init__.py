@@ -13,6 +13,7 @@
 | `graspbox.envs.coding` | poses in states and actions |
 | `graspbox.envs.expert` | a scripted expert for ``Grasp-v0`` |
 | `graspbox.envs.reward` | weights of the reward terms |
+| `graspbox.envs.window` | the window of ``render_mode="human"`` |
 | `graspbox.envs.spaces` | spaces and tables from the core |
 
 ``reward_threshold`` of both specs is 0.9, for ``reward="sparse"``: nine of ten episodes succeed.

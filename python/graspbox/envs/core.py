@@ -19,7 +19,8 @@ from graspbox.arguments import natural, plain
 from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
-from graspbox.envs.settings import HandArgument, ObjectsArgument, complete
+from graspbox.envs.settings import RENDER_MODES, HandArgument, ObjectsArgument, complete
+from graspbox.envs.window import Window
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
 from graspbox.simulation import cache_folder, load_hand
@@ -105,8 +106,10 @@ class GraspCore:
         self._made_of = (kind, num_envs, objects, dict(given))
         settings = complete(kind, given)
         self.render_mode = settings["render_mode"]
-        if self.render_mode not in (None, "rgb_array"):
-            raise ConfigError(f"render_mode={self.render_mode!r} is not available; use None or 'rgb_array'")
+        if self.render_mode not in (None, *RENDER_MODES):
+            modes = ", ".join(map(repr, RENDER_MODES))
+            raise ConfigError(f"render_mode={self.render_mode!r} is not available; use None or one of {modes}")
+        self._window = Window("graspbox") if self.render_mode == "human" else None
         if settings["info"] not in ("full", "numeric"):
             raise ConfigError(f"info is {settings['info']!r}; choose from 'full', 'numeric'")
         self._numeric = settings["info"] == "numeric"
@@ -191,8 +194,10 @@ class GraspCore:
         return action
 
     def close(self) -> None:
-        """Give the memory of the environments back; a second time does nothing."""
+        """Give the memory of the environments back and close the window; a second time does nothing."""
         self._pool = None
+        if self._window is not None:
+            self._window.close()
 
     def reset(
         self,
@@ -205,6 +210,7 @@ class GraspCore:
         texts = [options_json(one) or "{}" for one in options]
         arrays = self.pool.reset(seeds, mask, texts, out)
         self.begun |= True if mask is None else mask
+        self.show()
         return arrays
 
     def step(
@@ -213,7 +219,9 @@ class GraspCore:
         """Act in all environments: what they show, and the ends of episodes that began anew in the same step."""
         pool = self.pool
         self._check_begun("step")
-        return pool.step(self.action(actions, len(self.begun)), out)
+        found = pool.step(self.action(actions, len(self.begun)), out)
+        self.show()
+        return found
 
     def _check_begun(self, method: str) -> None:
         if not self.begun.all():
@@ -238,12 +246,20 @@ class GraspCore:
         return observation, row(self.columns(arrays), 0)
 
     def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8] | None:
-        """Take pictures of some environments, (n, H, W, 3); None without a render mode."""
+        """Take pictures of some environments, (n, H, W, 3); None but with ``render_mode="rgb_array"``."""
         pool = self.pool
         if self.render_mode is None:
             return None
         self._check_begun("render")
+        if self._window is not None:
+            self.show()
+            return None
         return _core.pictures(pool, envs, self._picture)
+
+    def show(self) -> None:
+        """Show the first environment in the window, with ``render_mode="human"``."""
+        if self._window is not None:
+            self._window.show(_core.pictures(self.pool, [0], self._picture)[0], self.fps)
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""

@@ -239,7 +239,9 @@ Pictures
 --------
 With ``render_mode="rgb_array"``, ``render`` returns antialiased pictures of 480 x 640 pixels from the side, of the whole
 workspace; ``picture`` sets their size and camera. `gymnasium.wrappers.RecordVideo` writes them with moviepy:
-``pip install 'graspbox[video]'``. `gymnasium.utils.play.play` takes the keys of `GraspEnv.get_keys_to_action`, with
+``pip install 'graspbox[video]'``. With ``render_mode="human"`` every reset and step shows such a picture in a window, at
+``metadata["render_fps"]`` frames per second, until ``close``: ``pip install 'graspbox[human]'``. A vector environment
+shows its first environment there; ``send`` and ``recv`` show nothing. `gymnasium.utils.play.play` takes the keys of `GraspEnv.get_keys_to_action`, with
 ``noop=env.unwrapped.idle_action``.
 
 Version history
@@ -255,7 +257,7 @@ from numpy.typing import NDArray
 
 from graspbox.envs import spaces
 from graspbox.envs.core import GraspCore, frames_per_second
-from graspbox.envs.settings import OBJECTS, GraspSettings, ObjectsArgument, signed
+from graspbox.envs.settings import OBJECTS, RENDER_MODES, GraspSettings, ObjectsArgument, signed
 from graspbox.envs.single import SingleEnv
 from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
@@ -297,8 +299,9 @@ class GraspEnv(SingleEnv):
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
         What varies besides object and start; by default nothing.
-    render_mode : "rgb_array", optional
-        Whether `render` returns pictures.
+    render_mode : {"human", "rgb_array"}, optional
+        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
+        ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
     physics : PhysicsConfig
@@ -322,7 +325,7 @@ class GraspEnv(SingleEnv):
     """
 
     metadata = {  # noqa: RUF012 (as Gymnasium declares it)
-        "render_modes": ["rgb_array"],
+        "render_modes": [*RENDER_MODES],
         "render_fps": frames_per_second(spaces.tables(load_hand())),
     }
 

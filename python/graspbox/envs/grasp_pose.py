@@ -164,6 +164,7 @@ from graspbox.envs.core import GraspCore
 from graspbox.envs.settings import (
     NUM_ENVS,
     OBJECTS,
+    RENDER_MODES,
     GraspPoseSettings,
     GraspPoseVectorSettings,
     ObjectsArgument,
@@ -201,8 +202,9 @@ class GraspPoseEnv(SingleEnv):
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
         What varies besides object and start; by default nothing.
-    render_mode : "rgb_array", optional
-        Whether `render` returns pictures.
+    render_mode : {"human", "rgb_array"}, optional
+        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
+        ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
     physics : PhysicsConfig
@@ -222,7 +224,7 @@ class GraspPoseEnv(SingleEnv):
         For a wrong argument; objects are read when they are first sampled.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
+    metadata = {"render_modes": [*RENDER_MODES], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
 
     @signed(GraspPoseSettings)
     def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[GraspPoseSettings]) -> None:
@@ -260,8 +262,9 @@ class GraspPoseVectorEnv(NativeVectorEnv):
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
         What varies besides object and start; by default nothing.
-    render_mode : "rgb_array", optional
-        Whether `render` returns pictures.
+    render_mode : {"human", "rgb_array"}, optional
+        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
+        ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
     physics : PhysicsConfig

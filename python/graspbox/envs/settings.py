@@ -47,7 +47,10 @@ HandArgument = str | Hand | tuple[str, str]
 Control = Literal["twist", "delta_pose", "target_pose"]
 Reward = Literal["sparse", "dense"]
 Info = Literal["full", "numeric"]
-RenderMode = Literal["rgb_array"] | None
+Rendering = Literal["human", "rgb_array"]
+RenderMode = Rendering | None
+#: What ``metadata["render_modes"]`` lists.
+RENDER_MODES: tuple[str, ...] = get_args(Rendering)
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,15 @@ class _Common(TypedDict, total=False):
             None, '"standard" or Randomization, optional', "What varies besides object and start; by default nothing."
         ),
     ]
-    render_mode: Annotated[RenderMode, Keyword(None, '"rgb_array", optional', "Whether `render` returns pictures.")]
+    render_mode: Annotated[
+        RenderMode,
+        Keyword(
+            None,
+            '{"human", "rgb_array"}, optional',
+            "``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra "
+            "``human``); of a vector environment it shows the first environment.",
+        ),
+    ]
     num_threads: Annotated[
         int | None,
         Keyword(

@@ -74,12 +74,15 @@ class SingleEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         return observation, float(self._core.rewards(arrays)[0]), bool(arrays["terminated"][0]), False, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Take a picture, (H, W, 3), with ``render_mode="rgb_array"``; None without a render mode."""
+        """Take a picture, (H, W, 3), with ``render_mode="rgb_array"``; otherwise return None.
+
+        With ``render_mode="human"`` show it in the window, as every reset and step does.
+        """
         pictures = self._core.pictures([0])
         return None if pictures is None else pictures[0]
 
     def close(self) -> None:
-        """Give the memory back; after that only another close is allowed."""
+        """Give the memory back and close the window; after that only another close is allowed."""
         self._core.close()
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:

@@ -27,7 +27,7 @@ from graspbox.envs.core import GraspCore
 from graspbox.envs.env_view import EnvView
 from graspbox.envs.infos import full, mask_of, scattered, taken
 from graspbox.envs.reset_arguments import options_of_each, reset_mask, seeds_of
-from graspbox.envs.settings import NUM_ENVS, OBJECTS, GraspVectorSettings, ObjectsArgument, signed
+from graspbox.envs.settings import NUM_ENVS, OBJECTS, RENDER_MODES, GraspVectorSettings, ObjectsArgument, signed
 from graspbox.errors import ConfigError
 
 __all__ = ["GraspVectorEnv", "NativeVectorEnv"]
@@ -57,7 +57,7 @@ class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.objects = core.object_set
         self.render_mode = core.render_mode
         self.metadata = {
-            "render_modes": ["rgb_array"],
+            "render_modes": [*RENDER_MODES],
             "render_fps": core.fps,
             "autoreset_mode": core.autoreset_mode,
         }
@@ -134,7 +134,10 @@ class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return self._results(now, last, self.num_envs)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Take a picture of every environment, (H, W, 3) each, with ``render_mode="rgb_array"``; nothing without."""
+        """Take a picture of every environment, (H, W, 3) each, with ``render_mode="rgb_array"``.
+
+        With ``render_mode="human"`` show the first environment in the window, as every reset and step does.
+        """
         pictures = self._core.pictures(range(self.num_envs))
         return None if pictures is None else tuple(pictures)
 
@@ -340,8 +343,9 @@ class GraspVectorEnv(NativeVectorEnv):
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
         What varies besides object and start; by default nothing.
-    render_mode : "rgb_array", optional
-        Whether `render` returns pictures.
+    render_mode : {"human", "rgb_array"}, optional
+        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
+        ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
     physics : PhysicsConfig

@@ -1,0 +1,68 @@
+"""The window of ``render_mode="human"``, by pygame: the extra ``human``.
+
+pygame has one window per process, so environments that are shown at the same time share it.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.errors import MissingExtraError
+
+__all__ = ["Window"]
+
+
+class Window:
+    """A window that shows frames at a fixed rate; it opens with the first one.
+
+    Parameters
+    ----------
+    title : str
+        Title of the window.
+
+    Raises
+    ------
+    MissingExtraError
+        If pygame is not installed.
+    """
+
+    def __init__(self, title: str) -> None:
+        self._pygame = _pygame()
+        self._title = title
+        self._clock: Any = None
+
+    def show(self, frame: NDArray[np.uint8], fps: int) -> None:
+        """Show a frame (H, W, 3), after waiting until 1 / `fps` seconds have passed since the last one."""
+        pygame, size = self._pygame, (frame.shape[1], frame.shape[0])
+        if self._clock is None:
+            pygame.display.init()
+            self._clock = pygame.time.Clock()
+        screen = pygame.display.get_surface() if pygame.display.get_init() else None
+        if screen is None or screen.get_size() != size:
+            # The first frame, or another environment has closed or resized the window.
+            pygame.display.init()
+            screen = pygame.display.set_mode(size)
+        pygame.display.set_caption(self._title)
+        screen.blit(pygame.surfarray.make_surface(frame.swapaxes(0, 1)), (0, 0))
+        # Without it the desktop takes the program for one that hangs.
+        pygame.event.pump()
+        self._clock.tick(fps)
+        pygame.display.flip()
+
+    def close(self) -> None:
+        """Close the window if it is open."""
+        if self._clock is not None:
+            self._clock = None
+            self._pygame.display.quit()
+
+
+def _pygame() -> Any:
+    try:
+        import pygame
+    except ModuleNotFoundError as error:
+        if error.name != "pygame":
+            raise
+        message = "render_mode='human' shows frames with pygame-ce: pip install 'graspbox[human]'"
+        raise MissingExtraError(message) from None
+    return pygame
