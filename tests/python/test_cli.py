@@ -27,10 +27,15 @@ def run_json(*arguments: str | Path) -> Any:
 
 
 @pytest.mark.parametrize("command", ["objects", "plan", "voxelize", "grasp", "evaluate", "demo", "bench"])
-def test_every_command_explains_itself(command: str) -> None:
+def test_every_command_explains_itself(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
     result = run(command, "--help")
     assert result.returncode == 0
     assert "Usage" in result.stdout
+    text = " ".join(result.stdout.split())
+    assert "--json" in text
+    # A command has a seed, or says why not.
+    assert ("Seed of everything random" in text) != ("there is no --seed" in text)
 
 
 def test_version() -> None:
@@ -150,7 +155,7 @@ def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
     can = "procedural:can:0"
     for name, value in {"_SEEN": can, "_OBJECTS": (can,), "_ENVS": 2, "_STEPS": 12}.items():
         monkeypatch.setattr(bench_images, name, value)
-    rows = bench.measure(1)
+    rows = bench.measure(1, seed=5)
     assert all(set(row) == {"work", "value", "unit", "goal", "ratio"} for row in rows)
     # Every goal has its row, and a ratio above 1 is a goal met.
     assert sum(row["goal"] is not None for row in rows) == len(bench._GOALS)

@@ -153,9 +153,10 @@ def test_options_change_what_they_name_alone() -> None:
         {"place": [0.7, 0.0, 0.0]},
         {"world_from_hand": [[1.0, 0, 0, 0.0], [0, -1.0, 0, 3.0], [0, 0, -1.0, 0.3], [0, 0, 0, 1.0]]},
         {"place": object()},
+        [{"object": 0}],
     ],
 )
-def test_wrong_options_leave_the_episode_as_it_was(options: dict[str, Any]) -> None:
+def test_wrong_options_leave_the_episode_as_it_was(options: Any) -> None:
     env = make().unwrapped
     env.reset(seed=1)
     state = env.get_state()

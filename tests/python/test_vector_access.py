@@ -40,6 +40,18 @@ def test_options_of_each_environment() -> None:
         env.reset(options={"each": [{}, {"object": "moon"}, {}]})
 
 
+def test_options_of_the_wrong_type_are_named() -> None:
+    """A list of options, one for each environment, was once a ValueError of Python's ``dict``."""
+    env: Any = gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS)
+    with pytest.raises(errors.ConfigError, match=r"options is \[.*\] \(list\); give a dictionary .*options\['each'\]"):
+        env.reset(options=[{"object": 0}, {"object": 1}])
+    with pytest.raises(errors.ConfigError, match=r"options\['each'\]\[1\] is 3 \(int\); give a dictionary"):
+        env.reset(options={"each": [None, 3]})
+    single = gymnasium.make(ID, objects=OBJECTS).unwrapped
+    with pytest.raises(errors.ConfigError, match=r"options is 'mug' \(str\); give a dictionary"):
+        single.reset(options="mug")  # type: ignore[arg-type]
+
+
 def test_attributes_and_methods_as_sync_has_them() -> None:
     native, sync = make(2, render_mode="rgb_array", obs="state"), make_sync(AutoresetMode.NEXT_STEP, 2, obs="state")
     native.reset(seed=1)

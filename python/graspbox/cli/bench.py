@@ -12,7 +12,7 @@ import graspbox
 from graspbox import _core, object_sets
 from graspbox.arguments import to_json
 from graspbox.cli import bench_images
-from graspbox.cli.common import Json, Threads, console, print_json, print_table
+from graspbox.cli.common import Json, Seed, Threads, console, print_json, print_table
 from graspbox.configs import DecomposeConfig
 from graspbox.envs.grasp_pose import GraspPoseVectorEnv
 
@@ -54,29 +54,32 @@ def median_seconds(work: Callable[[], Any], repeats: int = 7) -> float:
     return float(np.median(times))
 
 
-def call_overhead(threads: int | None) -> float:
+def call_overhead(threads: int | None, seed: int) -> float:
     """Time whole vector steps without physics, since their actions name no pose: microseconds per environment."""
     # 74 numbers an environment; the state of Grasp-v0 has 88.
     obs = ("proprio", "state", "tactile")
     env = GraspPoseVectorEnv(_WIDE, "procedural:can:0", obs=obs, reward="dense", num_threads=threads)
     nothing, times = np.zeros((_WIDE, env._core.action_size), np.float32), []
     for _ in range(_CALLS):
-        env.reset(seed=0)
+        env.reset(seed=seed)
         started = time.perf_counter()
         env.step(nothing)
         times.append(time.perf_counter() - started)
     return 1e6 * float(np.median(times)) / _WIDE
 
 
-def measure(threads: int | None) -> list[dict[str, Any]]:
-    """Measure everything; a list of ``{"work", "value", "unit", "goal", "ratio"}``."""
+def measure(threads: int | None, seed: int = 0) -> list[dict[str, Any]]:
+    """Measure everything: a list of ``{"work", "value", "unit", "goal", "ratio"}``.
+
+    The seed is that of surface samples, plans and initial states.
+    """
     mesh = object_sets.load("procedural:mug:0")[0].load()
-    boxes = {fit: to_json(DecomposeConfig(fit=fit, max_boxes=8)) for fit in ("pca", "minimum")}
+    boxes = {fit: to_json(DecomposeConfig(fit=fit, max_boxes=8, seed=seed)) for fit in ("pca", "minimum")}
     scene = graspbox.Scene(mesh)
     split = 1e3 * float(np.median(_core._time_best_split(mesh, 2000, 51)))
     reset = 1e6 * float(np.median(_core._time_reset(scene._core, 501)))
     cut = {fit: 1e3 * median_seconds(partial(_core.decompose, mesh, text)) for fit, text in boxes.items()}
-    planned = 1e3 * median_seconds(lambda: graspbox.plan(mesh, world_from_object=scene.world_from_object), 3)
+    planned = 1e3 * median_seconds(lambda: graspbox.plan(mesh, world_from_object=scene.world_from_object, seed=seed), 3)
     rows = [
         ("best split, 2,000 points", split, "ms"),
         ("decomposition into at most 8 PCA boxes, 2,000 points", cut["pca"], "ms"),
@@ -91,14 +94,14 @@ def measure(threads: int | None) -> list[dict[str, Any]]:
     tried, seconds = 0, 0.0
     for spec in object_sets.load(list(_MIX)):
         scene = graspbox.Scene(spec.load())
-        best = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object).best(_POSES)
+        best = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object, seed=seed).best(_POSES)
         started = time.perf_counter()
         scene.simulate(best.poses, best.preshape, num_threads=threads)
         seconds += time.perf_counter() - started
         tried += len(best)
     rows.append((f"grasp trials, {threads or _core.num_threads()} threads, procedural mix", tried / seconds, "1/s"))
-    rows.append((f"vector call without physics, {_WIDE} envs, for each", call_overhead(threads), "us"))
-    rows += [*bench_images.frames(threads), *bench_images.steps(threads)]
+    rows.append((f"vector call without physics, {_WIDE} envs, for each", call_overhead(threads, seed), "us"))
+    rows += [*bench_images.frames(threads), *bench_images.steps(threads, seed)]
     return [{"work": work, "value": value, "unit": unit, **against(work, value, unit)} for work, value, unit in rows]
 
 
@@ -110,14 +113,14 @@ def against(work: str, value: float, unit: str) -> dict[str, float | None]:
     return {"goal": goal, "ratio": value / goal if unit in ("1/s", "%") else goal / value}
 
 
-def bench(threads: Threads = None, as_json: Json = False) -> None:
+def bench(seed: Seed = 0, threads: Threads = None, as_json: Json = False) -> None:
     """Measure the speed of the parts on this machine.
 
-    Exit status 1 if the hand touched the object too rarely, or the object covered too few pixels, for the speeds to be
-    meaningful.
+    The exit status is 1 if the speeds are not meaningful: the hand touched the object too rarely, or the object covered
+    too few pixels.
     """
     with console.status("measuring"):
-        rows = measure(threads)
+        rows = measure(threads, seed)
     if as_json:
         print_json(rows)
     else:

@@ -43,21 +43,24 @@ def frames(threads: int | None) -> list[Row]:
     return rows
 
 
-def _expert(env: GraspVectorEnv, name: str, state: NDArray[np.float32]) -> Expert:
+def _expert(env: GraspVectorEnv, name: str, state: NDArray[np.float32], seed: int) -> Expert:
     """Plan for an object as it lies, and take the best pose."""
-    plan = planned(env.objects[env.objects.names.index(name)].load(), state)
+    plan = planned(env.objects[env.objects.names.index(name)].load(), state, seed=seed)
     return Expert(state, plan.poses[0], plan.preshape[0])
 
 
-def steps(threads: int | None) -> list[Row]:
-    """Measure steps per second of environments side by side, under the actions of the scripted expert."""
+def steps(threads: int | None, seed: int = 0) -> list[Row]:
+    """Measure steps per second of environments side by side, under the actions of the scripted expert.
+
+    The seed is that of the initial states and of the plans.
+    """
 
     def make(obs: Any) -> GraspVectorEnv:
         return GraspVectorEnv(_ENVS, _OBJECTS, obs=obs, max_episode_steps=200, num_threads=threads)
 
     env = make(("state", "segmentation"))
-    seen, info = env.reset(seed=0)
-    experts = [_expert(env, name, state) for name, state in zip(info["object"], seen["state"], strict=True)]
+    seen, info = env.reset(seed=seed)
+    experts = [_expert(env, name, state, seed) for name, state in zip(info["object"], seen["state"], strict=True)]
     actions, touches, share, ended = [], [], [], np.zeros(_ENVS, dtype=np.bool_)
     for _ in range(_STEPS):
         acts = [expert.act(state) for expert, state in zip(experts, seen["state"], strict=True)]
@@ -65,7 +68,7 @@ def steps(threads: int | None) -> list[Row]:
         seen, _, terminated, truncated, info = env.step(actions[-1])
         # The step after the last one began the next episode.
         for i in np.flatnonzero(ended):
-            experts[i] = _expert(env, info["object"][i], seen["state"][i])
+            experts[i] = _expert(env, info["object"][i], seen["state"][i], seed)
         ended = terminated | truncated
         touches.append(info["touches"].mean())
         share.append((seen["segmentation"] == _OBJECT).mean())
@@ -74,7 +77,7 @@ def steps(threads: int | None) -> list[Row]:
     rows: list[Row] = [(f"{name}, {what}", value, "%") for name, value in shares.items()]
     envs, seconds = {obs: make(obs) for obs in ("state", "depth")}, {"state": 0.0, "depth": 0.0}
     for one in envs.values():
-        one.reset(seed=0)
+        one.reset(seed=seed)
     # By turns, so that whatever else the machine does slows both alike.
     for action in actions:
         for obs, one in envs.items():

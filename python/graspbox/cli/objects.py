@@ -13,7 +13,10 @@ def objects(
     scale: Scale = 1.0,
     as_json: Json = False,
 ) -> None:
-    """List the objects of a set, with their masses and splits."""
+    """List the objects of a set, with their masses and splits.
+
+    Nothing is random here, so there is no --seed.
+    """
     found = find(sets or ["procedural"], split, scale)
     if as_json:
         keys = ("name", "split", "mass", "mass_known")

@@ -26,7 +26,11 @@ def voxelize(
     scale: Scale = 1.0,
     as_json: Json = False,
 ) -> None:
-    """Cut an object into voxels; the options mean what binvox's do, but for -e, which is --mode surface there."""
+    """Cut an object into voxels.
+
+    The options mean what binvox's do, except -e, which is --mode surface there. Nothing is random here, so there is no
+    --seed.
+    """
     if out is not None:
         check_output(out)
     loaded = find_one(mesh, scale).load()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
-from graspbox.arguments import natural, plain
+from graspbox.arguments import natural, plain, shown
 from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
@@ -55,9 +55,22 @@ def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: Ph
     return found, loaded
 
 
-def options_json(options: Mapping[str, Any] | None) -> str | None:
+def checked_options(options: Any, name: str = "options", hint: str = "") -> dict[str, Any]:
+    """Take the options of a reset; None stands for none.
+
+    Raises
+    ------
+    ConfigError
+        If they, called `name`, are not a mapping; the message ends with the hint.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ConfigError(f"{name} is {shown(options)}; give a dictionary of reset options, or None{hint}")
+    return dict(options or {})
+
+
+def options_json(options: Mapping[str, Any] | None) -> str:
     """Write the options of a reset as the core reads them."""
-    return json.dumps(plain(dict(options), "reset options")) if options else None
+    return json.dumps(plain(checked_options(options), "reset options"))
 
 
 def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
@@ -207,7 +220,7 @@ class GraspCore:
         out: dict[str, Any] | None = None,
     ) -> "_core.EnvArrays":
         """Begin episodes where the mask says so; `options` are for all, or one for each environment."""
-        texts = [options_json(one) or "{}" for one in options]
+        texts = [options_json(one) for one in options]
         arrays = self.pool.reset(seeds, mask, texts, out)
         self.begun |= True if mask is None else mask
         self.show()

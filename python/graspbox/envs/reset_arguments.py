@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.envs.core import checked_seed, fresh_seed
+from graspbox.envs.core import checked_options, checked_seed, fresh_seed
 from graspbox.errors import ConfigError
 
 __all__ = ["options_of_each", "reset_mask", "seeds_of"]
@@ -53,4 +53,4 @@ def options_of_each(given: Any, shared: Mapping[str, Any], count: int) -> list[M
         return [shared]
     if isinstance(given, Mapping | str) or not isinstance(given, Sequence) or len(given) != count:
         raise ConfigError(f"options['each'] must be a sequence of {count} dictionaries or None")
-    return [{**shared, **(own or {})} for own in given]
+    return [{**shared, **checked_options(own, f"options['each'][{env}]")} for env, own in enumerate(given)]

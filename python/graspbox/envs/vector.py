@@ -23,7 +23,7 @@ from gymnasium.vector.utils import batch_space, create_empty_array
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.envs.core import GraspCore
+from graspbox.envs.core import GraspCore, checked_options
 from graspbox.envs.env_view import EnvView
 from graspbox.envs.infos import full, mask_of, scattered, taken
 from graspbox.envs.reset_arguments import options_of_each, reset_mask, seeds_of
@@ -99,7 +99,7 @@ class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         ConfigError, MeshError, FileError, SimulationError
             As the single environment; other environments may have begun their episodes already.
         """
-        given = dict(options or {})
+        given = checked_options(options, hint="; options that differ go into options['each'], one for each environment")
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs)
         each = options_of_each(given.pop("each", None), given, self.num_envs)
         seeds = seeds_of(seed, mask, self._seeds)
