@@ -158,24 +158,27 @@ class Crate:
         return found
 
     def circles(self) -> set[frozenset[str]]:
-        """Circles between modules, each as the set of their names.
+        """Circles between modules, as `circles` finds them."""
+        return {frozenset("::".join(m) or "the root" for m in circle) for circle in circles(self.uses())}
 
-        Modules are compared twice: file by file, and at each level of the tree with everything below a module counted
-        as that module. A parent and its child form a circle where each uses what the other defines.
-        """
-        uses = self.uses()
-        found = set(components(uses))
-        for parent in self.sources:
-            depth = len(parent)
-            level: dict[Module, set[Module]] = {m: set() for m in self.sources if m[:-1] == parent and m}
-            for module, targets in uses.items():
-                for target in targets:
-                    a, b = module[: depth + 1], target[: depth + 1]
-                    if a != b and a in level and b in level:
-                        level[a].add(b)
-            found |= set(components(level))
-        named = {frozenset("::".join(m) or "the root" for m in circle) for circle in found}
-        return {circle for circle in named if not any(other < circle for other in named)}
+
+def circles(uses: dict[Module, set[Module]]) -> set[frozenset[Module]]:
+    """Find the circles between modules, each as the set of their names.
+
+    Modules are compared twice: file by file, and at each level of the tree with everything below a module counted as
+    that module. A parent and its child form a circle where each uses what the other defines.
+    """
+    found = set(components(uses))
+    for parent in uses:
+        depth = len(parent)
+        level: dict[Module, set[Module]] = {m: set() for m in uses if m[:-1] == parent and m}
+        for module, targets in uses.items():
+            for target in targets:
+                a, b = module[: depth + 1], target[: depth + 1]
+                if a != b and a in level and b in level:
+                    level[a].add(b)
+        found |= set(components(level))
+    return {circle for circle in found if not any(other < circle for other in found)}
 
 
 def components(graph: dict[Module, set[Module]]) -> list[frozenset[Module]]:

@@ -11,6 +11,7 @@ import statistics
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from importlib.metadata import requires
 from pathlib import Path
 
@@ -142,6 +143,64 @@ def test_circles_are_found(tmp_path: Path) -> None:
     assert circles(a=both, a__c="use super::Thing; pub fn x() {}") == {frozenset({"a", "a::c"})}
 
 
+def python_uses(package: Path) -> dict[rust_source.Module, set[rust_source.Module]]:
+    """Which modules of a Python package each one imports, also inside functions and for type checkers alone.
+
+    That importing a module runs the ``__init__`` of its packages is no use of theirs.
+    """
+    files = {path.relative_to(package).with_suffix("").parts: path for path in package.rglob("*.py")}
+    files = {name[:-1] if name[-1] == "__init__" else name: path for name, path in files.items()}
+    # The extension module, and whatever else lies beside.
+    known = {*files, *((stub.stem,) for stub in package.glob("*.pyi"))}
+
+    def imported(path: Path) -> Iterator[rust_source.Module]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                yield from (tuple(alias.name.split(".")) for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{path}: import by the full name"
+                source = tuple((node.module or "").split("."))
+                for alias in node.names:
+                    inside = (*source, alias.name)
+                    yield inside if inside[1:] in known else source
+
+    return {
+        name: {target[1:] for target in imported(path) if target[0] == package.name and target[1:] in files} - {name}
+        for name, path in files.items()
+    }
+
+
+def python_circles(package: Path) -> set[str]:
+    """Circles between the modules of a Python package, as text."""
+    named = [sorted(".".join(m) or "the package" for m in c) for c in rust_source.circles(python_uses(package))]
+    return {", ".join(names) for names in named}
+
+
+def test_python_modules_form_no_circle() -> None:
+    assert python_circles(ROOT / "python/graspbox") == set()
+
+
+def test_python_circles_are_found(tmp_path: Path) -> None:
+    """Between files, through a folder, inside a function and for type checkers alone."""
+    package = tmp_path / "house"
+
+    def found(**changed: str) -> set[str]:
+        files = {"": "from house.a import x", "a": "from house import b", "b": "import ast", "c_": "", **changed}
+        for name, text in files.items():
+            path = package / f"{name.replace('_', '/')}.py"
+            path = path.with_name("__init__.py") if path.name == ".py" else path
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        return python_circles(package)
+
+    assert found() == set()
+    assert found(b="def f():\n    from house.a import x") == {"a, b"}
+    assert found(b="from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import house.a") == {"a, b"}
+    assert found(b="from house import x") == {"a, b, the package"}
+    # Two folders use each other through different files.
+    assert found(b="from house.c.d import y", c_d="", c_e="from house.a import x") == {"a, b, c"}
+
+
 def test_files_are_short() -> None:
     long = {str(p.relative_to(ROOT)) for p in [*rust_files(), *python_files()] if lines(p) > LONGEST_FILE}
     assert long - KNOWN_LONG_FILES == set(), f"files of more than {LONGEST_FILE} lines"
@@ -260,6 +319,8 @@ def report() -> None:
     for name, folder in crates().items():
         for circle in rust_source.Crate(folder).circles():
             print(f"circle in {name}: {', '.join(sorted(circle))}")
+    for names in python_circles(ROOT / "python/graspbox"):
+        print(f"circle in python/graspbox: {names}")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,11 @@
 """One environment of a vector environment, with the attributes and methods of the single one."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from graspbox.envs.vector import NativeVectorEnv
-
-__all__ = ["EnvView"]
+__all__ = ["EnvView", "VectorAccess"]
 
 #: Attributes that all environments share, and where the vector environment has them.
 _SHARED = {
@@ -20,18 +17,29 @@ _SHARED = {
 }
 
 
+class VectorAccess(Protocol):
+    """What a view needs of its vector environment; indices are those of environments."""
+
+    @property
+    def np_random_seed(self) -> tuple[int | None, ...]: ...  # noqa: D102
+    def get_state(self, env: int) -> bytes: ...  # noqa: D102
+    def set_state(self, env: int, state: bytes) -> tuple[Any, dict[str, Any]]: ...  # noqa: D102
+    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...  # noqa: D102
+    def picture(self, env: int) -> NDArray[np.uint8] | None: ...  # noqa: D102
+
+
 class EnvView:
     """What `NativeVectorEnv.call`, ``get_attr`` and ``set_attr`` see; any other attribute can be set.
 
     Parameters
     ----------
-    vector : NativeVectorEnv
+    vector : VectorAccess
         Where it is.
     index : int
         Which one it is.
     """
 
-    def __init__(self, vector: "NativeVectorEnv", index: int) -> None:
+    def __init__(self, vector: VectorAccess, index: int) -> None:
         self._vector, self._index = vector, index
 
     def __getattr__(self, name: str) -> Any:
