@@ -9,7 +9,7 @@
 | sweep   | ``sweep_OBJECT_FIT.png``: boxes for each pair of the planner's thresholds |
 | trials  | ``kindness.png``, ``stages.png``: a firm and a failed grasp |
 | episode | ``episode.png``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
-| study   | ``table_3_1.png``, ``table_3_1.md``: the reference study's table 3.1 beside ours |
+| study   | ``table_3_1.png``, ``table_3_1.md``: table 3.1 of the reference study, compared with graspbox |
 
 ``scripts/plot_sb3.py`` plots ``learning_*.png`` from runs of ``scripts/train_sb3.py``. Needs ``[cli,ycb]``.
 """
@@ -69,7 +69,7 @@ def write_episode(args: argparse.Namespace) -> None:
 
 
 def write_study(args: argparse.Namespace) -> None:
-    """Show the study's table beside ours."""
+    """Compare the study's table with graspbox."""
     objects = object_sets.load(study.study_objects())
     result = try_set(objects, poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True))
     comparison = study.Comparison.of(result)

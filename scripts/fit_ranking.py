@@ -58,7 +58,7 @@ def collect(spec: ObjectSpec, top: int, others: int, seed: int) -> dict[str, Any
 def fit(features: Array, success: Array, objects: NDArray[np.int64], ridge: float) -> Array:
     """Fit the weights (k,) to features (n, k), success (n,) of 0 and 1, and object numbers (n,).
 
-    `ridge` applies to the weights of standardised features.
+    `ridge` applies to the weights of standardized features.
     """
     scale = features.std(axis=0)
     # The ridge leaves the weight of a constant feature at 0.
@@ -148,7 +148,7 @@ def main(
     objects: Annotated[str, typer.Option(help="Object set; its training split is used.")] = "procedural:2000-2003",
     top: Annotated[int, typer.Option(min=0, help="The planner's best poses of each object.")] = 8,
     others: Annotated[int, typer.Option(min=0, help="Random other poses of each object.")] = 24,
-    ridge: Annotated[float, typer.Option(min=0.01, help="Ridge on the weights of standardised features.")] = 8.0,
+    ridge: Annotated[float, typer.Option(min=0.01, help="Ridge on the weights of standardized features.")] = 8.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of plans, random poses and folds.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

@@ -8,6 +8,7 @@ machine; they approximate times where the instruction mix is the same.
 Needs ``valgrind`` and the extras ``cli`` and ``ycb``; takes some minutes.
 """
 
+import argparse
 import re
 import subprocess
 import sys
@@ -123,4 +124,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    replay(sys.argv[1]) if len(sys.argv) > 1 else main()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("actions", nargs="?", help="step through this file of actions; the program itself does so")
+    given = parser.parse_args().actions
+    main() if given is None else replay(given)

@@ -296,7 +296,7 @@ def render(
     config: str,
     num_threads: int | None,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Draw meshes and a hand: picture (H, W, 3), depth (H, W) in metres along the optical axis, 0 where nothing is.
+    """Render meshes and a hand: picture (H, W, 3), depth (H, W) in metres along the optical axis, 0 where nothing is.
 
     `world_from_mesh` is (n, 4, 4), `colors` (n, 3) in [0, 1]; `hand` is a hand, its `world_from_hand` (4, 4), preshape
     and proximal and distal angles (f,), radians. Camera frames have x right, y down, z forward.

@@ -108,7 +108,7 @@ def voxelize(
     remove_internal: bool = False,
     exact: bool = False,
 ) -> Voxels:
-    """Voxelise a mesh.
+    """Voxelize a mesh.
 
     The grid is the cube whose least corner is that of the mesh's bounds and whose side is their longest side. A centre
     on the surface is taken a billionth of a voxel towards (+x, +y, +z); a voxel is touched by what comes within a

@@ -35,7 +35,7 @@ def test_every_command_explains_itself(command: str, monkeypatch: pytest.MonkeyP
     text = " ".join(result.stdout.split())
     assert "--json" in text
     # A command has a seed, or says why not.
-    assert ("Seed of everything random" in text) != ("there is no --seed" in text)
+    assert ("Seed of all random numbers" in text) != ("there is no --seed" in text)
 
 
 def test_version() -> None:

@@ -53,7 +53,7 @@ def test_parameters_are_the_keywords() -> None:
     text = f"class GraspEnv(SingleEnv):\n{doc}"
     new = program.with_parameters(text, "GraspEnv", program.settings.GraspSettings, ("objects",))
     assert "old : int" not in new
-    assert "    objects : str, Path, ObjectSet or sequence of str\n        Object sets to draw from" in new
+    assert "    objects : str, Path, ObjectSet or sequence of str\n        Object sets to sample from" in new
     assert new.endswith("\n\n    Raises\n    ------\n")
     with pytest.raises(SystemExit, match="GraspPoseEnv has no section"):
         program.with_parameters(text, "GraspPoseEnv", program.settings.GraspPoseSettings, ("objects",))

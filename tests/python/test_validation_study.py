@@ -43,7 +43,7 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
     assert rows["fork"][4:] == ("0/2", "0%", "0/2", "no")
     assert not {"plastic wine cup", "plastic nut grey"} & rows.keys(), "nobody tried them"
     assert rows["power drill"][4] == "not run"
-    assert rows["together"][1:6] == ("185/402", "46%", "2 objects", "2/5", "40%")
+    assert rows["total"][1:6] == ("185/402", "46%", "2 objects", "2/5", "40%")
     assert rows["objects with a success"][1:5] == ("10/12", "", "", "1/2")
     text = comparison.markdown()
     assert text.count("\n|") == len(study.TABLE_3_1) - 2 + 3

@@ -178,9 +178,9 @@ def every_center(voxels: Voxels) -> NDArray[np.float64]:
 
 @pytest.mark.slow
 def test_scanned_objects_against_libigl() -> None:
-    """20 YCB objects at 64 a side: whole (closed meshes), and with a hole that the vote of six rays must bridge.
+    """20 YCB objects at 64 per side: whole (closed meshes), and with a hole that the vote of six rays must bridge.
 
-    libigl's generalised winding number is defined for open meshes too, so half a turn is the reference there as well.
+    libigl's generalized winding number is defined for open meshes too, so half a turn is the reference there as well.
     Every voxel of the closed meshes was equal when this was written, 99.99 % of those with a hole: beside the hole,
     "inside" is a matter of definition.
     """

@@ -1,4 +1,4 @@
-"""``graspbox bench``: speed of the parts on this machine."""
+"""``graspbox bench``: speed of planning, simulation and rendering on this machine."""
 
 import time
 from collections.abc import Callable
@@ -90,7 +90,7 @@ def measure(threads: int | None, seed: int = 0) -> list[dict[str, Any]]:
     scanned = object_sets.load("ycb:025_mug")[0].load()
     for n in (32, 128):
         solid = 1e3 * median_seconds(partial(graspbox.voxelize, scanned, n), 31)
-        rows.append((f"solid voxels, {n} a side, mesh of {len(scanned.faces):,} faces", solid, "ms"))
+        rows.append((f"solid voxels, {n} per side, mesh of {len(scanned.faces):,} faces", solid, "ms"))
     tried, seconds = 0, 0.0
     for spec in object_sets.load(list(_MIX)):
         scene = graspbox.Scene(spec.load())
@@ -106,7 +106,7 @@ def measure(threads: int | None, seed: int = 0) -> list[dict[str, Any]]:
 
 
 def against(work: str, value: float, unit: str) -> dict[str, float | None]:
-    """Find the goal of a row, and how many times as good as the goal it is."""
+    """Find the goal of a row, and the ratio of the row to it: above 1 the goal is met."""
     goal = next((goal for name, goal in _GOALS.items() if work.startswith(name)), None)
     if goal is None:
         return {"goal": None, "ratio": None}
@@ -114,7 +114,7 @@ def against(work: str, value: float, unit: str) -> dict[str, float | None]:
 
 
 def bench(seed: Seed = 0, threads: Threads = None, as_json: Json = False) -> None:
-    """Measure the speed of the parts on this machine.
+    """Measure the speed of planning, simulation and rendering on this machine.
 
     The exit status is 1 if the speeds are not meaningful: the hand touched the object too rarely, or the object covered
     too few pixels.
@@ -132,7 +132,7 @@ def bench(seed: Seed = 0, threads: Threads = None, as_json: Json = False) -> Non
         table: list[tuple[str, ...]] = [
             (r["work"], shown(r["value"]), r["unit"], shown(r["goal"]), shown(r["ratio"])) for r in rows
         ]
-        print_table("benchmarks", ("work", "value", "unit", "goal", "times as good"), table)
+        print_table("benchmarks", ("work", "value", "unit", "goal", "ratio to goal"), table)
     found = bench_images.idle(rows)
     for sentence in found:
         console.print(sentence)

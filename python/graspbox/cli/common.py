@@ -13,12 +13,12 @@ from graspbox.errors import ObjectSetError
 from graspbox.files import dumps
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of everything random.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of all random numbers.")]
 Threads = Annotated[
     int | None,
     typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),
 ]
-Split = Annotated[str | None, typer.Option("--split", help="Only this split: train, validation or test.")]
+Split = Annotated[str | None, typer.Option("--split", help="Use only this split: train, validation or test.")]
 Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
 
 #: Progress and remarks go to standard error; standard output holds results alone.

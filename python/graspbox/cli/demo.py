@@ -69,7 +69,7 @@ def demo(
         print_table(f"{poses} poses each, seed {seed}", COLUMNS, table_rows(table))
         typer.echo(summary(table))
         if known:
-            print_table("the study's table 3.1 beside ours", study.COLUMNS, comparison.rows())
+            print_table("table 3.1 of the study, and graspbox", study.COLUMNS, comparison.rows())
             typer.echo(study.CUP_GUESS)
         typer.echo(f"tables and pictures are in {out}")
     if any(r.error for r in result.objects):

@@ -15,7 +15,7 @@ from graspbox.files import check_output, dumps, write_text
 
 def _print(result: Evaluation) -> None:
     rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
-    sums = ("together", str(len(result.trials)), str(result.succeeded), str(result.secure))
+    sums = ("total", str(len(result.trials)), str(result.succeeded), str(result.secure))
     print_table(f"{result.policy} in {result.env_id}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
     secure, (low, high) = result.secure / len(result.trials), result.secure_ci95
     typer.echo(
@@ -37,7 +37,13 @@ def evaluate(
     scale: Scale = 1.0,
     seed: Seed = 0,
     num_envs: Annotated[
-        int, typer.Option("--num-envs", min=1, max=MAX_ENVS, help="Environments at once; results do not depend on it.")
+        int,
+        typer.Option(
+            "--num-envs",
+            min=1,
+            max=MAX_ENVS,
+            help="Number of environments stepped together; results do not depend on it.",
+        ),
     ] = 16,
     threads: Threads = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,

@@ -34,7 +34,7 @@ def table_rows(table: dict[str, Any]) -> list[tuple[str, ...]]:
 
     rows = [(row["name"], *(word(row[k]) for k in keys)) for row in table["objects"]]
     sums = [str(sum(row[k] or 0 for row in table["objects"])) for k in keys]
-    return [*rows, ("together", *sums)]
+    return [*rows, ("total", *sums)]
 
 
 COLUMNS = ("object", "tried", "succeeded", "secure", "legacy", "first")

@@ -54,9 +54,9 @@ def plan(
     fit: Annotated[
         str, typer.Option(help="Boxes of least volume ('minimum') or along principal axes ('pca').")
     ] = "minimum",
-    max_boxes: Annotated[int, typer.Option(min=1, help="Greatest number of boxes.")] = 8,
+    max_boxes: Annotated[int, typer.Option(min=1, help="Maximum number of boxes.")] = 8,
     settle: Annotated[
-        bool, typer.Option(help="Let the object come to rest first, else plan for the pose of its file.")
+        bool, typer.Option(help="Let the object settle first; otherwise plan for the pose in its file.")
     ] = True,
     picture: Annotated[
         Path | None, typer.Option(help="Write a picture of boxes and best poses into this file.")

@@ -61,11 +61,11 @@ def voxelize(
         print_json(facts)
         return
     rows: list[tuple[str, ...]] = [
-        ("voxels a side", str(voxels.resolution)),
+        ("voxels per side", str(voxels.resolution)),
         ("side of a voxel / mm", f"{1e3 * voxels.voxel_size:.3f}"),
         ("voxels set", f"{facts['set']:,}"),
-        ("volume of them / cm3", f"{1e6 * voxels.volume:.2f}"),
-        ("inside told by", voxels.fill or "-"),
+        ("volume / cm3", f"{1e6 * voxels.volume:.2f}"),
+        ("fill rule", voxels.fill or "-"),
         ("time / ms", f"{1e3 * seconds:.1f}"),
     ]
     print_table(loaded.name, ("", ""), rows)

@@ -110,7 +110,7 @@ class GraspCore:
     num_envs : int
         Number of environments.
     objects : str, Path, ObjectSet or sequence of str
-        Object sets to draw from.
+        Object sets to sample from.
     given : Mapping
         Keywords of that kind; those that are missing have their defaults.
     """

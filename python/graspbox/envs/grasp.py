@@ -280,9 +280,9 @@ class GraspEnv(SingleEnv):
     Parameters
     ----------
     objects : str, Path, ObjectSet or sequence of str
-        Object sets to draw from: see `graspbox.object_sets`.
+        Object sets to sample from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
-        Draw from this split only.
+        Sample from this split only.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
     reward : {"sparse", "dense"}

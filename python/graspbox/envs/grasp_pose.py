@@ -183,9 +183,9 @@ class GraspPoseEnv(SingleEnv):
     Parameters
     ----------
     objects : str, Path, ObjectSet or sequence of str
-        Object sets to draw from: see `graspbox.object_sets`.
+        Object sets to sample from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
-        Draw from this split only.
+        Sample from this split only.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
     reward : {"sparse", "dense"}
@@ -243,9 +243,9 @@ class GraspPoseVectorEnv(NativeVectorEnv):
     num_envs : int
         Number of environments.
     objects : str, Path, ObjectSet or sequence of str
-        Object sets to draw from: see `graspbox.object_sets`.
+        Object sets to sample from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
-        Draw from this split only.
+        Sample from this split only.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
     reward : {"sparse", "dense"}

@@ -64,7 +64,7 @@ class Keyword:
 
 #: Can be given by position.
 OBJECTS = Keyword(
-    "procedural", "str, Path, ObjectSet or sequence of str", "Object sets to draw from: see `graspbox.object_sets`."
+    "procedural", "str, Path, ObjectSet or sequence of str", "Object sets to sample from: see `graspbox.object_sets`."
 )
 NUM_ENVS = Keyword(1, "int", "Number of environments.")
 
@@ -74,7 +74,7 @@ class _Common(TypedDict, total=False):
 
     split: Annotated[
         object_sets.Split | None,
-        Keyword(None, '{"train", "validation", "test"}, optional', "Draw from this split only."),
+        Keyword(None, '{"train", "validation", "test"}, optional', "Sample from this split only."),
     ]
     obs: Annotated[
         str | Sequence[str],

@@ -72,13 +72,13 @@ def evaluate(
     env_id : str
         One of `graspbox.envs.IDS`.
     objects : str, Path, ObjectSet or sequence of str
-        Object sets, from which each trial draws one object: see `graspbox.object_sets`.
+        Object sets, from which each trial samples one object: see `graspbox.object_sets`.
     trials : int
         Number of trials, 1 to `MAX_TRIALS`.
     seed : int
         Determines the seeds of the trials (`trial_seeds`); at least 0.
     split : {"train", "validation", "test"}, optional
-        Draw from this split only.
+        Sample from this split only.
     num_envs : int
         Environments that step at once, 1 to `MAX_ENVS`.
     progress : callable

@@ -136,7 +136,7 @@ class Evaluation:
 
     @property
     def objects(self) -> tuple[ObjectCount, ...]:
-        """Counts of every object that was drawn, in alphabetical order."""
+        """Counts of every object that was sampled, in alphabetical order."""
         rows: dict[str, list[TrialResult]] = {}
         for trial in self.trials:
             rows.setdefault(trial.object, []).append(trial)

@@ -2,7 +2,7 @@
 
 | name | environments | what it does |
 |---|---|---|
-| ``random``  | all | actions drawn uniformly from the action space |
+| ``random``  | all | actions sampled uniformly from the action space |
 | ``zero``    | all | zero actions |
 | ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |

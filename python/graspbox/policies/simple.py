@@ -21,7 +21,7 @@ class Zero(Policy):
 
 
 class Random(Policy):
-    """Actions drawn uniformly from the action space; every environment has a random stream of its own."""
+    """Actions sampled uniformly from the action space; every environment has a random stream of its own."""
 
     name = "random"
 
@@ -34,7 +34,7 @@ class Random(Policy):
             self._streams[env] = np.random.default_rng(seed)
 
     def act(self, observation: Any) -> Actions:
-        """Draw an action per environment."""
+        """Sample an action per environment."""
         del observation
         space = self.task.action_space
         return np.stack([stream.uniform(space.low, space.high) for stream in self._streams]).astype(np.float32)

@@ -1,8 +1,8 @@
 """Demonstrations of the scripted expert, for learning from them.
 
-An off-policy learner draws half of each batch from the expert's successful episodes (`DemonstratedBuffer`; Ball, Smith,
+Off-policy learners sample half of each batch from the expert's successful episodes (`DemonstratedBuffer`; Ball, Smith,
 Kostrikov, Levine, "Efficient Online Reinforcement Learning with Offline Data", 2023). An on-policy learner is
-initialised by behaviour cloning (`clone`). The expert knows the objects' meshes; the policy that learns from it does
+initialized by behaviour cloning (`clone`). The expert knows the objects' meshes; the policy that learns from it does
 not.
 """
 
@@ -26,7 +26,7 @@ _BATCH, _VALUE_SHARE = 256, 0.1
 
 
 class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc]
-    """A replay buffer that draws a share of each batch from demonstrations, once it has any.
+    """A replay buffer that samples a share of each batch from demonstrations, once it has any.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """PPO with a learning rate of its own for the value function.
 
-A policy initialised by cloning must change slowly, or it forgets; its value function starts from scratch and must learn
+A policy initialized by cloning must change slowly, or it forgets; its value function starts from scratch and must learn
 fast, or its advantages are noise. Stable-Baselines3 has one learning rate for both.
 """
 

@@ -3,7 +3,7 @@
 | module | what it compares with |
 |---|---|
 | `graspbox.validation.mujoco`      | an independent simulator: the same trials in MuJoCo (extra ``dev``) |
-| `graspbox.validation.study`       | the reference study: its table 3.1 beside ours (extra ``ycb``) |
+| `graspbox.validation.study`       | table 3.1 of the reference study, compared with graspbox (extra ``ycb``) |
 | `graspbox.validation.study_chart` | that table as a bar chart (extra ``cli``) |
 
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``

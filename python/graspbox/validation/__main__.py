@@ -2,8 +2,8 @@
 
 | check | what it prints |
 |---|---|
-| ``mujoco`` | how many labels of random grasps MuJoCo and the core agree on |
-| ``study``  | the reference study's table 3.1 beside ours |
+| ``mujoco`` | the share of random grasps that MuJoCo and the core label alike |
+| ``study``  | table 3.1 of the reference study, compared with graspbox |
 
 ``CHECK --help`` lists the options of a check. Exit status: 0 if the check passed, 1 if it did not, 2 for a wrong call.
 """

@@ -1,4 +1,4 @@
-"""The reference study's table 3.1 beside ours.
+"""Table 3.1 of the reference study, compared with graspbox.
 
 `StudyRow` is a row of the study's table, `Comparison` puts the counts of `graspbox.planner_trials` beside it;
 `graspbox.validation.study_chart` plots it.
@@ -93,10 +93,10 @@ class Comparison:
         first = sum(bool(row["first_succeeded"]) for row in self.ours.values())
         ours = (sums["succeeded"], sums["tried"])
         legacy = f"{sums['legacy_succeeded']}/{sums['tried']}"
-        together = ("together", _share(*study), _rate(*study), f"{len(self.ours)} objects", _share(*ours), _rate(*ours))
+        total = ("total", _share(*study), _rate(*study), f"{len(self.ours)} objects", _share(*ours), _rate(*ours))
         won = sum(r.succeeded > 0 for r in TABLE_3_1), sum(row["succeeded"] > 0 for row in self.ours.values())
         objects = ("objects with a success", f"{won[0]}/{len(TABLE_3_1)}", "", "", f"{won[1]}/{len(self.ours)}", "")
-        return [*rows, (*together, legacy, f"{first}/{len(self.ours)}"), (*objects, "", "")]
+        return [*rows, (*total, legacy, f"{first}/{len(self.ours)}"), (*objects, "", "")]
 
     def _row(self, row: StudyRow) -> tuple[str, ...]:
         left = (row.study_name, _share(row.succeeded, row.tried), _rate(row.succeeded, row.tried))

@@ -1,4 +1,4 @@
-"""A bar chart of the study's table 3.1 beside ours; needs matplotlib (extra ``cli``)."""
+"""A bar chart of the study's table 3.1 and graspbox's counts; needs matplotlib (extra ``cli``)."""
 
 from typing import Any
 
@@ -42,7 +42,7 @@ def save_comparison(path: PathLike, comparison: Comparison) -> None:
     at[-1] -= 0.4
     _bars(axes, at + 0.2, [*study, _sum(study)], _STUDY_COLOR, "the study (table 3.1)")
     _bars(axes, at - 0.2, [*ours, _sum(ours)], _OUR_COLOR, "graspbox")
-    axes.set_yticks(at, [*names, "together"], fontsize=8)
+    axes.set_yticks(at, [*names, "total"], fontsize=8)
     axes.set_xlim(0, 112)
     axes.set_xticks(range(0, 101, 20))
     axes.set_xlabel("poses that succeed (%)")

@@ -1,4 +1,4 @@
-"""``python -m graspbox.validation study``: the reference study's table 3.1 beside ours."""
+"""``python -m graspbox.validation study``: compare table 3.1 of the reference study with graspbox."""
 
 import argparse
 import json

@@ -23,9 +23,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--trials", type=int, default=200, help="feasible grasps to judge (200)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the poses (0)")
     parser.add_argument("--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="SET", help="object sets")
-    parser.add_argument("--threads", type=int, default=None, help="threads for both engines")
+    parser.add_argument("--threads", type=int, default=None, help="threads for both engines; all by default")
     parser.add_argument("--timestep", type=float, default=Numerics().timestep, help="MuJoCo's time step, s (0.001)")
-    parser.add_argument("--no-explain", action="store_true", help="do not look at differences at half the time step")
+    parser.add_argument(
+        "--no-explain", action="store_true", help="do not repeat trials with different labels at half the time step"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     return parser
 

@@ -204,10 +204,10 @@ def sample_trials(scene: graspbox.Scene, count: int, random: np.random.Generator
     # A short trial suffices to find out whether a pose is feasible.
     check = TrialConfig(close_time=0.1, lift_time=0.1, hold_time=0.5)
     for _ in range(_MAX_ROUNDS):
-        drawn = [random_pose(random, points, center) for _ in range(count)]
-        candidates = np.stack([world_to_object @ pose for pose, _ in drawn])
-        found = scene.simulate(candidates, np.array([p for _, p in drawn]), config=check)
-        for pose, (_, preshape), failure in zip(candidates, drawn, found.failure, strict=True):
+        sampled = [random_pose(random, points, center) for _ in range(count)]
+        candidates = np.stack([world_to_object @ pose for pose, _ in sampled])
+        found = scene.simulate(candidates, np.array([p for _, p in sampled]), config=check)
+        for pose, (_, preshape), failure in zip(candidates, sampled, found.failure, strict=True):
             if failure != "infeasible" and len(poses) < count:
                 poses.append(pose)
                 preshapes.append(preshape)
@@ -292,12 +292,12 @@ def compare(
             continue
         mesh = spec.load()
         scene = graspbox.Scene(mesh)
-        drawn = sample_trials(scene, count, np.random.default_rng([seed, number]))
+        sampled = sample_trials(scene, count, np.random.default_rng([seed, number]))
         done += count
-        if drawn is None:
+        if sampled is None:
             report.left_out.append(spec.name)
         else:
-            rows = _judge(report, scene, hand, drawn, numerics)
+            rows = _judge(report, scene, hand, sampled, numerics)
             if explain:
                 rows = [row if row.equal else replace(row, why=_why(mesh, hand, row, numerics)) for row in rows]
             report.rows += rows
@@ -307,9 +307,9 @@ def compare(
 
 
 def _judge(
-    report: Report, scene: graspbox.Scene, hand: HandDescription, drawn: tuple[Array, Array], numerics: Numerics
+    report: Report, scene: graspbox.Scene, hand: HandDescription, sampled: tuple[Array, Array], numerics: Numerics
 ) -> list[Row]:
-    poses, preshapes = drawn
+    poses, preshapes = sampled
     item = object_data(scene)
     clock = time.perf_counter
     begin = clock()

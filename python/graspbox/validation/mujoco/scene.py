@@ -55,7 +55,7 @@ class Numerics:
 
     #: s.
     timestep: float = 0.001
-    #: Friction constraints are this much harder than normal ones: what keeps MuJoCo's regularised friction from
+    #: Friction constraints are this much harder than normal ones: what keeps MuJoCo's regularized friction from
     #: creeping.
     impratio: float = 10.0
     #: Time constant (s) and damping ratio of contacts; MuJoCo wants two steps at least.
