@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 
-__all__ = ["floats", "natural", "plain", "shown", "to_json", "with_settings"]
+__all__ = ["config_of", "floats", "natural", "plain", "shown", "to_json", "with_settings"]
 
 #: Lists within lists of a config: the deepest holds matrices.
 _MAX_DEPTH = 8
@@ -103,6 +103,37 @@ def with_settings(config: Config, kind: type, settings: Mapping[str, Any]) -> Co
             hint = f"did you mean {near[0]!r}?" if near else f"its fields are {', '.join(known)}"
             raise TypeError(f"{kind.__name__} has no field {name!r}; {hint}")
     return replace(config, **settings)  # type: ignore[type-var]
+
+
+def config_of(kind: type[Config], given: Mapping[str, Any], name: str) -> Config:
+    """Make a config from a dictionary of its fields, as JSON holds it; fields that are missing have their defaults.
+
+    Raises
+    ------
+    ConfigError
+        For a field that it does not have; the message names the nearest.
+    """
+    hints = get_type_hints(kind)
+    for field in given:
+        if field not in hints:
+            near = get_close_matches(str(field), hints, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"its fields are {', '.join(hints)}"
+            raise ConfigError(f"{name} has no field {field!r}; {hint}")
+    return kind(**{field: _configured(value, hints[field], f"{name}.{field}") for field, value in given.items()})
+
+
+def _configured(value: Any, hint: Any, name: str) -> Any:
+    """Convert dictionaries to the configs that the annotation of a field names."""
+    if isinstance(value, Mapping) and (kind := config_in(hint)) is not None:
+        return config_of(kind, value, name)
+    if isinstance(value, list | tuple) and get_origin(hint) is tuple:
+        return tuple(_configured(item, get_args(hint)[0], f"{name}[{i}]") for i, item in enumerate(value))
+    return value
+
+
+def config_in(hint: Any) -> type | None:
+    """Find the config that an annotation allows, alone or as part of a union."""
+    return next((kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)), None)
 
 
 def shown(value: object) -> str:

@@ -11,6 +11,9 @@ it.
 | `GraspVectorSettings` | `graspbox.envs.vector.GraspVectorEnv` |
 | `GraspPoseVectorSettings` | `graspbox.envs.grasp_pose.GraspPoseVectorEnv` |
 
+Every keyword that takes a config also takes a dictionary of its fields, so that ``EnvSpec.to_json`` and ``from_json``
+work for environments whose hand is given by name or by paths.
+
 The rows of ``objects`` and ``num_envs``, which can be given by position too, are `OBJECTS` and `NUM_ENVS`.
 """
 
@@ -26,6 +29,7 @@ from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets
 from graspbox._core import Hand
+from graspbox.arguments import config_in, config_of, shown
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
 from graspbox.errors import ConfigError
 
@@ -220,12 +224,13 @@ def keywords(kind: type) -> Mapping[str, Keyword]:
 
 
 def complete(kind: type, given: Mapping[str, Any]) -> Settings:
-    """Add the defaults of what is not given.
+    """Add the defaults of what is not given, and make configs of dictionaries.
 
     Raises
     ------
     ConfigError
-        For a keyword that the environment does not have; the message names the nearest one.
+        For a keyword that the environment does not have, where the message names the nearest one, or if a keyword that
+        takes a config is given something else.
     """
     rows = keywords(kind)
     for name in given:
@@ -233,7 +238,22 @@ def complete(kind: type, given: Mapping[str, Any]) -> Settings:
             near = difflib.get_close_matches(name, rows, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(rows)}"
             raise ConfigError(f"this environment has no keyword {name!r}; {hint}")
-    return cast(Settings, {**{name: row.default for name, row in rows.items()}, **given})
+    hints = get_type_hints(kind)
+    chosen = {name: _configured(name, value, hints[name]) for name, value in given.items()}
+    return cast(Settings, {**{name: row.default for name, row in rows.items()}, **chosen})
+
+
+def _configured(name: str, value: Any, hint: Any) -> Any:
+    """Take a config, a dictionary of its fields (as ``EnvSpec.from_json`` gives it), or what else the hint allows."""
+    config = config_in(hint)
+    if config is None or isinstance(value, config):
+        return value
+    if isinstance(value, Mapping):
+        return config_of(config, value, name)
+    others = [choice for choice in get_args(hint) if choice is not config]
+    if (value is None and type(None) in others) or (isinstance(value, str) and any(map(get_args, others))):
+        return value
+    raise ConfigError(f"{name} is {shown(value)}; give a {config.__name__}, or a dictionary of its fields")
 
 
 _Init = TypeVar("_Init", bound=Callable[..., None])
