@@ -9,7 +9,7 @@ import pytest
 
 from graspbox import errors, load_hand
 from graspbox.envs import coding
-from graspbox.envs.coding import encode_action, hand_pose, object_pose, rotation_from_columns
+from graspbox.envs.coding import Codec, encode_action, hand_pose, object_pose, rotation_from_columns
 
 MODES = ("twist", "delta_pose", "target_pose", "grasp_pose")
 
@@ -64,7 +64,7 @@ def test_an_encoded_action_leads_to_the_pose(control: Any, frame_skip: int) -> N
         state = env.step(action)[0]
     np.testing.assert_allclose(hand_pose(state), goal, atol=2e-3)
     assert np.abs(start - goal).max() > 4e-3
-    assert state[27] == pytest.approx(0.3, abs=1e-2)
+    assert Codec(control).column(state, "preshape") == pytest.approx(0.3, abs=1e-2)
 
 
 def test_spools_take_their_speeds() -> None:
@@ -82,12 +82,14 @@ def test_a_decision_is_clipped_to_the_box_of_positions() -> None:
 
 
 def test_what_is_no_state_or_pose_is_explained() -> None:
-    with pytest.raises(errors.ConfigError, match=r"obs='state'.*88 \(twist\).*19 \(grasp_pose\)"):
-        object_pose(np.zeros(27))
-    with pytest.raises(errors.ConfigError, match="obs='state' gives 91 numbers"):
-        object_pose(np.zeros(88), control="target_pose")
+    sizes = {control: Codec(control).state_size for control in ("twist", "target_pose", "grasp_pose")}
+    known = rf"obs='state'.*{sizes['twist']} \(twist\).*{sizes['grasp_pose']} \(grasp_pose\)"
+    with pytest.raises(errors.ConfigError, match=known):
+        object_pose(np.zeros(3))
+    with pytest.raises(errors.ConfigError, match=f"obs='state' gives {sizes['target_pose']} numbers"):
+        object_pose(np.zeros(sizes["twist"]), control="target_pose")
     with pytest.raises(errors.ConfigError, match="object_rotation of the state"):
-        object_pose(np.zeros(88))
+        object_pose(np.zeros(sizes["twist"]))
     with pytest.raises(errors.ConfigError, match="world_from_start"):
         encode_action(np.eye(4), 0.0, control="twist")
     with pytest.raises(errors.ConfigError, match=r"world_from_hand has shape \(3, 4\)"):

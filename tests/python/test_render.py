@@ -85,8 +85,9 @@ def test_images_come_in_the_size_and_from_the_cameras_that_were_asked() -> None:
     env = make(obs=("depth", "rgb_palm", "voxels", "proprio"), image_size=(24, 40), cameras=cameras)
     observation, _ = env.reset(seed=1)
     shapes = {name: array.shape for name, array in observation.items()}
+    proprio = env.observation_space["proprio"].shape
     assert list(shapes) == list(env.observation_space)
-    assert shapes == {"depth": (24, 40, 1), "rgb_palm": (24, 40, 3), "voxels": (16, 16, 16), "proprio": (28,)}
+    assert shapes == {"depth": (24, 40, 1), "rgb_palm": (24, 40, 3), "voxels": (16, 16, 16), "proprio": proprio}
     intrinsics, pose = env.unwrapped.cameras()["above"]
     np.testing.assert_allclose(pose[:3, 3], above.eye, atol=1e-12)
     np.testing.assert_allclose(intrinsics[:2, 2], (20, 12))

@@ -56,7 +56,6 @@ def median_seconds(work: Callable[[], Any], repeats: int = 7) -> float:
 
 def call_overhead(threads: int | None, seed: int) -> float:
     """Time whole vector steps without physics, since their actions name no pose: microseconds per environment."""
-    # 74 numbers an environment; the state of Grasp-v0 has 88.
     obs = ("proprio", "state", "tactile")
     env = GraspPoseVectorEnv(_WIDE, "procedural:can:0", obs=obs, reward="dense", num_threads=threads)
     nothing, times = np.zeros((_WIDE, env._core.action_size), np.float32), []
