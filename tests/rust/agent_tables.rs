@@ -7,12 +7,11 @@
 use graspbox_agent::action::PRESHAPE_SPOOL;
 use graspbox_agent::agent_episode::AgentEpisode;
 use graspbox_agent::info::{INFO, InfoValue, failure_names, info_table, read_info};
-use graspbox_agent::observation_row::{Row, Size};
 use graspbox_agent::potentials::Potentials;
 use graspbox_agent::record::Record;
 use graspbox_agent::reward::{Attempt, TERMS, TermValues, Transition, term_table};
 use graspbox_agent::view::View;
-use graspbox_agent::{AgentConfig, AgentError, Column, Control, EnvPool, Observation, Randomization, ResetOptions};
+use graspbox_agent::{AgentConfig, Column, Control, EnvPool, Observation, Randomization, ResetOptions};
 use graspbox_episode::FailureKind;
 use graspbox_objects::Family;
 use graspbox_tests::agent::{follow_until, objects, pool, seeds, target};
@@ -182,32 +181,6 @@ fn columns_before_a_decision_hold_what_their_names_say() {
     let pool = EnvPool::new(objects(&[Family::Kettle]), config, 1).unwrap();
     pool.reset(&[Some(4)], None, &ResetOptions::default()).unwrap();
     assert_eq!(check_observations(&pool), BTreeSet::new());
-}
-
-/// A reader that gives another number of entries than its row says is an error at the first reset, before anything is returned.
-#[test]
-fn a_reader_that_does_not_fit_its_row_is_refused() {
-    let pool = pool(&objects(&[Family::Box]), Control::Twist, 1);
-    pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
-    let env = pool.env(0).unwrap();
-    let view = env.episode().unwrap().view(pool.spec());
-    for (size, fits) in [(Size::Fixed(2), true), (Size::Fixed(1), false), (Size::Fingers, false)] {
-        let row = Row {
-            name: "odd",
-            size,
-            bounds: |_| [0.0, 1.0],
-            unit: "1",
-            meaning: "two numbers",
-            privileged: false,
-            read: |_, out| out.put([0.5, f64::NAN]),
-        };
-        let column = row.column(pool.spec().hand(), Control::Twist);
-        let mut out = Vec::new();
-        let read = row.read(&column, &view, &mut out);
-        assert_eq!(read.is_ok(), fits);
-        assert!(fits || matches!(read, Err(AgentError::WrongSize { column: "odd", found: 2, .. })));
-        assert_eq!(out, [0.5, 0.0]);
-    }
 }
 
 fn potentials(first: f64) -> Potentials {

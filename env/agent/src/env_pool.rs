@@ -7,6 +7,7 @@ use crate::env::Env;
 use crate::env_spec::EnvSpec;
 use crate::objects::Objects;
 use crate::reset_options::ResetOptions;
+use crate::row_check::check_rows;
 use graspbox_episode::EpisodeError;
 use rayon::prelude::*;
 use std::any::Any;
@@ -46,14 +47,20 @@ impl EnvPool {
     /// Makes `count` environments that sample from `objects`; each needs a reset before its first step.
     ///
     /// # Errors
-    /// No environment or more than [`MOST_ENVS`], a setting out of range, or a hand whose kinematics fail.
+    /// No environment or more than [`MOST_ENVS`], a setting out of range, a hand that cannot be simulated, or
+    /// [`AgentError::WrongSize`] for a row of an observation.
     pub fn new(objects: Arc<Objects>, config: AgentConfig, count: usize) -> Result<Self, AgentError> {
         if !(1..=MOST_ENVS).contains(&count) {
             let expected = format!("between 1 and {MOST_ENVS}");
             return Err(AgentError::BadConfig { field: "num_envs", value: count as f64, expected });
         }
+        Self::with_spec(EnvSpec::new(objects, config)?, count)
+    }
+
+    fn with_spec(spec: EnvSpec, count: usize) -> Result<Self, AgentError> {
+        check_rows(&spec)?;
         Ok(Self {
-            spec: EnvSpec::new(objects, config)?,
+            spec,
             envs: (0..count).map(|_| Mutex::default()).collect(),
             away: (0..count).map(|_| AtomicBool::new(false)).collect(),
             recall: Mutex::default(),
@@ -334,41 +341,4 @@ impl EnvPool {
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::panic)]
-mod tests {
-    use super::*;
-    use crate::source::Source;
-    use graspbox_hand::Hand;
-    use graspbox_objects::Family;
-    use graspbox_sim::PhysicsConfig;
-    use std::sync::mpsc::channel;
-
-    /// A panic in a step that was sent off is an error of that environment alone, and a reset makes it usable again.
-    #[test]
-    fn a_panic_of_a_sent_environment_is_its_error() {
-        let ball = Source::Procedural { name: "ball".into(), family: Family::Ball, seed: 0, scale: 1.0, mass: None };
-        let hand = Arc::new(Hand::reflex().unwrap().clone());
-        let objects = Objects::new(vec![ball], hand, PhysicsConfig::default(), None).unwrap();
-        let pool = Arc::new(EnvPool::new(Arc::new(objects), AgentConfig::default(), 2).unwrap());
-        pool.reset(&[Some(0), Some(1)], None, &ResetOptions::default()).unwrap();
-        let (sender, arrivals) = channel();
-        let done = move |env, result| sender.send((env, result)).unwrap();
-        pool.dispatch(&[0, 1], done, |pool, row, index| {
-            let env = pool.lock(index);
-            assert!(row != 1, "no step today");
-            Ok(pool.row(index, &env))
-        });
-        for _ in 0..2 {
-            let (env, result) = arrivals.recv().unwrap();
-            assert!(matches!(pool.env(env), Err(AgentError::Busy { .. })));
-            pool.arrived(env);
-            match (env, result) {
-                (0, Ok(stepped)) => assert_eq!(stepped.now.envs, [0]),
-                (1, Err(AgentError::Broken { env: 1, why })) => assert!(why.contains("no step today"), "{why}"),
-                (env, result) => panic!("environment {env}: {:?}", result.map(|s| s.now.envs)),
-            }
-        }
-        let zeros = vec![0.0; 2 * pool.spec().action];
-        pool.reset(&[None, None], Some(&[false, true]), &ResetOptions::default()).unwrap();
-        assert_eq!(pool.step(&zeros).unwrap().now.len(), 2);
-    }
-}
+mod tests;

@@ -18,6 +18,7 @@
 //! | [`grasp_quality`] | force closure of the present contacts: epsilon |
 //! | [`potentials`], [`reward`] | bounded potentials, and the named reward terms |
 //! | [`env_spec`] | what all environments of a pool share |
+//! | `row_check` | reads every observation once when environments are made |
 //! | [`reset_options`] | options of a reset |
 //! | [`initial_state`] | how an episode begins ([`initial_samples`], [`hand_placement`]) |
 //! | [`record`] | what an episode remembers beside its world |
@@ -60,6 +61,7 @@ pub mod random_stream;
 pub mod record;
 pub mod reset_options;
 pub mod reward;
+mod row_check;
 pub mod saved_state;
 pub mod sensed;
 pub mod simulated;

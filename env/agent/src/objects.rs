@@ -44,7 +44,11 @@ struct RestingPose {
 }
 
 impl Prepared {
-    fn new(spec: &ObjectSpec, cache: Option<&std::path::Path>) -> Result<Self, AgentError> {
+    /// Prepares an object; convex parts are kept in the folder `cache`, if given.
+    ///
+    /// # Errors
+    /// As [`Body::prepare`], or a mesh without a resting pose.
+    pub(crate) fn new(spec: &ObjectSpec, cache: Option<&std::path::Path>) -> Result<Self, AgentError> {
         let body = Body::prepare(spec, cache)?;
         let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
         let hull: TriMesh = convex_hull(body.mesh().vertices()).map_err(mesh_error)?;

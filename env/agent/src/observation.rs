@@ -73,9 +73,13 @@ pub struct ObservationSpec {
 impl ObservationSpec {
     /// The observation for a hand and a control mode.
     pub fn new(observation: Observation, hand: &Hand, control: Control) -> Self {
-        let columns = observation.table(hand, control);
-        let size = total_size(&columns);
-        Self { observation, columns, size, rows: observation.rows(control).collect() }
+        Self::of_rows(observation, observation.rows(control).collect(), hand, control)
+    }
+
+    /// An observation with other rows than its own.
+    pub(crate) fn of_rows(observation: Observation, rows: Vec<&'static Row>, hand: &Hand, control: Control) -> Self {
+        let columns: Vec<Column> = rows.iter().map(|row| row.column(hand, control)).collect();
+        Self { observation, size: total_size(&columns), columns, rows }
     }
 
     /// Appends the observation.

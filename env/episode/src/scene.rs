@@ -47,9 +47,35 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Lets `object` settle on the table from `world_from_object`.
+    /// An object at `world_from_object`, taken to be at rest there: nothing is simulated.
     ///
     /// * `base_point`: origin of the study's object frame (middle of the base), object frame, metres.
+    ///
+    /// # Errors
+    /// An impossible object or setting.
+    pub fn placed(
+        name: &str,
+        hand: Arc<Hand>,
+        object: &ObjectModel,
+        physics: PhysicsConfig,
+        world_from_object: &Isometry3<f64>,
+        base_point: Point3<f64>,
+    ) -> Result<Self, EpisodeError> {
+        let template = Template::new(hand, object, physics)
+            .map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
+        Ok(Self {
+            name: name.to_owned(),
+            template,
+            world_from_object: *world_from_object,
+            center_of_mass: object.center_of_mass(),
+            base_point,
+            obstacles: None,
+        })
+    }
+
+    /// Lets `object` settle on the table from `world_from_object`.
+    ///
+    /// * `base_point`: as for [`Scene::placed`].
     ///
     /// # Errors
     /// An impossible object or setting, or an object that leaves the table.
@@ -61,14 +87,12 @@ impl Scene {
         world_from_object: &Isometry3<f64>,
         base_point: Point3<f64>,
     ) -> Result<Self, EpisodeError> {
-        let template = Template::new(hand, object, physics)
-            .map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
         let lowest = object.lowest_point(world_from_object);
         let start = Translation3::new(0.0, 0.0, -lowest) * world_from_object;
+        let mut scene = Self::placed(name, hand, object, physics, &start, base_point)?;
         let away = Isometry3::from_parts(Translation3::new(0.0, 0.0, OUT_OF_THE_WAY), UnitQuaternion::identity());
-        let mut world = template.spawn(&away, &start, 0.0);
+        let mut world = scene.template.spawn(&away, &start, 0.0);
         let no_rest = |why| EpisodeError::NoRest { object: name.to_owned(), why };
-        let center = object.center_of_mass();
         let mut stillness = Stillness::default();
         for _ in 0..(SETTLE_TIME / physics.dt) as usize {
             let idle: &[MotorCommand] = &[];
@@ -83,15 +107,8 @@ impl Scene {
         if world.object_center().z < 0.0 {
             return Err(no_rest("it falls off"));
         }
-        let world_from_object = recentred(&world, &(start * center));
-        Ok(Self {
-            name: name.to_owned(),
-            template,
-            world_from_object,
-            center_of_mass: center,
-            base_point,
-            obstacles: None,
-        })
+        scene.world_from_object = recentred(&world, &(start * scene.center_of_mass));
+        Ok(scene)
     }
 
     /// True when the open hand reaches `pose` from `standoff` metres behind without touching object or table.
