@@ -4,11 +4,12 @@ use crate::AgentError;
 use crate::control::Control;
 use crate::observation::Observation;
 use graspbox_episode::{SuccessCriterion, TrialConfig};
+use graspbox_mesh::in_range;
 use graspbox_vision::CamerasConfig;
 use serde::{Deserialize, Serialize};
 
 /// A step lasts at most this many control periods: 5 s.
-const MOST_FRAME_SKIP: u32 = 100;
+const MOST_FRAME_SKIP: f64 = 100.0;
 
 /// When an environment whose episode is over begins the next one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -117,55 +118,26 @@ impl Default for AgentConfig {
     }
 }
 
-/// A setting and its range.
-struct Range {
-    field: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    unit: &'static str,
-}
-
-impl Range {
-    fn check(&self) -> Result<(), AgentError> {
-        let Self { field, value, low, high, unit } = *self;
-        if (low..=high).contains(&value) {
-            return Ok(());
-        }
-        let expected = if low == high { format!("{low}") } else { format!("between {low} and {high}{unit}") };
-        Err(AgentError::BadConfig { field, value, expected })
-    }
-}
-
 impl Randomization {
-    fn ranges(&self) -> [Range; 10] {
-        let range = |field, value, low, high, unit| Range { field, value, low, high, unit };
-        [
-            range("randomization.friction[0]", self.friction[0], 0.1, 10.0, ""),
-            range("randomization.friction[1]", self.friction[1], self.friction[0], 10.0, ""),
-            range("randomization.mass[0]", self.mass[0], 0.1, 10.0, ""),
-            range("randomization.mass[1]", self.mass[1], self.mass[0], 10.0, ""),
-            range("randomization.object_position", self.object_position, 0.0, 0.15, " m"),
-            range("randomization.hand_position", self.hand_position, 0.0, 0.05, " m"),
-            range("randomization.hand_rotation", self.hand_rotation, 0.0, 0.5, " rad"),
-            range("randomization.camera_position", self.camera_position, 0.0, 1.0, " m"),
-            range("randomization.camera_rotation", self.camera_rotation, 0.0, 0.5, " rad"),
-            range("randomization.light", self.light, 0.0, 1.0, ""),
-        ]
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`AgentError::OutOfRange`], naming the first setting that is out of range.
+    pub fn validate(&self) -> Result<(), AgentError> {
+        in_range("randomization.friction[0]", self.friction[0], 0.1..=10.0, "")?;
+        in_range("randomization.friction[1]", self.friction[1], self.friction[0]..=10.0, "")?;
+        in_range("randomization.mass[0]", self.mass[0], 0.1..=10.0, "")?;
+        in_range("randomization.mass[1]", self.mass[1], self.mass[0]..=10.0, "")?;
+        in_range("randomization.object_position", self.object_position, 0.0..=0.15, "m")?;
+        in_range("randomization.hand_position", self.hand_position, 0.0..=0.05, "m")?;
+        in_range("randomization.hand_rotation", self.hand_rotation, 0.0..=0.5, "rad")?;
+        in_range("randomization.camera_position", self.camera_position, 0.0..=1.0, "m")?;
+        in_range("randomization.camera_rotation", self.camera_rotation, 0.0..=0.5, "rad")?;
+        Ok(in_range("randomization.light", self.light, 0.0..=1.0, "")?)
     }
 }
 
 impl AgentConfig {
-    fn ranges(&self) -> [Range; 2] {
-        let skip = if self.control.decides() { 1 } else { MOST_FRAME_SKIP };
-        let steps = self.max_episode_steps.unwrap_or(1);
-        let range = |field, value: u32, high: u32| {
-            let (value, high) = (f64::from(value), f64::from(high));
-            Range { field, value, low: 1.0, high, unit: "" }
-        };
-        [range("frame_skip", self.frame_skip, skip), range("max_episode_steps", steps, u32::MAX)]
-    }
-
     /// The trial that follows a decision, judged by [`AgentConfig::success`].
     pub fn trial(&self) -> TrialConfig {
         TrialConfig { success: self.success, ..self.trial }
@@ -174,10 +146,12 @@ impl AgentConfig {
     /// Checks every setting.
     ///
     /// # Errors
-    /// [`AgentError::BadConfig`], naming the first setting that is out of range; [`AgentError::Twice`] for an observation.
+    /// [`AgentError::OutOfRange`], naming the first setting that is out of range; [`AgentError::Twice`] for an observation.
     pub fn validate(&self) -> Result<(), AgentError> {
-        self.randomization.ranges().iter().try_for_each(Range::check)?;
-        self.ranges().iter().try_for_each(Range::check)?;
+        self.randomization.validate()?;
+        let skip = if self.control.decides() { 1.0 } else { MOST_FRAME_SKIP };
+        in_range("frame_skip", f64::from(self.frame_skip), 1.0..=skip, "")?;
+        in_range("max_episode_steps", f64::from(self.max_episode_steps.unwrap_or(1)), 1.0.., "")?;
         self.success.validate()?;
         if self.trial.success != SuccessCriterion::default() && self.trial.success != self.success {
             return Err(AgentError::TwoCriteria);

@@ -67,15 +67,11 @@ impl Control {
 /// * `dt`: physics time step, seconds.
 ///
 /// # Errors
-/// [`AgentError::BadConfig`] for a time step that does not divide the period.
+/// [`AgentError::BadTimeStep`] for a time step that does not divide the period.
 pub fn steps_per_control(dt: f64) -> Result<u32, AgentError> {
     let steps = (CONTROL_PERIOD / dt).round();
     if steps < 1.0 || (steps * dt - CONTROL_PERIOD).abs() > 1e-9 {
-        return Err(AgentError::BadConfig {
-            field: "physics.dt",
-            value: dt,
-            expected: format!("a whole fraction of the control period of {CONTROL_PERIOD} s"),
-        });
+        return Err(AgentError::BadTimeStep { dt, period: CONTROL_PERIOD });
     }
     Ok(steps as u32)
 }

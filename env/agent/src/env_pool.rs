@@ -9,6 +9,7 @@ use crate::objects::Objects;
 use crate::reset_options::ResetOptions;
 use crate::row_check::check_rows;
 use graspbox_episode::EpisodeError;
+use graspbox_mesh::in_range;
 use rayon::prelude::*;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -50,10 +51,7 @@ impl EnvPool {
     /// No environment or more than [`MOST_ENVS`], a setting out of range, a hand that cannot be simulated, or
     /// [`AgentError::WrongSize`] for a row of an observation.
     pub fn new(objects: Arc<Objects>, config: AgentConfig, count: usize) -> Result<Self, AgentError> {
-        if !(1..=MOST_ENVS).contains(&count) {
-            let expected = format!("between 1 and {MOST_ENVS}");
-            return Err(AgentError::BadConfig { field: "num_envs", value: count as f64, expected });
-        }
+        in_range("num_envs", count as f64, 1.0..=MOST_ENVS as f64, "")?;
         Self::with_spec(EnvSpec::new(objects, config)?, count)
     }
 

@@ -1,5 +1,7 @@
 //! Errors of environments and their inputs; each variant is a sentence about the input.
 
+use graspbox_mesh::OutOfRange;
+
 /// An error of an environment or its input.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -10,14 +12,15 @@ pub enum AgentError {
     )]
     TwoCriteria,
     /// A setting is out of its range.
-    #[error("`{field}` is {value}, but it must be {expected}")]
-    BadConfig {
-        /// Name of the setting.
-        field: &'static str,
-        /// What was given.
-        value: f64,
-        /// What would be accepted.
-        expected: String,
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
+    /// A time step that does not divide the control period.
+    #[error("`physics.dt` is {dt}, but it must be a whole fraction of the control period of {period} s")]
+    BadTimeStep {
+        /// What was given, seconds.
+        dt: f64,
+        /// The control period, seconds.
+        period: f64,
     },
     /// An observation is asked for twice.
     #[error("the observation `{name}` is named twice; name it once")]

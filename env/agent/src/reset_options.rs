@@ -40,6 +40,9 @@ pub struct ResetOptions {
     pub cameras: BTreeMap<String, [[f64; 4]; 4]>,
 }
 
+/// Least and greatest factor on mass and friction.
+const FACTORS: [f64; 2] = [0.01, 100.0];
+
 pub(crate) fn bad_option(option: &'static str, why: impl Into<String>) -> AgentError {
     AgentError::BadOption { option, why: why.into() }
 }
@@ -51,10 +54,11 @@ pub(crate) fn finite(value: f64, option: &'static str) -> Result<f64, AgentError
 /// A factor that is given, or sampled.
 pub(crate) fn factor(given: Option<f64>, sampled: f64, option: &'static str) -> Result<f64, AgentError> {
     let factor = given.unwrap_or(sampled);
-    if (0.01..=100.0).contains(&factor) {
+    let [low, high] = FACTORS;
+    if (low..=high).contains(&factor) {
         Ok(factor)
     } else {
-        Err(bad_option(option, format!("{factor} is out of range; give a factor between 0.01 and 100")))
+        Err(bad_option(option, format!("{factor} is out of range; give a factor between {low} and {high}")))
     }
 }
 

@@ -2,9 +2,11 @@
 //!
 //! `u = fx x / z + cx` and `v = fy y / z + cy` with (x, y, z) in the camera's frame: +z forward, +x right, +y down.
 
-use crate::error::{CameraError, in_range};
+use crate::error::CameraError;
+use graspbox_mesh::in_range;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+use std::ops::Bound;
 
 /// Largest coordinate of a pose, metres.
 const FARTHEST: f64 = 1e4;
@@ -33,7 +35,7 @@ impl Intrinsics {
     /// # Errors
     /// [`CameraError::OutOfRange`].
     pub fn from_fov(width: u32, height: u32, vertical_fov: f64) -> Result<Self, CameraError> {
-        in_range("vertical_fov", vertical_fov, 1e-4, 3.1, "[1e-4, 3.1] radians")?;
+        in_range("vertical_fov", vertical_fov, 1e-4..=3.1, "rad")?;
         let f = 0.5 * f64::from(height) / (0.5 * vertical_fov).tan();
         let intrinsics = Self { width, height, fx: f, fy: f, cx: 0.5 * f64::from(width), cy: 0.5 * f64::from(height) };
         intrinsics.check()?;
@@ -44,13 +46,13 @@ impl Intrinsics {
     /// [`CameraError::OutOfRange`] names the first field outside its range.
     pub fn check(&self) -> Result<(), CameraError> {
         for (name, size) in [("width", self.width), ("height", self.height)] {
-            in_range(name, f64::from(size), 1.0, 4096.0, "1 to 4096 pixels")?;
+            in_range(name, f64::from(size), 1.0..=4096.0, "pixels")?;
         }
         for (name, focal) in [("fx", self.fx), ("fy", self.fy)] {
-            in_range(name, focal, 1e-6, 1e6, "[1e-6, 1e6] pixels")?;
+            in_range(name, focal, 1e-6..=1e6, "pixels")?;
         }
         for (name, center) in [("cx", self.cx), ("cy", self.cy)] {
-            in_range(name, center, -1e6, 1e6, "[-1e6, 1e6] pixels")?;
+            in_range(name, center, -1e6..=1e6, "pixels")?;
         }
         Ok(())
     }
@@ -136,8 +138,8 @@ impl Camera {
     /// # Errors
     /// [`CameraError::OutOfRange`].
     pub fn with_range(self, near: f64, far: f64) -> Result<Self, CameraError> {
-        in_range("near", near, 1e-4, 1e4, "[1e-4, 1e4] metres")?;
-        in_range("far", far, near.next_up(), 1e4, "(near, 1e4] metres")?;
+        in_range("near", near, 1e-4..=1e4, "m")?;
+        in_range("far", far, (Bound::Excluded(near), Bound::Included(1e4)), "m")?;
         Ok(Self { near, far, ..self })
     }
 

@@ -1,9 +1,9 @@
 //! Geometry to render, at several levels of detail.
 
-use crate::error::{CameraError, in_range};
+use crate::error::CameraError;
 use crate::normals::corner_normals;
 use graspbox_mesh::clean::components;
-use graspbox_mesh::{TriMesh, check_watertight, decimate_levels};
+use graspbox_mesh::{TriMesh, check_watertight, decimate_levels, in_range};
 use nalgebra::{Point3, Vector3};
 
 /// Faces below which a mesh is cheap enough as it is.
@@ -77,7 +77,7 @@ impl Model {
     pub fn without_levels(mesh: &TriMesh) -> Result<Self, CameraError> {
         let aabb = mesh.aabb();
         let reach = aabb.min.coords.amax().max(aabb.max.coords.amax());
-        in_range("reach of the mesh", reach, 0.0, 1e4, "[0, 1e4] metres")?;
+        in_range("reach of the mesh", reach, 0.0..=1e4, "m")?;
         let center = nalgebra::center(&aabb.min, &aabb.max);
         let distances = mesh.vertices().iter().map(|p| (p - center).norm());
         Ok(Self {

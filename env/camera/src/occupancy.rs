@@ -10,9 +10,9 @@
 //! Occupied takes precedence over free, because a view at a grazing angle has long rays through the voxels of a surface. Details thinner
 //! than a pixel may be missed, and a surface is misplaced by as much as its depth changes within half a pixel.
 
-use crate::error::{CameraError, in_range};
+use crate::error::CameraError;
 use crate::{Camera, Frame};
-use graspbox_mesh::VoxelFrame;
+use graspbox_mesh::{VoxelFrame, in_range};
 use nalgebra::{Isometry3, Vector3};
 
 /// State of a voxel.
@@ -48,9 +48,9 @@ impl<'a> DepthView<'a> {
     fn check(&self) -> Result<(), CameraError> {
         let pixels = self.camera.intrinsics().pixels() as f64;
         let have = self.depth.len() as f64;
-        in_range("length of a depth image", have, pixels, pixels, "rows times columns of its camera")?;
-        let rule = "[0, 1e4] metres, where 0 means that nothing was measured";
-        self.depth.iter().try_for_each(|&d| in_range("depth", f64::from(d), 0.0, 1e4, rule))
+        in_range("length of a depth image", have, pixels..=pixels, "(rows times columns of its camera)")?;
+        let unit = "m (0 where nothing was measured)";
+        Ok(self.depth.iter().try_for_each(|&d| in_range("depth", f64::from(d), 0.0..=1e4, unit))?)
     }
 }
 

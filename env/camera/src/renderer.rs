@@ -1,12 +1,13 @@
 //! Renders a scene from a camera.
 
-use crate::error::{CameraError, in_range};
+use crate::error::CameraError;
 use crate::raster::Raster;
 use crate::rasterize::{Cull, Piece, Scratch, View, rasterize};
 use crate::scene::check_instances;
 use crate::shade::{Facet, Shader, shown};
 use crate::shadow::ShadowMap;
 use crate::{Camera, Detail, Frame, Instance, Light};
+use graspbox_mesh::in_range;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -146,7 +147,7 @@ impl Renderer {
         light: &Light,
         samples: u32,
     ) -> Result<Vec<u8>, CameraError> {
-        in_range("samples", f64::from(samples), 1.0, 8.0, "1 to 8")?;
+        in_range("samples", f64::from(samples), 1.0..=8.0, "")?;
         check_instances(instances)?;
         light.check()?;
         self.shadow.rasterize(instances, light, self.detail);

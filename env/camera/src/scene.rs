@@ -2,7 +2,8 @@
 
 use crate::Model;
 use crate::camera::check_pose;
-use crate::error::{CameraError, in_range};
+use crate::error::CameraError;
+use graspbox_mesh::in_range;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -32,7 +33,7 @@ pub(crate) fn check_instances(instances: &[Instance]) -> Result<(), CameraError>
     for (i, instance) in instances.iter().enumerate() {
         check_pose(&instance.world_from_model, || format!("instance {i}"))?;
         for part in instance.color {
-            in_range("color", f64::from(part), 0.0, 1.0, "[0, 1]")?;
+            in_range("color", f64::from(part), 0.0..=1.0, "")?;
         }
     }
     Ok(())
@@ -76,13 +77,12 @@ impl Light {
     /// # Errors
     /// [`CameraError::OutOfRange`] names the first field outside its range.
     pub fn check(&self) -> Result<(), CameraError> {
-        let length = self.direction.norm();
-        in_range("light direction's length", length, 1e-6, 1e6, "[1e-6, 1e6]")?;
-        in_range("intensity", f64::from(self.intensity), 0.0, 4.0, "[0, 4]")?;
-        in_range("ambient", f64::from(self.ambient), 0.0, 4.0, "[0, 4]")?;
-        in_range("softness", self.softness, 1e-3, 1.0, "[0.001, 1] metres")?;
-        for part in self.sky.iter().chain(&self.floor) {
-            in_range("sky or floor", f64::from(*part), 0.0, 1.0, "[0, 1]")?;
+        in_range("length of the light's direction", self.direction.norm(), 1e-6..=1e6, "")?;
+        in_range("intensity", f64::from(self.intensity), 0.0..=4.0, "")?;
+        in_range("ambient", f64::from(self.ambient), 0.0..=4.0, "")?;
+        in_range("softness", self.softness, 1e-3..=1.0, "m")?;
+        for (name, color) in [("sky", &self.sky), ("floor", &self.floor)] {
+            color.iter().try_for_each(|part| in_range(name, f64::from(*part), 0.0..=1.0, ""))?;
         }
         Ok(())
     }

@@ -1,11 +1,13 @@
 //! Meshes of simple solids, closed and outward, centred on the origin; metres.
 
-use crate::error::{CameraError, in_range};
-use graspbox_mesh::TriMesh;
+use crate::error::CameraError;
+use graspbox_mesh::{TriMesh, in_range};
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::{PI, TAU};
+use std::ops::RangeInclusive;
 
-const LENGTHS: &str = "[1e-6, 1e4] metres";
+/// Lengths that a shape may have, metres.
+const LENGTHS: RangeInclusive<f64> = 1e-6..=1e4;
 
 /// A box of these half extents whose edges are cut by `bevel` metres (0 for sharp edges; at most half of the least half extent).
 ///
@@ -13,9 +15,9 @@ const LENGTHS: &str = "[1e-6, 1e4] metres";
 /// [`CameraError::OutOfRange`].
 pub fn cuboid(half_extents: Vector3<f64>, bevel: f64) -> Result<TriMesh, CameraError> {
     for half in &half_extents {
-        in_range("half extent", *half, 1e-6, 1e4, LENGTHS)?;
+        in_range("half_extents", *half, LENGTHS, "m")?;
     }
-    in_range("bevel", bevel, 0.0, half_extents.min() * 0.5, "[0, half of the least half extent]")?;
+    in_range("bevel", bevel, 0.0..=half_extents.min() * 0.5, "m")?;
     let sign = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
     if bevel == 0.0 {
         let corner = |c| Point3::from(Vector3::from_fn(|axis, _| sign(c, axis) * half_extents[axis]));
@@ -56,7 +58,7 @@ pub fn cuboid(half_extents: Vector3<f64>, bevel: f64) -> Result<TriMesh, CameraE
 /// # Errors
 /// [`CameraError::OutOfRange`].
 pub fn cylinder(radius: f64, half_length: f64, columns: usize) -> Result<TriMesh, CameraError> {
-    in_range("half_length", half_length, 1e-6, 1e4, LENGTHS)?;
+    in_range("half_length", half_length, LENGTHS, "m")?;
     revolve(&[(radius, -half_length), (radius, half_length)], half_length, radius, columns)
 }
 
@@ -76,8 +78,8 @@ pub fn sphere(radius: f64, columns: usize) -> Result<TriMesh, CameraError> {
 
 /// Rings of (radius, z) from below, closed by a vertex at -`pole` and one at +`pole`.
 fn revolve(profile: &[(f64, f64)], pole: f64, radius: f64, columns: usize) -> Result<TriMesh, CameraError> {
-    in_range("radius", radius, 1e-6, 1e4, LENGTHS)?;
-    in_range("columns", columns as f64, 3.0, 1024.0, "3 to 1024")?;
+    in_range("radius", radius, LENGTHS, "m")?;
+    in_range("columns", columns as f64, 3.0..=1024.0, "")?;
     let mut vertices = vec![Point3::new(0.0, 0.0, -pole), Point3::new(0.0, 0.0, pole)];
     for (r, z) in profile {
         vertices.extend((0..columns).map(|j| {

@@ -2,8 +2,9 @@
 //!
 //! Each camera is placed on a spherical cap around the object, upright and aimed at its middle, and may then be shifted.
 
-use crate::error::{CameraError, in_range};
+use crate::error::CameraError;
 use crate::{Camera, Intrinsics};
+use graspbox_mesh::in_range;
 use nalgebra::{Point3, Rotation3, Translation3, Unit, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -72,14 +73,13 @@ impl ViewPlan {
     /// # Errors
     /// [`CameraError::OutOfRange`] names the first field outside its range.
     pub fn check(&self) -> Result<(), CameraError> {
-        for (name, v) in [("axis", &self.axis), ("up", &self.up)] {
-            in_range(name, v.norm(), 1e-6, 1e6, "lengths of [1e-6, 1e6]")?;
+        for (name, v) in [("length of axis", &self.axis), ("length of up", &self.up)] {
+            in_range(name, v.norm(), 1e-6..=1e6, "")?;
         }
-        in_range("cap", self.cap, 0.0, PI, "[0, pi] radians")?;
-        in_range("least distance", self.distance[0], 0.01, 100.0, "[0.01, 100] metres")?;
-        let range = "[least distance, 100] metres";
-        in_range("greatest distance", self.distance[1], self.distance[0], 100.0, range)?;
-        in_range("shift", self.shift, 0.0, 10.0, "[0, 10] metres")
+        in_range("cap", self.cap, 0.0..=PI, "rad")?;
+        in_range("distance[0]", self.distance[0], 0.01..=100.0, "m")?;
+        in_range("distance[1]", self.distance[1], self.distance[0]..=100.0, "m")?;
+        Ok(in_range("shift", self.shift, 0.0..=10.0, "m")?)
     }
 }
 
@@ -98,7 +98,7 @@ pub fn views(
     seed: u64,
 ) -> Result<Vec<Camera>, CameraError> {
     plan.check()?;
-    in_range("count", count as f64, 0.0, MOST_VIEWS as f64, "0 to 1,000,000 views")?;
+    in_range("count", count as f64, 0.0..=MOST_VIEWS as f64, "views")?;
     let cap_from_z = Rotation3::rotation_between(&Vector3::z(), &plan.axis)
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), PI));
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -7,7 +7,7 @@ use common::{Dice, instance, random_camera};
 use graspbox_camera::{
     Camera, CameraError, Channels, Detail, Frame, Instance, Intrinsics, Light, Model, Renderer, shapes,
 };
-use graspbox_mesh::TriMesh;
+use graspbox_mesh::{OutOfRange, TriMesh};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 const ALL: Channels = Channels { rgb: true, segmentation: true };
@@ -52,7 +52,7 @@ fn bad_poses_and_numbers_are_refused() {
         assert!(matches!(camera().with_pose(pose), Err(CameraError::BadPose { .. })));
     }
     let painted = Instance { color: [0.5, f32::NAN, 0.5], ..instance(&model, Isometry3::identity(), 1) };
-    assert!(matches!(render(&[painted]), Err(CameraError::OutOfRange { name: "color", .. })));
+    assert!(matches!(render(&[painted]), Err(CameraError::OutOfRange(OutOfRange { field: "color", .. }))));
     let dark = Light { direction: Vector3::zeros(), ..Light::default() };
     assert!(Renderer::new(Detail::Auto).render(&[], &camera(), &dark, ALL).is_err());
     assert!(Renderer::new(Detail::Auto).picture(&[], &camera(), &Light::default(), 9).is_err());
@@ -75,7 +75,7 @@ fn bad_cameras_are_refused() {
     for spoil in spoil {
         let mut bad = good;
         spoil(&mut bad);
-        assert!(matches!(Camera::new(bad, Isometry3::identity()), Err(CameraError::OutOfRange { .. })));
+        assert!(matches!(Camera::new(bad, Isometry3::identity()), Err(CameraError::OutOfRange(_))));
     }
     assert!(Intrinsics::from_fov(10, 10, 3.2).is_err());
     for (near, far) in [(0.0, 1.0), (1.0, 1.0), (2.0, 1.0), (0.1, f64::NAN), (0.1, 1e5)] {

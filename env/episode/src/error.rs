@@ -1,6 +1,6 @@
 //! What can be wrong with a scene, a trial or a batch; each variant is a sentence about the input.
 
-use std::ops::RangeInclusive;
+use graspbox_mesh::OutOfRange;
 
 /// What can be wrong with a scene, a trial or a batch.
 #[derive(Debug, thiserror::Error)]
@@ -39,15 +39,8 @@ pub enum EpisodeError {
         source: graspbox_hand::HandError,
     },
     /// A setting is out of its range.
-    #[error("`{field}` is {value}, but it must be {expected}")]
-    BadConfig {
-        /// Name of the setting.
-        field: &'static str,
-        /// What was given.
-        value: f64,
-        /// What would be accepted.
-        expected: String,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
     /// A preshape that the hand cannot take.
     #[error("preshape[{index}] is {value} rad, but the hand takes {low} to {high} rad{}", in_degrees(*.value, *.low, *.high))]
     BadPreshape {
@@ -111,23 +104,6 @@ pub enum EpisodeError {
         /// Those that were asked for.
         total: usize,
     },
-}
-
-/// `value` if it lies in `range`, or the error that names `field` and says what would be accepted.
-pub(crate) fn in_range(
-    field: &'static str,
-    value: f64,
-    range: RangeInclusive<f64>,
-    unit: &str,
-) -> Result<(), EpisodeError> {
-    if range.contains(&value) {
-        return Ok(());
-    }
-    Err(EpisodeError::BadConfig {
-        field,
-        value,
-        expected: format!("between {} and {} {unit}", range.start(), range.end()),
-    })
 }
 
 /// What to say of an angle that looks like one in degrees.

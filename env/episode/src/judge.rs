@@ -3,7 +3,7 @@
 //! The judge looks at the world after every time step. A trial asks it once, at its end; a closed-loop environment asks after every step.
 
 use crate::EpisodeError;
-use crate::error::in_range;
+use graspbox_mesh::in_range;
 use graspbox_sim::World;
 use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
@@ -30,11 +30,11 @@ impl SuccessCriterion {
     /// Checks every number.
     ///
     /// # Errors
-    /// [`EpisodeError::BadConfig`], naming the first one that is out of range.
+    /// [`EpisodeError::OutOfRange`], naming the first one that is out of range.
     pub fn validate(&self) -> Result<(), EpisodeError> {
         in_range("success.lift_height", self.lift_height, 0.01..=1.0, "m")?;
         in_range("success.hold_time", self.hold_time, 0.0..=60.0, "s")?;
-        in_range("success.rest_speed", self.rest_speed, 1e-4..=1.0, "m/s")
+        Ok(in_range("success.rest_speed", self.rest_speed, 1e-4..=1.0, "m/s")?)
     }
 }
 

@@ -1,11 +1,11 @@
 //! The scripted driver: approach, close, lift, hold. It drives the same [`Episode`] as an agent does.
 
 use crate::episode::Episode;
-use crate::error::in_range;
 use crate::judge::{FailureKind, SuccessCriterion};
 use crate::study::{READ_TIME, Reading, SAMPLE_PERIOD, Study, distance};
 use crate::{EpisodeError, Scene};
 use graspbox_hand::{GraspPose, MotorCommand, MotorKind};
+use graspbox_mesh::in_range;
 use nalgebra::{Isometry3, Translation3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -51,14 +51,14 @@ impl TrialConfig {
     /// Checks every setting.
     ///
     /// # Errors
-    /// [`EpisodeError::BadConfig`], naming the first setting that is out of range.
+    /// [`EpisodeError::OutOfRange`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), EpisodeError> {
         self.success.validate()?;
         in_range("standoff", self.standoff, 0.0..=0.5, "m")?;
         in_range("close_time", self.close_time, 0.1..=10.0, "s")?;
         in_range("lift_height", self.lift_height, self.success.lift_height..=1.0, "m")?;
         in_range("lift_time", self.lift_time, 0.1..=10.0, "s")?;
-        in_range("hold_time", self.hold_time, self.success.hold_time..=60.0, "s")
+        Ok(in_range("hold_time", self.hold_time, self.success.hold_time..=60.0, "s")?)
     }
 }
 

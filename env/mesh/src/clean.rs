@@ -7,7 +7,8 @@ mod topology;
 
 pub use topology::{Defect, check_manifold, check_watertight, components, is_closed};
 
-use crate::error::{MeshError, require};
+use crate::error::MeshError;
+use crate::range::in_range;
 use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -62,7 +63,7 @@ pub struct CleanReport {
 /// Returns the mesh and what was done. Vertices keep their order and their bits.
 ///
 /// # Errors
-/// [`MeshError::BadParameter`] for an option outside its range; [`MeshError::Empty`] when every face was degenerate.
+/// [`MeshError::OutOfRange`] for an option outside its range; [`MeshError::Empty`] when every face was degenerate.
 pub fn clean(mesh: &TriMesh, options: &CleanOptions) -> Result<(TriMesh, CleanReport), MeshError> {
     check_share("weld", options.weld)?;
     check_share("min_component_area", options.min_component_area)?;
@@ -89,7 +90,7 @@ pub fn clean(mesh: &TriMesh, options: &CleanOptions) -> Result<(TriMesh, CleanRe
 }
 
 fn check_share(name: &'static str, value: f64) -> Result<(), MeshError> {
-    require((0.0..1.0).contains(&value), name, value, "it must be a share in [0, 1)")
+    Ok(in_range(name, value, 0.0..1.0, "")?)
 }
 
 /// For each vertex the first one within `distance`: grid cells as wide as the distance, 27 looked at.

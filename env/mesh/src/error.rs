@@ -1,5 +1,6 @@
 //! Every way a mesh or object set can be wrong; each variant is a sentence about the input.
 
+use crate::range::OutOfRange;
 use std::path::PathBuf;
 
 /// What is wrong with a mesh or an object set.
@@ -148,13 +149,16 @@ pub enum MeshError {
         detail: String,
     },
     /// A parameter lies outside its range.
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
+    /// A parameter breaks a rule.
     #[error("{name} is {value}; {rule}")]
     BadParameter {
         /// Name of the parameter.
         name: &'static str,
         /// What was given.
         value: f64,
-        /// The range that it must lie in, as a sentence.
+        /// The rule, as a sentence.
         rule: &'static str,
     },
     /// There is no such way to choose voxels.
@@ -171,7 +175,7 @@ pub enum MeshError {
     },
 }
 
-/// Refuses a parameter that is not `valid`; `rule` is a sentence about its range.
+/// Refuses a parameter that is not `valid`; `rule` is a sentence.
 ///
 /// # Errors
 /// [`MeshError::BadParameter`].

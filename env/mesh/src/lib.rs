@@ -13,6 +13,7 @@
 //! | [`parts`] | convex parts: the collision geometry |
 //! | [`resting`] | stable poses on a table |
 //! | [`voxel`] | solid and surface voxels, binvox files |
+//! | [`range`] | range checks of settings, for every crate |
 //! | [`checksum`] | bytes with a magic number and a checksum: cache entries, snapshots |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
@@ -44,6 +45,7 @@ pub mod hull;
 pub mod io;
 pub mod mass;
 pub mod parts;
+pub mod range;
 pub mod resting;
 pub mod sample;
 pub mod trimesh;
@@ -57,6 +59,7 @@ pub use hull::convex_hull;
 pub use io::{LoadOptions, MeshFormat, load, parse, read_bounded, write_atomic, write_obj, write_stl};
 pub use mass::{Mass, MassMethod, MassProperties, mass_properties, mass_properties_of_parts};
 pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts, measure_parts};
+pub use range::{OutOfRange, in_range};
 pub use resting::{RestingOptions, RestingPose, default_pose, resting_poses};
 pub use sample::{SurfaceSample, fibonacci_sphere, sample_surface};
 pub use trimesh::{Aabb, TriMesh};

@@ -42,8 +42,8 @@ const MIN_PARTS: u8 = 4;
 /// Returns the grid, in the mesh's frame, and, for [`VoxelMode::Solid`], how inside was decided.
 ///
 /// # Errors
-/// [`MeshError::BadParameter`] for a resolution outside 1 to 1024 or one that cannot be halved so often, and for a mesh that is a
-/// single point; [`MeshError::OutOfMemory`] (a grid takes 1 byte per voxel, up to 3 while it is made).
+/// [`MeshError::OutOfRange`] for a resolution outside 1 to 1024; [`MeshError::BadParameter`] for one that cannot be halved so often,
+/// and for a mesh that is a single point; [`MeshError::OutOfMemory`] (a grid takes 1 byte per voxel, up to 3 while it is made).
 pub fn voxelize(mesh: &TriMesh, options: &VoxelOptions) -> Result<(VoxelGrid, Option<FillRule>), MeshError> {
     options.check()?;
     let frame = VoxelFrame::new(options.resolution, mesh.aabb().min, mesh.extent())?;

@@ -1,5 +1,7 @@
 //! Every way a plan can be asked for wrongly; each variant is a sentence about the input.
 
+use graspbox_mesh::OutOfRange;
+
 /// What is wrong with the input of the planner.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -17,15 +19,8 @@ pub enum PlanError {
         index: usize,
     },
     /// A parameter lies outside its range.
-    #[error("{name} = {value} is out of range; give a value in {range}")]
-    OutOfRange {
-        /// Name of the parameter.
-        name: &'static str,
-        /// What was given.
-        value: f64,
-        /// What is allowed.
-        range: &'static str,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
     /// More candidates than a plan may have.
     #[error(
         "{boxes} boxes with {each} poses for every face, turn and preshape are more than {limit} candidates; give fewer \
@@ -53,15 +48,4 @@ pub enum PlanError {
         /// What the collision library said.
         reason: String,
     },
-}
-
-/// `value` if it lies in `[low, high]`, or the error that says so.
-pub(crate) fn in_range(
-    name: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    range: &'static str,
-) -> Result<(), PlanError> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(PlanError::OutOfRange { name, value, range }) }
 }

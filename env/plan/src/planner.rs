@@ -3,12 +3,11 @@
 use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
 use crate::collision::{CollisionScene, Feasibility, Obstacle};
-use crate::error::in_range;
 use crate::open_hand::OpenHand;
 use crate::poses::{PoseParams, Proposal, propose};
 use crate::rank::{self, Prediction};
 use graspbox_hand::{GraspPose, Hand};
-use graspbox_mesh::TriMesh;
+use graspbox_mesh::{TriMesh, in_range};
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -108,8 +107,8 @@ impl Plan {
 /// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh, [`PlanError::UnsupportedHand`] and
 /// [`PlanError::Collision`] as named there.
 pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result<Plan, PlanError> {
-    in_range("clearance", params.clearance, 0.0, 0.05, "[0, 0.05] m")?;
-    in_range("standoff", params.standoff, 0.0, 1.0, "[0, 1] m")?;
+    in_range("clearance", params.clearance, 0.0..=0.05, "m")?;
+    in_range("standoff", params.standoff, 0.0..=1.0, "m")?;
     params.poses.validate()?;
     let tree = decompose(object.mesh, &params.decompose)?;
     let scene = CollisionScene::new(Arc::clone(object.obstacle), &object.world_from_object);

@@ -2,9 +2,9 @@
 
 use crate::PlanError;
 use crate::boxes::OrientedBox;
-use crate::error::in_range;
 use crate::preshape::{FaceSize, closing_center, preshapes};
 use graspbox_hand::{GraspPose, Hand};
+use graspbox_mesh::in_range;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -55,14 +55,14 @@ impl PoseParams {
     /// # Errors
     /// [`PlanError::OutOfRange`] for the first value that makes no sense.
     pub fn validate(&self) -> Result<(), PlanError> {
-        let distance = |name, value: f64| in_range(name, value, 0.0, 0.5, "[0, 0.5] m");
+        let distance = |name, value: f64| in_range(name, value, 0.0..=0.5, "m");
         distance("offset", self.offset)?;
-        in_range("variations", self.variations as f64, 0.0, MOST_VARIATIONS as f64, "[0, 10000]")?;
-        in_range("len(standoffs)", self.standoffs.len() as f64, 0.0, MOST_STANDOFFS as f64, "[0, 1000]")?;
+        in_range("variations", self.variations as f64, 0.0..=MOST_VARIATIONS as f64, "")?;
+        in_range("len(standoffs)", self.standoffs.len() as f64, 0.0..=MOST_STANDOFFS as f64, "")?;
         self.standoffs.iter().try_for_each(|&value| distance("standoffs", value))?;
-        in_range("max_shift", self.max_shift, 0.0, 1.0, "[0, 1]")?;
-        in_range("max_tilt", self.max_tilt, 0.0, std::f64::consts::FRAC_PI_2, "[0, pi/2]")?;
-        in_range("square", self.square, 0.0, 1.0, "[0, 1]")
+        in_range("max_shift", self.max_shift, 0.0..=1.0, "")?;
+        in_range("max_tilt", self.max_tilt, 0.0..=std::f64::consts::FRAC_PI_2, "rad")?;
+        Ok(in_range("square", self.square, 0.0..=1.0, "")?)
     }
 }
 

@@ -259,7 +259,7 @@ fn bad_input_is_refused() {
     assert_eq!(decompose_points(&bad, &DecomposeParams::default()), Err(PlanError::NotFinite { index: 7 }));
     let params = DecomposeParams { area_gain: 1.5, ..DecomposeParams::default() };
     let error = decompose(&hammer(), &params).unwrap_err();
-    assert_eq!(error.to_string(), "area_gain = 1.5 is out of range; give a value in (0, 1]");
+    assert_eq!(error.to_string(), "`area_gain` is 1.5, but it must be greater than 0 and at most 1");
     assert!(serde_json::from_str::<DecomposeParams>(r#"{"area_gian": 0.8}"#).is_err());
     assert_eq!(serde_json::from_str::<DecomposeParams>("{}").unwrap(), DecomposeParams::default());
 }

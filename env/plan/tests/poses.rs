@@ -5,7 +5,7 @@ mod common;
 
 use common::{cuboids, hammer, lathe, random_motion, rng, surface_points};
 use graspbox_hand::{Hand, Shape};
-use graspbox_mesh::{Mass, TriMesh, default_pose, mass_properties};
+use graspbox_mesh::{Mass, OutOfRange, TriMesh, default_pose, mass_properties};
 use graspbox_plan::{
     CollisionScene, DecomposeParams, Feasibility, Obstacle, OpenHand, Plan, PlanError, PlanObject, PlanParams,
     PoseParams, Variation, plan,
@@ -177,7 +177,7 @@ fn bad_parameters_are_refused() {
     let mut params = PlanParams::default();
     params.poses.standoffs = vec![0.01, -1.0];
     let error = plan(&object, Hand::reflex().unwrap(), &params).unwrap_err();
-    assert!(matches!(error, PlanError::OutOfRange { name: "standoffs", .. }), "{error}");
+    assert!(matches!(error, PlanError::OutOfRange(OutOfRange { field: "standoffs", .. })), "{error}");
     assert!(serde_json::from_str::<PlanParams>(r#"{"poses": {"offsett": 1}}"#).is_err());
 }
 

@@ -75,7 +75,8 @@ impl From<MeshError> for CoreError {
     fn from(error: MeshError) -> Self {
         match error {
             MeshError::Io { path, source } | MeshError::Write { path, source } => Self::File { path, source },
-            MeshError::BadParameter { .. }
+            MeshError::OutOfRange(_)
+            | MeshError::BadParameter { .. }
             | MeshError::BadScale { .. }
             | MeshError::OutOfMemory { .. }
             | MeshError::UnknownMode { .. } => Self::Config(error.to_string()),
@@ -96,7 +97,7 @@ impl From<HandError> for CoreError {
 impl From<PlanError> for CoreError {
     fn from(error: PlanError) -> Self {
         match error {
-            PlanError::OutOfRange { .. } | PlanError::TooMany { .. } => Self::Config(error.to_string()),
+            PlanError::OutOfRange(_) | PlanError::TooMany { .. } => Self::Config(error.to_string()),
             _ => Self::Plan(error.to_string()),
         }
     }
@@ -105,7 +106,7 @@ impl From<PlanError> for CoreError {
 impl From<SimError> for CoreError {
     fn from(error: SimError) -> Self {
         match error {
-            SimError::BadConfig { .. } => Self::Config(error.to_string()),
+            SimError::OutOfRange(_) => Self::Config(error.to_string()),
             _ => Self::Simulation(error.to_string()),
         }
     }
@@ -123,7 +124,7 @@ impl From<CameraError> for CoreError {
 impl From<EpisodeError> for CoreError {
     fn from(error: EpisodeError) -> Self {
         match error {
-            EpisodeError::BadConfig { .. } | EpisodeError::BadPreshape { .. } | EpisodeError::BadPose { .. } => {
+            EpisodeError::OutOfRange(_) | EpisodeError::BadPreshape { .. } | EpisodeError::BadPose { .. } => {
                 Self::Config(error.to_string())
             }
             EpisodeError::BadSize { .. } | EpisodeError::BadMass { .. } => Self::Mesh(error.to_string()),
@@ -131,7 +132,7 @@ impl From<EpisodeError> for CoreError {
             EpisodeError::Cancelled { .. } => Self::Interrupted,
             EpisodeError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Plan { object, source } => Self::from(source).about(&format!("object `{object}`")),
-            EpisodeError::Sim { source: source @ SimError::BadConfig { .. }, .. } => source.into(),
+            EpisodeError::Sim { source: source @ SimError::OutOfRange(_), .. } => source.into(),
             _ => Self::Simulation(error.to_string()),
         }
     }

@@ -2,6 +2,7 @@
 //! together or not at all.
 
 use crate::SimError;
+use graspbox_mesh::in_range;
 use serde::{Deserialize, Serialize};
 
 /// Friction factors of the surfaces that the hand meets; the hand's own are in its description ([`graspbox_hand::Friction`]).
@@ -72,28 +73,20 @@ impl PhysicsConfig {
     /// Checks every setting.
     ///
     /// # Errors
-    /// [`SimError::BadConfig`], naming the first setting that is out of range.
+    /// [`SimError::OutOfRange`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
-        let f = &self.friction;
-        let rows: [(&'static str, f64, f64, f64, &'static str); 12] = [
-            ("dt", self.dt, 1e-5, 0.02, "between 1e-5 and 0.02 s"),
-            ("solver_iterations", self.solver_iterations as f64, 1.0, 64.0, "between 1 and 64"),
-            ("idle_iterations", self.idle_iterations as f64, 1.0, 64.0, "between 1 and 64"),
-            ("contact_frequency", self.contact_frequency, 1.0, 1e4, "between 1 and 1e4 Hz"),
-            ("contact_damping_ratio", self.contact_damping_ratio, 0.01, 100.0, "between 0.01 and 100"),
-            ("static_contact_frequency", self.static_contact_frequency, 1.0, 1e4, "between 1 and 1e4 Hz"),
-            ("prediction", self.prediction, 1e-4, 0.05, "between 1e-4 and 0.05 m"),
-            ("contact_drift", self.contact_drift, 0.0, 1e-3, "between 0 and 0.001 m"),
-            ("allowed_penetration", self.allowed_penetration, 0.0, 0.005, "between 0 and 0.005 m"),
-            ("gravity", self.gravity, 0.0, 100.0, "between 0 and 100 m/s2"),
-            ("friction.table", f.table, 0.0, 5.0, "between 0 and 5"),
-            ("friction.object", f.object, 0.0, 5.0, "between 0 and 5"),
-        ];
-        for (field, value, low, high, expected) in rows {
-            if !(low..=high).contains(&value) {
-                return Err(SimError::BadConfig { field, value, expected });
-            }
-        }
+        in_range("dt", self.dt, 1e-5..=0.02, "s")?;
+        in_range("solver_iterations", self.solver_iterations as f64, 1.0..=64.0, "")?;
+        in_range("idle_iterations", self.idle_iterations as f64, 1.0..=64.0, "")?;
+        in_range("contact_frequency", self.contact_frequency, 1.0..=1e4, "Hz")?;
+        in_range("contact_damping_ratio", self.contact_damping_ratio, 0.01..=100.0, "")?;
+        in_range("static_contact_frequency", self.static_contact_frequency, 1.0..=1e4, "Hz")?;
+        in_range("prediction", self.prediction, 1e-4..=0.05, "m")?;
+        in_range("contact_drift", self.contact_drift, 0.0..=1e-3, "m")?;
+        in_range("allowed_penetration", self.allowed_penetration, 0.0..=0.005, "m")?;
+        in_range("gravity", self.gravity, 0.0..=100.0, "m/s2")?;
+        in_range("friction.table", self.friction.table, 0.0..=5.0, "")?;
+        in_range("friction.object", self.friction.object, 0.0..=5.0, "")?;
         Ok(())
     }
 }

@@ -1,19 +1,14 @@
 //! What can be wrong with a world; each variant is a sentence about the input.
 
+use graspbox_mesh::OutOfRange;
+
 /// What is wrong with a physics setting, an object or a snapshot.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimError {
     /// A setting is out of its range.
-    #[error("physics setting `{field}` is {value}, but it must be {expected}")]
-    BadConfig {
-        /// Name of the setting.
-        field: &'static str,
-        /// What was given.
-        value: f64,
-        /// What would be accepted.
-        expected: &'static str,
-    },
+    #[error("physics setting {0}")]
+    OutOfRange(#[from] OutOfRange),
     /// The object has nothing to collide with.
     #[error("the object has no convex part; decompose its mesh first")]
     NoParts,

@@ -2,8 +2,12 @@
 
 use crate::VisionError;
 use graspbox_camera::{Camera, Intrinsics};
+use graspbox_mesh::in_range;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
+
+/// Most cameras of a pool.
+const MOST_CAMERAS: f64 = 16.0;
 
 /// What a camera is attached to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -142,14 +146,7 @@ impl CamerasConfig {
     /// # Errors
     /// An invalid camera, a name that is empty, not plain or used twice, no camera, or more than 16.
     pub fn mounted_cameras(&self) -> Result<Vec<Camera>, VisionError> {
-        let count = self.cameras.len();
-        if !(1..=16).contains(&count) {
-            return Err(VisionError::BadConfig {
-                field: "the number of cameras",
-                value: count as f64,
-                expected: "1 to 16",
-            });
-        }
+        in_range("number of cameras", self.cameras.len() as f64, 1.0..=MOST_CAMERAS, "")?;
         for (i, camera) in self.cameras.iter().enumerate() {
             let name = &camera.name;
             let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();

@@ -1,5 +1,7 @@
 //! What can be wrong with cameras and images; each variant is a sentence about the input.
 
+use graspbox_mesh::OutOfRange;
+
 /// What can be wrong with cameras and images.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -36,15 +38,8 @@ pub enum VisionError {
         source: graspbox_camera::CameraError,
     },
     /// A setting is out of its range.
-    #[error("`{field}` is {value}, but it must be {expected}")]
-    BadConfig {
-        /// Name of the setting.
-        field: &'static str,
-        /// The value given.
-        value: f64,
-        /// The accepted values.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
     /// The mesh could not be used.
     #[error("object `{object}`: {source}")]
     Mesh {

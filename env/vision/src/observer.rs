@@ -8,7 +8,7 @@ use crate::visual_models::{ScenePose, VisualModels};
 use graspbox_camera::occupancy::occupancy_into;
 use graspbox_camera::{Camera, CameraError, Channels, DepthView, Detail, Frame, Light, Occupancy, Renderer};
 use graspbox_hand::Hand;
-use graspbox_mesh::VoxelFrame;
+use graspbox_mesh::{VoxelFrame, in_range};
 use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -249,15 +249,8 @@ impl Observer {
 /// The voxel grid: a cube over the middle of the table, whose top bisects the lowest layer.
 fn grid(config: &CamerasConfig) -> Result<VoxelFrame, VisionError> {
     let (n, side) = (config.voxels, config.voxel_side);
-    let rows = [
-        ("cameras.voxels", n as f64, 1.0, 256.0, "1 to 256 voxels a side"),
-        ("cameras.voxel_side", side, 0.01, 10.0, "between 0.01 and 10 m"),
-    ];
-    for (field, value, low, high, expected) in rows {
-        if !(low..=high).contains(&value) {
-            return Err(VisionError::BadConfig { field, value, expected });
-        }
-    }
+    in_range("cameras.voxels", n as f64, 1.0..=256.0, "voxels per side")?;
+    in_range("cameras.voxel_side", side, 0.01..=10.0, "m")?;
     let origin = Point3::new(-0.5 * side, -0.5 * side, -0.5 * side / n as f64);
     VoxelFrame::new(n, origin, side).map_err(|source| VisionError::Mesh { object: "the voxel grid".into(), source })
 }

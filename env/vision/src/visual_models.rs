@@ -3,7 +3,7 @@
 use crate::VisionError;
 use graspbox_camera::{CameraError, Instance, Model, shapes};
 use graspbox_hand::{Collider, Hand, HandConfiguration, Material, Shape};
-use graspbox_mesh::TriMesh;
+use graspbox_mesh::{TriMesh, in_range};
 use graspbox_sim::World;
 use graspbox_sim::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
 use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
@@ -115,13 +115,7 @@ impl VisualModels {
     /// # Errors
     /// A hand with a shape that cannot be rendered, or with more links than there are labels (252).
     pub fn new(hand: &Hand) -> Result<Self, VisionError> {
-        if hand.links.len() > usize::from(u8::MAX - FIRST_LINK) {
-            return Err(VisionError::BadConfig {
-                field: "the number of links of a hand that is rendered",
-                value: hand.links.len() as f64,
-                expected: "at most 252",
-            });
-        }
+        in_range("number of links of the hand", hand.links.len() as f64, 1.0..=f64::from(u8::MAX - FIRST_LINK), "")?;
         let make = || {
             let mut parts = Vec::new();
             for link in 0..hand.links.len() {

@@ -1,6 +1,7 @@
 //! The cube that is cut into voxels, and which of them are set.
 
 use crate::error::{MeshError, require};
+use crate::range::in_range;
 use nalgebra::{Point3, Vector3};
 
 /// Most voxels along a side: binvox's own limit; a grid of it takes 1 GiB.
@@ -8,8 +9,7 @@ pub const MAX_RESOLUTION: usize = 1024;
 
 /// Refuses a number of voxels along a side.
 pub(super) fn check_resolution(resolution: usize) -> Result<(), MeshError> {
-    let valid = (1..=MAX_RESOLUTION).contains(&resolution);
-    require(valid, "resolution", resolution as f64, "give 1 to 1024 voxels a side")
+    Ok(in_range("resolution", resolution as f64, 1.0..=MAX_RESOLUTION as f64, "voxels per side")?)
 }
 
 /// A vector of `count` equal values; unlike `vec!`, it does not abort the process when memory runs out.
@@ -51,7 +51,8 @@ impl VoxelFrame {
     /// A cube with its least corner at `origin` and sides of `side` metres.
     ///
     /// # Errors
-    /// [`MeshError::BadParameter`] for a resolution outside 1 to 1024, corners that are not finite or a side that is not positive.
+    /// [`MeshError::OutOfRange`] for the resolution; [`MeshError::BadParameter`] for corners that are not finite or a side that is not
+    /// positive.
     pub fn new(resolution: usize, origin: Point3<f64>, side: f64) -> Result<Self, MeshError> {
         check_resolution(resolution)?;
         let far = origin + Vector3::repeat(side);

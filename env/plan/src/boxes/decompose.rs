@@ -6,9 +6,13 @@ use super::split::{Split, SplitCost, best_split};
 use super::surface::Surface;
 use super::tree::{BoxNode, BoxTree};
 use crate::PlanError;
-use graspbox_mesh::{TriMesh, sample_surface};
+use graspbox_mesh::{TriMesh, in_range, sample_surface};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use std::ops::Bound;
+
+/// Most surface points that the cuts are searched on.
+const MOST_SAMPLES: f64 = 1e6;
 
 /// How an object is cut into boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,16 +55,12 @@ impl DecomposeParams {
     /// # Errors
     /// [`PlanError::OutOfRange`] for the first value that makes no sense.
     pub fn validate(&self) -> Result<(), PlanError> {
-        let check = |ok: bool, name, value, range| match ok {
-            true => Ok(()),
-            false => Err(PlanError::OutOfRange { name, value, range }),
-        };
-        let gain = self.volume_gain.unwrap_or(1.0);
-        check(self.area_gain > 0.0 && self.area_gain <= 1.0, "area_gain", self.area_gain, "(0, 1]")?;
-        check(self.min_volume >= 0.0 && self.min_volume.is_finite(), "min_volume", self.min_volume, "[0, inf)")?;
-        check(gain > 0.0 && gain <= 2.0, "volume_gain", gain, "(0, 2]")?;
-        check(self.max_boxes >= 1, "max_boxes", self.max_boxes as f64, "[1, inf)")?;
-        check((16..=1_000_000).contains(&self.samples), "samples", self.samples as f64, "[16, 1000000]")
+        let share = |most: f64| (Bound::Excluded(0.0), Bound::Included(most));
+        in_range("area_gain", self.area_gain, share(1.0), "")?;
+        in_range("min_volume", self.min_volume, 0.0..f64::INFINITY, "m3")?;
+        in_range("volume_gain", self.volume_gain.unwrap_or(1.0), share(2.0), "")?;
+        in_range("max_boxes", self.max_boxes as f64, 1.0.., "")?;
+        Ok(in_range("samples", self.samples as f64, 16.0..=MOST_SAMPLES, "")?)
     }
 }
 

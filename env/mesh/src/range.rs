@@ -1,0 +1,105 @@
+//! Range checks of settings, for every crate: the error names the field and its value, and prints the range from its bounds.
+
+use std::fmt;
+use std::ops::{Bound, RangeBounds};
+
+/// A value outside its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("`{field}` is {}, but it must be {expected}", Number(*.value))]
+pub struct OutOfRange {
+    /// Name of the field.
+    pub field: &'static str,
+    /// The value given.
+    pub value: f64,
+    /// The accepted values, with their unit.
+    pub expected: String,
+}
+
+/// Refuses a value outside its range; NaN is in no range.
+///
+/// * `unit`: unit of value and range; empty for a number without one.
+///
+/// # Errors
+/// [`OutOfRange`].
+///
+/// ```
+/// use graspbox_mesh::range::in_range;
+///
+/// assert!(in_range("dt", 0.002, 1e-5..=0.02, "s").is_ok());
+/// let error = in_range("dt", 2.0, 1e-5..=0.02, "s").unwrap_err();
+/// assert_eq!(error.to_string(), "`dt` is 2, but it must be between 1e-5 and 0.02 s");
+/// ```
+pub fn in_range(
+    field: &'static str,
+    value: f64,
+    range: impl RangeBounds<f64>,
+    unit: &'static str,
+) -> Result<(), OutOfRange> {
+    if range.contains(&value) { Ok(()) } else { Err(out_of_range(field, value, &range, unit)) }
+}
+
+#[cold]
+fn out_of_range(field: &'static str, value: f64, range: &impl RangeBounds<f64>, unit: &str) -> OutOfRange {
+    let mut expected = words(range);
+    if !unit.is_empty() {
+        expected = format!("{expected} {unit}");
+    }
+    OutOfRange { field, value, expected }
+}
+
+/// The range in words.
+fn words(range: &impl RangeBounds<f64>) -> String {
+    let low = match range.start_bound() {
+        Bound::Included(low) => Some(format!("at least {}", Number(*low))),
+        Bound::Excluded(low) => Some(format!("greater than {}", Number(*low))),
+        Bound::Unbounded => None,
+    };
+    let high = match range.end_bound() {
+        Bound::Included(high) => Some(format!("at most {}", Number(*high))),
+        Bound::Excluded(high) if *high == f64::INFINITY => Some("finite".to_owned()),
+        Bound::Excluded(high) => Some(format!("less than {}", Number(*high))),
+        Bound::Unbounded => None,
+    };
+    match (range.start_bound(), range.end_bound()) {
+        (Bound::Included(low), Bound::Included(high)) if low == high => Number(*low).to_string(),
+        (Bound::Included(low), Bound::Included(high)) => format!("between {} and {}", Number(*low), Number(*high)),
+        _ => low.into_iter().chain(high).collect::<Vec<_>>().join(" and "),
+    }
+}
+
+/// A number as people write it: without a row of zeros.
+struct Number(f64);
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(x) = self;
+        if *x == 0.0 || (1e-4..1e10).contains(&x.abs()) { write!(f, "{x}") } else { write!(f, "{x:e}") }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Bound, RangeBounds, in_range};
+
+    fn told(value: f64, range: impl RangeBounds<f64>) -> String {
+        in_range("x", value, range, "m").map_or_else(|error| error.to_string(), |()| "fine".to_owned())
+    }
+
+    /// Every kind of range in words, its own ends, and what is no number.
+    #[test]
+    fn ranges_are_told_from_their_bounds() {
+        let above = (Bound::Excluded(0.0), Bound::Included(1.0));
+        for (range, value, text) in [
+            (told(0.0, above), "0", "greater than 0 and at most 1 m"),
+            (told(2e-20, 1.0..=2.0), "2e-20", "between 1 and 2 m"),
+            (told(2.0, 1.0..2.0), "2", "at least 1 and less than 2 m"),
+            (told(1e300, 4.0..=4.0), "1e300", "4 m"),
+            (told(f64::INFINITY, 0.0..f64::INFINITY), "inf", "at least 0 and finite m"),
+            (told(f64::NAN, 1e-5..), "NaN", "at least 1e-5 m"),
+            (told(4_294_967_296.0, ..=65_536.0), "4294967296", "at most 65536 m"),
+        ] {
+            assert_eq!(range, format!("`x` is {value}, but it must be {text}"));
+        }
+        assert_eq!([told(1.0, above), told(0.0, 0.0..=0.0), told(1e300, 0.0..f64::INFINITY)], ["fine"; 3]);
+    }
+}
