@@ -5,6 +5,7 @@
 //! A bug here, for all of them: contacts that are softer, solved less often, or kept for too long; friction that creeps.
 #![allow(clippy::unwrap_used)]
 
+use graspbox_episode::trial::minimum_jerk;
 use graspbox_episode::{Body, Episode, Progress, Scene, SuccessCriterion, TrialConfig, run_trials};
 use graspbox_hand::GraspPose;
 use graspbox_objects::Family;
@@ -43,8 +44,7 @@ fn hold(scene: &Arc<Scene>, start: &Isometry3<f64>, preshape: f64) -> Held {
     let mut first = None;
     for i in 1..=((begin + HOLD) / dt).round() as usize {
         let t = i as f64 * dt;
-        let s = ((t - config.close_time) / config.lift_time).clamp(0.0, 1.0);
-        let rise = config.lift_height * s * s * s * (10.0 + s * (6.0 * s - 15.0));
+        let rise = config.lift_height * minimum_jerk((t - config.close_time) / config.lift_time);
         let target = Translation3::new(0.0, 0.0, rise) * start;
         episode.advance(&target, &close).unwrap();
         let world = episode.world();

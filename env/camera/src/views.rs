@@ -5,6 +5,7 @@
 use crate::error::CameraError;
 use crate::{Camera, Intrinsics};
 use graspbox_mesh::in_range;
+use graspbox_mesh::sample::GOLDEN_ANGLE;
 use nalgebra::{Point3, Rotation3, Translation3, Unit, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -64,12 +65,6 @@ impl ViewPlan {
         }
     }
 
-    /// `pattern` over the half of the sphere above the table, at `distance` metres.
-    #[must_use]
-    pub fn dome(pattern: Pattern, distance: f64) -> Self {
-        Self { pattern, axis: Vector3::z(), cap: 0.5 * PI, distance: [distance; 2], shift: 0.0, up: Vector3::z() }
-    }
-
     /// # Errors
     /// [`CameraError::OutOfRange`] names the first field outside its range.
     pub fn check(&self) -> Result<(), CameraError> {
@@ -106,7 +101,7 @@ pub fn views(
     (0..count)
         .map(|i| {
             let (share, turn) = match plan.pattern {
-                Pattern::Grid => ((i as f64 + 0.5) / count as f64, i as f64 * golden_turn()),
+                Pattern::Grid => ((i as f64 + 0.5) / count as f64, i as f64 * GOLDEN_ANGLE),
                 Pattern::Random => (uniform(0.0, 1.0), uniform(0.0, TAU)),
             };
             let eye = target + cap_from_z * on_cap(plan.cap, share, turn) * uniform(plan.distance[0], plan.distance[1]);
@@ -115,11 +110,6 @@ pub fn views(
             camera.with_pose(Translation3::from(shift) * camera.world_from_camera())
         })
         .collect()
-}
-
-/// The golden angle, radians: multiples of it spread evenly over the circle.
-fn golden_turn() -> f64 {
-    PI * (3.0 - 5_f64.sqrt())
 }
 
 /// Direction on the cap about z that leaves `share` of the cap's area inside.

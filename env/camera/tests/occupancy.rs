@@ -3,10 +3,10 @@
 
 mod common;
 
-use common::instance;
+use common::{dome, instance};
 use graspbox_camera::{
-    Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Model, Occupancy, Pattern, Renderer, ViewPlan,
-    occupancy, shapes, views,
+    Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Model, Occupancy, Renderer, ViewPlan, occupancy,
+    shapes, views,
 };
 use graspbox_mesh::{TriMesh, VoxelFrame, VoxelMode, VoxelOptions, voxelize};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -20,7 +20,7 @@ fn see(mesh: &TriMesh, world_from_model: Isometry3<f64>, cameras: &[Camera]) -> 
 }
 
 fn around(count: usize, target: Point3<f64>) -> Vec<Camera> {
-    let plan = ViewPlan { cap: std::f64::consts::PI, ..ViewPlan::dome(Pattern::Grid, 0.7) };
+    let plan = ViewPlan { cap: std::f64::consts::PI, ..dome(0.7) };
     views(&plan, Intrinsics::from_fov(400, 400, 0.5).unwrap(), target, count, 0).unwrap()
 }
 

@@ -1,7 +1,10 @@
 //! Cameras stand where the plan says.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_camera::{Intrinsics, Pattern, ViewPlan, views};
+mod common;
+
+use common::dome;
+use graspbox_camera::{Intrinsics, ViewPlan, views};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 fn lens() -> Intrinsics {
@@ -48,7 +51,7 @@ fn seeds_make_views_and_counts_do_not() {
 
 #[test]
 fn a_grid_covers_the_dome_evenly() {
-    let plan = ViewPlan::dome(Pattern::Grid, 0.5);
+    let plan = dome(0.5);
     let cameras = views(&plan, lens(), Point3::origin(), 200, 0).unwrap();
     assert_eq!(cameras, views(&plan, lens(), Point3::origin(), 200, 9).unwrap());
     let eyes: Vec<_> = cameras.iter().map(|c| c.world_from_camera().translation.vector).collect();

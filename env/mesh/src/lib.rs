@@ -61,7 +61,7 @@ pub use mass::{Mass, MassMethod, MassProperties, mass_properties, mass_propertie
 pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts, measure_parts};
 pub use range::{OutOfRange, in_range};
 pub use resting::{RestingOptions, RestingPose, default_pose, resting_poses};
-pub use sample::{SurfaceSample, fibonacci_sphere, sample_surface};
+pub use sample::{SurfaceSample, fibonacci_sphere, fibonacci_zone, sample_surface};
 pub use trimesh::{Aabb, TriMesh};
 pub use voxel::{
     FillRule, VoxelFrame, VoxelGrid, VoxelMode, VoxelOptions, load_binvox, parse_binvox, voxelize, write_binvox,

@@ -66,15 +66,22 @@ fn sample_face(mesh: &TriMesh, face: usize, u: f64, v: f64) -> SurfaceSample {
     }
 }
 
+/// The golden angle, pi (3 - sqrt(5)), radians: multiples of it spread evenly over the circle.
+pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
 /// `count` unit vectors, evenly spread: the Fibonacci sphere, from +z to -z.
 pub fn fibonacci_sphere(count: usize) -> Vec<Vector3<f64>> {
-    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    (0..count)
-        .map(|i| {
-            let z = 1.0 - (2 * i + 1) as f64 / count as f64;
-            let (s, c) = (golden * i as f64).sin_cos();
-            let r = (1.0 - z * z).sqrt();
-            Vector3::new(r * c, r * s, z)
-        })
-        .collect()
+    fibonacci_zone(count, [1.0, -1.0]).collect()
+}
+
+/// `count` unit vectors, evenly spread over a zone of the sphere: the Fibonacci lattice.
+///
+/// * `first`, `last`: z of the zone's borders, in [-1, 1]; the vectors go from the first to the last.
+pub fn fibonacci_zone(count: usize, [first, last]: [f64; 2]) -> impl Iterator<Item = Vector3<f64>> {
+    (0..count).map(move |i| {
+        let z = first + (last - first) * ((i as f64 + 0.5) / count as f64);
+        let (s, c) = (GOLDEN_ANGLE * i as f64).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        Vector3::new(r * c, r * s, z)
+    })
 }

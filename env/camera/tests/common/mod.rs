@@ -1,7 +1,7 @@
 //! Ray casting by trying every triangle, and random scenes to try it on.
 #![allow(dead_code, missing_docs)]
 
-use graspbox_camera::{Camera, Instance, Intrinsics, Model, shapes};
+use graspbox_camera::{Camera, Instance, Intrinsics, Model, Pattern, ViewPlan, shapes};
 use graspbox_mesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -26,6 +26,12 @@ impl Dice {
         let turn = UnitQuaternion::from_scaled_axis(self.vector(3.0));
         Isometry3::from_parts(Translation3::from(self.vector(reach)), turn)
     }
+}
+
+/// A grid over the half of the sphere above the table, at `distance` metres.
+pub fn dome(distance: f64) -> ViewPlan {
+    let cap = std::f64::consts::FRAC_PI_2;
+    ViewPlan { pattern: Pattern::Grid, axis: Vector3::z(), cap, distance: [distance; 2], shift: 0.0, up: Vector3::z() }
 }
 
 /// A solid, or an open heap of triangles.

@@ -3,6 +3,7 @@
 //! A box around the core set is never larger than the box around the cloud with the same axes, so a search on the core set gives lower
 //! bounds; the points that stick out of a box found there join the core set until bound and truth agree.
 
+use graspbox_mesh::fibonacci_zone;
 use nalgebra::{Matrix3, Vector3};
 
 /// Axes along which the first extreme points are taken: two points each, about 16 degrees apart.
@@ -10,15 +11,9 @@ const FIRST_AXES: usize = 64;
 /// Points this close in height (clouds have unit size) are equally extreme, and the first is taken: rounding must not choose.
 const TIE: f64 = 1e-10;
 
-/// `count` directions spread evenly over half the unit sphere (a Fibonacci lattice).
+/// `count` directions spread evenly over half the unit sphere.
 pub(crate) fn half_sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
-    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-    (0..count).map(move |i| {
-        let z = (i as f64 + 0.5) / count as f64;
-        let radius = (1.0 - z * z).sqrt();
-        let (sin, cos) = (GOLDEN_ANGLE * i as f64).sin_cos();
-        Vector3::new(radius * cos, radius * sin, z)
-    })
+    fibonacci_zone(count, [0.0, 1.0])
 }
 
 /// A cloud, with the core set that stands for it.
