@@ -11,7 +11,7 @@ use graspbox_agent::potentials::Potentials;
 use graspbox_agent::record::Record;
 use graspbox_agent::reward::{Attempt, TERMS, TermValues, Transition, term_table};
 use graspbox_agent::view::View;
-use graspbox_agent::{AgentConfig, Column, Control, EnvPool, Observation, Randomization, ResetOptions};
+use graspbox_agent::{AgentConfig, Column, Control, EnvPool, EnvSpec, Observation, Randomization, ResetOptions};
 use graspbox_episode::FailureKind;
 use graspbox_objects::Family;
 use graspbox_tests::agent::{follow_until, objects, pool, seeds, target};
@@ -52,12 +52,12 @@ fn contact_flags(episode: &AgentEpisode) -> Vec<f64> {
 }
 
 /// What the column `name` of an observation has to hold.
-fn expected(name: &str, episode: &AgentEpisode, decides: bool) -> Vec<f64> {
+fn expected(name: &str, episode: &AgentEpisode, spec: &EnvSpec) -> Vec<f64> {
     let (world, arm) = (episode.episode().world(), episode.arm());
     let hand = world.hand();
     let (object, verdict) = (world.world_from_object(), episode.episode().verdict());
     let in_hand = world.world_from_hand().inverse() * object;
-    let frame = if decides { object } else { in_hand };
+    let frame = if spec.config.control.decides() { object } else { in_hand };
     let fingers = || (0..hand.fingers.len()).map(|finger| world.finger(finger));
     match name {
         "hand_position" => arm.believed().translation.vector.as_slice().to_vec(),
@@ -80,7 +80,7 @@ fn expected(name: &str, episode: &AgentEpisode, decides: bool) -> Vec<f64> {
         "center_of_mass" => point(&(frame * episode.episode().scene().center_of_mass())),
         "bounds_center" => point(&(frame * episode.bounds_center())),
         "half_extents" => episode.half_extents().as_slice().to_vec(),
-        "mass" => vec![world.object_mass() * episode.mass_factor()],
+        "mass" => vec![world.object_mass() * episode.view(spec).record.mass],
         "contact" => contact_flags(episode),
         "on_table" => vec![flag(world.contacts().scenery)],
         "lift" => vec![world.object_center().z - episode.judge().resting_height()],
@@ -94,11 +94,11 @@ fn expected(name: &str, episode: &AgentEpisode, decides: bool) -> Vec<f64> {
 }
 
 /// Compares the values of an observation with what its columns have to hold, by name.
-fn compare(columns: &[Column], values: &[f32], episode: &AgentEpisode, decides: bool) -> Result<(), String> {
+fn compare(columns: &[Column], values: &[f32], episode: &AgentEpisode, spec: &EnvSpec) -> Result<(), String> {
     let mut rest = values;
     for column in columns {
         let (own, others) = rest.split_at_checked(column.size).ok_or("too few values")?;
-        let wanted = expected(column.name, episode, decides);
+        let wanted = expected(column.name, episode, spec);
         let near = |(value, want): (&f32, &f64)| {
             (f64::from(*value) - want.clamp(column.low, column.high)).abs() < 1e-6 * (1.0 + want.abs())
         };
@@ -115,15 +115,14 @@ fn check_observations(pool: &EnvPool) -> BTreeSet<String> {
     let batch = pool.now();
     let env = pool.env(0).unwrap();
     let episode = env.episode().unwrap();
-    let decides = pool.spec().config.control.decides();
     let mut unseen = BTreeSet::new();
     for (spec, values) in pool.spec().observations.iter().zip(&batch.observations) {
-        compare(&spec.columns, values, episode, decides).unwrap();
+        compare(&spec.columns, values, episode, pool.spec()).unwrap();
         for (i, a) in spec.columns.iter().enumerate() {
             for (j, b) in spec.columns.iter().enumerate().skip(i + 1).filter(|(_, b)| b.size == a.size) {
                 let mut swapped = spec.columns.clone();
                 swapped.swap(i, j);
-                if compare(&swapped, values, episode, decides).is_ok() {
+                if compare(&swapped, values, episode, pool.spec()).is_ok() {
                     unseen.insert(format!("{}: {} and {}", spec.observation.name(), a.name, b.name));
                 }
             }

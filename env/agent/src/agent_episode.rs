@@ -11,7 +11,7 @@ use crate::objects::Prepared;
 use crate::potentials::Potentials;
 use crate::record::Record;
 use crate::reward::{Attempt, TermValues, Transition, effort};
-use crate::view::{View, has_diverged};
+use crate::view::View;
 use crate::workspace::{LOST_DISTANCE, LOST_HEIGHT};
 use graspbox_episode::{Episode, FailureKind, Judge};
 use graspbox_vision::visual_models::object_color;
@@ -111,7 +111,7 @@ impl AgentEpisode {
             match self.episode.advance(&hand, &commands) {
                 Ok(()) => self.watch_lift(),
                 // The action is finite, so the world has diverged: the tensions of its tendons are no numbers any more.
-                Err(_) if has_diverged(self.episode.world()) => break,
+                Err(_) if self.episode.world().has_diverged() => break,
                 Err(error) => return Err(error.into()),
             }
             if self.episode.judge().success(self.episode.world()) {
@@ -119,7 +119,7 @@ impl AgentEpisode {
                 break;
             }
         }
-        let diverged = has_diverged(self.episode.world());
+        let diverged = self.episode.world().has_diverged();
         transition.success &= !diverged;
         transition.lost = !transition.success && (diverged || self.lost());
         transition.effort = effort(&self.arm, self.episode.world());
@@ -214,11 +214,6 @@ impl AgentEpisode {
     /// Control periods since the episode began.
     pub fn steps(&self) -> u32 {
         self.record.steps
-    }
-
-    /// Factor on the object's mass.
-    pub fn mass_factor(&self) -> f64 {
-        self.record.mass
     }
 
     /// Potentials of the reward's shaping terms.

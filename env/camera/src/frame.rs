@@ -28,23 +28,6 @@ impl Frame {
         self.camera.as_ref().map_or([0, 0], |c| size(c.intrinsics()))
     }
 
-    /// Depth of the pixel that contains image position (`u`, `v`); `None` outside the image and where nothing was seen.
-    #[must_use]
-    pub fn depth_at(&self, u: f64, v: f64) -> Option<f32> {
-        let [width, height] = self.size();
-        let inside = u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64;
-        let z = inside.then(|| self.depth[v as usize * width + u as usize])?;
-        (z > 0.0).then_some(z)
-    }
-
-    /// (H, W): depth in millimetres, rounded; 0 where nothing was seen or the depth exceeds 65.535 m.
-    pub fn depth_millimetres(&self) -> impl Iterator<Item = u16> + '_ {
-        self.depth.iter().map(|z| {
-            let mm = z * 1000.0 + 0.5;
-            if mm < 65_536.0 { mm as u16 } else { 0 }
-        })
-    }
-
     /// (H, W, 3): the point seen by each pixel in the camera's frame, metres; zeros where nothing was seen.
     pub fn points(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
         let [width, _] = self.size();

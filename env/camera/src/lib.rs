@@ -7,7 +7,7 @@
 //! | [`shapes`] | meshes of boxes, cylinders and balls |
 //! | [`scene`] | instances of models, and the light |
 //! | [`renderer`] | [`Renderer`]: a scene and a camera to a [`Frame`]; many of them on rayon |
-//! | [`frame`](mod@frame) | depth, rgb, segmentation; depth in millimetres, points |
+//! | [`frame`](mod@frame) | depth, rgb, segmentation; points |
 //! | [`views`](mod@views) | cameras around an object |
 //! | [`occupancy`](mod@occupancy) | depth images fused into voxels: occupied, free, unseen |
 //! | `rasterize`, `raster` | transform, cull, clip; then scanlines into an inverse-depth buffer |

@@ -245,7 +245,7 @@ impl World {
 
     fn drive_fingers(&mut self, dt: f64) {
         let hand = Arc::clone(&self.shared.hand);
-        let preshape = hand.motors.iter().position(|m| m.kind == MotorKind::Preshape);
+        let preshape = hand.preshape_motor();
         for (i, finger) in hand.fingers.iter().enumerate() {
             let handles = self.shared.handles.fingers[i];
             let MotorState { position: angle, velocity: speed, .. } = self.state.motors[finger.motor];
