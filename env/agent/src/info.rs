@@ -1,7 +1,7 @@
 //! The info of a step: one row per entry, with its type, meaning and reader. A new entry is a new row of [`INFO`].
 
 use crate::control::Control;
-use crate::view::{View, has_diverged};
+use crate::view::View;
 use graspbox_episode::FailureKind;
 use serde::Serialize;
 
@@ -39,6 +39,13 @@ pub struct InfoRow {
     pub decision_only: bool,
     /// How it is read.
     pub read: Reader,
+}
+
+impl InfoRow {
+    /// True if the entry belongs to the infos of a control mode.
+    pub fn is_in(&self, control: Control) -> bool {
+        control.decides() || !self.decision_only
+    }
 }
 
 /// Every entry, in order.
@@ -112,7 +119,7 @@ pub const INFO: &[InfoRow] = &[
 fn failure(view: &View<'_>) -> Option<FailureKind> {
     if view.record.steps == 0 || view.record.success || view.record.failure.is_some() {
         view.record.failure
-    } else if has_diverged(view.world()) {
+    } else if view.world().has_diverged() {
         Some(FailureKind::Unstable)
     } else if !view.record.touched {
         Some(FailureKind::NoContact)
@@ -219,16 +226,15 @@ pub struct InfoTableRow {
 
 /// The entries of a kind of control, in order.
 pub fn info_table(control: Control) -> Vec<InfoTableRow> {
-    let shown = INFO.iter().filter(|row| control.decides() || !row.decision_only);
-    shown
-        .map(|row| {
-            let (dtype, names) = match row.read {
-                Reader::Flag(_) => ("bool", None),
-                Reader::Number(_) => ("float64", None),
-                Reader::Index(_) => ("int64", None),
-                Reader::Name(names, _) => ("str", Some(names)),
-            };
-            InfoTableRow { name: row.name, dtype, names, unit: row.unit, meaning: row.meaning }
-        })
-        .collect()
+    let rows = INFO.iter().filter(|row| row.is_in(control));
+    rows.map(|row| {
+        let (dtype, names) = match row.read {
+            Reader::Flag(_) => ("bool", None),
+            Reader::Number(_) => ("float64", None),
+            Reader::Index(_) => ("int64", None),
+            Reader::Name(names, _) => ("str", Some(names)),
+        };
+        InfoTableRow { name: row.name, dtype, names, unit: row.unit, meaning: row.meaning }
+    })
+    .collect()
 }

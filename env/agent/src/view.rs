@@ -84,8 +84,3 @@ pub fn position(pose: &Isometry3<f64>) -> [f64; 3] {
 fn point(pose: &Isometry3<f64>, p: &Point3<f64>) -> [f64; 3] {
     (pose * p).coords.into()
 }
-
-/// True once the simulation went wrong: see [`World::has_diverged`]; or if a tendon's tension is no number.
-pub fn has_diverged(world: &World) -> bool {
-    world.has_diverged() || (0..world.hand().fingers.len()).any(|i| !world.finger(i).tension.is_finite())
-}

@@ -3,7 +3,7 @@
 use super::World;
 use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT};
 use crate::{finger, frames};
-use graspbox_hand::{Hand, MotorKind, MotorState};
+use graspbox_hand::{Hand, MotorState};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 
@@ -105,8 +105,7 @@ impl World {
 
     /// Angle of the preshape motor, rad.
     pub fn preshape(&self) -> f64 {
-        let motors = self.shared.hand.motors.iter().zip(&self.state.motors);
-        motors.filter(|(m, _)| m.kind == MotorKind::Preshape).map(|(_, s)| s.position).next().unwrap_or(0.0)
+        self.shared.hand.preshape_motor().map_or(0.0, |motor| self.state.motors[motor].position)
     }
 
     /// True once the simulation went wrong: a number that is not finite, or a motion that no table-top scene can have.
@@ -136,6 +135,7 @@ impl World {
             let body = self.body(h);
             body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
         };
-        fingers.chain([self.shared.handles.object]).all(finite)
+        self.state.tensions.iter().all(|tension| tension.is_finite())
+            && fingers.chain([self.shared.handles.object]).all(finite)
     }
 }
