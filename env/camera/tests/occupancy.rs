@@ -137,7 +137,7 @@ fn wrong_images_are_refused() {
     for bad in [-1.0, f32::NAN, f32::INFINITY] {
         let mut depth = [1.0; 16];
         depth[3] = bad;
-        assert!(refusal(&depth).contains("depth ="));
+        assert!(refusal(&depth).contains("`depth` is"));
     }
     assert_eq!(occupancy(&grid, &Isometry3::identity(), &[], true).unwrap(), [Occupancy::Unseen; 8]);
 }
