@@ -6,7 +6,7 @@ use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh, co
 use graspbox_plan::Obstacle;
 use graspbox_sim::scenery::TABLE_SIDE;
 use graspbox_sim::{Geometry, ObjectModel};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -18,7 +18,8 @@ pub const DEFAULT_DENSITY: f64 = 400.0;
 pub const TOUCHING: f64 = 0.002;
 /// Shortest longest side of an object, metres: ten times the depth to which contacts are resolved.
 pub const LEAST_SIDE: f64 = 0.005;
-/// Greatest shortest side of an object, as a multiple of the width of the open hand: nothing wider can be grasped.
+/// Greatest shortest side of an object, as a multiple of the width of the open hand: what is larger is a file in another unit rather
+/// than a thing to grasp by its wall.
 pub const SPANS: f64 = 2.0;
 /// Least mass of an object, kg: a grain of rice weighs more.
 pub const LEAST_MASS: f64 = 1e-5;
@@ -84,7 +85,9 @@ impl Body {
     /// Refuses objects whose size or mass is no matter of hands and tables: nearly always a file in another unit.
     ///
     /// * The longest side of the bounds is between [`LEAST_SIDE`] and the table's.
-    /// * The shortest side is at most [`SPANS`] times as wide as the open hand.
+    /// * The shortest side is at most [`SPANS`] times the width of the open hand.
+    /// * At least one convex part is no wider than the open hand: fingers cannot oppose each other across a wider one. So a large crate
+    ///   passes (a hand can hold its wall), and a solid block of the same size does not.
     /// * The mass is between [`LEAST_MASS`] and [`GREATEST_MASS`], and no greater than that of bounds filled with [`DENSEST`].
     ///
     /// # Errors
@@ -99,6 +102,15 @@ impl Body {
         }
         if sides.min() > SPANS * span {
             return size(format!("the open hand is {span:.2} m wide"));
+        }
+        // Where the bounds are narrow enough, so is a part.
+        if sides.min() > span {
+            let narrowest = self.parts.iter().map(narrowest).fold(f64::INFINITY, f64::min);
+            if narrowest > span {
+                return size(format!(
+                    "the open hand is {span:.2} m wide and no part of it is narrower than {narrowest:.2} m"
+                ));
+            }
         }
         if sides.max() < LEAST_SIDE {
             return size(format!("what is smaller than {LEAST_SIDE} m cannot be simulated"));
@@ -161,4 +173,16 @@ impl Body {
     pub fn model(&self) -> &ObjectModel {
         &self.model
     }
+}
+
+/// Least extent of a convex part along the normals of its faces and the axes, metres: an upper bound of its width.
+fn narrowest(part: &TriMesh) -> f64 {
+    let normals = (0..part.faces().len()).filter_map(|face| part.face_area_vector(face).try_normalize(0.0));
+    let axes = (0..3).map(|axis| Vector3::ith(axis, 1.0));
+    let extent = |direction: Vector3<f64>| {
+        let along = part.vertices().iter().map(|p| p.coords.dot(&direction));
+        let [low, high] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)]);
+        high - low
+    };
+    normals.chain(axes).map(extent).fold(f64::INFINITY, f64::min)
 }

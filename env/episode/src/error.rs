@@ -79,7 +79,7 @@ pub enum EpisodeError {
         why: String,
     },
     /// A mass that no object for a hand has.
-    #[error("object `{object}` weighs {mass} kg, but {why}; give `mass=` in kilograms")]
+    #[error("object `{object}` weighs {} kg, but {why}; give `mass=` in kilograms", digits(*.mass))]
     BadMass {
         /// Name of the object.
         object: String,
@@ -120,8 +120,13 @@ fn in_degrees(value: f64, low: f64, high: f64) -> String {
 }
 
 fn sides(size: &[f64; 3]) -> String {
-    let [x, y, z] = size.map(|side| format!("{side:.3e}").parse::<f64>().unwrap_or(side));
+    let [x, y, z] = size.map(digits);
     format!("{x} x {y} x {z}")
+}
+
+/// `value` rounded to 4 significant digits.
+fn digits(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
 }
 
 /// Which unit the file was probably in.

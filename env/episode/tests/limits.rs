@@ -79,10 +79,43 @@ fn sizes_and_masses_of_another_unit_are_refused() {
         "{told}"
     );
     assert!(refused([0.8, 0.8, 0.8], Some(0.2)).contains("the open hand is"));
+    let told = refused([0.6, 0.6, 0.8], Some(20.0));
+    assert!(
+        told.contains("0.6 x 0.6 x 0.8 m large") && told.contains("no part of it is narrower than 0.60 m"),
+        "{told}"
+    );
     assert!(refused([6e-5, 6e-5, 1e-4], Some(0.2)).contains("multiply `scale=` by 1000 "));
     assert!(refused([0.06, 0.06, 0.1], Some(118.0)).contains("weighs 118 kg"));
+    assert!(refused([0.06, 0.08, 0.3], Some(0.06 * 0.08 * 0.3 * 8e4)).contains("weighs 115.2 kg"));
     assert!(refused([0.01, 0.01, 0.01], Some(0.118)).contains("osmium"));
     assert!(scene(&block([1.1, 0.05, 0.05], Some(1.0)), reflex()).is_ok(), "a long stick is no mistake");
+}
+
+/// A block that the hand cannot span is refused, a crate of the same size is not: it can be held by its wall.
+#[test]
+fn large_objects_need_a_part_that_the_hand_can_span() {
+    let sides = Vector3::new(0.55, 0.55, 0.5);
+    let slab = |low: Vector3<f64>, high: Vector3<f64>| -> Vec<Point3<f64>> {
+        let corner = |i: usize| Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 0 { low[k] } else { high[k] }));
+        (0..8).map(corner).collect()
+    };
+    let wall = |axis: usize, end: bool| {
+        let (mut low, mut high) = (Vector3::zeros(), sides);
+        if end {
+            low[axis] = sides[axis] - 0.02
+        } else {
+            high[axis] = 0.02
+        }
+        slab(low, high)
+    };
+    let walls = vec![wall(0, false), wall(0, true), wall(1, false), wall(1, true), wall(2, false)];
+    let mesh = convex_hull(&slab(Vector3::zeros(), sides)).unwrap();
+    let prepare = |parts| {
+        let spec = ObjectSpec { name: "crate".into(), mesh: mesh.clone(), mass: Some(3.0), parts };
+        Body::prepare(&spec, None).unwrap().check_fits(&reflex())
+    };
+    assert!(matches!(prepare(None), Err(EpisodeError::BadSize { .. })));
+    assert!(prepare(Some(walls)).is_ok());
 }
 
 /// A bug here: a world that blew up and threw the object away, reported as a hand that missed it.
