@@ -1,5 +1,8 @@
 //! A software renderer: images of triangle meshes from pinhole cameras, on the CPU alone.
 //!
+//! Own code: GPU renderers need a GPU or a display, and their images differ between drivers; training on images needs the same bits on
+//! every machine that only has CPU cores.
+//!
 //! | module | what it does |
 //! |---|---|
 //! | [`camera`] | pinhole cameras: intrinsics, pose, range; project and unproject |
