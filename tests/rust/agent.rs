@@ -1,6 +1,6 @@
 //! Environments do not know of each other: the same seed and actions give the same bits, alone or beside others, now or from a state.
 //!
-//! A mismatch is always a bug: a draw that depends on a neighbour, something that is missing from a saved state, an order that is not
+//! A mismatch is always a bug: a sample that depends on a neighbour, something that is missing from a saved state, an order that is not
 //! fixed.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -63,7 +63,7 @@ fn run(pool: &EnvPool, steps: usize) -> Vec<Vec<Vec<u64>>> {
 }
 
 #[test]
-fn results_depend_on_neither_threads_nor_neighbours() {
+fn results_depend_on_neither_threads_nor_neighbors() {
     let config = || AgentConfig {
         max_episode_steps: Some(30),
         randomization: Randomization::standard(),

@@ -21,16 +21,16 @@ fn options_fix_what_they_name_and_nothing_else() {
         let world = env.episode().unwrap().episode().world();
         Ok::<_, AgentError>((object, world.world_from_object(), world.world_from_hand()))
     };
-    let drawn = start(&ResetOptions::default()).unwrap();
+    let sampled = start(&ResetOptions::default()).unwrap();
     let heavier = ResetOptions { mass: Some(2.0), friction: Some(0.5), ..ResetOptions::default() };
-    assert_eq!(start(&heavier).unwrap(), drawn);
+    assert_eq!(start(&heavier).unwrap(), sampled);
     let placed = ResetOptions {
         object: Some(ObjectChoice::Name("can".into())),
         place: Some([0.02, -0.03, 0.0]),
         ..ResetOptions::default()
     };
     let (object, pose, hand) = start(&placed).unwrap();
-    assert_eq!((object, hand), (1, drawn.2));
+    assert_eq!((object, hand), (1, sampled.2));
     assert!((pose.translation.vector.xy() - nalgebra::Vector2::new(0.02, -0.03)).norm() < 2e-3);
     let rows = |z: f64| Some([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, z], [0.0, 0.0, 0.0, 1.0]]);
     let posed = ResetOptions { world_from_hand: rows(0.4), preshape: Some(0.7), ..ResetOptions::default() };

@@ -89,7 +89,7 @@ fn a_decision_is_a_trial() {
 }
 
 #[test]
-fn results_depend_neither_on_neighbours_nor_on_threads() {
+fn results_depend_neither_on_neighbors_nor_on_threads() {
     let objects = objects(&FAMILIES);
     let run = |count: usize, threads: usize| -> Vec<Vec<u64>> {
         in_pool(threads, || {

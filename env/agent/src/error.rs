@@ -30,7 +30,7 @@ pub enum AgentError {
     },
     /// An object cannot be rendered.
     #[error("object `{object}`: {source}")]
-    Undrawable {
+    NotRenderable {
         /// Name of the object.
         object: String,
         /// What the renderer said.
@@ -195,7 +195,7 @@ impl AgentError {
                     | EpisodeError::BadSize { .. }
                     | EpisodeError::BadMass { .. }
             ),
-            Self::NoRoom { .. } | Self::Undrawable { .. } => true,
+            Self::NoRoom { .. } | Self::NotRenderable { .. } => true,
             _ => false,
         }
     }

@@ -1,5 +1,5 @@
-//! The random numbers of an initial state. Every one takes the same number of draws, so that an option or a randomization changes
-//! nothing but what it names.
+//! The random numbers of an initial state. Every initial state takes the same number of samples, so that an option or a randomization
+//! changes nothing but what it names.
 
 use crate::random_stream::RandomStream;
 use nalgebra::Vector3;
@@ -43,7 +43,7 @@ pub struct InitialSamples {
 }
 
 impl InitialSamples {
-    /// Draws from a stream.
+    /// Samples from a stream.
     ///
     /// * `count`: number of objects.
     pub fn new(stream: &mut RandomStream, count: usize) -> Self {

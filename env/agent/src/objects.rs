@@ -83,7 +83,7 @@ impl Prepared {
             return Ok(model);
         }
         let made = Model::new(self.body.mesh())
-            .map_err(|source| AgentError::Undrawable { object: self.body.name().to_owned(), source })?;
+            .map_err(|source| AgentError::NotRenderable { object: self.body.name().to_owned(), source })?;
         Ok(self.model.get_or_init(|| made))
     }
 

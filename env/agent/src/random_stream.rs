@@ -1,10 +1,10 @@
-//! The random stream of one environment: a ChaCha stream that a seeded reset sets and every other draw continues.
+//! The random stream of one environment: a ChaCha stream that a seeded reset restarts and every other sample continues.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-/// A stream of seeded draws.
+/// A seeded stream of random numbers.
 #[derive(Clone, Debug)]
 pub struct RandomStream(ChaCha8Rng);
 
@@ -12,7 +12,7 @@ pub struct RandomStream(ChaCha8Rng);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RandomStreamState {
     seed: [u8; 32],
-    /// Words drawn, as two halves.
+    /// Number of words used so far, as two halves.
     position: [u64; 2],
 }
 

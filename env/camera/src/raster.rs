@@ -112,11 +112,11 @@ impl Raster {
         let nearness = &mut self.nearness[range.clone()];
         let at = |k: usize| ramp.base + ramp.slope * (k as i32 - ramp.from) as f32;
         if IDS {
-            for (k, (here, drawn)) in nearness.iter_mut().zip(&mut self.ids[range]).enumerate() {
+            for (k, (here, shown)) in nearness.iter_mut().zip(&mut self.ids[range]).enumerate() {
                 let w = at(k);
                 let nearer = w > *here;
                 *here = if nearer { w } else { *here };
-                *drawn = if nearer { id } else { *drawn };
+                *shown = if nearer { id } else { *shown };
             }
         } else {
             for (k, here) in nearness.iter_mut().enumerate() {

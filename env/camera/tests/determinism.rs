@@ -1,4 +1,4 @@
-//! The same bits on any number of threads, and whatever a renderer drew before.
+//! The same bits on any number of threads, and whatever a renderer rendered before.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;

@@ -11,7 +11,7 @@ use graspbox_camera::{
 use graspbox_mesh::{TriMesh, VoxelFrame, VoxelMode, VoxelOptions, voxelize};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-fn see(mesh: &TriMesh, world_from_model: Isometry3<f64>, cameras: &[Camera]) -> Vec<Frame> {
+fn render(mesh: &TriMesh, world_from_model: Isometry3<f64>, cameras: &[Camera]) -> Vec<Frame> {
     let model = Model::new(mesh).unwrap();
     let mut renderer = Renderer::new(Detail::Full);
     let scene = [instance(&model, world_from_model, 1)];
@@ -47,7 +47,7 @@ fn a_ball_and_a_box_seen_from_all_sides() {
     ];
     for (mesh, depth) in [ball, block].iter().zip(depths) {
         let grid = VoxelFrame::new(24, Point3::from(Vector3::repeat(-0.06)), 0.12).unwrap();
-        let cells = carve(&grid, &world_from_model, &see(mesh, world_from_model, &around(60, center)));
+        let cells = carve(&grid, &world_from_model, &render(mesh, world_from_model, &around(60, center)));
         let h = grid.voxel_size();
         let mut count = [0; 3];
         for at in (0..24_usize.pow(3)).map(|i| [i / 576, i / 24 % 24, i % 24]) {
@@ -73,7 +73,7 @@ fn carving_agrees_with_the_mesh_s_voxels() {
     let options = VoxelOptions { resolution: 20, exact: true, ..VoxelOptions::default() };
     let (solid, _) = voxelize(&mesh, &options).unwrap();
     let (shell, _) = voxelize(&mesh, &VoxelOptions { mode: VoxelMode::Surface, ..options }).unwrap();
-    let frames = see(&mesh, Isometry3::identity(), &around(60, Point3::origin()));
+    let frames = render(&mesh, Isometry3::identity(), &around(60, Point3::origin()));
     let cells = carve(solid.frame(), &Isometry3::identity(), &frames);
     for (i, cell) in cells.iter().enumerate() {
         assert!(*cell != Occupancy::Occupied || shell.flags()[i]);
@@ -87,7 +87,7 @@ fn one_view_leaves_a_shadow() {
     let camera =
         Camera::look_at(Intrinsics::from_fov(200, 200, 0.5).unwrap(), eye, Point3::origin(), Vector3::y()).unwrap();
     let block = shapes::cuboid(Vector3::new(0.05, 0.05, 0.01), 0.0).unwrap();
-    let frames = see(&block, Isometry3::translation(0.0, 0.0, 0.021), &[camera]);
+    let frames = render(&block, Isometry3::translation(0.0, 0.0, 0.021), &[camera]);
     let grid = VoxelFrame::new(20, Point3::from(Vector3::repeat(-0.1)), 0.2).unwrap();
     let cells = carve(&grid, &Isometry3::identity(), &frames);
     let column = |i: usize, j: usize| (0..20).map(|k| cells[grid.index([i, j, k])]).collect::<Vec<_>>();

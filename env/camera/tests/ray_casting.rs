@@ -82,7 +82,7 @@ fn a_table_under_the_lens_is_clipped_and_stays_exact() {
 
 /// Rays through a shared edge hit one of its two faces: a fan around the axis leaves no hole at a pixel's centre.
 #[test]
-fn edges_through_pixel_centres_leave_no_gap() {
+fn edges_through_pixel_centers_leave_no_gap() {
     let mesh = graspbox_camera::shapes::cylinder(0.5, 0.1, 64).unwrap();
     let pose = Isometry3::translation(0.0, 0.0, -0.1);
     let intrinsics = Intrinsics::from_fov(33, 33, 0.5).unwrap();

@@ -43,7 +43,7 @@ fn a_ball_throws_its_shadow_along_the_light() {
             let to_ball = center - camera().unproject(u, v, f64::from(with.depth[i]));
             let passes = (to_ball - way * to_ball.dot(&way)).norm();
             let (lit, full) = (with.rgb[3 * i], without.rgb[3 * i]);
-            // The filter is a square of `softness`, and the ball is drawn within a texel, a quarter of that.
+            // The filter is a square of `softness`, and the ball is rasterized within a texel, a quarter of that.
             if passes > 0.04 + 0.010 {
                 assert_eq!(lit, full);
             } else if passes < 0.04 - 0.010 {
@@ -65,7 +65,7 @@ fn a_sheet_shades_the_table_but_not_itself() {
     let sheet = Model::new(&TriMesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap()).unwrap();
     assert!(!sheet.is_closed());
     let ground = Model::new(&table()).unwrap();
-    // Both sides are drawn: turned over, it looks the same.
+    // Both sides are rendered: turned over, it looks the same.
     let over = Isometry3::new(Vector3::new(0.0, 0.0, 0.1), Vector3::x() * std::f64::consts::PI);
     for pose in [Isometry3::translation(0.0, 0.0, 0.1), over] {
         let floor = Instance { casts_shadow: false, ..instance(&ground, Isometry3::translation(0.0, 0.0, -0.02), 1) };

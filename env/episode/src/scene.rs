@@ -107,7 +107,7 @@ impl Scene {
         if world.object_center().z < 0.0 {
             return Err(no_rest("it falls off"));
         }
-        scene.world_from_object = recentred(&world, &(start * scene.center_of_mass));
+        scene.world_from_object = recentered(&world, &(start * scene.center_of_mass));
         Ok(scene)
     }
 
@@ -204,7 +204,7 @@ impl Stillness {
 }
 
 /// The settled pose, moved back so that a rolling object does not wander off the middle of the table.
-fn recentred(world: &World, start: &Point3<f64>) -> Isometry3<f64> {
+fn recentered(world: &World, start: &Point3<f64>) -> Isometry3<f64> {
     let drift: Vector3<f64> = start - world.object_center();
     Translation3::new(drift.x, drift.y, 0.0) * world.world_from_object()
 }

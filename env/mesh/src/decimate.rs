@@ -29,7 +29,7 @@ pub use distance::{Hausdorff, hausdorff};
 use crate::clean::compact;
 use crate::error::{MeshError, require};
 use crate::trimesh::TriMesh;
-use distance::{Surface, centre};
+use distance::{Surface, center};
 use nalgebra::{Point3, Vector3};
 use quadric::Quadric;
 use rayon::prelude::*;
@@ -92,10 +92,10 @@ pub fn decimate_levels(mesh: &TriMesh, targets: &[usize]) -> Result<Vec<Decimate
             }
         }
     }
-    let centre = centre(mesh);
-    let original = Surface::new(mesh, &centre, SAMPLES)?;
+    let center = center(mesh);
+    let original = Surface::new(mesh, &center, SAMPLES)?;
     let measured = levels.into_par_iter().map(|level| {
-        let hausdorff = original.distance(&Surface::new(&level, &centre, SAMPLES)?);
+        let hausdorff = original.distance(&Surface::new(&level, &center, SAMPLES)?);
         Ok(Decimated { mesh: level, hausdorff })
     });
     measured.collect()
@@ -230,7 +230,7 @@ impl Collapse {
         }
     }
 
-    fn neighbours(&self, v: u32) -> Vec<u32> {
+    fn neighbors(&self, v: u32) -> Vec<u32> {
         let faces = self.around[v as usize].iter().filter_map(|&f| self.faces[f as usize]);
         let mut all: Vec<u32> = faces.flatten().filter(|&u| u != v).collect();
         all.sort_unstable();
@@ -240,8 +240,8 @@ impl Collapse {
 
     /// The link condition, and no face turns over.
     fn allowed(&self, a: u32, b: u32, place: &Point3<f64>) -> bool {
-        let others = self.neighbours(b);
-        let common: Vec<u32> = self.neighbours(a).into_iter().filter(|v| others.binary_search(v).is_ok()).collect();
+        let others = self.neighbors(b);
+        let common: Vec<u32> = self.neighbors(a).into_iter().filter(|v| others.binary_search(v).is_ok()).collect();
         let has = |face: &[u32; 3], v: u32| face.contains(&v);
         let shared = self.faces_of(a).filter(|f| has(f, b)).count();
         let both_on_boundary = self.boundary[a as usize] && self.boundary[b as usize];
@@ -297,7 +297,7 @@ impl Collapse {
         self.around[a as usize].retain(|&f| faces[f as usize].is_some());
         self.versions[a as usize] += 1;
         self.versions[b as usize] += 1;
-        for v in self.neighbours(a) {
+        for v in self.neighbors(a) {
             let faces = &self.faces;
             self.around[v as usize].retain(|&f| faces[f as usize].is_some());
             self.offer(sorted(a, v));

@@ -4,6 +4,8 @@
 //! inside. Inside is a vote of three scan directions over signed crossings, so a mesh with a few holes or overlapping shells
 //! still has an inside. A query near the surface measures the faces that its cell's corners know; so walls thinner than the
 //! grid keep their place.
+//!
+//! Own code: the sign of `parry3d`'s point queries needs a closed, oriented mesh.
 
 use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
@@ -206,7 +208,7 @@ impl<'a> DistanceGrid<'a> {
                 }
                 for d in &before {
                     let turned = if back { d.map(|x| -x) } else { *d };
-                    let Some(other) = self.neighbour(at, turned) else {
+                    let Some(other) = self.neighbor(at, turned) else {
                         continue;
                     };
                     let distance = self.known(other, &p);
@@ -220,7 +222,7 @@ impl<'a> DistanceGrid<'a> {
         }
     }
 
-    fn neighbour(&self, at: [usize; 3], d: [isize; 3]) -> Option<usize> {
+    fn neighbor(&self, at: [usize; 3], d: [isize; 3]) -> Option<usize> {
         let mut to = [0; 3];
         for k in 0..3 {
             to[k] = at[k].checked_add_signed(d[k]).filter(|&v| v < self.size[k])?;

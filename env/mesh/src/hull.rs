@@ -38,8 +38,8 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Result<TriMesh, MeshError> {
         return Err(MeshError::NotFinite { vertex });
     }
     let count = points.len();
-    let (centre, size) = centre_and_size(points).ok_or(MeshError::Flat { count })?;
-    if thickness(points, &centre) < MIN_RELATIVE_THICKNESS * size {
+    let (center, size) = center_and_size(points).ok_or(MeshError::Flat { count })?;
+    if thickness(points, &center) < MIN_RELATIVE_THICKNESS * size {
         return Err(MeshError::Flat { count });
     }
     let (vertices, faces) =
@@ -78,7 +78,7 @@ pub(crate) fn planes(convex: &TriMesh) -> Vec<(Vector3<f64>, f64)> {
 }
 
 /// Centre and longest side of the bounds; `None` for no points or a single place.
-fn centre_and_size(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
+fn center_and_size(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
     let first = *points.first()?;
     let (min, max) = points.iter().fold((first, first), |(min, max), p| (min.inf(p), max.sup(p)));
     let size = (max - min).amax();
@@ -86,12 +86,12 @@ fn centre_and_size(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
 }
 
 /// Extent along the direction of least variance.
-fn thickness(points: &[Point3<f64>], centre: &Point3<f64>) -> f64 {
-    let mean = points.iter().map(|p| p - centre).sum::<Vector3<f64>>() / points.len() as f64;
-    let covariance: Matrix3<f64> = points.iter().map(|p| p - centre - mean).map(|d| d * d.transpose()).sum();
+fn thickness(points: &[Point3<f64>], center: &Point3<f64>) -> f64 {
+    let mean = points.iter().map(|p| p - center).sum::<Vector3<f64>>() / points.len() as f64;
+    let covariance: Matrix3<f64> = points.iter().map(|p| p - center - mean).map(|d| d * d.transpose()).sum();
     let eigen = SymmetricEigen::new(covariance);
     let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-    let heights = points.iter().map(|p| (p - centre).dot(&normal));
+    let heights = points.iter().map(|p| (p - center).dot(&normal));
     let (least, greatest) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(h), b.max(h)));
     greatest - least
 }

@@ -68,9 +68,9 @@ pub fn convex_parts(mesh: &TriMesh, params: &PartsParams, cache: Option<&Path>) 
 fn build(mesh: &TriMesh, params: &PartsParams) -> Result<ConvexParts, MeshError> {
     let begin = std::time::Instant::now();
     let aabb = mesh.aabb();
-    let centre = nalgebra::center(&aabb.min, &aabb.max).coords;
-    let fit = Fit::new(mesh, centre, params.max_error);
-    let parts = decompose(mesh, centre, &fit, params)?;
+    let center = nalgebra::center(&aabb.min, &aabb.max).coords;
+    let fit = Fit::new(mesh, center, params.max_error);
+    let parts = decompose(mesh, center, &fit, params)?;
     let mut report = report(mesh, &parts, &fit);
     report.seconds = begin.elapsed().as_secs_f64();
     Ok(ConvexParts { parts, report })

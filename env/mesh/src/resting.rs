@@ -4,6 +4,8 @@
 //! with a probability in proportion to the solid angle under which the centre of mass sees it, and rolls from an unstable facet
 //! to the neighbour where the centre of mass lies lowest, until it is stable (no dynamics: Goldberg, Mirtich, Zhuang, Craig,
 //! Carlisle, Canny, "Part pose statistics", 1999, their quasi-static estimate).
+//!
+//! Own code: we know no Rust crate that does this.
 
 use crate::error::{MeshError, require};
 use crate::trimesh::TriMesh;
@@ -108,8 +110,8 @@ fn pose(hull: &TriMesh, com: &Point3<f64>, facet: &Facet, probability: f64) -> R
 /// Turned by `rotation`, then lowest point to z = 0 and bounds centred over the origin.
 fn place(mesh: &TriMesh, rotation: UnitQuaternion<f64>) -> Isometry3<f64> {
     let turned = mesh.transformed(&Isometry3::from_parts(Translation3::identity(), rotation)).aabb();
-    let centre = nalgebra::center(&turned.min, &turned.max);
-    Isometry3::from_parts(Translation3::new(-centre.x, -centre.y, -turned.min.z), rotation)
+    let center = nalgebra::center(&turned.min, &turned.max);
+    Isometry3::from_parts(Translation3::new(-center.x, -center.y, -turned.min.z), rotation)
 }
 
 /// A facet of the hull: faces that are coplanar within the merge angle.
@@ -120,7 +122,7 @@ struct Facet {
     solid_angle: f64,
     /// Of the projected centre of mass inside the support polygon; negative outside.
     margin: f64,
-    neighbours: Vec<usize>,
+    neighbors: Vec<usize>,
 }
 
 /// Where the body rolls from facet `at`: to the neighbour with the lowest centre of mass. `None` when it stays.
@@ -128,8 +130,7 @@ fn roll(facets: &[Facet], at: usize) -> Option<usize> {
     if facets[at].margin >= 0.0 {
         return None;
     }
-    let lowest =
-        facets[at].neighbours.iter().copied().min_by(|&a, &b| facets[a].height.total_cmp(&facets[b].height))?;
+    let lowest = facets[at].neighbors.iter().copied().min_by(|&a, &b| facets[a].height.total_cmp(&facets[b].height))?;
     (facets[lowest].height < facets[at].height).then_some(lowest)
 }
 
@@ -143,7 +144,7 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
         if area.norm() > thin * longest { area } else { Vector3::zeros() }
     };
     let areas: Vec<Vector3<f64>> = (0..count).map(area).collect();
-    let around = neighbours(hull);
+    let around = neighbors(hull);
     let label = merge(&areas, &around, merge_angle.cos());
     let number = label.iter().max().map_or(0, |m| m + 1);
     let mut members = vec![Vec::new(); number];
@@ -163,14 +164,14 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
                 height: corners.iter().map(|p| (p - com).dot(&normal)).fold(f64::NEG_INFINITY, f64::max),
                 solid_angle: faces.iter().map(|&f| solid_angle(hull.triangle(f), com)).sum(),
                 margin: margin(&corners, com, &normal),
-                neighbours: others,
+                neighbors: others,
             }
         })
         .collect()
 }
 
 /// Faces that share an edge.
-fn neighbours(hull: &TriMesh) -> Vec<Vec<usize>> {
+fn neighbors(hull: &TriMesh) -> Vec<Vec<usize>> {
     let mut owner = HashMap::with_capacity(hull.faces().len() * 3);
     for (f, &[a, b, c]) in hull.faces().iter().enumerate() {
         for edge in [(a, b), (b, c), (c, a)] {

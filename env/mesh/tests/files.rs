@@ -92,8 +92,8 @@ fn every_format_reads_back() {
             let pairs = read.triangle(f).into_iter().zip(mesh.triangle(f));
             pairs.for_each(|(p, q)| assert!((p - q).norm() < 1e-8, "{format:?}"));
         }
-        let millimetres = LoadOptions { scale: 1e-3, ..LoadOptions::default() };
-        let small = parse(&bytes, format, &millimetres).unwrap();
+        let millimeters = LoadOptions { scale: 1e-3, ..LoadOptions::default() };
+        let small = parse(&bytes, format, &millimeters).unwrap();
         assert!((small.extent() - read.extent() * 1e-3).abs() < 1e-12);
     }
     // An OBJ keeps every bit, though its vertices come back in the order of their first use.

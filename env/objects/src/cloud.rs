@@ -27,7 +27,7 @@ static DIRECTIONS: LazyLock<Vec<Vector3<f64>>> = LazyLock::new(|| {
 /// # Errors
 /// Those of [`convex_hull`], when the vertices are coplanar.
 pub(crate) fn convex_cloud(vertices: &[P3]) -> Result<Vec<P3>, MeshError> {
-    let centre = Point3::from(vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len() as f64);
+    let center = Point3::from(vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len() as f64);
     let mut chosen: Vec<usize> = Vec::with_capacity(PART_POINTS);
     for d in DIRECTIONS.iter() {
         let height = |i: usize| vertices[i].coords.dot(d);
@@ -47,7 +47,7 @@ pub(crate) fn convex_cloud(vertices: &[P3]) -> Result<Vec<P3>, MeshError> {
         }
         chosen.push(deepest);
     }
-    let swell = |&i: &usize| vertices[i] + (vertices[i] - centre).normalize() * (gap / 2.0);
+    let swell = |&i: &usize| vertices[i] + (vertices[i] - center).normalize() * (gap / 2.0);
     Ok(chosen.iter().map(swell).collect())
 }
 

@@ -84,11 +84,11 @@ pub(crate) fn spoon(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     let (handle, half) = (sampler.range(0.09, 0.13), sampler.range(0.0012, 0.0016));
     let (end, neck) = (sampler.range(0.007, 0.01), sampler.range(0.0035, 0.0045));
     let (long, wide) = (sampler.range(0.024, 0.033), sampler.range(0.018, 0.022));
-    let centre = handle + long;
+    let center = handle + long;
     let oval: Vec<[f64; 2]> = (0..24)
         .map(|k| {
             let (sin, cos) = (TAU * k as f64 / 24.0).sin_cos();
-            [centre + long * cos, wide * sin * (1.0 - 0.12 * cos)]
+            [center + long * cos, wide * sin * (1.0 - 0.12 * cos)]
         })
         .collect();
     let root = handle + 0.008;
@@ -103,7 +103,7 @@ pub(crate) fn spoon(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     ]);
     let (arch, depth) = (sampler.range(0.006, 0.011), sampler.range(0.005, 0.0075));
     let lift = move |x: f64, y: f64| {
-        let r = ((x - centre) / long).powi(2) + (y / wide).powi(2);
+        let r = ((x - center) / long).powi(2) + (y / wide).powi(2);
         arch * ease(x, 0.0, handle * 0.7) - arch * ease(x, handle * 0.7, handle + 0.01) - depth * (1.0 - r).max(0.0)
     };
     let density = material(sampler);

@@ -63,8 +63,8 @@ fn resting_pitch(surface: &Surface) -> f64 {
         }
         chain.push(p);
     }
-    let centre = surface.centroid().x;
-    let side = chain.windows(2).find(|w| w[1].x >= centre).map(|w| w[1] - w[0]);
+    let center = surface.centroid().x;
+    let side = chain.windows(2).find(|w| w[1].x >= center).map(|w| w[1] - w[0]);
     let side = side.unwrap_or(Vector2::x());
     side.y.atan2(side.x)
 }

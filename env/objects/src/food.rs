@@ -117,11 +117,11 @@ pub(crate) fn banana(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     let ring = |t: f64| -> Vec<P3> {
         let angle = bow * (t - 0.5);
         let (sin, cos) = angle.sin_cos();
-        let (out, centre) = (Vector3::new(sin, cos, 0.0), Vector3::new(sin, cos, 0.0) * arc);
+        let (out, center) = (Vector3::new(sin, cos, 0.0), Vector3::new(sin, cos, 0.0) * arc);
         let point = |j: usize| {
             let turn = TAU * j as f64 / 30.0;
             let r = girth(t) * (1.0 + edges * (5.0 * turn).cos());
-            Point3::from(centre + out * (r * turn.cos()) + Vector3::z() * (r * turn.sin()))
+            Point3::from(center + out * (r * turn.cos()) + Vector3::z() * (r * turn.sin()))
         };
         (0..30).map(point).collect()
     };

@@ -14,8 +14,8 @@ fn rings(line: &[Vector2<f64>], half: impl Fn(f64) -> Vector2<f64>, section: &[V
     let ring = |i: usize| {
         let along = (line[(i + 1).min(last)] - line[i.saturating_sub(1)]).normalize();
         let (up, size) = (Vector3::new(-along.y, 0.0, along.x), half(i as f64 / last as f64));
-        let centre = Point3::new(line[i].x, 0.0, line[i].y);
-        section.iter().map(|s| centre + Vector3::y() * (s.x * size.x) + up * (s.y * size.y)).collect()
+        let center = Point3::new(line[i].x, 0.0, line[i].y);
+        section.iter().map(|s| center + Vector3::y() * (s.x * size.x) + up * (s.y * size.y)).collect()
     };
     (0..=last).map(ring).collect()
 }

@@ -3,6 +3,8 @@
 //! Source: Gibson, "Constrained elastic surface nets", MICCAI 1998. Here the vertices are then pulled onto the surface,
 //! each within its own cell, which keeps the quads from crossing. A cell with two sheets has two
 //! vertices, after Nielson, "Dual marching cubes", Visualization 2004.
+//!
+//! Own code: the crate `fast-surface-nets` places one vertex per cell, so two sheets in one cell join at a non-manifold edge.
 
 use crate::surface::{P3, Surface};
 use graspbox_mesh::clean::components;
@@ -27,7 +29,7 @@ pub(crate) fn surface(
     for attempt in 0..TRIES {
         // Two surfaces in one cell join where they should not; another offset of the grid parts them.
         let origin = low - step * (1.0 + 0.37 * attempt as f64 % 1.0);
-        let net = Net::new(&distance, origin, high, step).polygonise();
+        let net = Net::new(&distance, origin, high, step).polygonize();
         let faces = net.quads.len() * 2;
         if faces > FACES.1 {
             step *= (faces as f64 / (FACES.1 as f64 * 0.93)).sqrt();
@@ -119,7 +121,7 @@ impl<'a, F: Fn(&P3) -> f64> Net<'a, F> {
         self.values[self.index(at)] < 0.0
     }
 
-    fn polygonise(&self) -> Surface {
+    fn polygonize(&self) -> Surface {
         let mut surface = Surface::default();
         // For each crossed cell, the vertex of each of its 12 edges.
         let mut slots = vec![u32::MAX; self.values.len()];

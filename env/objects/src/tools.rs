@@ -112,12 +112,12 @@ pub(crate) fn clamp(sampler: &mut Sampler) -> Result<Draft, MeshError> {
 }
 
 /// A closed round line in the plane of `across`: two half circles of radius `bend` joined by straights along x.
-fn link(centre: f64, straight: f64, bend: f64, across: Vector3<f64>) -> Vec<P3> {
+fn link(center: f64, straight: f64, bend: f64, across: Vector3<f64>) -> Vec<P3> {
     let point = |k: usize| {
         let angle = TAU * k as f64 / 16.0;
         let (sin, cos) = angle.sin_cos();
         let side = if k % 16 == 4 || k % 16 == 12 { 0.0 } else { straight.copysign(cos) };
-        Point3::from(Vector3::x() * (centre + side + bend * cos) + across * (bend * sin))
+        Point3::from(Vector3::x() * (center + side + bend * cos) + across * (bend * sin))
     };
     let mut line: Vec<P3> = (0..=16).map(point).collect();
     line[16] = line[0];

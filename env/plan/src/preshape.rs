@@ -51,7 +51,7 @@ pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64)
 }
 
 /// Where the fingers meet, hand frame: the point of the palm's plane nearest to the lines that the fingers close along (least squares,
-/// drawn weakly to the hand's origin, which decides where the lines are parallel).
+/// pulled weakly to the hand's origin, which decides where the lines are parallel).
 pub(crate) fn closing_center(hand: &Hand, preshape: f64) -> Vector3<f64> {
     /// Pull of the origin against one line.
     const PULL: f64 = 0.05;

@@ -155,7 +155,7 @@ impl From<AgentError> for CoreError {
             AgentError::Broken { .. } | AgentError::WrongSize { .. } => Self::Internal(error.to_string()),
             AgentError::BadHand { source } => source.into(),
             AgentError::Unusable { source } => source.into(),
-            AgentError::Undrawable { object, source } => Self::from(source).about(&format!("object `{object}`")),
+            AgentError::NotRenderable { object, source } => Self::from(source).about(&format!("object `{object}`")),
             AgentError::NoRoom { .. } => Self::Simulation(error.to_string()),
             _ => Self::Config(error.to_string()),
         }

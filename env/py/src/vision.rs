@@ -209,7 +209,7 @@ pub fn time_images<'py>(
         let mut seconds = Vec::with_capacity(repeats);
         for _ in 0..repeats {
             let started = Instant::now();
-            observer.see(&episode.scene_pose()?, episode.viewpoint(), &mut images)?;
+            observer.render(&episode.scene_pose()?, episode.viewpoint(), &mut images)?;
             seconds.push(started.elapsed().as_secs_f64());
         }
         Ok::<_, AgentError>(seconds)

@@ -158,7 +158,7 @@ impl Observer {
     ///
     /// # Errors
     /// None for finite camera poses and a hand whose models can be built.
-    pub fn see(
+    pub fn render(
         &self,
         scene_pose: &ScenePose,
         viewpoint: &Viewpoint,

@@ -67,12 +67,12 @@ fn agree(faces: &mut [[u32; 3]]) -> Vec<Vec<usize>> {
 }
 
 fn signed_volume(vertices: &[Point3<f64>], faces: &[[u32; 3]], patch: &[usize]) -> f64 {
-    let centre = patch.iter().flat_map(|&f| faces[f]).map(|v| vertices[v as usize].coords).sum::<Vector3<f64>>()
+    let center = patch.iter().flat_map(|&f| faces[f]).map(|v| vertices[v as usize].coords).sum::<Vector3<f64>>()
         / (3 * patch.len()) as f64;
     patch
         .iter()
         .map(|&f| {
-            let [a, b, c] = faces[f].map(|v| vertices[v as usize].coords - centre);
+            let [a, b, c] = faces[f].map(|v| vertices[v as usize].coords - center);
             a.dot(&b.cross(&c))
         })
         .sum()

@@ -26,12 +26,12 @@ pub struct Hausdorff {
 /// # Errors
 /// [`MeshError::Malformed`] should no search tree be built.
 pub fn hausdorff(a: &TriMesh, b: &TriMesh, samples: usize) -> Result<Hausdorff, MeshError> {
-    let centre = centre(a);
-    Ok(Surface::new(a, &centre, samples)?.distance(&Surface::new(b, &centre, samples)?))
+    let center = center(a);
+    Ok(Surface::new(a, &center, samples)?.distance(&Surface::new(b, &center, samples)?))
 }
 
 /// Where the distances of `mesh` are measured from.
-pub(super) fn centre(mesh: &TriMesh) -> Vector3<f64> {
+pub(super) fn center(mesh: &TriMesh) -> Vector3<f64> {
     let aabb = mesh.aabb();
     nalgebra::center(&aabb.min, &aabb.max).coords
 }
@@ -43,9 +43,9 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    pub(super) fn new(mesh: &TriMesh, centre: &Vector3<f64>, samples: usize) -> Result<Self, MeshError> {
+    pub(super) fn new(mesh: &TriMesh, center: &Vector3<f64>, samples: usize) -> Result<Self, MeshError> {
         let points = sample_surface(mesh, samples, 0).into_iter();
-        Ok(Self { samples: points.map(|s| to_glam(&(s.point.coords - centre))).collect(), tree: tree(mesh, centre)? })
+        Ok(Self { samples: points.map(|s| to_glam(&(s.point.coords - center))).collect(), tree: tree(mesh, center)? })
     }
 
     pub(super) fn distance(&self, other: &Self) -> Hausdorff {
@@ -66,8 +66,8 @@ impl Surface {
     }
 }
 
-fn tree(mesh: &TriMesh, centre: &Vector3<f64>) -> Result<parry3d::shape::TriMesh, MeshError> {
-    let vertices = mesh.vertices().iter().map(|p| to_glam(&(p.coords - centre))).collect();
+fn tree(mesh: &TriMesh, center: &Vector3<f64>) -> Result<parry3d::shape::TriMesh, MeshError> {
+    let vertices = mesh.vertices().iter().map(|p| to_glam(&(p.coords - center))).collect();
     parry3d::shape::TriMesh::new(vertices, mesh.faces().to_vec())
         .map_err(|e| MeshError::Malformed { format: "mesh", detail: e.to_string() })
 }

@@ -15,7 +15,7 @@ const SAME: f64 = 1e-5;
 struct Face {
     corners: [u32; 3],
     /// Across the edges from corner 0 to 1, 1 to 2, 2 to 0.
-    neighbours: [usize; 3],
+    neighbors: [usize; 3],
     normal: Vector3<f64>,
     offset: f64,
     /// Points above this face, the farthest of them last.
@@ -80,21 +80,21 @@ impl<'a> Builder<'a> {
         // Seen from outside a, b, c must turn counter-clockwise: d lies below.
         let (b, c) = if (points[d as usize] - points[a as usize]).dot(&normal) > 0.0 { (c, b) } else { (b, c) };
         let mut builder = Self { points, faces: Vec::new() };
-        for (corners, neighbours) in
+        for (corners, neighbors) in
             [([a, b, c], [1, 2, 3]), ([b, a, d], [0, 3, 2]), ([c, b, d], [0, 1, 3]), ([a, c, d], [0, 2, 1])]
         {
-            builder.push(corners, neighbours);
+            builder.push(corners, neighbors);
         }
         let all: Vec<u32> = (0..points.len() as u32).filter(|i| ![a, b, c, d].contains(i)).collect();
         builder.distribute(&all, 0);
         Some(builder)
     }
 
-    fn push(&mut self, corners: [u32; 3], neighbours: [usize; 3]) {
+    fn push(&mut self, corners: [u32; 3], neighbors: [usize; 3]) {
         let [a, b, c] = corners.map(|v| self.points[v as usize]);
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
         let offset = normal.dot(&a);
-        self.faces.push(Face { corners, neighbours, normal, offset, outside: Vec::new(), dead: false });
+        self.faces.push(Face { corners, neighbors, normal, offset, outside: Vec::new(), dead: false });
     }
 
     fn above(&self, face: usize, point: u32) -> f64 {
@@ -145,7 +145,7 @@ impl<'a> Builder<'a> {
         while let Some(&face) = visible.get(next) {
             next += 1;
             for side in 0..3 {
-                let other = self.faces[face].neighbours[side];
+                let other = self.faces[face].neighbors[side];
                 if self.faces[other].dead {
                     continue;
                 }
@@ -167,11 +167,11 @@ impl<'a> Builder<'a> {
             return None;
         }
         for (i, &(from, to, other)) in horizon.iter().enumerate() {
-            let neighbours = [other, *begins.get(&to)?, *ends.get(&from)?];
-            self.push([from, to, apex], neighbours);
+            let neighbors = [other, *begins.get(&to)?, *ends.get(&from)?];
+            self.push([from, to, apex], neighbors);
             let corners = self.faces[other].corners;
             let side = (0..3).find(|&s| corners[s] == to && corners[(s + 1) % 3] == from)?;
-            self.faces[other].neighbours[side] = base + i;
+            self.faces[other].neighbors[side] = base + i;
         }
         let orphans: Vec<u32> =
             visible.iter().flat_map(|&f| std::mem::take(&mut self.faces[f].outside)).filter(|&p| p != apex).collect();

@@ -19,16 +19,16 @@ const LONGEST_EDGE: f64 = 1.0 / 16.0;
 /// Inner nodes wanted: enough for every corner where cuts cross.
 const INNER_NODES: usize = 6000;
 
-/// The parts of `mesh`, in its frame; `fit` must be that of the mesh, its origin at `centre`.
+/// The parts of `mesh`, in its frame; `fit` must be that of the mesh, its origin at `center`.
 pub(super) fn decompose(
     mesh: &TriMesh,
-    centre: Vector3<f64>,
+    center: Vector3<f64>,
     fit: &Fit,
     params: &PartsParams,
 ) -> Result<Vec<TriMesh>, MeshError> {
     convex_hull(mesh.vertices())?;
-    let (mut pool, faces) = refine(mesh, centre, LONGEST_EDGE * mesh.extent());
-    pool.extend(inner_nodes(fit).iter().map(|p| p - centre));
+    let (mut pool, faces) = refine(mesh, center, LONGEST_EDGE * mesh.extent());
+    pool.extend(inner_nodes(fit).iter().map(|p| p - center));
     let whole = Cell { faces, points: (0..pool.len() as u32).collect() };
     let most = params.max_parts.saturating_mul(PIECES_PER_PART);
     let pieces = cut_down(whole, &mut pool, fit, params.max_error, most);
@@ -36,7 +36,7 @@ pub(super) fn decompose(
     let parts: Result<Vec<TriMesh>, MeshError> = pieces
         .iter()
         .map(|piece| {
-            let points: Vec<_> = piece.cell.points.iter().map(|&v| pool[v as usize] + centre).collect();
+            let points: Vec<_> = piece.cell.points.iter().map(|&v| pool[v as usize] + center).collect();
             let hull = convex_hull(&points).or_else(|_| convex_hull(&thicken(&points, fit.sliver())))?;
             Ok(reduce(&hull, params.max_points))
         })
@@ -50,11 +50,11 @@ fn inner_nodes(fit: &Fit) -> Vec<Point3<f64>> {
     fit.grid().inside_nodes(stride)
 }
 
-/// Vertices relative to `centre`, and faces whose edges are at most `longest` metres.
+/// Vertices relative to `center`, and faces whose edges are at most `longest` metres.
 ///
 /// Neighbours may be halved differently; for hulls the T-junctions do not matter.
-fn refine(mesh: &TriMesh, centre: Vector3<f64>, longest: f64) -> (Pool, Vec<[u32; 3]>) {
-    let mut pool: Pool = mesh.vertices().iter().map(|p| p - centre).collect();
+fn refine(mesh: &TriMesh, center: Vector3<f64>, longest: f64) -> (Pool, Vec<[u32; 3]>) {
+    let mut pool: Pool = mesh.vertices().iter().map(|p| p - center).collect();
     let mut stack: Vec<[u32; 3]> = mesh.faces().to_vec();
     let mut faces = Vec::with_capacity(stack.len());
     let mut middles: HashMap<(u32, u32), u32> = HashMap::new();

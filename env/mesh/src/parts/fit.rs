@@ -21,7 +21,7 @@ const SPARED: f64 = 0.02;
 /// Measures hulls against one mesh.
 pub(super) struct Fit<'a> {
     grid: DistanceGrid<'a>,
-    centre: Vector3<f64>,
+    center: Vector3<f64>,
     /// Distance between samples on a hull, metres.
     spacing: f64,
     max_error: f64,
@@ -34,11 +34,11 @@ pub(super) struct Errors {
 }
 
 impl<'a> Fit<'a> {
-    /// * `centre`: the hulls' origin in the mesh's frame.
-    pub fn new(mesh: &'a TriMesh, centre: Vector3<f64>, max_error: f64) -> Self {
+    /// * `center`: the hulls' origin in the mesh's frame.
+    pub fn new(mesh: &'a TriMesh, center: Vector3<f64>, max_error: f64) -> Self {
         let grid = DistanceGrid::new(mesh, 0.25 * max_error);
         let spacing = (2.0 * grid.step()).max(max_error);
-        Self { grid, centre, spacing, max_error }
+        Self { grid, center, spacing, max_error }
     }
 
     pub fn grid(&self) -> &DistanceGrid<'a> {
@@ -68,7 +68,7 @@ impl<'a> Fit<'a> {
 
     /// Distances of `count` points outside the mesh, uniform by area, the same for the same hull.
     fn distances(&self, hull: &Hull, count: usize) -> Vec<f64> {
-        let corners = |f: &[u32; 3]| f.map(|v| hull.points[v as usize] + self.centre);
+        let corners = |f: &[u32; 3]| f.map(|v| hull.points[v as usize] + self.center);
         let area = |[a, b, c]: [Point3<f64>; 3]| (b - a).cross(&(c - a)).norm();
         let total: f64 = hull.faces.iter().map(|f| area(corners(f))).sum();
         let stretch = total / count as f64;

@@ -29,9 +29,9 @@ pub(super) fn reduce(hull: &TriMesh, max_points: usize) -> TriMesh {
         return inner;
     }
     let aabb = inner.aabb();
-    let centre = nalgebra::center(&aabb.min, &aabb.max).coords;
-    let scaled = inner.transformed(&Translation3::from(-centre).into()).scaled(ratio.cbrt());
-    scaled.transformed(&Translation3::from(centre).into())
+    let center = nalgebra::center(&aabb.min, &aabb.max).coords;
+    let scaled = inner.transformed(&Translation3::from(-center).into()).scaled(ratio.cbrt());
+    scaled.transformed(&Translation3::from(center).into())
 }
 
 /// The hull of at most `max_points` corners, inside `hull`.

@@ -4,6 +4,8 @@
 //! So `translate` and `scale` are the origin and the side of a [`VoxelFrame`]; a header without them means the unit cube.
 //!
 //! Source: Patrick Min, "binvox voxel file format specification", <https://www.patrickmin.com/binvox/binvox.html>.
+//!
+//! Own code: we know no Rust crate for this format.
 
 use super::grid::{MAX_RESOLUTION, VoxelFrame, VoxelGrid, out_of_memory, with_room};
 use crate::error::MeshError;

@@ -189,8 +189,8 @@ impl VoxelGrid {
             for j in 1..n - 1 {
                 for k in 1..n - 1 {
                     let at = self.frame.index([i, j, k]);
-                    let neighbours = [at - n * n, at + n * n, at - n, at + n, at - 1, at + 1];
-                    self.set[at] &= !neighbours.iter().all(|&other: &usize| before[other]);
+                    let neighbors = [at - n * n, at + n * n, at - n, at + n, at - 1, at + 1];
+                    self.set[at] &= !neighbors.iter().all(|&other: &usize| before[other]);
                 }
             }
         }
