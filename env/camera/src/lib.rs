@@ -1,7 +1,7 @@
 //! A software renderer: images of triangle meshes from pinhole cameras, on the CPU alone.
 //!
-//! Own code: GPU renderers need a GPU or a display, and their images differ between drivers; training on images needs the same bits on
-//! every machine that only has CPU cores.
+//! Own code: GPU renderers need a GPU or a display, and their images differ between drivers; experiments have to be reproducible on
+//! machines with CPU cores alone.
 //!
 //! | module | what it does |
 //! |---|---|
