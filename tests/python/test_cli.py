@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -155,7 +156,10 @@ def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
     can = "procedural:can:0"
     for name, value in {"_SEEN": can, "_OBJECTS": (can,), "_ENVS": 2, "_STEPS": 12}.items():
         monkeypatch.setattr(bench_images, name, value)
+    timed = Mock(side_effect=_core._time_best_split)
+    monkeypatch.setattr(_core, "_time_best_split", timed)
     rows = bench.measure(1, seed=5)
+    assert [call.args[3] for call in timed.call_args_list] == [5]
     assert all(set(row) == {"work", "value", "unit", "goal", "ratio"} for row in rows)
     # Every goal has its row, and a ratio above 1 is a goal met.
     assert sum(row["goal"] is not None for row in rows) == len(bench._GOALS)

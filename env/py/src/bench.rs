@@ -1,6 +1,6 @@
 //! Work that is too short to be timed through Python.
 
-use crate::convert::{Array, array};
+use crate::convert::{Array, array, seed as checked};
 use crate::episode::Scene;
 use crate::errors::CoreError;
 use crate::gil::detached;
@@ -25,13 +25,19 @@ fn time(repeats: usize, mut work: impl FnMut()) -> Vec<f64> {
     seconds
 }
 
-/// Times the best split of `points` surface points in their PCA box, seconds (repeats,).
+/// Times the best split of `points` surface points, sampled with `seed`, in their PCA box, seconds (repeats,).
 #[pyfunction]
 #[pyo3(name = "_time_best_split")]
-pub fn time_best_split<'py>(py: Python<'py>, mesh: &Mesh, points: usize, repeats: usize) -> PyResult<Array<'py, f64>> {
-    let data = Arc::clone(&mesh.0);
+pub fn time_best_split<'py>(
+    py: Python<'py>,
+    mesh: &Mesh,
+    points: usize,
+    repeats: usize,
+    seed: i128,
+) -> PyResult<Array<'py, f64>> {
+    let (data, seed) = (Arc::clone(&mesh.0), checked(seed)?);
     let seconds = detached(py, Some(1), move || {
-        let samples = sample_surface(&data.spec.mesh, points, 0);
+        let samples = sample_surface(&data.spec.mesh, points, seed);
         let points: Vec<Point3<f64>> = samples.iter().map(|s| s.point).collect();
         let bounds = fit_box(&points, Fit::Pca)?;
         Ok::<_, CoreError>(time(repeats, || {

@@ -75,7 +75,7 @@ def measure(threads: int | None, seed: int = 0) -> list[dict[str, Any]]:
     mesh = object_sets.load("procedural:mug:0")[0].load()
     boxes = {fit: to_json(DecomposeConfig(fit=fit, max_boxes=8, seed=seed)) for fit in ("pca", "minimum")}
     scene = graspbox.Scene(mesh)
-    split = 1e3 * float(np.median(_core._time_best_split(mesh, 2000, 51)))
+    split = 1e3 * float(np.median(_core._time_best_split(mesh, 2000, 51, seed)))
     reset = 1e6 * float(np.median(_core._time_reset(scene._core, 501)))
     cut = {fit: 1e3 * median_seconds(partial(_core.decompose, mesh, text)) for fit, text in boxes.items()}
     planned = 1e3 * median_seconds(lambda: graspbox.plan(mesh, world_from_object=scene.world_from_object, seed=seed), 3)
