@@ -133,4 +133,12 @@ def test_factories_can_be_pickled(make: Any) -> None:
     again = pickle.loads(pickle.dumps(make))()
     assert data_equivalence(again.reset(seed=1), env.reset(seed=1), exact=True)
     spec = pickle.loads(pickle.dumps(env.spec))
+    assert spec == env.spec
     assert data_equivalence(gymnasium.make(spec).reset(seed=1), env.reset(seed=1), exact=True)
+
+
+def test_a_pickled_spec_with_a_hand_is_the_same() -> None:
+    env: Any = gymnasium.make(GRASP, objects="procedural:can:0", hand=graspbox.Hand(*graspbox.Hand.reflex_files()))
+    again = pickle.loads(pickle.dumps(env.spec))
+    assert again.kwargs["hand"] is not env.spec.kwargs["hand"]
+    assert again == env.spec

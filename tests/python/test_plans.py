@@ -281,7 +281,7 @@ def test_plans_outcomes_scenes_and_hands_are_copied(scene: graspbox.Scene, plan:
     assert copy.deepcopy(scene) is scene
     assert copy.copy(scene.hand) is copy.deepcopy(scene.hand) is scene.hand
     hand = pickle.loads(pickle.dumps(scene.hand))
-    assert (hand.name, hand.preshape_limits) == (scene.hand.name, scene.hand.preshape_limits)
+    assert hand == scene.hand
     tree = pickle.loads(pickle.dumps(plan.tree))
     assert [box.volume for box in tree] == [box.volume for box in plan.tree]
 
@@ -297,6 +297,12 @@ def test_a_hand_from_files_is_pickled_with_their_text(tmp_path: Path) -> None:
     again = pickle.loads(pickled)
     for a, b in zip(again.shapes(0.3, np.ones(3), np.ones(3)), hand.shapes(0.3, np.ones(3), np.ones(3)), strict=True):
         np.testing.assert_array_equal(a, b)
+    assert again == hand == graspbox.Hand(urdf, toml)
+    assert len({again, hand, graspbox.load_hand()}) == 1
+    other = graspbox.Hand(urdf, toml + "# a comment")
+    assert other != hand
+    assert len({other, hand}) == 2
+    assert hand != "reflex"
     with pytest.raises(errors.HandError, match=r"hand\.toml"):
         graspbox.Hand(urdf, "")
 

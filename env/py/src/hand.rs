@@ -3,18 +3,33 @@
 use crate::convert::{Array, Floats, array, matrices, table, vector};
 use crate::errors::CoreError;
 use graspbox_hand::reflex::{REFLEX_TOML, REFLEX_URDF};
-use graspbox_hand::{Hand as Core, HandConfiguration, Material};
+use graspbox_hand::{Hand as Core, HandConfiguration, Material, MotorKind};
 use nalgebra::UnitQuaternion;
 use pyo3::prelude::*;
+use std::hash::{Hash, Hasher};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Poses (n, 4, 4), half extents (n, 3), and which are pads (n,).
 type Shapes<'py> = (Array<'py, f64>, Array<'py, f64>, Array<'py, bool>);
 
-/// A handle on a hand, with the text of its two files, by which it is pickled.
-#[pyclass(frozen, module = "graspbox._core")]
+/// A handle on a hand, with the text of its two files, by which it is pickled and compared.
+#[pyclass(frozen, eq, hash, module = "graspbox._core")]
 pub struct Hand(pub Arc<Core>, Arc<[String; 2]>);
+
+impl PartialEq for Hand {
+    fn eq(&self, other: &Self) -> bool {
+        self.1 == other.1
+    }
+}
+
+impl Eq for Hand {}
+
+impl Hash for Hand {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.1.hash(state);
+    }
+}
 
 #[pymethods]
 impl Hand {
