@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "CLEAR_OF_TABLE",
     "EnvPool",
     "Hand",
     "Mesh",
@@ -24,7 +25,9 @@ __all__ = [
     "_time_reset",
     "agent_tables",
     "decompose",
+    "image_kinds",
     "image_tables",
+    "is_rigid",
     "load_binvox",
     "num_threads",
     "occupancy",
@@ -41,6 +44,8 @@ __all__ = [
 ]
 
 __version__: str
+#: Once the object has risen this far, it counts as dropped if it is lost, not as slipped, m.
+CLEAR_OF_TABLE: float
 
 @type_check_only
 class BoxArrays(TypedDict):
@@ -184,6 +189,9 @@ class Hand:
     @property
     def fingers(self) -> int: ...
     @property
+    def closing_speeds(self) -> list[float]:
+        """Speed at which a trial closes each motor but the preshape's, rad/s, in the order of the motors."""
+    @property
     def preshape_limits(self) -> tuple[float, float]: ...
     def shapes(
         self, preshape: float, proximal: NDArray[np.float64], distal: NDArray[np.float64]
@@ -262,6 +270,9 @@ def plan(
     num_threads: int | None,
     features: bool,
 ) -> PlanArrays: ...
+def is_rigid(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of `poses` (n, 4, 4) the core takes for rigid motions: flags (n,)."""
+
 def rank_weights() -> list[tuple[str, float]]: ...
 def procedural(family_name: str, seed: int, scale: float, mass: float | None) -> Mesh: ...
 def procedural_families() -> list[str]: ...
@@ -304,6 +315,7 @@ def render(
     and proximal and distal angles (f,), radians. Camera frames have x right, y down, z forward.
     """
 
+def image_kinds() -> list[str]: ...
 def image_tables(hand: Hand, cameras: str) -> str: ...
 def pictures(pool: EnvPool, envs: Sequence[int], picture: str) -> NDArray[np.uint8]: ...
 def poses_of_cameras(pool: EnvPool) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...

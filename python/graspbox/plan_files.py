@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._core import Mesh, __version__
+from graspbox._core import Mesh, __version__, is_rigid
 from graspbox.errors import ConfigError, PlanError
 from graspbox.files import dumps, read_bounded, write_text
 
@@ -32,8 +32,6 @@ __all__ = ["grasp_rows", "mesh_hash", "read", "write"]
 _FORMAT, _VERSION = "graspbox.plan", 1
 #: Largest file that is read: some 300,000 grasps.
 _MAX_BYTES = 256 << 20
-#: Rounding of a rotation that was printed with six digits; the core's limit for poses.
-_ORTHONORMAL = 1e-5
 
 #: Columns of grasps and of boxes: key in the file, type, shape of one row.
 _GRASPS: dict[str, tuple[str, type, tuple[int, ...]]] = {
@@ -181,12 +179,9 @@ def _array(values: Any, name: str, kind: type, shape: tuple[int, ...]) -> NDArra
 
 
 def _check_rigid(poses: NDArray[Any], name: str) -> None:
-    rotations = poses[:, :3, :3]
-    off = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    last = np.abs(poses[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0)
-    wrong = (off > _ORTHONORMAL) | (last > _ORTHONORMAL) | (np.linalg.det(rotations) < 0.0)
-    if wrong.any():
-        raise PlanError(f"{name} of row {int(np.argmax(wrong))} is not a rigid motion")
+    rigid = is_rigid(poses)
+    if not rigid.all():
+        raise PlanError(f"{name} of row {int(np.argmin(rigid))} is not a rigid motion")
 
 
 def _check_tree(boxes: Arrays, grasps: Arrays) -> None:

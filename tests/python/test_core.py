@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import graspbox
-from graspbox import errors, object_sets
+from graspbox import _core, errors, object_sets
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 CUBE_FACES = [
@@ -147,6 +147,21 @@ def test_poses_must_be_rigid(wrong: np.ndarray) -> None:
         scene.simulate(wrong[None], 0.0)
     with pytest.raises(errors.ConfigError, match="world_from_object"):
         graspbox.Scene(cuboid(0.06, 0.06, 0.1), world_from_object=wrong)
+
+
+def test_is_rigid_says_which_poses_are_taken() -> None:
+    """The limit is the rounding of a matrix that was printed with six digits."""
+    skewed = [np.eye(4) + np.diag([off, 0.0, 0.0, 0.0]) for off in (4e-6, 6e-6)]
+    reflected, other_row, no_number = (
+        np.diag([1.0, 1.0, -1.0, 1.0]),
+        np.diag([1.0, 1.0, 1.0, 2.0]),
+        np.full((4, 4), np.nan),
+    )
+    poses = np.stack([*skewed, reflected, other_row, no_number, np.eye(4)])
+    np.testing.assert_array_equal(_core.is_rigid(poses), [True, False, False, False, False, True])
+    assert _core.is_rigid(np.zeros((0, 4, 4))).shape == (0,)
+    with pytest.raises(errors.ConfigError, match=r"poses has shape \[4, 4\]; give \(n, 4, 4\)"):
+        _core.is_rigid(np.eye(4))
 
 
 def test_outcomes_do_not_depend_on_the_number_of_threads() -> None:

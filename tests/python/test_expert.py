@@ -8,8 +8,9 @@ import gymnasium
 import numpy as np
 import pytest
 
+import graspbox
 from graspbox import errors, object_sets
-from graspbox.envs import expert
+from graspbox.envs import expert, spaces
 from graspbox.envs.motion import Motion, pose_matrix, rotation_matrix, rotation_vector
 from test_scripts import script
 
@@ -65,6 +66,31 @@ def test_dense_reward_pays_for_what_leads_to_success() -> None:
 
     mean = {p: np.mean([returns(p, seed) for seed in range(3)]) for p in ("expert", "never lifts", "still", "random")}
     assert mean["expert"] > 10 > mean["never lifts"] > mean["still"] > mean["random"]
+
+
+@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
+def test_each_motor_closes_at_its_own_default_speed(control: str) -> None:
+    """The hand's description gives the speeds, as for a trial."""
+    urdf, toml = graspbox.Hand.reflex_files()
+    default = "default_speed = { value = 3.0"
+    for speed in (1.25, 2.0, 2.75):
+        toml = toml.replace(default, f"default_speed = {{ value = {speed}", 1)
+    hand = graspbox.Hand(urdf, toml)
+    assert hand.closing_speeds == [1.25, 2.0, 2.75]
+    assert graspbox.load_hand().closing_speeds == [3.0, 3.0, 3.0]
+    env = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0", control=control, hand=hand).unwrapped
+    state, _ = env.reset(seed=0)
+    goal = np.diag([1.0, -1.0, -1.0, 1.0])
+    goal[2, 3] = 0.2
+    driver = expert.Expert(state, goal, 0.0, control=control, hand=hand)
+    columns = spaces.tables(hand)["actions"][control]
+    names = np.array([row["name"] for row in columns for _ in range(row["size"])])
+    greatest = next(row["high"] for row in columns if row["name"] == "spool")
+    speeds = []
+    while not driver.finished:
+        speeds.append(driver.act(state)[names == "spool"] * greatest)
+    np.testing.assert_array_equal(speeds[0], 0.0)
+    np.testing.assert_allclose(speeds[-1], [1.25, 2.0, 2.75], rtol=1e-6)
 
 
 def test_curves_keep_their_limits_and_ends() -> None:

@@ -37,7 +37,7 @@ def test_what_the_documentation_says_in_words_is_true() -> None:
 
 
 def test_names_that_python_repeats_are_those_of_the_core() -> None:
-    """Type checkers need the kinds of failures, and spaces the kinds of images, before there is a pool."""
+    """Type checkers need the kinds of failures before there is a pool; an error lists the kinds of images."""
     found = spaces.tables(graspbox.load_hand())
     assert ["", *get_args(outcomes.FailureKind)] == found["failures"]
     with pytest.raises(errors.ConfigError, match="there is no image") as refused:

@@ -43,7 +43,7 @@ pub const SECURE_SHIFT: f64 = 0.05;
 /// A secure grasp turned less than this since the object left the table, radians (15 degrees).
 pub const SECURE_TURN: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// The object counted as lifted, and so could be dropped, once it rose this far, metres.
-const CLEAR_OF_TABLE: f64 = 0.02;
+pub const CLEAR_OF_TABLE: f64 = 0.02;
 
 /// Why a grasp failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -99,6 +99,13 @@ pub fn isometries(array: &Floats<'_>, what: &str) -> Result<Vec<Isometry3<f64>>,
     values.chunks_exact(16).enumerate().map(|(i, m)| rigid(m, &name(i))).collect()
 }
 
+/// Which of `poses` (n, 4, 4) the core takes for rigid motions: flags (n,).
+#[pyfunction]
+pub fn is_rigid<'py>(py: Python<'py>, poses: Floats<'_>) -> PyResult<Array<'py, bool>> {
+    let (matrices, _) = entries(&poses, "poses", &[None, Some(4), Some(4)])?.as_chunks::<16>();
+    array(py, matrices.iter().map(|rows| rigid_motion(rows).is_some()).collect(), &[matrices.len()])
+}
+
 fn rigid(rows: &[f64], what: &str) -> Result<Isometry3<f64>, CoreError> {
     rows.try_into().ok().and_then(rigid_motion).ok_or_else(|| {
         CoreError::Config(format!(

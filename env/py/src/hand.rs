@@ -86,6 +86,13 @@ impl Hand {
         self.0.fingers.len()
     }
 
+    /// Speed at which a trial closes each motor but the preshape's, rad/s, in the order of the motors.
+    #[getter]
+    fn closing_speeds(&self) -> Vec<f64> {
+        let spools = self.0.motors.iter().filter(|motor| motor.kind != MotorKind::Preshape);
+        spools.map(|motor| motor.default_speed).collect()
+    }
+
     #[getter]
     fn preshape_limits(&self) -> (f64, f64) {
         let [low, high] = self.0.preshape_limits;

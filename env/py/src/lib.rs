@@ -51,6 +51,8 @@ mod _core {
     #[pymodule_export]
     use crate::config::config_again;
     #[pymodule_export]
+    use crate::convert::is_rigid;
+    #[pymodule_export]
     use crate::env_pool::{EnvPool, Objects, agent_tables};
     #[pymodule_export]
     use crate::episode::Scene;
@@ -67,13 +69,14 @@ mod _core {
     #[pymodule_export]
     use crate::render::render;
     #[pymodule_export]
-    use crate::vision::{image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
+    use crate::vision::{image_kinds, image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]
     use crate::voxel::{load_binvox, save_binvox, voxelize};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         crate::log::install();
+        module.add("CLEAR_OF_TABLE", graspbox_episode::judge::CLEAR_OF_TABLE)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -11,7 +11,7 @@ use graspbox_agent::tables::image_tables as image_tables_of;
 use graspbox_camera::{Camera, Channels, DepthView, Frame, Intrinsics, Light, ViewPlan};
 use graspbox_mesh::VoxelFrame;
 use graspbox_vision::visual_models::object_color;
-use graspbox_vision::{CamerasConfig, Observer, PictureConfig, ScenePose, VisualModels, render_views};
+use graspbox_vision::{CamerasConfig, ImageKind, Observer, PictureConfig, ScenePose, VisualModels, render_views};
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -20,6 +20,12 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use std::sync::Arc;
 use std::time::Instant;
+
+/// Kinds of images, by the name that begins an image's name.
+#[pyfunction]
+pub fn image_kinds() -> Vec<&'static str> {
+    ImageKind::ALL.map(ImageKind::name).to_vec()
+}
 
 /// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config, as JSON.
 #[pyfunction]

@@ -42,8 +42,6 @@ Pose = NDArray[np.float64]
 _SPEED_SHARE = 0.9
 #: Height of the hand above the object's highest point on the way, metres: longer than a finger (0.105).
 _CLEARANCE = 0.20
-#: Speed at which the fingers close, rad/s: the default of a trial.
-_CLOSE_SPEED = 3.0
 
 
 def planned(
@@ -120,6 +118,7 @@ class Expert:
         self._limits = twist["linear"], twist["angular"]
         self._codec = Codec(control, loaded)
         self._preshape = float(preshape)
+        self._closing_speeds = loaded.closing_speeds
         self._steps = 0
         start = self._codec.pose(state, "hand")
         goal = self._codec.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
@@ -185,7 +184,7 @@ class Expert:
         return self._codec.encode_action(
             wanted,
             self._preshape,
-            spool_speed=_CLOSE_SPEED if now >= self._closes_at - 1e-9 else 0.0,
+            spool_speed=self._closing_speeds if now >= self._closes_at - 1e-9 else 0.0,
             world_from_start=start,
             frame_skip=self._frame_skip,
         )

@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 #: Kinds of images; ``kind_camera`` names one of a certain camera.
-IMAGES = ("rgb", "depth", "rgbd", "segmentation", "points", "voxels")
+IMAGES = tuple(_core.image_kinds())
 
 
 class Column(TypedDict):

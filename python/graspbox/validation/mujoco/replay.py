@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from graspbox._core import CLEAR_OF_TABLE
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
@@ -24,8 +25,6 @@ LIFT_HEIGHT, REST_SPEED, HOLD_TIME = (
     SuccessCriterion.rest_speed,
     SuccessCriterion.hold_time,
 )
-#: An object that has risen this far counts as dropped, not slipped, m.
-_CLEAR_OF_TABLE = 0.02
 #: Interval at which the criterion is checked, s: the core's time step.
 _LOOK_EVERY = PhysicsConfig.dt
 #: Bodies that overlap by more than this at the start make a trial infeasible, m: contacts are left at rest less deep
@@ -262,7 +261,7 @@ def replay(
             failure = "no_contact"
         elif not finite or (links > 0 and not on_scenery and rise >= LIFT_HEIGHT):
             failure = "unstable"
-        elif highest >= _CLEAR_OF_TABLE and left_table:
+        elif highest >= CLEAR_OF_TABLE and left_table:
             failure = "dropped"
         else:
             failure = "slipped"
