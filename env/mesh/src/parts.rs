@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `params` | parameters, parts and how well they fit |
 //! | `cell` | a piece of the solid, clipped by planes |
+//! | `extremes` | the points of a cloud that lie farthest along given directions |
 //! | `cut` | top down: cut the piece that stands out most |
 //! | `merge` | bottom up: join neighbours that are convex together |
 //! | `reduce` | few corners |
@@ -28,6 +29,7 @@ mod cache;
 mod cell;
 mod cut;
 mod decompose;
+mod extremes;
 mod fit;
 mod merge;
 mod params;
