@@ -215,6 +215,7 @@ impl<'a> DistanceGrid<'a> {
             .filter(|&[x, y, z]| (z, y, x) < (0, 0, 0))
             .collect();
         let nodes = self.face.len();
+        let stride = [1, self.size[0] as isize, (self.size[0] * self.size[1]) as isize];
         for back in [false, true] {
             for k in 0..nodes {
                 let i = if back { nodes - 1 - k } else { k };
@@ -225,9 +226,14 @@ impl<'a> DistanceGrid<'a> {
                 if best <= (self.step * self.step) as f32 {
                     continue;
                 }
+                let inner = (0..3).all(|k| at[k] > 0 && at[k] + 1 < self.size[k]);
                 for d in &before {
                     let turned = if back { d.map(|x| -x) } else { *d };
-                    let Some(other) = self.neighbour(at, turned) else {
+                    let other = if inner {
+                        i.wrapping_add_signed(turned[0] * stride[0] + turned[1] * stride[1] + turned[2] * stride[2])
+                    } else if let Some(other) = self.neighbour(at, turned) {
+                        other
+                    } else {
                         continue;
                     };
                     let distance = self.known(other, &p);

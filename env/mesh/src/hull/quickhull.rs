@@ -13,14 +13,18 @@ const JOGGLES: [f64; 4] = [1e-6, 3e-6, 1e-5, 1e-4];
 /// Points nearer than this share of the size count as one: planes through them would be rounding.
 const SAME: f64 = 1e-5;
 
+/// No point.
+const NONE: u32 = u32::MAX;
+
 struct Face {
     corners: [u32; 3],
     /// Across the edges from corner 0 to 1, 1 to 2, 2 to 0.
     neighbours: [usize; 3],
     normal: Vector3<f64>,
     offset: f64,
-    /// Points above this face, the farthest of them last.
-    outside: Vec<u32>,
+    /// The first of the points above this face, and the farthest of them; [`NONE`] without one.
+    outside: u32,
+    apex: u32,
     dead: bool,
 }
 
@@ -87,6 +91,8 @@ fn joggle(i: u64) -> Vector3<f64> {
 struct Builder<'a> {
     points: &'a [Vector3<f64>],
     faces: Vec<Face>,
+    /// For each point above a face, the next one above it.
+    next: Vec<u32>,
     /// For each point, the new face whose horizon edge begins or ends there: of the newest apex, if it is not older than its first face.
     spokes: Vec<[usize; 2]>,
 }
@@ -111,7 +117,8 @@ impl<'a> Builder<'a> {
         let [a, b, c, d] = [a, b, c, d].map(|i| i as u32);
         // Seen from outside a, b, c must turn counter-clockwise: d lies below.
         let (b, c) = if (points[d as usize] - points[a as usize]).dot(&normal) > 0.0 { (c, b) } else { (b, c) };
-        let mut builder = Self { points, faces: Vec::new(), spokes: vec![[0; 2]; points.len()] };
+        let mut builder =
+            Self { points, faces: Vec::new(), next: vec![NONE; points.len()], spokes: vec![[0; 2]; points.len()] };
         for (corners, neighbours) in
             [([a, b, c], [1, 2, 3]), ([b, a, d], [0, 3, 2]), ([c, b, d], [0, 1, 3]), ([a, c, d], [0, 2, 1])]
         {
@@ -126,7 +133,7 @@ impl<'a> Builder<'a> {
         let [a, b, c] = corners.map(|v| self.points[v as usize]);
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
         let offset = normal.dot(&a);
-        self.faces.push(Face { corners, neighbours, normal, offset, outside: Vec::new(), dead: false });
+        self.faces.push(Face { corners, neighbours, normal, offset, outside: NONE, apex: NONE, dead: false });
     }
 
     fn above(&self, face: usize, point: u32) -> f64 {
@@ -142,14 +149,11 @@ impl<'a> Builder<'a> {
                 if above <= 0.0 {
                     continue;
                 }
-                let outside = &mut self.faces[face].outside;
-                outside.push(p);
+                let at = &mut self.faces[face];
+                self.next[p as usize] = std::mem::replace(&mut at.outside, p);
                 if above > highest[face - from] {
                     highest[face - from] = above;
-                } else {
-                    // Keep the farthest last.
-                    let n = outside.len();
-                    outside.swap(n - 1, n - 2);
+                    at.apex = p;
                 }
                 break;
             }
@@ -160,9 +164,8 @@ impl<'a> Builder<'a> {
     fn finish(mut self) -> Option<Vec<[u32; 3]>> {
         let mut at = 0;
         while at < self.faces.len() {
-            if !self.faces[at].dead
-                && let Some(apex) = self.faces[at].outside.last().copied()
-            {
+            let Face { dead, apex, .. } = self.faces[at];
+            if !dead && apex != NONE {
                 self.add(at, apex)?;
             }
             at += 1;
@@ -214,8 +217,16 @@ impl<'a> Builder<'a> {
             let side = (0..3).find(|&s| corners[s] == to && corners[(s + 1) % 3] == from)?;
             self.faces[other].neighbours[side] = base + i;
         }
-        let orphans: Vec<u32> =
-            visible.iter().flat_map(|&f| std::mem::take(&mut self.faces[f].outside)).filter(|&p| p != apex).collect();
+        let mut orphans = Vec::new();
+        for face in visible {
+            let mut p = self.faces[face].outside;
+            while p != NONE {
+                if p != apex {
+                    orphans.push(p);
+                }
+                p = self.next[p as usize];
+            }
+        }
         self.distribute(&orphans, base);
         Some(())
     }

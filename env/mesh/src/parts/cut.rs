@@ -99,6 +99,12 @@ fn cheapest(planes: impl Iterator<Item = (f64, Plane)>) -> Option<Plane> {
     best.map(|(_, plane)| plane)
 }
 
+/// A number that sorts as [`f64::total_cmp`] does, but faster.
+fn key(x: f64) -> i64 {
+    let bits = x.to_bits() as i64;
+    bits ^ (((bits >> 63) as u64) >> 1) as i64
+}
+
 /// Points in the order in which a plane meets them.
 struct Sorted {
     normal: Vector3<f64>,
@@ -109,10 +115,10 @@ struct Sorted {
 
 impl Sorted {
     fn new(points: &[Point3<f64>], normal: Vector3<f64>) -> Option<Self> {
-        let mut order: Vec<(f64, u32)> = points.iter().zip(0..).map(|(p, i)| (normal.dot(&p.coords), i)).collect();
-        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut order: Vec<(i64, u32)> = points.iter().zip(0..).map(|(p, i)| (key(normal.dot(&p.coords)), i)).collect();
+        order.sort_unstable();
         let points: Vec<Point3<f64>> = order.iter().map(|&(_, i)| points[i as usize]).collect();
-        let heights: Vec<f64> = order.iter().map(|o| o.0).collect();
+        let heights: Vec<f64> = points.iter().map(|p| normal.dot(&p.coords)).collect();
         (!points.is_empty()).then(|| Self { normal, heights, columns: Columns::new(points.iter()), points })
     }
 
