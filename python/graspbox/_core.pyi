@@ -225,7 +225,7 @@ class Scene:
 
 @final
 class Objects:
-    """Objects that environments share; each is prepared at its first use."""
+    """Objects that environments share; each is prepared ahead or at its first use."""
 
     def __new__(
         cls, sources: Sequence[Mesh | str], hand: Hand, physics: str, cache: str | PathLike[str] | None
@@ -233,7 +233,7 @@ class Objects:
     @property
     def names(self) -> list[str]: ...
     def __len__(self) -> int: ...
-    def prepare(self, index: int) -> int: ...
+    def prepare(self, indices: Sequence[int], model: bool, num_threads: int | None) -> None: ...
 
 @final
 class EnvPool:

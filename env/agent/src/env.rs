@@ -5,6 +5,7 @@ use crate::agent_episode::AgentEpisode;
 use crate::config::Autoreset;
 use crate::env_spec::EnvSpec;
 use crate::initial_state::InitialState;
+use crate::objects::Need;
 use crate::random_stream::RandomStream;
 use crate::reset_options::ResetOptions;
 use crate::reward::TERM_COUNT;
@@ -35,11 +36,7 @@ impl Env {
         seed: Option<u64>,
         options: &ResetOptions,
     ) -> Result<(), AgentError> {
-        let mut stream = match (seed, &self.stream) {
-            (Some(seed), _) => RandomStream::new(seed),
-            (None, Some(stream)) => stream.clone(),
-            (None, None) => return Err(AgentError::NotSeeded { env }),
-        };
+        let mut stream = self.stream_of(seed).ok_or(AgentError::NotSeeded { env })?;
         let (episode, result) = match begin(spec, &mut stream, options) {
             Ok(begun) => begun,
             Err(error) => {
@@ -51,12 +48,26 @@ impl Env {
                 return Err(error);
             }
         };
+        // Where each episode gets a seed of its own, the stream does not tell which object comes next.
+        if seed.is_none() || spec.config.autoreset != Autoreset::Disabled {
+            spec.objects.ensure_ahead(InitialState::need(spec, &stream, &ResetOptions::default())?);
+        }
         self.stream = Some(stream);
         self.result = result;
         self.episode = Some(episode);
         self.done = false;
         self.last = None;
         Ok(())
+    }
+
+    /// The stream with which a reset would begin; none without a seed before the first.
+    fn stream_of(&self, seed: Option<u64>) -> Option<RandomStream> {
+        seed.map(RandomStream::new).or_else(|| self.stream.clone())
+    }
+
+    /// What a reset would need of its object, where that can be told.
+    pub fn need(&self, spec: &EnvSpec, seed: Option<u64>, options: &ResetOptions) -> Option<Need> {
+        InitialState::need(spec, &self.stream_of(seed)?, options).ok()
     }
 
     /// True if the next step ignores its action: after the end of an episode, unless the next one has begun already.
@@ -192,6 +203,7 @@ fn begin(
     stream: &mut RandomStream,
     options: &ResetOptions,
 ) -> Result<(AgentEpisode, StepResult), AgentError> {
+    spec.objects.ensure(&InitialState::need(spec, stream, options)?)?;
     let episode = AgentEpisode::new(&InitialState::sample(spec, stream, options)?, spec);
     let mut result = StepResult { reset: true, ..StepResult::default() };
     result.observe(&episode, spec)?;

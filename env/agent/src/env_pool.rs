@@ -5,7 +5,7 @@ use crate::batch::Batch;
 use crate::config::AgentConfig;
 use crate::env::Env;
 use crate::env_spec::EnvSpec;
-use crate::objects::Objects;
+use crate::objects::{Need, Objects};
 use crate::reset_options::ResetOptions;
 use crate::row_check::check_rows;
 use graspbox_episode::EpisodeError;
@@ -166,11 +166,26 @@ impl EnvPool {
             self.has_length("the reset mask", mask.len())?;
         }
         let wanted = |index: usize| mask.is_none_or(|m| m[index]);
+        let option = |index: usize| &options[if shared { 0 } else { index }];
+        let needs = (0..self.len()).filter(|&index| wanted(index));
+        self.ensure(stop, needs.filter_map(|index| self.lock(index).need(&self.spec, seeds[index], option(index))));
         self.each(stop, |index, env| match wanted(index) {
-            true => env.reset(&self.spec, index, seeds[index], &options[if shared { 0 } else { index }]),
+            true => env.reset(&self.spec, index, seeds[index], option(index)),
             false => env.ready_to_observe(index),
         })?;
         Ok(self.now())
+    }
+
+    /// Makes what environments need, each object once: those that begin together with the same object would each make it.
+    fn ensure(&self, stop: &AtomicBool, needs: impl Iterator<Item = Need>) {
+        let mut needs: Vec<Need> = needs.collect();
+        needs.sort_by_key(|need| need.object);
+        needs.par_chunk_by(|a, b| a.object == b.object).for_each(|needs| {
+            for need in needs.iter().take_while(|_| !stop.load(Ordering::Acquire)) {
+                // An error is found again, and reported, by the reset of the environment.
+                drop(self.spec.objects.ensure(need));
+            }
+        });
     }
 
     /// One step of every environment.

@@ -11,7 +11,7 @@ use crate::AgentError;
 use crate::env_spec::EnvSpec;
 use crate::hand_placement::HandPlacement;
 use crate::initial_samples::InitialSamples;
-use crate::objects::Prepared;
+use crate::objects::{Need, Prepared, RestingChoice};
 use crate::random_stream::RandomStream;
 use crate::reset_options::{ObjectChoice, ResetOptions, bad_option, factor, finite, rigid};
 use crate::workspace::{LOST_DISTANCE, LOST_HEIGHT};
@@ -57,6 +57,19 @@ pub struct InitialState {
 }
 
 impl InitialState {
+    /// What the initial state that [`InitialState::sample`] would give needs of its object; the stream stays where it is.
+    ///
+    /// # Errors
+    /// The name of an object that does not exist.
+    pub fn need(spec: &EnvSpec, stream: &RandomStream, options: &ResetOptions) -> Result<Need, AgentError> {
+        let samples = InitialSamples::new(&mut stream.clone(), spec.objects.len());
+        Ok(Need {
+            object: object_index(spec, &samples, options)?,
+            resting: options.resting.map_or(RestingChoice::Share(samples.resting), RestingChoice::Index),
+            model: !spec.observer.specs().is_empty(),
+        })
+    }
+
     /// Samples an initial state; what `options` gives is taken from there.
     ///
     /// # Errors
@@ -129,15 +142,19 @@ fn choose_object(
     samples: &InitialSamples,
     options: &ResetOptions,
 ) -> Result<(usize, Arc<Prepared>), AgentError> {
-    let objects = &spec.objects;
-    let object = match &options.object {
-        None => samples.object,
-        Some(ObjectChoice::Index(index)) => *index,
+    let object = object_index(spec, samples, options)?;
+    Ok((object, spec.objects.prepared(object)?))
+}
+
+fn object_index(spec: &EnvSpec, samples: &InitialSamples, options: &ResetOptions) -> Result<usize, AgentError> {
+    match &options.object {
+        None => Ok(samples.object),
+        Some(ObjectChoice::Index(index)) => Ok(*index),
         Some(ObjectChoice::Name(name)) => {
-            objects.names().position(|n| n == name).ok_or_else(|| AgentError::UnknownObject { name: name.clone() })?
+            let found = spec.objects.names().position(|n| n == name);
+            found.ok_or_else(|| AgentError::UnknownObject { name: name.clone() })
         }
-    };
-    Ok((object, objects.prepared(object)?))
+    }
 }
 
 fn choose_resting(
@@ -155,7 +172,7 @@ fn choose_resting(
             return Err(bad_option("resting", why));
         }
         Some(resting) => resting,
-        None => weighted(samples.resting, prepared.probabilities()),
+        None => prepared.resting(RestingChoice::Share(samples.resting)),
     };
     let (resting, scene) = spec.objects.scene(prepared, wanted)?;
     if options.resting.is_some() && resting != wanted {
@@ -227,19 +244,6 @@ fn settled(
         return Err(bad_option(option, format!("dropped there, the object leaves the workspace of {LOST_DISTANCE} m")));
     }
     Ok((world.world_from_object(), center.z))
-}
-
-/// The index at `share` of the summed weights.
-fn weighted(share: f64, weights: impl ExactSizeIterator<Item = f64> + Clone) -> usize {
-    let last = weights.len().saturating_sub(1);
-    let mut left = share * weights.clone().sum::<f64>();
-    for (index, weight) in weights.enumerate() {
-        if left < weight {
-            return index;
-        }
-        left -= weight;
-    }
-    last
 }
 
 /// A move on the table: x, y (m), turn about the vertical (rad).

@@ -6,7 +6,8 @@
 //! | [`workspace`] | boxes and distances of the workspace |
 //! | [`config`] | settings: control, endings, observations, randomization |
 //! | [`source`] | where an object comes from |
-//! | [`objects`] | objects that are prepared at their first use and shared by every environment |
+//! | [`objects`] | objects that are prepared ahead or at their first use, and shared by every environment |
+//! | [`ahead`] | a thread for work ahead of its need |
 //! | [`random_stream`] | the random stream of one environment |
 //! | [`mod@column`] | one row of a table of numbers |
 //! | [`action`] | what the numbers of an action mean |
@@ -37,6 +38,7 @@
 
 pub mod action;
 pub mod agent_episode;
+pub mod ahead;
 pub mod arm_controller;
 pub mod batch;
 pub mod column;

@@ -1,10 +1,12 @@
-//! Objects that are prepared at their first use and shared by every environment that samples from them.
+//! Objects that are prepared ahead or at their first use, and shared by every environment that samples from them.
 //!
-//! Preparing an object (reading, convex parts, mass) and settling it in a resting pose take up to seconds; the result depends on the
-//! object alone. It is kept in a cache, and removing it costs time, never a different result. No lock is held while an object is
-//! prepared: threads that need the same one at the same time do the work twice and keep the first.
+//! Preparing an object (reading, convex parts, mass), settling it in a resting pose and making its levels of detail take up to a second; the
+//! result depends on the object alone. It is kept in a cache, and removing it costs time, never a different result. No lock is held while
+//! an object is prepared: threads that need the same one at the same time do the work twice and keep the first. What the next episode of
+//! an environment needs is prepared in the background ([`crate::ahead`]).
 
 use crate::AgentError;
+use crate::ahead::Ahead;
 use crate::source::Source;
 use graspbox_camera::Model;
 use graspbox_episode::EpisodeError;
@@ -24,6 +26,26 @@ const KEPT: usize = 512;
 const LEAST_PROBABILITY: f64 = 0.05;
 /// Resting poses that are kept for an object, the most probable ones.
 const MOST_POSES: usize = 6;
+
+/// Which resting pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RestingChoice {
+    /// That at this share of the summed probabilities, in [0, 1).
+    Share(f64),
+    /// That with this index.
+    Index(usize),
+}
+
+/// What an episode needs of its object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Need {
+    /// Index of the object.
+    pub object: usize,
+    /// Its resting pose.
+    pub resting: RestingChoice,
+    /// Its model for the renderer is needed too.
+    pub model: bool,
+}
 
 /// An object ready for episodes, with its resting poses.
 pub struct Prepared {
@@ -92,6 +114,14 @@ impl Prepared {
         self.resting_poses.iter().map(|resting| resting.probability)
     }
 
+    /// Index of the resting pose that is chosen.
+    pub fn resting(&self, choice: RestingChoice) -> usize {
+        match choice {
+            RestingChoice::Share(share) => weighted(share, self.probabilities()),
+            RestingChoice::Index(index) => index,
+        }
+    }
+
     /// Middle of the bounds along the object's axes, object frame, metres.
     pub fn bounds_center(&self) -> Point3<f64> {
         self.bounds[0]
@@ -111,6 +141,7 @@ pub struct Objects {
     cache: Option<PathBuf>,
     visual_models: Arc<OnceLock<VisualModels>>,
     prepared: Mutex<Cache>,
+    ahead: Ahead,
 }
 
 #[derive(Default)]
@@ -134,7 +165,15 @@ impl Objects {
         if sources.is_empty() {
             return Err(AgentError::NoObjects);
         }
-        Ok(Self { sources, hand, physics, cache, visual_models: Arc::default(), prepared: Mutex::default() })
+        Ok(Self {
+            sources,
+            hand,
+            physics,
+            cache,
+            visual_models: Arc::default(),
+            prepared: Mutex::default(),
+            ahead: Ahead::default(),
+        })
     }
 
     /// Number of objects.
@@ -185,6 +224,67 @@ impl Objects {
         Ok(self.cache_lock().keep(index, made))
     }
 
+    /// Makes what an episode needs, now, unless it is there; waits where it is being made in the background.
+    ///
+    /// # Errors
+    /// As [`Objects::prepared`]. Whatever else is wrong with the object is found when it is used.
+    pub fn ensure(&self, need: &Need) -> Result<(), AgentError> {
+        if self.is_ready(need) {
+            return Ok(());
+        }
+        let _claim = self.ahead.claim(need.object);
+        self.make(need)
+    }
+
+    /// Makes what an episode will need in the background, unless it is there.
+    pub fn ensure_ahead(self: &Arc<Self>, need: Need) {
+        if self.is_ready(&need) {
+            return;
+        }
+        let objects = Arc::downgrade(self);
+        self.ahead.spawn(need.object, move || {
+            if let Some(objects) = objects.upgrade() {
+                // An error is found again, and reported, by the episode that uses the object.
+                drop(objects.make(&need));
+            }
+        });
+    }
+
+    /// Makes an object ready for every episode: in all its resting poses, and with its model if that is asked for.
+    ///
+    /// # Errors
+    /// As [`Objects::prepared`], [`Objects::scene`] and [`Prepared::model`].
+    pub fn prepare(&self, index: usize, model: bool) -> Result<(), AgentError> {
+        let _claim = self.ahead.claim(index);
+        let prepared = self.prepared(index)?;
+        for resting in 0..prepared.resting_poses.len() {
+            self.scene(&prepared, resting)?;
+        }
+        if model {
+            prepared.model()?;
+        }
+        Ok(())
+    }
+
+    /// Whether an episode would find what it needs.
+    pub fn is_ready(&self, need: &Need) -> bool {
+        let Some(prepared) = self.cache_lock().take(need.object) else { return false };
+        let resting = prepared.resting_poses.get(prepared.resting(need.resting));
+        resting.is_none_or(|pose| pose.scene.get().is_some()) && (!need.model || prepared.model.get().is_some())
+    }
+
+    fn make(&self, need: &Need) -> Result<(), AgentError> {
+        let prepared = self.prepared(need.object)?;
+        let resting = prepared.resting(need.resting);
+        if resting < prepared.resting_poses.len() {
+            drop(self.scene(&prepared, resting));
+        }
+        if need.model {
+            drop(prepared.model());
+        }
+        Ok(())
+    }
+
     /// The object at rest in pose `resting`, or in the next pose in which it comes to rest; and the index of that pose.
     ///
     /// # Errors
@@ -221,6 +321,19 @@ impl Objects {
         // Nothing inside the lock can leave the cache half changed.
         self.prepared.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// The index at `share` of the summed weights.
+fn weighted(share: f64, weights: impl ExactSizeIterator<Item = f64> + Clone) -> usize {
+    let last = weights.len().saturating_sub(1);
+    let mut left = share * weights.clone().sum::<f64>();
+    for (index, weight) in weights.enumerate() {
+        if left < weight {
+            return index;
+        }
+        left -= weight;
+    }
+    last
 }
 
 impl Cache {

@@ -7,7 +7,10 @@
 //!
 //! Own code: the sign of `parry3d`'s point queries needs a closed, oriented mesh.
 
+mod lines;
+
 use crate::trimesh::TriMesh;
+use lines::Lines;
 use nalgebra::{Point3, Vector3};
 
 /// Nodes around the bounds, so that points just outside are on the grid.
@@ -25,9 +28,11 @@ pub struct DistanceGrid<'a> {
     size: [usize; 3],
     /// Closest face of each node.
     face: Vec<u32>,
-    /// Closest point of that face.
+    /// Closest point of that face; given back once `signed` is known.
     closest: Vec<[f32; 3]>,
     inside: Vec<bool>,
+    /// Distance of that point, negative inside, metres.
+    signed: Vec<f32>,
 }
 
 impl<'a> DistanceGrid<'a> {
@@ -49,11 +54,18 @@ impl<'a> DistanceGrid<'a> {
             size,
             face: vec![u32::MAX; nodes],
             closest: vec![[f32::INFINITY; 3]; nodes],
-            inside: vec![false; nodes],
+            inside: Vec::new(),
+            signed: Vec::new(),
         };
-        grid.rasterize();
-        grid.propagate();
-        grid.vote();
+        let (inside, ()) = rayon::join(
+            || Lines { mesh, origin, step, size }.vote(),
+            || {
+                grid.rasterize();
+                grid.propagate();
+            },
+        );
+        grid.inside = inside;
+        grid.measure();
         grid
     }
 
@@ -94,9 +106,7 @@ impl<'a> DistanceGrid<'a> {
             let offset = [corner & 1, (corner >> 1) & 1, corner >> 2];
             let weight: f64 = (0..3).map(|k| if offset[k] == 1 { fraction[k] } else { 1.0 - fraction[k] }).product();
             let i = self.index([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]]);
-            let at = self.node([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]]);
-            let distance = (at.map(|x| x as f32) - Point3::from(self.closest[i])).norm();
-            signed += weight * f64::from(if self.inside[i] { -distance } else { distance });
+            signed += weight * f64::from(self.signed[i]);
             *face = self.face[i];
         }
         if signed < -2.0 * self.step {
@@ -130,6 +140,17 @@ impl<'a> DistanceGrid<'a> {
         let within = if best > 0.5 * self.step { signed < 0.0 } else { side < 0.0 };
         // The nearest face may be known to none of the corners (beside an edge); the grid's own value is then the smaller one.
         if within { 0.0 } else { best.min(signed.max(0.0)) }
+    }
+
+    /// Distances of all nodes: a query needs eight, and asks for them in no order.
+    fn measure(&mut self) {
+        let closest = std::mem::take(&mut self.closest);
+        let distance = |(i, (closest, inside)): (usize, (&[f32; 3], &bool))| {
+            let at = [i % self.size[0], i / self.size[0] % self.size[1], i / (self.size[0] * self.size[1])];
+            let distance = (self.node(at).map(|x| x as f32) - Point3::from(*closest)).norm();
+            if *inside { -distance } else { distance }
+        };
+        self.signed = closest.iter().zip(&self.inside).enumerate().map(distance).collect();
     }
 
     fn index(&self, at: [usize; 3]) -> usize {
@@ -196,6 +217,7 @@ impl<'a> DistanceGrid<'a> {
             .filter(|&[x, y, z]| (z, y, x) < (0, 0, 0))
             .collect();
         let nodes = self.face.len();
+        let stride = [1, self.size[0] as isize, (self.size[0] * self.size[1]) as isize];
         for back in [false, true] {
             for k in 0..nodes {
                 let i = if back { nodes - 1 - k } else { k };
@@ -206,9 +228,14 @@ impl<'a> DistanceGrid<'a> {
                 if best <= (self.step * self.step) as f32 {
                     continue;
                 }
+                let inner = (0..3).all(|k| at[k] > 0 && at[k] + 1 < self.size[k]);
                 for d in &before {
                     let turned = if back { d.map(|x| -x) } else { *d };
-                    let Some(other) = self.neighbor(at, turned) else {
+                    let other = if inner {
+                        i.wrapping_add_signed(turned[0] * stride[0] + turned[1] * stride[1] + turned[2] * stride[2])
+                    } else if let Some(other) = self.neighbor(at, turned) {
+                        other
+                    } else {
                         continue;
                     };
                     let distance = self.known(other, &p);
@@ -228,66 +255,6 @@ impl<'a> DistanceGrid<'a> {
             to[k] = at[k].checked_add_signed(d[k]).filter(|&v| v < self.size[k])?;
         }
         Some(self.index(to))
-    }
-
-    /// Inside is what at least two of three scan directions call inside.
-    fn vote(&mut self) {
-        let mut votes = vec![0_u8; self.inside.len()];
-        for axis in 0..3 {
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            let lines = self.crossings(axis);
-            for (line, mut hits) in lines.into_iter().enumerate() {
-                hits.sort_by(|a, b| a.0.total_cmp(&b.0));
-                let mut at = [0; 3];
-                (at[u], at[v]) = (line % self.size[u], line / self.size[u]);
-                let (mut winding, mut next) = (0, 0);
-                for along in 0..self.size[axis] {
-                    let height = self.origin[axis] + along as f64 * self.step;
-                    while hits.get(next).is_some_and(|h| h.0 < height) {
-                        winding += i32::from(hits[next].1);
-                        next += 1;
-                    }
-                    at[axis] = along;
-                    votes[self.index(at)] += u8::from(winding != 0);
-                }
-            }
-        }
-        self.inside.iter_mut().zip(&votes).for_each(|(inside, votes)| *inside = *votes >= 2);
-    }
-
-    /// Where each grid line along `axis` crosses the mesh, and which way.
-    fn crossings(&self, axis: usize) -> Vec<Vec<(f64, i8)>> {
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut lines = vec![Vec::new(); self.size[u] * self.size[v]];
-        // The lines pass a little beside the nodes: modelled objects have edges in grid planes.
-        let (du, dv) = (self.step * 1.234_567e-4, self.step * 2.345_678e-4);
-        for face in 0..self.mesh.faces().len() {
-            let [a, b, c] = self.mesh.triangle(face);
-            let twice_area = (b[u] - a[u]) * (c[v] - a[v]) - (b[v] - a[v]) * (c[u] - a[u]);
-            if twice_area == 0.0 {
-                continue;
-            }
-            let range = |k: usize, d: f64| {
-                let least = (a[k].min(b[k]).min(c[k]) - d - self.origin[k]) / self.step;
-                let greatest = (a[k].max(b[k]).max(c[k]) - d - self.origin[k]) / self.step;
-                least.ceil() as usize..=(greatest.floor() as usize).min(self.size[k] - 1)
-            };
-            for j in range(v, dv) {
-                for i in range(u, du) {
-                    let (x, y) =
-                        (self.origin[u] + i as f64 * self.step + du, self.origin[v] + j as f64 * self.step + dv);
-                    let weight = |p: &Point3<f64>, q: &Point3<f64>| {
-                        ((q[u] - p[u]) * (y - p[v]) - (q[v] - p[v]) * (x - p[u])) / twice_area
-                    };
-                    let (wa, wb, wc) = (weight(&b, &c), weight(&c, &a), weight(&a, &b));
-                    if wa >= 0.0 && wb >= 0.0 && wc >= 0.0 {
-                        let height = wa * a[axis] + wb * b[axis] + wc * c[axis];
-                        lines[j * self.size[u] + i].push((height, if twice_area > 0.0 { 1 } else { -1 }));
-                    }
-                }
-            }
-        }
-        lines
     }
 }
 

@@ -6,6 +6,7 @@
 //! | [`io`] | STL, PLY, OBJ, OFF: bounded, with clear errors |
 //! | [`clean`](mod@clean) | weld, drop, orient, components, watertight test |
 //! | [`decimate`](mod@decimate) | fewer faces, still watertight |
+//! | `cluster` | far fewer faces, in linear time |
 //! | [`sample`] | surface samples, uniform by area; evenly spread directions |
 //! | [`mass`] | volume, centre of mass, inertia |
 //! | [`hull`] | convex hull |
@@ -38,6 +39,7 @@
 
 pub mod checksum;
 pub mod clean;
+mod cluster;
 pub mod decimate;
 pub mod distance_grid;
 pub mod error;

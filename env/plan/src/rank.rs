@@ -2,6 +2,7 @@
 //! scored by a fixed sum of these (`score`).
 
 mod finger;
+mod plane;
 mod predict;
 mod score;
 

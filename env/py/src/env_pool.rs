@@ -12,6 +12,7 @@ use graspbox_sim::PhysicsConfig;
 use numpy::PyReadonlyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
+use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -55,16 +56,22 @@ impl Objects {
         self.0.len()
     }
 
-    /// Prepares object `index` in every resting pose now; returns how many there are.
-    fn prepare(&self, py: Python<'_>, index: usize) -> PyResult<usize> {
+    /// Prepares objects in every resting pose now, with their models for the renderer if `model` is true.
+    fn prepare(
+        &self,
+        py: Python<'_>,
+        indices: Vec<usize>,
+        model: bool,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<()> {
         let objects = Arc::clone(&self.0);
-        detached(py, None, move || {
-            let prepared = objects.prepared(index)?;
-            let count = prepared.probabilities().len();
-            for resting in 0..count {
-                objects.scene(&prepared, resting)?;
-            }
-            Ok::<_, CoreError>(count)
+        let (stopped, stop) = stopper();
+        interruptible(py, num_threads, stop, move || {
+            let each = indices.into_par_iter().with_max_len(1);
+            each.try_for_each(|index| match stopped.load(Ordering::Acquire) {
+                true => Err(CoreError::Interrupted),
+                false => Ok(objects.prepare(index, model)?),
+            })
         })
     }
 

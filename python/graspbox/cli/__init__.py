@@ -13,11 +13,12 @@ from typing import Annotated
 import typer
 
 import graspbox
-from graspbox.cli import bench, demo, evaluate, grasp, objects, plan, voxelize
+from graspbox.cli import bench, demo, evaluate, grasp, objects, plan, prepare, voxelize
 from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 typer_app.command("objects")(objects.objects)
+typer_app.command("prepare")(prepare.prepare)
 typer_app.command("plan")(plan.plan)
 typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)

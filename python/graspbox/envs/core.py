@@ -3,7 +3,7 @@
 import json
 import os
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any, Literal
 from weakref import WeakValueDictionary
@@ -23,6 +23,7 @@ from graspbox.envs.settings import RENDER_MODES, HandArgument, ObjectsArgument, 
 from graspbox.envs.window import Window
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
+from graspbox.progress import ProgressBar
 from graspbox.simulation import cache_folder, load_hand
 
 _AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
@@ -45,7 +46,8 @@ def _describe(spec: object_sets.ObjectSpec) -> str:
 def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: PhysicsConfig) -> tuple[Objects, Hand]:
     """Make a handle on objects, or take the one that another environment uses."""
     cache = cache_folder()
-    key = (objects.objects, hand, physics, cache)
+    # A forked process has neither the thread nor the locks of its parent's handles.
+    key = (objects.objects, hand, physics, cache, os.getpid())
     found = _handles.get(key) if hand == "reflex" else None
     loaded = load_hand(hand)
     if found is None:
@@ -68,7 +70,35 @@ def checked_options(options: Any, name: str = "options", hint: str = "") -> dict
     return dict(options or {})
 
 
-def options_json(options: Mapping[str, Any] | None) -> str:
+def prepare_objects(
+    handle: Objects, models: bool, num_threads: int | None, progress: Callable[[int], None] = lambda _: None
+) -> None:
+    """Prepare all objects of a handle, a few at a time, and report how many are ready.
+
+    Parameters
+    ----------
+    handle : Objects
+        From `load_objects`.
+    models : bool
+        Whether their models for the renderer are needed too.
+    num_threads : int, optional
+        Threads to use; by default ``GRASPBOX_THREADS``, else all.
+    progress : callable
+        Called with the number of objects that are ready.
+
+    Raises
+    ------
+    ConfigError, MeshError, FileError, SimulationError
+        If an object cannot be read or simulated; others may be ready by then.
+    """
+    count, together = len(handle), num_threads or _core.num_threads()
+    for first in range(0, count, together):
+        last = min(first + together, count)
+        handle.prepare(range(first, last), models, num_threads)
+        progress(last)
+
+
+def options_json(options: Mapping[str, Any] | None) -> str | None:
     """Write the options of a reset as the core reads them."""
     return json.dumps(plain(checked_options(options), "reset options"))
 
@@ -162,8 +192,8 @@ class GraspCore:
             # In closed loop there is no trial whose lift the criterion would have to fit.
             trial=replace(trial, success=success) if self._decides else trial,
         )
-        threads = settings["num_threads"]
-        self._pool: _core.EnvPool | None = _core.EnvPool(self.handle, to_json(self.config), num_envs, threads)
+        self._threads = settings["num_threads"]
+        self._pool: _core.EnvPool | None = _core.EnvPool(self.handle, to_json(self.config), num_envs, self._threads)
         self._process = os.getpid()
         self.begun = np.zeros(num_envs, dtype=np.bool_)
         self._picture = to_json(settings["picture"])
@@ -211,6 +241,13 @@ class GraspCore:
         self._pool = None
         if self._window is not None:
             self._window.close()
+
+    def prepare(self, progress: bool) -> None:
+        """Prepare all objects, with a progress bar on standard error if wanted."""
+        self.pool  # noqa: B018 (a closed environment is an error)
+        models = bool(self.config.cameras.images) or self.render_mode is not None
+        with ProgressBar("prepare objects", len(self.handle), progress) as bar:
+            prepare_objects(self.handle, models, self._threads, bar.update)
 
     def reset(
         self,

@@ -5,12 +5,16 @@
 //! rounding; the hull names points by index, so the caller gets them unjoggled.
 
 use nalgebra::{Point3, Vector3};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
+use std::hash::{BuildHasherDefault, Hasher};
 
 /// Joggle as a share of the size: 0.1 um on a hand-sized object, and 10^10 times f64 rounding. Tried in turn.
 const JOGGLES: [f64; 4] = [1e-6, 3e-6, 1e-5, 1e-4];
 /// Points nearer than this share of the size count as one: planes through them would be rounding.
 const SAME: f64 = 1e-5;
+
+/// No point.
+const NONE: u32 = u32::MAX;
 
 struct Face {
     corners: [u32; 3],
@@ -18,8 +22,9 @@ struct Face {
     neighbors: [usize; 3],
     normal: Vector3<f64>,
     offset: f64,
-    /// Points above this face, the farthest of them last.
-    outside: Vec<u32>,
+    /// The first of the points above this face, and the farthest of them; [`NONE`] without one.
+    outside: u32,
+    apex: u32,
     dead: bool,
 }
 
@@ -28,9 +33,7 @@ pub(super) fn quickhull(points: &[Point3<f64>]) -> Option<Vec<[u32; 3]>> {
     let first = *points.first()?;
     let (min, max) = points.iter().fold((first, first), |(a, b), p| (a.inf(p), b.sup(p)));
     let size = (max - min).amax();
-    let mut seen = HashSet::with_capacity(points.len());
-    let cell = |p: &Point3<f64>| [0, 1, 2].map(|k| ((p[k] - first[k]) / (SAME * size)).round() as i64);
-    let distinct: Vec<u32> = (0..points.len()).filter(|&i| seen.insert(cell(&points[i]))).map(|i| i as u32).collect();
+    let distinct = distinct(points, &first, SAME * size);
     let mut faces = JOGGLES.iter().find_map(|share| {
         let place = |&i: &u32| (points[i as usize] - first) + joggle(u64::from(i)) * (share * size);
         let joggled: Vec<Vector3<f64>> = distinct.iter().map(place).collect();
@@ -38,6 +41,37 @@ pub(super) fn quickhull(points: &[Point3<f64>]) -> Option<Vec<[u32; 3]>> {
     })?;
     faces.iter_mut().flatten().for_each(|v| *v = distinct[*v as usize]);
     Some(faces)
+}
+
+/// The first point of each cube of side `same`, ascending.
+fn distinct(points: &[Point3<f64>], origin: &Point3<f64>, same: f64) -> Vec<u32> {
+    let cell = |p: &Point3<f64>| [0, 1, 2].map(|k| ((p[k] - origin[k]) / same).round() as i64);
+    let mut seen: HashSet<[i64; 3], BuildHasherDefault<CellHasher>> =
+        HashSet::with_capacity_and_hasher(points.len(), BuildHasherDefault::default());
+    (0..points.len()).filter(|&i| seen.insert(cell(&points[i]))).map(|i| i as u32).collect()
+}
+
+/// A hash of cells that is much faster than the library's, which also withstands hostile keys; no result depends on it.
+#[derive(Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.chunks(8).for_each(|chunk| {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.write_u64(u64::from_le_bytes(word));
+        });
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        // Odd, from the golden ratio; the rotation brings the mixed upper bits down.
+        self.0 = (self.0 ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
+    }
 }
 
 /// A vector in [-1, 1] per axis that depends on the number alone.
@@ -57,6 +91,10 @@ fn joggle(i: u64) -> Vector3<f64> {
 struct Builder<'a> {
     points: &'a [Vector3<f64>],
     faces: Vec<Face>,
+    /// For each point above a face, the next one above it.
+    next: Vec<u32>,
+    /// For each point, the new face whose horizon edge begins or ends there: of the newest apex, if it is not older than its first face.
+    spokes: Vec<[usize; 2]>,
 }
 
 impl<'a> Builder<'a> {
@@ -79,7 +117,8 @@ impl<'a> Builder<'a> {
         let [a, b, c, d] = [a, b, c, d].map(|i| i as u32);
         // Seen from outside a, b, c must turn counter-clockwise: d lies below.
         let (b, c) = if (points[d as usize] - points[a as usize]).dot(&normal) > 0.0 { (c, b) } else { (b, c) };
-        let mut builder = Self { points, faces: Vec::new() };
+        let mut builder =
+            Self { points, faces: Vec::new(), next: vec![NONE; points.len()], spokes: vec![[0; 2]; points.len()] };
         for (corners, neighbors) in
             [([a, b, c], [1, 2, 3]), ([b, a, d], [0, 3, 2]), ([c, b, d], [0, 1, 3]), ([a, c, d], [0, 2, 1])]
         {
@@ -94,7 +133,7 @@ impl<'a> Builder<'a> {
         let [a, b, c] = corners.map(|v| self.points[v as usize]);
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
         let offset = normal.dot(&a);
-        self.faces.push(Face { corners, neighbors, normal, offset, outside: Vec::new(), dead: false });
+        self.faces.push(Face { corners, neighbors, normal, offset, outside: NONE, apex: NONE, dead: false });
     }
 
     fn above(&self, face: usize, point: u32) -> f64 {
@@ -110,14 +149,11 @@ impl<'a> Builder<'a> {
                 if above <= 0.0 {
                     continue;
                 }
-                let outside = &mut self.faces[face].outside;
-                outside.push(p);
+                let at = &mut self.faces[face];
+                self.next[p as usize] = std::mem::replace(&mut at.outside, p);
                 if above > highest[face - from] {
                     highest[face - from] = above;
-                } else {
-                    // Keep the farthest last.
-                    let n = outside.len();
-                    outside.swap(n - 1, n - 2);
+                    at.apex = p;
                 }
                 break;
             }
@@ -128,9 +164,8 @@ impl<'a> Builder<'a> {
     fn finish(mut self) -> Option<Vec<[u32; 3]>> {
         let mut at = 0;
         while at < self.faces.len() {
-            if !self.faces[at].dead
-                && let Some(apex) = self.faces[at].outside.last().copied()
-            {
+            let Face { dead, apex, .. } = self.faces[at];
+            if !dead && apex != NONE {
                 self.add(at, apex)?;
             }
             at += 1;
@@ -161,20 +196,37 @@ impl<'a> Builder<'a> {
         // A face may have become visible after its neighbour was put on the horizon.
         horizon.retain(|h| !self.faces[h.2].dead);
         let base = self.faces.len();
-        let begins: HashMap<u32, usize> = horizon.iter().zip(base..).map(|(h, i)| (h.0, i)).collect();
-        let ends: HashMap<u32, usize> = horizon.iter().zip(base..).map(|(h, i)| (h.1, i)).collect();
-        if begins.len() != horizon.len() || ends.len() != horizon.len() {
-            return None;
+        // Older entries are below `base`, which is at least 4.
+        for (&(from, to, _), face) in horizon.iter().zip(base..) {
+            for (point, side) in [(from, 0), (to, 1)] {
+                let spoke = &mut self.spokes[point as usize][side];
+                if *spoke >= base {
+                    return None;
+                }
+                *spoke = face;
+            }
         }
         for (i, &(from, to, other)) in horizon.iter().enumerate() {
-            let neighbors = [other, *begins.get(&to)?, *ends.get(&from)?];
+            let (next, last) = (self.spokes[to as usize][0], self.spokes[from as usize][1]);
+            if next < base || last < base {
+                return None;
+            }
+            let neighbors = [other, next, last];
             self.push([from, to, apex], neighbors);
             let corners = self.faces[other].corners;
             let side = (0..3).find(|&s| corners[s] == to && corners[(s + 1) % 3] == from)?;
             self.faces[other].neighbors[side] = base + i;
         }
-        let orphans: Vec<u32> =
-            visible.iter().flat_map(|&f| std::mem::take(&mut self.faces[f].outside)).filter(|&p| p != apex).collect();
+        let mut orphans = Vec::new();
+        for face in visible {
+            let mut p = self.faces[face].outside;
+            while p != NONE {
+                if p != apex {
+                    orphans.push(p);
+                }
+                p = self.next[p as usize];
+            }
+        }
         self.distribute(&orphans, base);
         Some(())
     }

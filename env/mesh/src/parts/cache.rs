@@ -6,6 +6,7 @@
 //! costs time only.
 
 use super::params::{ConvexParts, PartsParams, PartsReport};
+use super::trim::after_write;
 use crate::checksum::{open, seal};
 use crate::io::{read_bounded, write_atomic};
 use crate::trimesh::TriMesh;
@@ -16,6 +17,9 @@ use std::path::{Path, PathBuf};
 const MAGIC: &[u8; 8] = b"gbparts3";
 /// Largest entry that is read, bytes: 100 times that of 48 parts of 64 corners.
 const MAX_BYTES: u64 = 16 << 20;
+
+/// Most bytes of all entries of a folder: about 5,000 objects.
+const MOST_IN_ALL: u64 = 256 << 20;
 
 /// Hash of a mesh and parameters.
 type Key = [u8; 32];
@@ -68,6 +72,8 @@ impl Entry {
             tracing::warn!("cannot make the folder of {}: {e}; the parts are not cached", self.path.display());
         } else if let Err(e) = write_atomic(&self.path, &seal(MAGIC, &encode(&self.key, parts))) {
             tracing::warn!("{e}; the parts are not cached");
+        } else if let Some(folder) = self.path.parent() {
+            after_write(folder, MOST_IN_ALL);
         }
     }
 }

@@ -105,23 +105,6 @@ fn clip(
     }
 }
 
-/// For each direction the point that lies farthest along it; each point once, ascending.
-pub(super) fn supports(points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<usize> {
-    let mut best = vec![(f64::NEG_INFINITY, 0); directions.len()];
-    for (i, p) in points.iter().enumerate() {
-        for (b, d) in best.iter_mut().zip(directions) {
-            let along = p.coords.dot(d);
-            if along > b.0 {
-                *b = (along, i);
-            }
-        }
-    }
-    let mut chosen: Vec<usize> = best.into_iter().map(|b| b.1).collect();
-    chosen.sort_unstable();
-    chosen.dedup();
-    chosen
-}
-
 /// Every point and its six neighbours `by` metres along the axes: flat points then have a hull.
 pub(super) fn thicken(points: &[Point3<f64>], by: f64) -> Vec<Point3<f64>> {
     let sides = [Vector3::x(), Vector3::y(), Vector3::z()];

@@ -10,6 +10,7 @@ use crate::error::MeshError;
 use crate::hull::convex_hull;
 use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Pieces made before merging, for each part allowed at the end.
@@ -34,7 +35,7 @@ pub(super) fn decompose(
     let pieces = cut_down(whole, &mut pool, fit, params.max_error, most);
     let pieces = merge(pieces, fit, params.max_error, params.max_parts);
     let parts: Result<Vec<TriMesh>, MeshError> = pieces
-        .iter()
+        .par_iter()
         .map(|piece| {
             let points: Vec<_> = piece.cell.points.iter().map(|&v| pool[v as usize] + center).collect();
             let hull = convex_hull(&points).or_else(|_| convex_hull(&thicken(&points, fit.sliver())))?;

@@ -4,6 +4,7 @@ use super::cell::{Cell, Hull, hull_of};
 use super::cut::Piece;
 use super::fit::Fit;
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// Two pieces, their common hull, and how far it stands out.
 struct Pair {
@@ -21,9 +22,10 @@ pub(super) fn merge(pieces: Vec<Piece>, fit: &Fit, max_error: f64, most: usize) 
     let mut slots: Vec<Option<Piece>> = pieces.into_iter().map(Some).collect();
     let mut alive = slots.len();
     let mut pairs = Vec::new();
-    for b in 0..slots.len() {
-        pairs.extend((0..b).filter_map(|a| pair(&slots, a, b, fit)));
-    }
+    pairs.par_extend((0..slots.len()).into_par_iter().flat_map_iter(|b| {
+        let slots = &slots;
+        (0..b).filter_map(move |a| pair(slots, a, b, fit))
+    }));
     while let Some(best) = best(&pairs, max_error) {
         if pairs[best].error > max_error && alive <= most {
             break;
@@ -37,7 +39,7 @@ pub(super) fn merge(pieces: Vec<Piece>, fit: &Fit, max_error: f64, most: usize) 
         let cell = Cell { faces: Vec::new(), points: union(first.cell.points, &second.cell.points) };
         let new = slots.len();
         slots.push(Some(Piece { cell, hull, error }));
-        pairs.extend((0..new).filter_map(|other| pair(&slots, other, new, fit)));
+        pairs.par_extend((0..new).into_par_iter().filter_map(|other| pair(&slots, other, new, fit)));
     }
     slots.into_iter().flatten().collect()
 }

@@ -3,7 +3,7 @@
 //! A hull of a few extreme corners is grown by the corner that stands out farthest, until none stands out or the cap is
 //! reached. The result lies inside the full hull and is then scaled to its volume.
 
-use super::cell::supports;
+use super::extremes::supports;
 use crate::hull::convex_hull;
 use crate::hull::planes;
 use crate::sample::fibonacci_sphere;

@@ -15,10 +15,22 @@ pub(crate) struct Rectangle {
 #[derive(Default)]
 pub(crate) struct Calipers {
     hull: Vec<[f64; 2]>,
+    order: Vec<(i64, i64)>,
 }
 
 /// Rounding must not choose between equal rectangles: the first edge from the leftmost point wins.
 const BETTER: f64 = 1.0 - 1e-10;
+
+/// A number that sorts as [`f64::total_cmp`] does, but faster.
+fn key(x: f64) -> i64 {
+    let bits = x.to_bits() as i64;
+    bits ^ (((bits >> 63) as u64) >> 1) as i64
+}
+
+/// The number of a [`key`].
+fn value(key: i64) -> f64 {
+    f64::from_bits((key ^ (((key >> 63) as u64) >> 1) as i64) as u64)
+}
 
 fn cross(o: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
@@ -43,15 +55,15 @@ impl Calipers {
         let mut least = f64::INFINITY;
         let (mut right, mut top, mut left) = (1, 1, 1);
         for i in 0..n {
-            let (a, b) = (hull[i], hull[(i + 1) % n]);
+            let (a, b) = (hull[i], hull[wrap(i + 1, n)]);
             let length = (b[0] - a[0]).hypot(b[1] - a[1]);
             let u = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
             let v = [-u[1], u[0]];
             right = climb(hull, u, right.max(i + 1));
             top = climb(hull, v, top.max(right));
             left = climb(hull, [-u[0], -u[1]], left.max(top));
-            let extent = dot(u, hull[left % n], hull[right % n]);
-            let height = dot(v, a, hull[top % n]);
+            let extent = dot(u, hull[wrap(left, n)], hull[wrap(right, n)]);
+            let height = dot(v, a, hull[wrap(top, n)]);
             let area = (extent + pad) * (height + pad);
             if area < least * BETTER {
                 least = area;
@@ -63,7 +75,12 @@ impl Calipers {
 
     /// Counter-clockwise hull without collinear points.
     fn build_hull(&mut self, points: &mut [[f64; 2]]) {
-        points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        self.order.clear();
+        self.order.extend(points.iter().map(|&[x, y]| (key(x), key(y))));
+        self.order.sort_unstable();
+        for (point, &(x, y)) in points.iter_mut().zip(&self.order) {
+            *point = [value(x), value(y)];
+        }
         self.hull.clear();
         for &p in points.iter() {
             self.push(p, 2);
@@ -88,8 +105,22 @@ impl Calipers {
 fn climb(hull: &[[f64; 2]], u: [f64; 2], start: usize) -> usize {
     let n = hull.len();
     let mut at = start;
-    while at < start + n && dot(u, hull[at % n], hull[(at + 1) % n]) > 0.0 {
+    let mut from = hull[wrap(at, n)];
+    while at < start + n {
+        let to = hull[wrap(at + 1, n)];
+        if dot(u, from, to) <= 0.0 {
+            break;
+        }
+        from = to;
         at += 1;
+    }
+    at
+}
+
+/// `at` modulo `n`, for an `at` that goes around a few times at most: a division takes longer.
+fn wrap(mut at: usize, n: usize) -> usize {
+    while at >= n {
+        at -= n;
     }
     at
 }

@@ -84,8 +84,14 @@ impl CoreSet {
         let tail = self.x.len() / LANES * LANES..self.x.len();
         let least = tail.clone().map(value).chain(low).fold(f64::INFINITY, f64::min);
         let greatest = tail.map(value).chain(high).fold(f64::NEG_INFINITY, f64::max);
-        let first = |hit: &dyn Fn(f64) -> bool| (0..self.x.len()).find(|&i| hit(value(i))).unwrap_or(0);
-        Extremes { least: (least, first(&|v| v <= least + TIE)), greatest: (greatest, first(&|v| v >= greatest - TIE)) }
+        // For the greatest, value and limit change their signs.
+        let first = |sign: f64, limit: f64| {
+            let hit = |i: usize| sign * value(i) <= limit;
+            let rows = 0..self.x.len() / LANES;
+            let row = rows.clone().find(|row| (row * LANES..(row + 1) * LANES).fold(false, |any, i| any | hit(i)));
+            (row.unwrap_or(rows.end) * LANES..self.x.len()).find(|&i| hit(i)).unwrap_or(0)
+        };
+        Extremes { least: (least, first(1.0, least + TIE)), greatest: (greatest, first(-1.0, TIE - greatest)) }
     }
 }
 

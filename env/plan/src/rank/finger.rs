@@ -4,40 +4,18 @@
 //! `r_p dq_p + r_d dq_d`, and the finger moves wherever that is positive and nothing is in the way. First the proximal joint closes, the
 //! distal straight; then the distal closes alone; and where only the tip is held, it curls further while the proximal joint gives way.
 
+use super::plane::{Frame, LinkShape, Obstacles, PlanePoint, PlaneTable, Rect};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::PlanError;
 use graspbox_hand::{Hand, Material};
-
-/// A rectangle of a link in the finger's plane; metres.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Rect {
-    x: [f64; 2],
-    z: [f64; 2],
-    pad: bool,
-}
-
-impl Rect {
-    fn holds(&self, x: f64, z: f64) -> bool {
-        x > self.x[0] && x < self.x[1] && z > self.z[0] && z < self.z[1]
-    }
-}
-
-fn around(rects: &[Rect]) -> Rect {
-    let none = [f64::INFINITY, f64::NEG_INFINITY];
-    let join = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-    let empty = Rect { x: none, z: none, pad: false };
-    rects.iter().fold(empty, |all, r| Rect { x: join(all.x, r.x), z: join(all.z, r.z), pad: false })
-}
 
 /// A finger at one preshape.
 #[derive(Clone, Debug)]
 pub(crate) struct FingerModel {
     /// Plane of the finger: origin on the proximal joint, x along the open finger, y across, z towards the closing side.
     pub hand_from_plane: Isometry3<f64>,
-    links: [Vec<Rect>; 2],
-    /// Around each link: most points are outside, and need no look at its rectangles.
-    bounds: [Rect; 2],
+    links: [LinkShape; 2],
     /// Distal joint, proximal link's frame.
     distal_at: [f64; 2],
     /// Half the width of the finger.
@@ -46,21 +24,6 @@ pub(crate) struct FingerModel {
     pub reach: f64,
     limits: [f64; 2],
     arms: [f64; 2],
-}
-
-/// An object point in a finger's plane.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlanePoint {
-    pub x: f64,
-    pub z: f64,
-    pub index: u32,
-}
-
-/// The table in a finger's plane: free space is `normal . p >= offset`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlaneTable {
-    pub normal: [f64; 2],
-    pub offset: f64,
 }
 
 /// A finger after closing.
@@ -124,12 +87,11 @@ impl FingerModel {
             };
             hand.links[link].colliders.iter().map(collider).collect()
         };
-        let links = [rects(proximal, &Vector3::zeros()), rects(distal, &at)];
+        let links = [rects(proximal, &Vector3::zeros()), rects(distal, &at)].map(LinkShape::new);
         let corner = |r: &Rect| r.x[1].hypot(r.z[1].abs().max(r.z[0].abs()));
-        let furthest = links[1].iter().map(corner).fold(0.0, f64::max);
+        let furthest = links[1].rects.iter().map(corner).fold(0.0, f64::max);
         Self {
             hand_from_plane,
-            bounds: [0, 1].map(|link| around(&links[link])),
             links,
             distal_at: [at.x, at.z],
             half_width,
@@ -146,6 +108,7 @@ impl FingerModel {
 
     /// Closes the finger on points (those in its width, and within reach) over a table.
     pub fn close(&self, points: &[PlanePoint], table: &PlaneTable) -> ClosedFinger {
+        let mut obstacles = Obstacles::new(points);
         let mut at = [0.0, 0.0];
         let mut met_table = false;
         let [rp, rd] = self.arms;
@@ -156,7 +119,7 @@ impl FingerModel {
         for _ in 0..80 {
             let mut moved = false;
             for direction in moves {
-                let (reached, block) = self.advance(at, direction, points, table);
+                let (reached, block) = self.advance(at, direction, &mut obstacles, table);
                 met_table |= block == Block::Table;
                 if reached != at {
                     at = reached;
@@ -177,7 +140,7 @@ impl FingerModel {
         &self,
         at: [f64; 2],
         direction: [f64; 2],
-        points: &[PlanePoint],
+        obstacles: &mut Obstacles,
         table: &PlaneTable,
     ) -> ([f64; 2], Block) {
         let mut step = STEP;
@@ -186,7 +149,7 @@ impl FingerModel {
             let next = [at[0] + step * direction[0], at[1] + step * direction[1]];
             let inside = next[0] <= self.limits[0] && next[1] <= self.limits[1] && next[0] >= 0.0;
             if inside {
-                let block = self.block(next, points, table);
+                let block = self.block(next, obstacles, table);
                 if block == Block::Free {
                     return (next, first);
                 }
@@ -197,36 +160,30 @@ impl FingerModel {
         (at, first)
     }
 
-    fn block(&self, q: [f64; 2], points: &[PlanePoint], table: &PlaneTable) -> Block {
+    fn block(&self, q: [f64; 2], obstacles: &mut Obstacles, table: &PlaneTable) -> Block {
         let frames = self.frames(q);
-        for (rects, frame) in self.links.iter().zip(&frames) {
-            for r in rects {
-                for (x, z) in [(r.x[1], r.z[0]), (r.x[1], r.z[1]), (r.x[0], r.z[1])] {
-                    let p = frame.outward(x, z);
-                    if table.normal[0] * p[0] + table.normal[1] * p[1] < table.offset {
-                        return Block::Table;
-                    }
-                }
-            }
+        if self.links.iter().zip(&frames).any(|(link, frame)| link.hits_table(frame, table)) {
+            Block::Table
+        } else if obstacles.block(&self.links, &frames, q[0]) {
+            Block::Object
+        } else {
+            Block::Free
         }
-        let hit = |p: &PlanePoint| {
-            (0..2).any(|link| {
-                let (x, z) = frames[link].inward(p.x, p.z);
-                self.bounds[link].holds(x, z) && self.links[link].iter().any(|r| r.holds(x, z))
-            })
-        };
-        if points.iter().any(hit) { Block::Object } else { Block::Free }
     }
 
     fn touched(&self, q: [f64; 2], points: &[PlanePoint]) -> [Vec<(u32, bool)>; 2] {
         let frames = self.frames(q);
         [0, 1].map(|link| {
+            let LinkShape { rects, bounds } = &self.links[link];
             let touch = |p: &PlanePoint| {
                 let (x, z) = frames[link].inward(p.x, p.z);
+                if x <= bounds.x[0] || x >= bounds.x[1] + TOUCH || z <= bounds.z[0] || z >= bounds.z[1] + TOUCH {
+                    return None;
+                }
                 let near = |r: &&Rect| {
                     x > r.x[0] && x < r.x[1] + TOUCH && z > r.z[0].max(r.z[1] - 2.0 * TOUCH) && z < r.z[1] + TOUCH
                 };
-                let rects = self.links[link].iter().filter(near);
+                let rects = rects.iter().filter(near);
                 let pad = rects.clone().any(|r| r.pad);
                 rects.clone().next().map(|_| (p.index, pad))
             };
@@ -238,30 +195,6 @@ impl FingerModel {
         let proximal = Frame::new([0.0, 0.0], q[0]);
         let distal = Frame::new(proximal.outward(self.distal_at[0], self.distal_at[1]), q[0] + q[1]);
         [proximal, distal]
-    }
-}
-
-/// A link's frame in the finger's plane.
-#[derive(Clone, Copy)]
-struct Frame {
-    at: [f64; 2],
-    sin: f64,
-    cos: f64,
-}
-
-impl Frame {
-    fn new(at: [f64; 2], angle: f64) -> Self {
-        let (sin, cos) = angle.sin_cos();
-        Self { at, sin, cos }
-    }
-
-    fn outward(&self, x: f64, z: f64) -> [f64; 2] {
-        [self.at[0] + self.cos * x - self.sin * z, self.at[1] + self.sin * x + self.cos * z]
-    }
-
-    fn inward(&self, x: f64, z: f64) -> (f64, f64) {
-        let (x, z) = (x - self.at[0], z - self.at[1]);
-        (self.cos * x + self.sin * z, self.cos * z - self.sin * x)
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a grasp would look like: fingers closed on the object's surface, contacts, and numbers that describe them.
 
-use super::finger::{ClosedFinger, FingerModel, PlanePoint, PlaneTable};
+use super::finger::{ClosedFinger, FingerModel};
+use super::plane::{PlanePoint, PlaneTable};
 use crate::collision::CollisionScene;
 use crate::wrench::{Directions, WrenchSpace};
 use graspbox_hand::Hand;
@@ -71,9 +72,8 @@ const LINK_CONTACTS: usize = 4;
 /// Closes the hand at `object_from_hand` and describes what it holds.
 pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand: &Isometry3<f64>) -> Prediction {
     let hand_from_object = object_from_hand.inverse();
-    let local: Vec<Point3<f64>> = target.samples.iter().map(|s| hand_from_object * s.point).collect();
     let closed: Vec<ClosedFinger> =
-        hand.fingers.iter().map(|finger| close_one(target, finger, &local, object_from_hand)).collect();
+        hand.fingers.iter().map(|finger| close_one(target, finger, &hand_from_object, object_from_hand)).collect();
     let contacts = contacts(target, hand, &closed);
     let com = hand_from_object * target.center_of_mass;
     let mut p = Prediction {
@@ -97,17 +97,25 @@ fn touches(finger: &ClosedFinger) -> bool {
 fn close_one(
     target: &Target<'_>,
     finger: &FingerModel,
-    local: &[Point3<f64>],
+    hand_from_object: &Isometry3<f64>,
     object_from_hand: &Isometry3<f64>,
 ) -> ClosedFinger {
     /// A point this far beside the finger still counts, metres: samples are about 5 mm apart.
     const BESIDE: f64 = 0.002;
+    /// Rounding between two frames, metres, and far more.
+    const ROUNDING: f64 = 1e-9;
     let [x_axis, y_axis, z_axis] = finger.axes();
     let origin = finger.hand_from_plane.translation.vector;
     let reach2 = (finger.reach + BESIDE).powi(2);
     let mut points = Vec::with_capacity(128);
-    for (p, index) in local.iter().zip(0u32..) {
-        let from = p.coords - origin;
+    // Most samples are beside the finger, which is found out faster in their own frame.
+    let across = object_from_hand * y_axis;
+    let middle = across.dot(&(object_from_hand * Point3::from(origin)).coords);
+    for (sample, index) in target.samples.iter().zip(0u32..) {
+        if (across.dot(&sample.point.coords) - middle).abs() > finger.half_width + BESIDE + ROUNDING {
+            continue;
+        }
+        let from = (hand_from_object * sample.point).coords - origin;
         if from.dot(&y_axis).abs() > finger.half_width + BESIDE {
             continue;
         }

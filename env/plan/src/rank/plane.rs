@@ -1,0 +1,208 @@
+//! Geometry in a finger's plane: links as rectangles, their frames, and the object's points and the table that are in their way.
+
+/// A rectangle of a link in the finger's plane; metres.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rect {
+    pub x: [f64; 2],
+    pub z: [f64; 2],
+    pub pad: bool,
+}
+
+impl Rect {
+    fn holds(&self, x: f64, z: f64) -> bool {
+        x > self.x[0] && x < self.x[1] && z > self.z[0] && z < self.z[1]
+    }
+}
+
+/// A link: its rectangles, in its frame.
+#[derive(Clone, Debug)]
+pub(crate) struct LinkShape {
+    pub rects: Vec<Rect>,
+    /// Around all of them: most points are outside, and need no look at the rectangles.
+    pub bounds: Rect,
+}
+
+impl LinkShape {
+    pub fn new(rects: Vec<Rect>) -> Self {
+        let none = [f64::INFINITY, f64::NEG_INFINITY];
+        let join = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let empty = Rect { x: none, z: none, pad: false };
+        let bounds = rects.iter().fold(empty, |all, r| Rect { x: join(all.x, r.x), z: join(all.z, r.z), pad: false });
+        Self { rects, bounds }
+    }
+
+    fn holds(&self, frame: &Frame, [x, z]: [f64; 2]) -> bool {
+        let (x, z) = frame.inward(x, z);
+        self.bounds.holds(x, z) && self.rects.iter().any(|r| r.holds(x, z))
+    }
+
+    /// True where a corner of the link, at this frame, is below the table.
+    pub fn hits_table(&self, frame: &Frame, table: &PlaneTable) -> bool {
+        /// Rounding of a height, metres, and far more.
+        const ROUNDING: f64 = 1e-9;
+        let height = |[x, z]: [f64; 2]| table.normal[0] * x + table.normal[1] * z;
+        let reach = [height([frame.cos, frame.sin]), height([-frame.sin, frame.cos])];
+        let least = |reach: f64, side: [f64; 2]| (reach * side[0]).min(reach * side[1]);
+        let lowest = height(frame.at) + least(reach[0], self.bounds.x) + least(reach[1], self.bounds.z);
+        if lowest > table.offset + ROUNDING {
+            return false;
+        }
+        self.rects.iter().any(|r| {
+            let corners = [(r.x[1], r.z[0]), (r.x[1], r.z[1]), (r.x[0], r.z[1])];
+            corners.iter().any(|&(x, z)| height(frame.outward(x, z)) < table.offset)
+        })
+    }
+}
+
+/// An object point in a finger's plane.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlanePoint {
+    pub x: f64,
+    pub z: f64,
+    pub index: u32,
+}
+
+/// The table in a finger's plane: free space is `normal . p >= offset`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlaneTable {
+    pub normal: [f64; 2],
+    pub offset: f64,
+}
+
+/// A link's frame in the finger's plane.
+#[derive(Clone, Copy)]
+pub(crate) struct Frame {
+    pub at: [f64; 2],
+    sin: f64,
+    cos: f64,
+}
+
+impl Frame {
+    pub fn new(at: [f64; 2], angle: f64) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        Self { at, sin, cos }
+    }
+
+    pub fn outward(&self, x: f64, z: f64) -> [f64; 2] {
+        [self.at[0] + self.cos * x - self.sin * z, self.at[1] + self.sin * x + self.cos * z]
+    }
+
+    pub fn inward(&self, x: f64, z: f64) -> (f64, f64) {
+        let (x, z) = (x - self.at[0], z - self.at[1]);
+        (self.cos * x + self.sin * z, self.cos * z - self.sin * x)
+    }
+}
+
+/// The object's points around one closing finger, in square cells, and what the last steps found out. Neither changes an answer.
+pub(crate) struct Obstacles {
+    /// Row by row of cells, and cell by cell within a row.
+    points: Vec<[f64; 2]>,
+    /// Where each cell begins in `points`; the last entry is their number.
+    begins: Vec<u32>,
+    origin: [f64; 2],
+    /// Cells along x and z.
+    size: [usize; 2],
+    /// The point that blocked each link last.
+    last: [[f64; 2]; 2],
+    /// The last angles of the proximal joint, and whether a point blocked the proximal link there: it does not depend on the distal joint.
+    known: [(f64, bool); Obstacles::KNOWN],
+    next: usize,
+}
+
+impl Obstacles {
+    /// Proximal angles that are remembered: those that two steps try.
+    const KNOWN: usize = 8;
+    /// Side of a cell, metres: a third of a link's thickness.
+    const CELL: f64 = 0.01;
+
+    pub fn new(points: &[PlanePoint]) -> Self {
+        let none = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let (low, high) = points
+            .iter()
+            .fold(none, |(low, high), p| ([low[0].min(p.x), low[1].min(p.z)], [high[0].max(p.x), high[1].max(p.z)]));
+        let size = [0, 1].map(|k| ((high[k] - low[k]) / Self::CELL).max(0.0) as usize + 1);
+        let mut all = Self {
+            points: vec![[0.0; 2]; points.len()],
+            begins: vec![0; size[0] * size[1] + 1],
+            origin: low,
+            size,
+            last: [[f64::INFINITY; 2]; 2],
+            known: [(f64::NAN, false); Self::KNOWN],
+            next: 0,
+        };
+        let cell = |all: &Self, p: &PlanePoint| all.cell(1, p.z) * size[0] + all.cell(0, p.x);
+        for p in points {
+            let cell = cell(&all, p);
+            all.begins[cell] += 1;
+        }
+        let mut sum = 0;
+        for begin in &mut all.begins {
+            sum += *begin;
+            *begin = sum;
+        }
+        // Filled from behind, so that each entry ends where its cell begins.
+        for p in points.iter().rev() {
+            let cell = cell(&all, p);
+            all.begins[cell] -= 1;
+            let at = all.begins[cell] as usize;
+            all.points[at] = [p.x, p.z];
+        }
+        all
+    }
+
+    /// Place along `axis` (0: x, 1: z) of the cell that holds `value`, or of the nearest one.
+    fn cell(&self, axis: usize, value: f64) -> usize {
+        (((value - self.origin[axis]) / Self::CELL).max(0.0) as usize).min(self.size[axis] - 1)
+    }
+
+    /// True where a point is inside one of the links (proximal, distal) at these frames.
+    ///
+    /// * `angle`: of the proximal joint.
+    pub fn block(&mut self, links: &[LinkShape; 2], frames: &[Frame; 2], angle: f64) -> bool {
+        // The point that blocked a link last mostly does so again, and is asked first.
+        (0..2).any(|which| links[which].holds(&frames[which], self.last[which]))
+            || self.block_proximal(&links[0], &frames[0], angle)
+            || self.block_link(1, &links[1], &frames[1])
+    }
+
+    fn block_proximal(&mut self, link: &LinkShape, frame: &Frame, angle: f64) -> bool {
+        if let Some(&(_, blocked)) = self.known.iter().find(|(known, _)| *known == angle) {
+            return blocked;
+        }
+        let blocked = self.block_link(0, link, frame);
+        self.known[self.next] = (angle, blocked);
+        self.next = (self.next + 1) % Self::KNOWN;
+        blocked
+    }
+
+    fn block_link(&mut self, which: usize, link: &LinkShape, frame: &Frame) -> bool {
+        /// Rounding of a point from the plane to a link and back, metres, and far more.
+        const ROUNDING: f64 = 1e-9;
+        /// Points compared at once.
+        const LANES: usize = 8;
+        let bounds = &link.bounds;
+        let (middle, half) = (|side: [f64; 2]| 0.5 * (side[0] + side[1]), |side: [f64; 2]| 0.5 * (side[1] - side[0]));
+        let (center, half) = (frame.outward(middle(bounds.x), middle(bounds.z)), [half(bounds.x), half(bounds.z)]);
+        let (cos, sin) = (frame.cos.abs(), frame.sin.abs());
+        let reach = [cos * half[0] + sin * half[1] + ROUNDING, sin * half[0] + cos * half[1] + ROUNDING];
+        let cells =
+            |axis: usize| [self.cell(axis, center[axis] - reach[axis]), self.cell(axis, center[axis] + reach[axis])];
+        let (x, z) = (cells(0), cells(1));
+        for row in z[0]..=z[1] {
+            let first = row * self.size[0];
+            let [begin, end] = [first + x[0], first + x[1] + 1].map(|cell| self.begins[cell] as usize);
+            for points in self.points[begin..end].chunks(LANES) {
+                // Without branches, so that the compiler compares several points at once.
+                let near = points.iter().fold(false, |near, &[x, z]| {
+                    let (x, z) = frame.inward(x, z);
+                    near | ((x > bounds.x[0]) & (x < bounds.x[1]) & (z > bounds.z[0]) & (z < bounds.z[1]))
+                });
+                if near && let Some(found) = points.iter().find(|p| link.holds(frame, **p)) {
+                    self.last[which] = *found;
+                    return true;
+                }
+            }
+        }
+        false
+    }
+}

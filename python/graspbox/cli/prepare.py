@@ -1,0 +1,24 @@
+"""``graspbox prepare``: fill the cache before it is needed."""
+
+from typing import Annotated
+
+import typer
+
+from graspbox.cli.common import Scale, Split, Threads, find, progress
+from graspbox.configs import PhysicsConfig
+from graspbox.envs.core import load_objects, prepare_objects
+
+
+def prepare(
+    sets: Annotated[list[str] | None, typer.Argument(help="Object sets; 'procedural' by default.")] = None,
+    split: Split = None,
+    scale: Scale = 1.0,
+    threads: Threads = None,
+) -> None:
+    """Prepare the objects of a set: other processes then find their convex parts in the cache (GRASPBOX_CACHE)."""
+    found = find(sets or ["procedural"], split, scale)
+    handle, _ = load_objects(found, "reflex", PhysicsConfig())
+    with progress() as bar:
+        task = bar.add_task(found.name, total=len(found))
+        prepare_objects(handle, False, threads, lambda done: bar.update(task, completed=done))
+    typer.echo(f"{len(found)} objects of {found.name} are ready")

@@ -1,0 +1,51 @@
+"""A progress bar on standard error that needs no library."""
+
+import sys
+from types import TracebackType
+
+__all__ = ["ProgressBar"]
+
+#: Characters of the bar.
+_WIDTH = 30
+
+
+class ProgressBar:
+    """Shows how much of a known number of steps is done: one line that is drawn again, or ten lines in a log file.
+
+    Parameters
+    ----------
+    task : str
+        What is being done.
+    total : int
+        Number of steps.
+    shown : bool
+        Whether anything is written at all.
+    """
+
+    def __init__(self, task: str, total: int, shown: bool = True) -> None:
+        self._task, self._total, self._shown = task, total, shown
+        self._tenth = 0
+
+    def update(self, done: int) -> None:
+        """Show that `done` steps are done."""
+        if not self._shown:
+            return
+        share = done / max(1, self._total)
+        bar = "#" * int(share * _WIDTH)
+        line = f"{self._task} [{bar:<{_WIDTH}}] {done}/{self._total}"
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\r{line}")
+        elif int(share * 10) > self._tenth:
+            self._tenth = int(share * 10)
+            sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+
+    def __enter__(self) -> "ProgressBar":
+        self.update(0)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._shown and sys.stderr.isatty():
+            sys.stderr.write("\n")

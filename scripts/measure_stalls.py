@@ -1,0 +1,76 @@
+"""Measure the slowest steps of a vector environment: with an empty cache, with a filled one, and after ``prepare``.
+
+Each row is a process of its own with random actions. Run it on an idle machine::
+
+    python scripts/measure_stalls.py --objects ycb --num-envs 16
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import gymnasium as gym
+import numpy as np
+
+import graspbox  # noqa: F401 (registers the environments)
+
+
+def measure(objects: str, num_envs: int, obs: str, steps: int, episode: int, prepare: bool) -> dict[str, float]:
+    """Step an environment; seconds of the preparation, of the reset, and of the median and the slowest step."""
+    envs = gym.make_vec(
+        "graspbox/Grasp-v0", num_envs=num_envs, objects=objects, obs=obs, image_size=64, max_episode_steps=episode
+    )
+    start = time.perf_counter()
+    if prepare:
+        envs.prepare(progress=True)  # type: ignore[attr-defined]
+    prepared = time.perf_counter()
+    envs.reset(seed=0)
+    begun = time.perf_counter()
+    rng = np.random.default_rng(0)
+    times = []
+    for _ in range(steps):
+        actions = rng.uniform(-1.0, 1.0, envs.action_space.shape).astype(np.float32)
+        before = time.perf_counter()
+        envs.step(actions)
+        times.append(time.perf_counter() - before)
+    return {
+        "prepare": prepared - start,
+        "reset": begun - prepared,
+        "median": float(np.median(times)),
+        "99 %": float(np.quantile(times, 0.99)),
+        "slowest": max(times),
+    }
+
+
+def main() -> None:
+    """Run every row and print a table, milliseconds."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--objects", default="ycb", help="object set")
+    parser.add_argument("--num-envs", type=int, default=16, help="environments")
+    parser.add_argument("--obs", default="state", help="observation")
+    parser.add_argument("--steps", type=int, default=400, help="steps of every environment")
+    parser.add_argument("--episode-steps", type=int, default=50, help="steps of an episode")
+    parser.add_argument("--row", choices=("plain", "prepared"), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.row:
+        found = measure(args.objects, args.num_envs, args.obs, args.steps, args.episode_steps, args.row == "prepared")
+        print(json.dumps(found))
+        return
+    rows = {"empty cache": "plain", "filled cache": "plain", "prepared": "prepared"}
+    print(f"{'milliseconds':14}{'prepare':>10}{'reset':>10}{'median':>10}{'99 %':>10}{'slowest':>10}")
+    with tempfile.TemporaryDirectory() as cache:
+        for name, row in rows.items():
+            command = [sys.executable, __file__, *sys.argv[1:], "--row", row]
+            done = subprocess.run(
+                command, env={**os.environ, "GRASPBOX_CACHE": cache}, stdout=subprocess.PIPE, check=True, text=True
+            )
+            numbers = json.loads(done.stdout)
+            print(f"{name:14}" + "".join(f"{1e3 * value:10.1f}" for value in numbers.values()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

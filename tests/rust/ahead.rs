@@ -1,0 +1,59 @@
+//! Objects prepared ahead: the next episode finds its own, and no bit depends on when it was prepared.
+#![allow(clippy::unwrap_used)]
+
+use graspbox_agent::initial_samples::InitialSamples;
+use graspbox_agent::initial_state::InitialState;
+use graspbox_agent::random_stream::RandomStream;
+use graspbox_agent::{AgentConfig, Autoreset, Batch, EnvPool, Objects, ResetOptions};
+use graspbox_objects::Family;
+use graspbox_tests::agent::objects;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const FAMILIES: [Family; 4] = [Family::Ball, Family::Can, Family::Box, Family::Mug];
+const ENVS: usize = 3;
+
+fn pool(objects: &Arc<Objects>) -> EnvPool {
+    let config = AgentConfig { autoreset: Autoreset::NextStep, max_episode_steps: Some(2), ..AgentConfig::default() };
+    EnvPool::new(Arc::clone(objects), config, ENVS).unwrap()
+}
+
+/// What three environments return in seven steps of short episodes.
+fn run(objects: &Arc<Objects>) -> Vec<Batch> {
+    let pool = pool(objects);
+    let seeds: Vec<_> = (0..ENVS as u64).map(Some).collect();
+    let mut batches = vec![pool.reset(&seeds, None, &ResetOptions::default()).unwrap()];
+    let zeros = vec![0.0; ENVS * pool.spec().action];
+    batches.extend((0..7).map(|_| pool.step(&zeros).unwrap().now));
+    batches
+}
+
+#[test]
+fn preparing_first_changes_nothing() {
+    let prepared = objects(&FAMILIES);
+    (0..prepared.len()).for_each(|index| prepared.prepare(index, true).unwrap());
+    assert!(run(&prepared) == run(&objects(&FAMILIES)), "an episode depends on when its object was prepared");
+}
+
+#[test]
+fn the_object_of_the_next_episode_is_prepared_during_this_one() {
+    let objects = objects(&FAMILIES);
+    let pool = pool(&objects);
+    let sample = |stream: &mut RandomStream| InitialSamples::new(stream, objects.len()).object;
+    // The next episode has another object than this one.
+    let differs = |&seed: &u64| {
+        let mut stream = RandomStream::new(seed);
+        sample(&mut stream) != sample(&mut stream)
+    };
+    let seed = (0..100).find(differs).unwrap();
+    pool.reset(&[Some(seed); ENVS], None, &ResetOptions::default()).unwrap();
+    let mut stream = RandomStream::new(seed);
+    sample(&mut stream);
+    let next = InitialState::need(pool.spec(), &stream, &ResetOptions::default()).unwrap();
+    // No bound on its time: without the thread it would never be ready.
+    let begun = Instant::now();
+    while !objects.is_ready(&next) {
+        assert!(begun.elapsed() < Duration::from_secs(120), "nobody prepares {next:?}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
