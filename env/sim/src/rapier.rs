@@ -70,20 +70,12 @@ impl Rapier {
         self.body(self.shared.handles.object)
     }
 
-    /// The bodies that the frame's motion acts on: the fingers' links and the object.
-    fn moving_bodies(&self) -> impl Iterator<Item = RigidBodyHandle> + use<> {
-        let shared = Arc::clone(&self.shared);
-        let links = 0..shared.handles.fingers.len() * 2;
-        let object = shared.handles.object;
-        links.map(move |i| shared.handles.fingers[i / 2].bodies[i % 2]).chain([object])
-    }
-
     fn drive_fingers(&mut self, input: &StepInput) {
-        let shared = Arc::clone(&self.shared);
-        let (hand, dt) = (&shared.hand, shared.config.dt);
+        let Shared { hand, handles, config } = &*self.shared;
+        let dt = config.dt;
         let preshape = hand.preshape_motor();
         for (i, finger) in hand.fingers.iter().enumerate() {
-            let handles = &shared.handles.fingers[i];
+            let handles = &handles.fingers[i];
             let motor = input.motors[finger.motor];
             let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
             let spool = JointState { angle: motor.position, speed: motor.velocity };
@@ -115,7 +107,7 @@ impl Rapier {
 
     /// True where the frame's forces of the last step are still on the bodies: the engine keeps them until they are taken off.
     fn bears_frame_forces(&self) -> bool {
-        self.moving_bodies().any(|handle| {
+        self.shared.handles.moving_bodies().any(|handle| {
             let body = self.body(handle);
             body.user_force() != Vector::ZERO || body.user_torque() != Vector::ZERO
         })
@@ -147,7 +139,7 @@ impl Engine for Rapier {
         let forces = FrameForces::new(&input.frame);
         self.physics.gravity = forces.gravity;
         if forces.turning() || self.bears_frame_forces() {
-            for body in self.moving_bodies() {
+            for body in self.shared.handles.moving_bodies() {
                 if let Some(body) = self.physics.bodies.get_mut(body) {
                     forces.apply(body);
                 }
@@ -224,7 +216,7 @@ impl Engine for Rapier {
             let body = self.body(handle);
             body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
         };
-        self.tensions.iter().all(|tension| tension.is_finite()) && self.moving_bodies().all(finite)
+        self.tensions.iter().all(|tension| tension.is_finite()) && self.shared.handles.moving_bodies().all(finite)
     }
 
     /// The engine takes a fixed number of sub-steps and measures no residual.

@@ -122,7 +122,7 @@ impl Clone for World {
 impl World {
     /// Advances by one time step: the hand reaches `world_from_hand` at its end, the motors follow their commands.
     ///
-    /// `commands` has one entry a motor, in the order of the hand's motors; missing ones hold still.
+    /// `commands` has one entry per motor, in the order of the hand's motors; missing ones hold still.
     ///
     /// # Errors
     /// [`SimError::BadCommand`] for a command that is not finite; nothing moves then.
@@ -139,8 +139,7 @@ impl World {
     }
 
     fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) -> Result<(), SimError> {
-        let shared = Arc::clone(&self.shared);
-        for (i, motor) in shared.hand.motors.iter().enumerate() {
+        for (i, motor) in self.shared.hand.motors.iter().enumerate() {
             let Some(command) = commands.get(i) else { continue };
             let load = match motor.kind {
                 MotorKind::Finger(finger) => self.engine.tension(finger),

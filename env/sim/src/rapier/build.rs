@@ -60,6 +60,13 @@ pub(crate) struct Handles {
     pub link_from_shape: Vec<Vec<Isometry3<f64>>>,
 }
 
+impl Handles {
+    /// The bodies that the frame's motion acts on: the fingers' links and the object.
+    pub(crate) fn moving_bodies(&self) -> impl Iterator<Item = RigidBodyHandle> {
+        self.fingers.iter().flat_map(|finger| finger.bodies).chain([self.object])
+    }
+}
+
 /// Links that move as one rigid body, with the pose of each in the frame of the first.
 struct Carrier {
     links: Vec<(usize, Isometry3<f64>)>,
