@@ -3,7 +3,8 @@
 use crate::SimError;
 use graspbox_mesh::TriMesh;
 use nalgebra::{Matrix3, Point3, Vector3};
-use std::sync::Arc;
+use std::any::Any;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Collision geometry in the object's frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +34,8 @@ pub struct ObjectModel {
     mass: f64,
     center_of_mass: Point3<f64>,
     inertia: Matrix3<f64>,
+    /// Each engine's own shapes, made at its first use and shared with all copies: one entry per type.
+    shapes: Arc<Mutex<Vec<Arc<dyn Any + Send + Sync>>>>,
 }
 
 impl ObjectModel {
@@ -56,7 +59,7 @@ impl ObjectModel {
         if matches!(geometry, Geometry::Parts(parts) if parts.is_empty()) {
             return Err(SimError::NoParts);
         }
-        Ok(Self { geometry: geometry.clone(), mass, center_of_mass, inertia })
+        Ok(Self { geometry: geometry.clone(), mass, center_of_mass, inertia, shapes: Arc::default() })
     }
 
     /// A solid primitive of uniform density with mass `mass` (kg).
@@ -97,5 +100,23 @@ impl ObjectModel {
     /// Collision geometry.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
+    }
+
+    /// An engine's own form of the geometry: `make` is called once per object and type `T`.
+    ///
+    /// # Errors
+    /// Those of `make`, which is then called again the next time.
+    pub(crate) fn shapes<T: Any + Send + Sync>(
+        &self,
+        make: impl FnOnce(&Geometry) -> Result<T, SimError>,
+    ) -> Result<Arc<T>, SimError> {
+        // Nothing is left half-done where a thread panicked: an entry is complete before it is pushed.
+        let mut shapes = self.shapes.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = shapes.iter().find_map(|entry| Arc::clone(entry).downcast::<T>().ok()) {
+            return Ok(found);
+        }
+        let made = Arc::new(make(&self.geometry)?);
+        shapes.push(made.clone());
+        Ok(made)
     }
 }

@@ -127,8 +127,8 @@ pub(crate) fn build(
         .gyroscopic_forces_enabled(true)
         .can_sleep(false);
     let object_body = world.bodies.insert(body);
-    let shape = shape::object(object.geometry())?;
-    let collider = surface(shape, config.friction.object, Part::Object, OBJECT, Group::ALL);
+    let shape = object.shapes(shape::object)?;
+    let collider = surface(SharedShape::clone(&shape), config.friction.object, Part::Object, OBJECT, Group::ALL);
     let object_collider = world.colliders.insert_with_parent(collider, object_body, &mut world.bodies);
     insert_base(&mut world, hand);
     let fingers =
