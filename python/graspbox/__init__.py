@@ -27,6 +27,7 @@ from graspbox.configs import (
     PlanConfig,
     PoseConfig,
     Randomization,
+    RapierConfig,
     SuccessCriterion,
     TrialConfig,
 )
@@ -59,6 +60,7 @@ __all__ = [
     "PlanConfig",
     "PoseConfig",
     "Randomization",
+    "RapierConfig",
     "Scene",
     "SuccessCriterion",
     "Trace",

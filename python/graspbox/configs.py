@@ -25,6 +25,7 @@ __all__ = [
     "PlanConfig",
     "PoseConfig",
     "Randomization",
+    "RapierConfig",
     "SuccessCriterion",
     "TrialConfig",
 ]
@@ -181,45 +182,62 @@ class FrictionConfig:
 
 
 @dataclass(frozen=True)
-class PhysicsConfig:
-    """Integrator and contacts. The defaults were validated together by the project's hold and label tests.
+class RapierConfig:
+    """Settings of the engine rapier, which takes several solver sub-steps per step.
 
     Attributes
     ----------
-    dt : float
-        Time step, seconds.
     solver_iterations : int
-        Solver sub-steps per step.
+        Solver sub-steps per step, 1 to 64.
     idle_iterations : int
-        Solver sub-steps while no joint of the hand moves, the hand touches nothing and the object does not tumble.
+        Solver sub-steps while no joint of the hand moves, the hand touches nothing and the object does not tumble, 1 to
+        64.
     contact_frequency, static_contact_frequency : float
-        Natural frequency of contacts, and of those with hand root and table, Hz.
+        Natural frequency of contacts, and of those with hand root and table, Hz, 1 to 10,000.
     contact_damping_ratio : float
-        Damping ratio of contacts.
-    prediction : float
-        Distance at which contacts are predicted, metres.
-    contact_drift : float
-        Contacts of a pair are searched again once it has moved by this distance since the last search, metres; 0
-        searches at every step.
+        Damping ratio of contacts, 0.01 to 100.
     allowed_penetration : float
-        Penetration that is not corrected, metres.
-    gravity : float
-        m/s2, along -z of the world.
-    friction : FrictionConfig
-        Friction factors of table and object.
+        Penetration that is not corrected, metres, 0 to 0.005.
     """
 
-    dt: float = 0.002
     solver_iterations: int = 4
     idle_iterations: int = 1
     contact_frequency: float = 240.0
     contact_damping_ratio: float = 2.0
     static_contact_frequency: float = 480.0
-    prediction: float = 0.002
-    contact_drift: float = 5e-5
     allowed_penetration: float = 0.0005
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """The physics engine and its settings. The project's hold and label tests validated the defaults together.
+
+    Attributes
+    ----------
+    engine : str
+        The engine: ``"rapier"``.
+    dt : float
+        Time step, seconds, 1e-5 to 0.02.
+    gravity : float
+        m/s2, along -z of the world, 0 to 100.
+    friction : FrictionConfig
+        Friction factors of table and object.
+    prediction : float
+        Distance at which contacts are predicted, metres, 0.0001 to 0.05.
+    contact_drift : float
+        Contacts of a pair are searched again once it has moved by this distance since the last search, metres, 0 to
+        0.001; 0 searches at every step.
+    rapier : RapierConfig
+        Settings of rapier; other engines ignore them.
+    """
+
+    engine: Literal["rapier"] = "rapier"
+    dt: float = 0.002
     gravity: float = 9.81
     friction: FrictionConfig = field(default_factory=FrictionConfig)
+    prediction: float = 0.002
+    contact_drift: float = 5e-5
+    rapier: RapierConfig = field(default_factory=RapierConfig)
 
 
 @dataclass(frozen=True)

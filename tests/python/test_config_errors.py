@@ -148,6 +148,10 @@ def test_there_are_cases_for_every_field() -> None:
             "CameraConfig.mount is 'wall' (str); give 'world' or 'hand'",
         ),
         (
+            configs.PhysicsConfig(engine="mujoco"),  # type: ignore[arg-type]
+            "PhysicsConfig.engine is 'mujoco' (str); give 'rapier'",
+        ),
+        (
             configs.CameraConfig(eye=(0.0, 1.0)),  # type: ignore[arg-type]
             "CameraConfig.eye is [0.0,1.0] (list); give a list of 3 values",
         ),

@@ -71,6 +71,17 @@ def test_crates_follow_the_arrows() -> None:
         assert uses <= allowed, f"{crate} uses {uses - allowed}, which ARCHITECTURE.md does not allow"
 
 
+def test_rapier_stays_behind_its_seam() -> None:
+    """Only the engine's own files name rapier or the geometry library below it; all else knows the trait `Engine`."""
+    folder = ROOT / "env" / "sim" / "src"
+    users = {
+        path.relative_to(folder).parts[0].removesuffix(".rs")
+        for path in folder.rglob("*.rs")
+        if re.search(r"\b(rapier3d|parry3d)\b", rust_source.blank(path.read_text()))
+    }
+    assert users == {"rapier"}
+
+
 def rust_files() -> list[Path]:
     """Every Rust file of the workspace."""
     return sorted([*ROOT.glob("env/*/**/*.rs"), *ROOT.glob("tests/src/**/*.rs"), *ROOT.glob("tests/rust/**/*.rs")])

@@ -178,7 +178,9 @@ mod tests {
         let done = Arc::new(AtomicUsize::new(0));
         let count = |by: usize| {
             let done = Arc::clone(&done);
-            move || drop(done.fetch_add(by, Ordering::SeqCst))
+            move || {
+                done.fetch_add(by, Ordering::SeqCst);
+            }
         };
         let claim = ahead.claim(1);
         ahead.spawn(1, count(100));

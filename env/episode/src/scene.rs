@@ -87,9 +87,9 @@ impl Scene {
         world_from_object: &Isometry3<f64>,
         base_point: Point3<f64>,
     ) -> Result<Self, EpisodeError> {
-        let lowest = object.lowest_point(world_from_object);
+        let mut scene = Self::placed(name, hand, object, physics, world_from_object, base_point)?;
+        let lowest = scene.template.lowest_point(world_from_object);
         let start = Translation3::new(0.0, 0.0, -lowest) * world_from_object;
-        let mut scene = Self::placed(name, hand, object, physics, &start, base_point)?;
         let away = Isometry3::from_parts(Translation3::new(0.0, 0.0, OUT_OF_THE_WAY), UnitQuaternion::identity());
         let mut world = scene.template.spawn(&away, &start, 0.0);
         let no_rest = |why| EpisodeError::NoRest { object: name.to_owned(), why };

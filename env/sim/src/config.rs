@@ -22,12 +22,19 @@ impl Default for Friction {
     }
 }
 
-/// Settings of the integrator and the contact solver.
+/// The physics engine that moves a world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EngineKind {
+    /// rapier: f32, contacts by sub-steps of projected Gauss-Seidel.
+    #[default]
+    Rapier,
+}
+
+/// Settings that rapier alone has.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct PhysicsConfig {
-    /// Time step, seconds.
-    pub dt: f64,
+pub struct RapierConfig {
     /// Solver sub-steps per step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
     pub solver_iterations: usize,
     /// The same while nothing in the hand moves, it is in contact with nothing and the object does not tumble: what remains then is
@@ -39,32 +46,53 @@ pub struct PhysicsConfig {
     pub contact_damping_ratio: f64,
     /// Natural frequency of contacts with the hand's root and the table, Hz.
     pub static_contact_frequency: f64,
-    /// Distance at which contacts are predicted, metres.
-    pub prediction: f64,
-    /// A pair is searched for contacts anew once it has moved by this since the last search, metres; 0 searches at every step.
-    pub contact_drift: f64,
-    /// Penetration that is left alone, metres.
+    /// Penetration that is not corrected, metres.
     pub allowed_penetration: f64,
-    /// Gravity, m/s2, along -z of the world.
-    pub gravity: f64,
-    /// Friction factors of table and object.
-    pub friction: Friction,
 }
 
-impl Default for PhysicsConfig {
+impl Default for RapierConfig {
     fn default() -> Self {
         Self {
-            dt: 0.002,
             solver_iterations: 4,
             idle_iterations: 1,
             contact_frequency: 240.0,
             contact_damping_ratio: 2.0,
             static_contact_frequency: 480.0,
-            prediction: 0.002,
-            contact_drift: 5e-5,
             allowed_penetration: 0.0005,
+        }
+    }
+}
+
+/// Settings of the engine: those that every engine has, and those of each.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PhysicsConfig {
+    /// The engine.
+    pub engine: EngineKind,
+    /// Time step, seconds.
+    pub dt: f64,
+    /// Gravity, m/s2, along -z of the world.
+    pub gravity: f64,
+    /// Friction factors of table and object.
+    pub friction: Friction,
+    /// Distance at which contacts are predicted, metres.
+    pub prediction: f64,
+    /// A pair is searched for contacts again once it has moved by this since the last search, metres; 0 searches at every step.
+    pub contact_drift: f64,
+    /// Settings of rapier; other engines ignore them.
+    pub rapier: RapierConfig,
+}
+
+impl Default for PhysicsConfig {
+    fn default() -> Self {
+        Self {
+            engine: EngineKind::default(),
+            dt: 0.002,
             gravity: 9.81,
             friction: Friction::default(),
+            prediction: 0.002,
+            contact_drift: 5e-5,
+            rapier: RapierConfig::default(),
         }
     }
 }
@@ -75,18 +103,19 @@ impl PhysicsConfig {
     /// # Errors
     /// [`SimError::OutOfRange`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
+        let (f, r) = (&self.friction, &self.rapier);
         in_range("dt", self.dt, 1e-5..=0.02, "s")?;
-        in_range("solver_iterations", self.solver_iterations as f64, 1.0..=64.0, "")?;
-        in_range("idle_iterations", self.idle_iterations as f64, 1.0..=64.0, "")?;
-        in_range("contact_frequency", self.contact_frequency, 1.0..=1e4, "Hz")?;
-        in_range("contact_damping_ratio", self.contact_damping_ratio, 0.01..=100.0, "")?;
-        in_range("static_contact_frequency", self.static_contact_frequency, 1.0..=1e4, "Hz")?;
+        in_range("gravity", self.gravity, 0.0..=100.0, "m/s2")?;
+        in_range("friction.table", f.table, 0.0..=5.0, "")?;
+        in_range("friction.object", f.object, 0.0..=5.0, "")?;
         in_range("prediction", self.prediction, 1e-4..=0.05, "m")?;
         in_range("contact_drift", self.contact_drift, 0.0..=1e-3, "m")?;
-        in_range("allowed_penetration", self.allowed_penetration, 0.0..=0.005, "m")?;
-        in_range("gravity", self.gravity, 0.0..=100.0, "m/s2")?;
-        in_range("friction.table", self.friction.table, 0.0..=5.0, "")?;
-        in_range("friction.object", self.friction.object, 0.0..=5.0, "")?;
+        in_range("rapier.solver_iterations", r.solver_iterations as f64, 1.0..=64.0, "")?;
+        in_range("rapier.idle_iterations", r.idle_iterations as f64, 1.0..=64.0, "")?;
+        in_range("rapier.contact_frequency", r.contact_frequency, 1.0..=1e4, "Hz")?;
+        in_range("rapier.contact_damping_ratio", r.contact_damping_ratio, 0.01..=100.0, "")?;
+        in_range("rapier.static_contact_frequency", r.static_contact_frequency, 1.0..=1e4, "Hz")?;
+        in_range("rapier.allowed_penetration", r.allowed_penetration, 0.0..=0.005, "m")?;
         Ok(())
     }
 }

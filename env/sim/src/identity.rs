@@ -2,20 +2,39 @@
 
 use crate::SimError;
 use crate::config::PhysicsConfig;
-use crate::object::ObjectModel;
+use crate::object::{Geometry, ObjectModel};
 use graspbox_hand::Hand;
+use graspbox_mesh::TriMesh;
 
 /// Names what a snapshot can be restored into: a hand, an object, settings.
 pub(crate) type Identity = [u8; 32];
 
 /// Hash of everything that a template is built from: worlds of equal templates may be exchanged, others may not.
 pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig) -> Result<Identity, SimError> {
-    let mass = &object.mass_properties;
-    let bytes = postcard::to_allocvec(&(&object.shape, mass, config))
-        .map_err(|_| SimError::BadSnapshot { why: "the object's shape could not be written".into() })?;
     let mut hasher = blake3::Hasher::new();
+    let bytes = postcard::to_allocvec(&(object.mass(), object.center_of_mass(), object.inertia(), config))
+        .map_err(|_| SimError::BadSnapshot { why: "the physics settings could not be written".into() })?;
     hasher.update(&bytes);
-    // Every number of the hand, written so that it can be told from any other.
+    match object.geometry() {
+        Geometry::Parts(parts) => parts.iter().for_each(|part| hash_mesh(&mut hasher, part)),
+        // Every number of a primitive or a hand, written so that it can be told from any other.
+        primitive => {
+            hasher.update(format!("{primitive:?}").as_bytes());
+        }
+    }
     hasher.update(format!("{hand:?}").as_bytes());
     Ok(*hasher.finalize().as_bytes())
+}
+
+/// Numbers and their count, so that parts that end elsewhere give another hash.
+fn hash_mesh(hasher: &mut blake3::Hasher, mesh: &TriMesh) {
+    for count in [mesh.vertices().len(), mesh.faces().len()] {
+        hasher.update(&(count as u64).to_le_bytes());
+    }
+    for x in mesh.vertices().iter().flat_map(|point| point.iter()) {
+        hasher.update(&x.to_le_bytes());
+    }
+    for index in mesh.faces().iter().flatten() {
+        hasher.update(&index.to_le_bytes());
+    }
 }

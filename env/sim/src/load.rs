@@ -1,11 +1,8 @@
 //! What presses on the hand: contact points, and their sum.
 
-use crate::build::Part;
-use crate::contacts::pressed;
-use crate::frames;
+use crate::engine::Part;
 use crate::world::World;
 use nalgebra::{Point3, Vector3};
-use rapier3d::math::Vector;
 
 /// One point where object, table or ground presses on the hand; hand frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,36 +58,26 @@ impl World {
     }
 
     fn each_press(&self, mut visit: impl FnMut(HandContact)) {
-        let (physics, dt) = (self.physics(), self.dt() as f32);
         let hand_from_base = self.hand().base_from_hand.inverse();
-        for pair in physics.narrow_phase.contact_pairs() {
-            if !pair.has_any_active_contact() {
-                continue;
+        // Links that press on each other put no load on the hand.
+        let wanted = |[first, second]: [Part; 2]| first.is_link() != second.is_link();
+        self.engine().contacts(&wanted, &mut |contact| {
+            if contact.force <= 0.0 {
+                return;
             }
-            let parts = [self.part(pair.collider1), self.part(pair.collider2)];
-            let (first, link, other) = match parts {
-                [Part::Link { .. }, Part::Link { .. }] => continue,
-                [Part::Link { link, .. }, other] => (true, link, other),
-                [other, Part::Link { link, .. }] => (false, link, other),
-                _ => continue,
+            let (link, other, into_link) = match contact.sides.map(|side| side.part) {
+                [Part::Link { link, .. }, other] => (link, other, -contact.normal),
+                [other, Part::Link { link, .. }] => (link, other, contact.normal),
+                _ => return,
             };
-            // The engine's world is the base's frame; a link's shapes are simple, so points are in the shape's own frame.
-            let collider = &physics.colliders[if first { pair.collider1 } else { pair.collider2 }];
-            let place = collider.position();
-            let friction = f64::from(physics.colliders[pair.collider1].friction())
-                * f64::from(physics.colliders[pair.collider2].friction());
-            for (manifold, point) in pressed(pair) {
-                let (local, normal): (Vector, Vector) =
-                    if first { (point.local_p1, -manifold.local_n1) } else { (point.local_p2, -manifold.local_n2) };
-                visit(HandContact {
-                    link,
-                    with_object: other == Part::Object,
-                    point: hand_from_base * Point3::from(frames::metres64(*place * local)),
-                    normal: hand_from_base * frames::vector64(place.rotation * normal),
-                    force: frames::metres(point.data.impulse / dt),
-                    friction,
-                });
-            }
-        }
+            visit(HandContact {
+                link,
+                with_object: other == Part::Object,
+                point: hand_from_base * contact.point,
+                normal: hand_from_base * into_link,
+                force: contact.force,
+                friction: contact.friction,
+            });
+        });
     }
 }

@@ -1,9 +1,6 @@
 //! The moving frame: where the hand's base is in the world, how it moves, and the accelerations that its frame adds.
 
-use crate::frames;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use rapier3d::math::Vector;
-use rapier3d::prelude::RigidBody;
 use serde::{Deserialize, Serialize};
 
 /// Turns below this within one step are none, radians.
@@ -19,15 +16,15 @@ pub(crate) struct BaseMotion {
     pub angular: Vector3<f64>,
 }
 
-/// What the frame's motion adds during one step, in the base's axes.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct FrameForces {
+/// Motion of the base's frame during one step, in the axes of the base before the step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FrameMotion {
     /// Gravity less the acceleration of the base's origin, m/s2.
-    pub gravity: Vector,
+    pub gravity: Vector3<f64>,
     /// Angular velocity of the frame, rad/s.
-    omega: Vector,
+    pub omega: Vector3<f64>,
     /// Angular acceleration of the frame, rad/s2.
-    alpha: Vector,
+    pub alpha: Vector3<f64>,
 }
 
 impl BaseMotion {
@@ -35,8 +32,8 @@ impl BaseMotion {
         Self { world_from_base, linear: Vector3::zeros(), angular: Vector3::zeros() }
     }
 
-    /// Moves on to `target` within `dt` seconds; returns what that adds to the bodies in the base's frame.
-    pub(crate) fn advance(&mut self, target: Isometry3<f64>, dt: f64, gravity: &Vector3<f64>) -> FrameForces {
+    /// Moves on to `target` within `dt` seconds (`gravity` in world axes); returns the motion as bodies in the base's frame feel it.
+    pub(crate) fn advance(&mut self, target: Isometry3<f64>, dt: f64, gravity: &Vector3<f64>) -> FrameMotion {
         let linear = (target.translation.vector - self.world_from_base.translation.vector) / dt;
         let turn: UnitQuaternion<f64> = target.rotation * self.world_from_base.rotation.inverse();
         // Rounding makes a turn of some 1e-16 rad out of none; a frame that only translates needs no further forces.
@@ -44,37 +41,12 @@ impl BaseMotion {
         let acceleration = (linear - self.linear) / dt;
         let angular_acceleration = (angular - self.angular) / dt;
         let base_from_world = self.world_from_base.rotation.inverse();
-        let forces = FrameForces {
-            gravity: frames::lengths(&(base_from_world * (gravity - acceleration))),
-            omega: frames::vector(&(base_from_world * angular)),
-            alpha: frames::vector(&(base_from_world * angular_acceleration)),
+        let motion = FrameMotion {
+            gravity: base_from_world * (gravity - acceleration),
+            omega: base_from_world * angular,
+            alpha: base_from_world * angular_acceleration,
         };
         *self = Self { world_from_base: target, linear, angular };
-        forces
-    }
-}
-
-impl FrameForces {
-    /// True while the frame turns, so that bodies feel more than a uniform gravity.
-    pub(crate) fn turning(&self) -> bool {
-        self.omega != Vector::ZERO || self.alpha != Vector::ZERO
-    }
-
-    /// Sets the Coriolis, centrifugal and Euler force and torque on `body` (a pure translation needs none).
-    pub(crate) fn apply(&self, body: &mut RigidBody) {
-        body.reset_forces(false);
-        body.reset_torques(false);
-        if !self.turning() {
-            return;
-        }
-        let (omega, alpha) = (self.omega, self.alpha);
-        let (arm, velocity, spin) = (body.center_of_mass(), body.linvel(), body.angvel());
-        let linear = -(2.0 * omega.cross(velocity) + omega.cross(omega.cross(arm)) + alpha.cross(arm));
-        body.add_force(linear * body.mass(), false);
-        // d/dt (I w_abs) + omega x (I w_abs) = torque, with w_abs = spin + omega; the engine handles spin x (I spin) itself.
-        let inertia = body.mass_properties().effective_angular_inertia();
-        let total = spin + omega;
-        let gyroscopic = total.cross(inertia * total) - spin.cross(inertia * spin);
-        body.add_torque(inertia * spin.cross(omega) - inertia * alpha - gyroscopic, false);
+        motion
     }
 }

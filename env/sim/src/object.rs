@@ -1,10 +1,10 @@
 //! The object to grasp: collision geometry, mass and inertia, in its own frame.
 
-use crate::{SimError, frames};
+use crate::SimError;
 use graspbox_mesh::TriMesh;
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
-use rapier3d::prelude::{MassProperties, SharedShape};
-use std::sync::Arc;
+use nalgebra::{Matrix3, Point3, Vector3};
+use std::any::Any;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Collision geometry in the object's frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,17 +30,19 @@ pub enum Geometry {
 /// An object as the simulation knows it.
 #[derive(Clone, Debug)]
 pub struct ObjectModel {
-    pub(crate) shape: SharedShape,
-    pub(crate) mass_properties: MassProperties,
+    geometry: Geometry,
     mass: f64,
     center_of_mass: Point3<f64>,
+    inertia: Matrix3<f64>,
+    /// Each engine's own shapes, made at its first use and shared with all copies: one entry per type.
+    shapes: Arc<Mutex<Vec<Arc<dyn Any + Send + Sync>>>>,
 }
 
 impl ObjectModel {
     /// Takes geometry, mass (kg), centre of mass (object frame, m) and inertia about it (axes of the object frame, kg m2).
     ///
     /// # Errors
-    /// [`SimError::NoParts`], [`SimError::FlatPart`] or [`SimError::BadMass`].
+    /// [`SimError::NoParts`] or [`SimError::BadMass`].
     pub fn new(
         geometry: &Geometry,
         mass: f64,
@@ -54,10 +56,10 @@ impl ObjectModel {
         if !(least.is_finite() && least > 0.0) {
             return Err(SimError::BadMass { what: "inertia", value: least });
         }
-        let shape = shape_of(geometry)?;
-        let mass_properties =
-            MassProperties::with_inertia_matrix(frames::point(&center_of_mass), mass as f32, frames::inertia(&inertia));
-        Ok(Self { shape, mass_properties, mass, center_of_mass })
+        if matches!(geometry, Geometry::Parts(parts) if parts.is_empty()) {
+            return Err(SimError::NoParts);
+        }
+        Ok(Self { geometry: geometry.clone(), mass, center_of_mass, inertia, shapes: Arc::default() })
     }
 
     /// A solid primitive of uniform density with mass `mass` (kg).
@@ -90,38 +92,31 @@ impl ObjectModel {
         self.center_of_mass
     }
 
-    /// Height of the lowest point of the collision geometry above the table when the object is posed at `world_from_object`.
-    pub fn lowest_point(&self, world_from_object: &Isometry3<f64>) -> f64 {
-        frames::metres(self.shape.compute_aabb(&frames::pose(world_from_object)).mins.z)
+    /// Inertia about the centre of mass, axes of the object frame, kg m2.
+    pub fn inertia(&self) -> Matrix3<f64> {
+        self.inertia
     }
-}
 
-fn shape_of(geometry: &Geometry) -> Result<SharedShape, SimError> {
-    use rapier3d::math::Pose;
-    let cylinder_up = Pose::from_rotation(rapier3d::math::Rotation::from_rotation_x(std::f32::consts::FRAC_PI_2));
-    Ok(match geometry {
-        Geometry::Cuboid(h) => {
-            let h = frames::lengths(h);
-            SharedShape::cuboid(h.x, h.y, h.z)
+    /// Collision geometry.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// An engine's own form of the geometry: `make` is called once per object and type `T`.
+    ///
+    /// # Errors
+    /// Those of `make`, which is then called again the next time.
+    pub(crate) fn shapes<T: Any + Send + Sync>(
+        &self,
+        make: impl FnOnce(&Geometry) -> Result<T, SimError>,
+    ) -> Result<Arc<T>, SimError> {
+        // Nothing is left half-done where a thread panicked: an entry is complete before it is pushed.
+        let mut shapes = self.shapes.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = shapes.iter().find_map(|entry| Arc::clone(entry).downcast::<T>().ok()) {
+            return Ok(found);
         }
-        Geometry::Ball { radius } => SharedShape::ball(frames::length(*radius)),
-        Geometry::Cylinder { radius, half_length } => SharedShape::compound(vec![(
-            cylinder_up,
-            SharedShape::cylinder(frames::length(*half_length), frames::length(*radius)),
-        )]),
-        Geometry::Parts(parts) => {
-            let mut shapes = Vec::with_capacity(parts.len());
-            for (part, hull) in parts.iter().enumerate() {
-                // The engine's own hull leaves points of flat sides out.
-                let vertices = hull.vertices().iter().map(frames::point).collect();
-                let hull = SharedShape::convex_mesh(vertices, hull.faces()).ok_or(SimError::FlatPart { part })?;
-                shapes.push((Pose::IDENTITY, hull));
-            }
-            match shapes.len() {
-                0 => return Err(SimError::NoParts),
-                1 => shapes.swap_remove(0).1,
-                _ => SharedShape::compound(shapes),
-            }
-        }
-    })
+        let made = Arc::new(make(&self.geometry)?);
+        shapes.push(made.clone());
+        Ok(made)
+    }
 }

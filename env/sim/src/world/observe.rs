@@ -2,7 +2,6 @@
 
 use super::World;
 use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT};
-use crate::{finger, frames};
 use graspbox_hand::{Hand, MotorState};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
@@ -59,16 +58,12 @@ impl World {
 
     /// Object in the world.
     pub fn world_from_object(&self) -> Isometry3<f64> {
-        self.state.motion.world_from_base * self.base_from_object()
+        self.state.motion.world_from_base * self.engine.base_from_object()
     }
 
     /// Object in the grasp frame.
     pub fn hand_from_object(&self) -> Isometry3<f64> {
-        self.shared.hand.base_from_hand.inverse() * self.base_from_object()
-    }
-
-    fn base_from_object(&self) -> Isometry3<f64> {
-        frames::isometry(self.body(self.shared.handles.object).position())
+        self.shared.hand.base_from_hand.inverse() * self.engine.base_from_object()
     }
 
     /// Centre of mass of the object in the world, metres.
@@ -78,9 +73,9 @@ impl World {
 
     /// Linear (m/s, of the centre of mass) and angular (rad/s) velocity of the object in the moving hand frame.
     pub fn object_velocity_in_hand(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let body = self.body(self.shared.handles.object);
         let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
-        (hand_from_base * frames::metres64(body.linvel()), hand_from_base * frames::vector64(body.angvel()))
+        let (linear, angular) = self.engine.object_velocity();
+        (hand_from_base * linear, hand_from_base * angular)
     }
 
     /// State of every motor, in the order of the hand's motors.
@@ -90,16 +85,15 @@ impl World {
 
     /// State of finger `finger`.
     pub fn finger(&self, finger: usize) -> FingerState {
-        let handles = &self.shared.handles.fingers[finger];
-        let proximal = finger::joint_state(&self.physics, handles.proximal);
-        let distal = finger::joint_state(&self.physics, handles.distal);
+        let description = &self.shared.hand.fingers[finger];
+        let (proximal, distal) = (self.engine.joint(description.proximal), self.engine.joint(description.distal));
         FingerState {
             proximal: proximal.angle,
             distal: distal.angle,
             proximal_speed: proximal.speed,
             distal_speed: distal.speed,
-            spool: self.state.motors[self.shared.hand.fingers[finger].motor].position,
-            tension: self.state.tensions[finger],
+            spool: self.state.motors[description.motor].position,
+            tension: self.engine.tension(finger),
         }
     }
 
@@ -130,12 +124,11 @@ impl World {
 
     /// False once anything in the world is no longer a finite number.
     pub fn is_finite(&self) -> bool {
-        let fingers = self.shared.handles.fingers.iter().flat_map(|f| f.bodies);
-        let finite = |h| {
-            let body = self.body(h);
-            body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
-        };
-        self.state.tensions.iter().all(|tension| tension.is_finite())
-            && fingers.chain([self.shared.handles.object]).all(finite)
+        self.engine.is_finite()
+    }
+
+    /// Steps since the world was spawned in which the engine's solver stopped before it converged; rapier does not measure it (0).
+    pub fn unconverged_steps(&self) -> u64 {
+        self.engine.unconverged_steps()
     }
 }

@@ -1,15 +1,16 @@
 //! Assembles the engine's world: a fixed hand root, one multibody a finger, the object, the moving table.
 
+use super::dispatch::Dispatcher;
+use super::{frames, shape};
+use crate::SimError;
 use crate::config::PhysicsConfig;
-use crate::dispatch::Dispatcher;
+use crate::engine::Part;
 use crate::object::ObjectModel;
 use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
-use crate::{SimError, frames};
-use graspbox_hand::{Hand, Shape};
+use graspbox_hand::Hand;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rapier3d::math::Vector;
 use rapier3d::prelude::*;
-use serde::{Deserialize, Serialize};
 
 const OBJECT: Group = Group::GROUP_1;
 const GROUND: Group = Group::GROUP_2;
@@ -17,41 +18,28 @@ const PALM: Group = Group::GROUP_3;
 /// Groups of the fingers' proximal (and distal) links begin here; with two each, this leaves room for 13 fingers.
 const FIRST_FINGER_GROUP: u32 = 4;
 
-/// What a collider belongs to; kept in the collider's user data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
-    Object,
-    Table,
-    Ground,
-    /// Index of the hand's link, and of the shape within it.
-    Link {
-        link: usize,
-        shape: usize,
-    },
+/// The number in a collider's user data that says which part it belongs to.
+fn tag(part: Part) -> u128 {
+    match part {
+        Part::Object => 0,
+        Part::Table => 1,
+        Part::Ground => 2,
+        Part::Link { link, shape } => 16 + ((link as u128) << 32 | shape as u128),
+    }
 }
 
-impl Part {
-    fn tag(self) -> u128 {
-        match self {
-            Part::Object => 0,
-            Part::Table => 1,
-            Part::Ground => 2,
-            Part::Link { link, shape } => 16 + ((link as u128) << 32 | shape as u128),
-        }
-    }
-
-    pub(crate) fn of(collider: &Collider) -> Self {
-        match collider.user_data {
-            0 => Part::Object,
-            1 => Part::Table,
-            2 => Part::Ground,
-            n => Part::Link { link: ((n - 16) >> 32) as usize, shape: ((n - 16) & 0xffff_ffff) as usize },
-        }
+/// The part that a collider belongs to.
+pub(crate) fn part_of(collider: &Collider) -> Part {
+    match collider.user_data {
+        0 => Part::Object,
+        1 => Part::Table,
+        2 => Part::Ground,
+        n => Part::Link { link: ((n - 16) >> 32) as usize, shape: ((n - 16) & 0xffff_ffff) as usize },
     }
 }
 
 /// Joints and bodies of one finger.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct FingerHandles {
     pub swivel: Option<MultibodyJointHandle>,
     pub proximal: MultibodyJointHandle,
@@ -60,12 +48,23 @@ pub(crate) struct FingerHandles {
 }
 
 /// Everything in the world that is looked up by name.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
 pub(crate) struct Handles {
     pub object: RigidBodyHandle,
     pub object_collider: ColliderHandle,
     pub scenery: RigidBodyHandle,
     pub fingers: Vec<FingerHandles>,
+    /// The engine's joint for each joint of the hand; none for a fixed one.
+    pub joints: Vec<Option<MultibodyJointHandle>>,
+    /// Pose of the engine's shape of every collider of every link, in the link.
+    pub link_from_shape: Vec<Vec<Isometry3<f64>>>,
+}
+
+impl Handles {
+    /// The bodies that the frame's motion acts on: the fingers' links and the object.
+    pub(crate) fn moving_bodies(&self) -> impl Iterator<Item = RigidBodyHandle> {
+        self.fingers.iter().flat_map(|finger| finger.bodies).chain([self.object])
+    }
 }
 
 /// Links that move as one rigid body, with the pose of each in the frame of the first.
@@ -77,7 +76,8 @@ struct Carrier {
 /// within which boxes are kept as candidates for contact: 4 % of it on both sides. A power of two, so that scaling is exact.
 const LENGTH_UNIT: f32 = 8.0;
 
-pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
+fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
+    let own = &config.rapier;
     let standard = IntegrationParameters::default();
     let scaled = |length: f32| length * frames::UNIT as f32 / LENGTH_UNIT;
     IntegrationParameters {
@@ -85,14 +85,14 @@ pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParam
         length_unit: LENGTH_UNIT,
         normalized_max_corrective_velocity: scaled(standard.normalized_max_corrective_velocity),
         normalized_max_linear_velocity: scaled(standard.normalized_max_linear_velocity),
-        num_solver_iterations: config.solver_iterations,
-        contact_softness: SpringCoefficients::new(config.contact_frequency as f32, config.contact_damping_ratio as f32),
+        num_solver_iterations: own.solver_iterations,
+        contact_softness: SpringCoefficients::new(own.contact_frequency as f32, own.contact_damping_ratio as f32),
         static_contact_softness: SpringCoefficients::new(
-            config.static_contact_frequency as f32,
-            config.contact_damping_ratio as f32,
+            own.static_contact_frequency as f32,
+            own.contact_damping_ratio as f32,
         ),
         normalized_prediction_distance: scaled(config.prediction as f32),
-        normalized_allowed_linear_error: scaled(config.allowed_penetration as f32),
+        normalized_allowed_linear_error: scaled(own.allowed_penetration as f32),
         // The engine's own threshold (5 cm) is a large part of a grasp: contacts would go stale.
         contact_recycling: config.contact_drift > 0.0,
         normalized_contact_recycle_distance: scaled(config.contact_drift as f32),
@@ -105,41 +105,55 @@ pub(crate) fn integration_parameters(config: &PhysicsConfig) -> IntegrationParam
     }
 }
 
-/// Builds the world with the hand's base at the origin, all joints at 0 and the object and table posed in the base's frame.
+/// Builds the world with the hand's base, object and scenery all at the origin and all joints at 0.
 pub(crate) fn build(
     hand: &Hand,
     object: &ObjectModel,
     config: &PhysicsConfig,
-    base_from_world: &Isometry3<f64>,
-    world_from_object: &Isometry3<f64>,
 ) -> Result<(PhysicsWorld, Handles), SimError> {
     let mut world = PhysicsWorld {
         integration_parameters: integration_parameters(config),
         narrow_phase: NarrowPhase::with_query_dispatcher(Dispatcher),
         ..PhysicsWorld::default()
     };
-    let scenery = insert_scenery(&mut world, config, base_from_world);
+    let scenery = insert_scenery(&mut world, config);
+    let mass_properties = MassProperties::with_inertia_matrix(
+        frames::point(&object.center_of_mass()),
+        object.mass() as f32,
+        frames::inertia(&object.inertia()),
+    );
     let body = RigidBodyBuilder::dynamic()
-        .pose(frames::pose(&(base_from_world * world_from_object)))
-        .additional_mass_properties(object.mass_properties)
+        .additional_mass_properties(mass_properties)
         .gyroscopic_forces_enabled(true)
         .can_sleep(false);
     let object_body = world.bodies.insert(body);
-    let collider = surface(object.shape.clone(), config.friction.object, Part::Object, OBJECT, Group::ALL);
+    let shape = object.shapes(shape::object)?;
+    let collider = surface(SharedShape::clone(&shape), config.friction.object, Part::Object, OBJECT, Group::ALL);
     let object_collider = world.colliders.insert_with_parent(collider, object_body, &mut world.bodies);
     insert_base(&mut world, hand);
     let fingers =
         (0..hand.fingers.len()).map(|finger| insert_finger(&mut world, hand, finger)).collect::<Result<Vec<_>, _>>()?;
-    Ok((world, Handles { object: object_body, object_collider, scenery, fingers }))
+    let link_from_shape =
+        hand.links.iter().map(|link| link.colliders.iter().map(shape::link_from_engine).collect()).collect();
+    let joints = joint_handles(hand, &fingers);
+    Ok((world, Handles { object: object_body, object_collider, scenery, fingers, joints, link_from_shape }))
+}
+
+fn joint_handles(hand: &Hand, fingers: &[FingerHandles]) -> Vec<Option<MultibodyJointHandle>> {
+    let mut joints = vec![None; hand.joints.len()];
+    for (finger, handles) in hand.fingers.iter().zip(fingers) {
+        joints[finger.proximal] = Some(handles.proximal);
+        joints[finger.distal] = Some(handles.distal);
+        if let Some((swivel, _)) = finger.swivel {
+            joints[swivel] = handles.swivel;
+        }
+    }
+    joints
 }
 
 /// Table and ground on one kinematic body, since both move alike in the hand's frame.
-fn insert_scenery(
-    world: &mut PhysicsWorld,
-    config: &PhysicsConfig,
-    base_from_world: &Isometry3<f64>,
-) -> RigidBodyHandle {
-    let body = RigidBodyBuilder::kinematic_position_based().pose(frames::pose(base_from_world)).can_sleep(false);
+fn insert_scenery(world: &mut PhysicsWorld, config: &PhysicsConfig) -> RigidBodyHandle {
+    let body = RigidBodyBuilder::kinematic_position_based().can_sleep(false);
     let body = world.bodies.insert(body);
     let half = frames::length(TABLE_SIDE / 2.0);
     let thick = frames::length(TABLE_THICKNESS / 2.0);
@@ -163,7 +177,7 @@ fn surface(shape: SharedShape, factor: f64, part: Part, member: Group, filter: G
         .friction(factor as f32)
         .friction_combine_rule(CoefficientCombineRule::Multiply)
         .collision_groups(InteractionGroups::new(member, filter, InteractionTestMode::And))
-        .user_data(part.tag())
+        .user_data(tag(part))
 }
 
 /// The links that hang on `root` by fixed joints, `root` first.
@@ -185,16 +199,6 @@ fn insert_base(world: &mut PhysicsWorld, hand: &Hand) {
     insert_colliders(world, hand, &carrier(hand, 0), body, PALM, Group::ALL);
 }
 
-/// Where the engine's shape of a collider stands in its link: the engine's cylinders are about y, URDF's about z.
-pub(crate) fn link_from_engine(collider: &graspbox_hand::Collider) -> Isometry3<f64> {
-    match collider.shape {
-        Shape::Cylinder { .. } => {
-            collider.link_from_shape * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2)
-        }
-        Shape::Cuboid(_) | Shape::Sphere { .. } => collider.link_from_shape,
-    }
-}
-
 fn insert_colliders(
     world: &mut PhysicsWorld,
     hand: &Hand,
@@ -205,20 +209,11 @@ fn insert_colliders(
 ) {
     for (link, carrier_from_link) in &carrier.links {
         for (index, collider) in hand.links[*link].colliders.iter().enumerate() {
-            let shape = match collider.shape {
-                Shape::Cuboid(h) => {
-                    let h = frames::lengths(&h);
-                    SharedShape::cuboid(h.x, h.y, h.z)
-                }
-                Shape::Sphere { radius } => SharedShape::ball(frames::length(radius)),
-                Shape::Cylinder { radius, half_length } => {
-                    SharedShape::cylinder(frames::length(half_length), frames::length(radius))
-                }
-            };
+            let engine_shape = shape::of_link(&collider.shape);
             let factor = hand.friction.of(collider.material);
-            let pose = carrier_from_link * link_from_engine(collider);
+            let pose = carrier_from_link * shape::link_from_engine(collider);
             let part = Part::Link { link: *link, shape: index };
-            let built = surface(shape, factor, part, member, filter).position(frames::pose(&pose));
+            let built = surface(engine_shape, factor, part, member, filter).position(frames::pose(&pose));
             world.colliders.insert_with_parent(built, body, &mut world.bodies);
         }
     }

@@ -1,8 +1,9 @@
 //! The tendon law: one unilateral, compliant tendon over two joints, written into the engine's implicit joint springs.
 
-use crate::build::FingerHandles;
-use crate::frames;
-use graspbox_hand::{Finger, Joint};
+use super::build::FingerHandles;
+use super::frames;
+use crate::engine::JointState;
+use graspbox_hand::{Finger, Hand, Joint};
 use rapier3d::prelude::{MultibodyJointHandle, PhysicsWorld};
 
 /// While the tendon is saturated its damping is this share of the full one: friction of tendon and sheath still brakes the
@@ -10,13 +11,6 @@ use rapier3d::prelude::{MultibodyJointHandle, PhysicsWorld};
 const SATURATED_DAMPING: f64 = 0.2;
 /// Index of a revolute joint's coordinate in the engine's spatial layout: angular x.
 const ANGLE: usize = 3;
-
-/// Angle and speed of one joint.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct JointState {
-    pub angle: f64,
-    pub speed: f64,
-}
 
 pub(crate) fn joint_state(world: &PhysicsWorld, handle: MultibodyJointHandle) -> JointState {
     let state = world.multibody_joints.get(handle).and_then(|(multibody, link)| {
@@ -124,4 +118,21 @@ pub(crate) fn actuate(
     drives[0].write(world, handles.proximal);
     drives[1].write(world, handles.distal);
     t.tension(stretch, rate)
+}
+
+/// Turns the swivels of all fingers to `preshape`, rad; the links are placed by [`super::build::place_links`].
+pub(crate) fn set_swivels(physics: &mut PhysicsWorld, hand: &Hand, fingers: &[FingerHandles], preshape: f64) {
+    for (finger, handles) in hand.fingers.iter().zip(fingers) {
+        let (Some((_, sign)), Some(handle)) = (finger.swivel, handles.swivel) else {
+            continue;
+        };
+        let Some((multibody, link)) = physics.multibody_joints.get_mut(handle) else {
+            continue;
+        };
+        let mut displacement = vec![0.0; multibody.ndofs()];
+        if let Some(link) = multibody.link(link) {
+            displacement[link.assembly_id()] = (sign * preshape) as f32;
+        }
+        multibody.apply_displacements(&displacement);
+    }
 }

@@ -1,0 +1,265 @@
+//! The engine on [`rapier3d`]: reduced-coordinate fingers, contacts solved by sub-steps of projected Gauss-Seidel.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `build` | assembly of bodies, joints and colliders |
+//! | `shape` | collision shapes of the object and of the hand's links |
+//! | `finger` | the tendon law, written into the engine's joint springs |
+//! | `forces` | fictitious forces of the moving frame |
+//! | `contacts` | contact points, in the words of the seam |
+//! | `dispatch` | faster searches for contacts |
+//! | `frames` | conversions of units and types |
+
+mod build;
+mod contacts;
+mod dispatch;
+mod finger;
+mod forces;
+mod frames;
+mod shape;
+
+use crate::SimError;
+use crate::config::PhysicsConfig;
+use crate::engine::{Contact, Engine, JointState, Part, StepInput};
+use crate::object::ObjectModel;
+use build::Handles;
+use dispatch::Dispatcher;
+use forces::FrameForces;
+use graspbox_hand::Hand;
+use nalgebra::{Isometry3, Vector3};
+use rapier3d::prelude::*;
+use std::sync::Arc;
+
+/// A joint below this speed is still, rad/s: it sways in its flexure when the hand is moved.
+const STILL: f64 = 0.2;
+
+/// An object that turns faster than this tumbles, rad/s.
+const TUMBLING: f64 = 1.0;
+
+/// One world of rapier, its unit of length a centimetre.
+pub(crate) struct Rapier {
+    physics: PhysicsWorld,
+    /// Tension of every finger's tendon, N.
+    tensions: Vec<f64>,
+    shared: Arc<Shared>,
+}
+
+/// What an engine and its copies share.
+struct Shared {
+    hand: Arc<Hand>,
+    handles: Handles,
+    config: PhysicsConfig,
+}
+
+impl Rapier {
+    /// Assembles the engine's world.
+    ///
+    /// # Errors
+    /// An object or a hand that cannot be simulated.
+    pub(crate) fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
+        let (physics, handles) = build::build(&hand, object, &config)?;
+        let tensions = vec![0.0; hand.fingers.len()];
+        Ok(Self { physics, tensions, shared: Arc::new(Shared { hand, handles, config }) })
+    }
+
+    fn body(&self, handle: RigidBodyHandle) -> &RigidBody {
+        &self.physics.bodies[handle]
+    }
+
+    fn object(&self) -> &RigidBody {
+        self.body(self.shared.handles.object)
+    }
+
+    fn drive_fingers(&mut self, input: &StepInput) {
+        let Shared { hand, handles, config } = &*self.shared;
+        let dt = config.dt;
+        let preshape = hand.preshape_motor();
+        for (i, finger) in hand.fingers.iter().enumerate() {
+            let handles = &handles.fingers[i];
+            let motor = input.motors[finger.motor];
+            let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
+            let spool = JointState { angle: motor.position, speed: motor.velocity };
+            self.tensions[i] = finger::actuate(&mut self.physics, finger, joints, handles, spool, dt);
+            if let (Some((_, sign)), Some(handle), Some(motor)) = (finger.swivel, handles.swivel, preshape) {
+                let goal = sign * hand.preshape_angle(input.motors[motor].position);
+                let speed = (goal - finger::joint_state(&self.physics, handle).angle) / dt;
+                if let Some((multibody, link)) = self.physics.multibody_joints.get_mut(handle)
+                    && let Some(id) = multibody.link(link).map(|l| l.assembly_id())
+                {
+                    multibody.generalized_velocity_mut()[id] = speed as f32;
+                }
+            }
+        }
+    }
+
+    /// True while the hand is in contact with nothing, nothing in it moves and the object does not tumble: what is left to solve
+    /// is at most an object on the table.
+    fn idles(&self, input: &StepInput) -> bool {
+        let still = |handle| finger::joint_state(&self.physics, handle).speed.abs() < STILL;
+        let spin = frames::vector64(self.object().angvel());
+        let spin_in_world = input.base_from_world_after.rotation.inverse() * spin
+            + input.base_from_world.rotation.inverse() * input.frame.omega;
+        input.motors.iter().all(|m| m.velocity == 0.0)
+            && spin_in_world.norm() < TUMBLING
+            && self.shared.handles.fingers.iter().all(|f| still(f.proximal) && still(f.distal))
+            && !contacts::hand_in_contact(&self.physics)
+    }
+
+    /// True where the frame's forces of the last step are still on the bodies: the engine keeps them until they are taken off.
+    fn bears_frame_forces(&self) -> bool {
+        self.shared.handles.moving_bodies().any(|handle| {
+            let body = self.body(handle);
+            body.user_force() != Vector::ZERO || body.user_torque() != Vector::ZERO
+        })
+    }
+}
+
+impl Engine for Rapier {
+    fn duplicate(&self) -> Box<dyn Engine> {
+        Box::new(Self {
+            physics: clone_physics(&self.physics),
+            tensions: self.tensions.clone(),
+            shared: Arc::clone(&self.shared),
+        })
+    }
+
+    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, preshape: f64) {
+        let Shared { hand, handles, .. } = &*self.shared;
+        for (body, pose) in [(handles.scenery, base_from_world), (handles.object, base_from_object)] {
+            if let Some(body) = self.physics.bodies.get_mut(body) {
+                body.set_position(frames::pose(pose), true);
+            }
+        }
+        finger::set_swivels(&mut self.physics, hand, &handles.fingers, preshape);
+        build::place_links(&mut self.physics, handles);
+    }
+
+    fn step(&mut self, input: &StepInput) {
+        self.drive_fingers(input);
+        let forces = FrameForces::new(&input.frame);
+        self.physics.gravity = forces.gravity;
+        if forces.turning() || self.bears_frame_forces() {
+            for body in self.shared.handles.moving_bodies() {
+                if let Some(body) = self.physics.bodies.get_mut(body) {
+                    forces.apply(body);
+                }
+            }
+        }
+        if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.scenery) {
+            body.set_next_kinematic_position(frames::pose(&input.base_from_world_after));
+        }
+        let config = &self.shared.config.rapier;
+        self.physics.integration_parameters.num_solver_iterations =
+            if self.idles(input) { config.idle_iterations } else { config.solver_iterations };
+        self.physics.step();
+    }
+
+    fn tension(&self, finger: usize) -> f64 {
+        self.tensions[finger]
+    }
+
+    fn joint(&self, joint: usize) -> JointState {
+        match self.shared.handles.joints[joint] {
+            Some(handle) => finger::joint_state(&self.physics, handle),
+            None => JointState { angle: 0.0, speed: 0.0 },
+        }
+    }
+
+    fn base_from_object(&self) -> Isometry3<f64> {
+        frames::isometry(self.object().position())
+    }
+
+    fn object_velocity(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let body = self.object();
+        (frames::metres64(body.linvel()), frames::vector64(body.angvel()))
+    }
+
+    fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>) {
+        if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.object) {
+            body.set_linvel(frames::lengths(linear), true);
+            body.set_angvel(frames::vector(angular), true);
+        }
+    }
+
+    fn scale_object(&mut self, friction: f64, mass: f64) {
+        let handles = &self.shared.handles;
+        if friction != 1.0
+            && let Some(collider) = self.physics.colliders.get_mut(handles.object_collider)
+        {
+            collider.set_friction(collider.friction() * friction as f32);
+        }
+        if mass != 1.0
+            && let Some(body) = self.physics.bodies.get_mut(handles.object)
+        {
+            let mut properties = body.mass_properties().local_mprops;
+            if properties.inv_mass == 0.0 {
+                // Not stepped yet: the engine adds the properties up in its first step.
+                body.recompute_mass_properties_from_colliders(&self.physics.colliders);
+                properties = body.mass_properties().local_mprops;
+            }
+            properties.set_mass(properties.mass() * mass as f32, true);
+            body.set_additional_mass_properties(properties, true);
+        }
+    }
+
+    fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
+        let shape = self.physics.colliders[self.shared.handles.object_collider].shape();
+        frames::metres(shape.compute_aabb(&frames::pose(from_object)).mins.z)
+    }
+
+    fn contacts(&self, wanted: &dyn Fn([Part; 2]) -> bool, visit: &mut dyn FnMut(&Contact)) {
+        contacts::visit(&self.physics, &self.shared.handles, wanted, visit);
+    }
+
+    fn is_finite(&self) -> bool {
+        let finite = |handle| {
+            let body = self.body(handle);
+            body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
+        };
+        self.tensions.iter().all(|tension| tension.is_finite()) && self.shared.handles.moving_bodies().all(finite)
+    }
+
+    /// The engine takes a fixed number of sub-steps and measures no residual.
+    fn unconverged_steps(&self) -> u64 {
+        0
+    }
+
+    fn save(&self) -> Result<Vec<u8>, SimError> {
+        postcard::to_allocvec(&(&self.physics, &self.tensions))
+            .map_err(|_| SimError::BadSnapshot { why: "the engine's state could not be written".into() })
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> Result<(), SimError> {
+        let bad = |why: &str| SimError::BadSnapshot { why: why.into() };
+        let (mut physics, tensions): (PhysicsWorld, Vec<f64>) =
+            postcard::from_bytes(bytes).map_err(|_| bad("its content cannot be read"))?;
+        let same = tensions.len() == self.tensions.len()
+            && physics.bodies.len() == self.physics.bodies.len()
+            && physics.colliders.len() == self.physics.colliders.len();
+        if !same {
+            return Err(bad("its bodies are not those of this hand and object"));
+        }
+        physics.narrow_phase.set_query_dispatcher(Dispatcher);
+        (self.physics, self.tensions) = (physics, tensions);
+        Ok(())
+    }
+}
+
+/// The engine's world without its workspaces, which carry nothing from step to step.
+fn clone_physics(w: &PhysicsWorld) -> PhysicsWorld {
+    PhysicsWorld {
+        gravity: w.gravity,
+        integration_parameters: w.integration_parameters,
+        physics_pipeline: PhysicsPipeline::new(),
+        collision_pipeline: CollisionPipeline::new(),
+        islands: w.islands.clone(),
+        broad_phase: w.broad_phase.clone(),
+        narrow_phase: w.narrow_phase.clone(),
+        bodies: w.bodies.clone(),
+        colliders: w.colliders.clone(),
+        impulse_joints: w.impulse_joints.clone(),
+        multibody_joints: w.multibody_joints.clone(),
+        soft_bodies: w.soft_bodies.clone(),
+        ccd_solver: CCDSolver::new(),
+    }
+}

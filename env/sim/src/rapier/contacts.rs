@@ -1,0 +1,112 @@
+//! The engine's contact points in the words of the seam.
+
+use super::build::{Handles, part_of};
+use super::frames;
+use crate::engine::{Contact, ContactSide, Part};
+use nalgebra::{Isometry3, Point3};
+use rapier3d::geometry::{Contact as EnginePoint, ContactManifold};
+use rapier3d::math::Pose;
+use rapier3d::prelude::{Collider, PhysicsWorld};
+
+/// True where a part of the hand is in contact, or so near to one that the solver looks out for it.
+pub(crate) fn hand_in_contact(physics: &PhysicsWorld) -> bool {
+    let of_hand = |collider| part_of(&physics.colliders[collider]).is_link();
+    let mut pairs = physics.narrow_phase.contact_pairs();
+    pairs.any(|p| p.has_any_active_contact() && (of_hand(p.collider1) || of_hand(p.collider2)))
+}
+
+/// Visits the contact points of wanted pairs; the pressing ones of a manifold come first.
+pub(crate) fn visit(
+    physics: &PhysicsWorld,
+    handles: &Handles,
+    wanted: &dyn Fn([Part; 2]) -> bool,
+    visit: &mut dyn FnMut(&Contact),
+) {
+    for pair in physics.narrow_phase.contact_pairs() {
+        let manifolds = pair.solver_manifolds();
+        if manifolds.iter().all(|m| m.points.is_empty()) {
+            continue;
+        }
+        let colliders = [&physics.colliders[pair.collider1], &physics.colliders[pair.collider2]];
+        let parts = colliders.map(part_of);
+        if wanted(parts) {
+            let pair = Pair::new(colliders, parts, handles, physics.integration_parameters.dt);
+            manifolds.iter().for_each(|manifold| pair.visit(manifold, visit));
+        }
+    }
+}
+
+/// What the contact points of one pair have in common.
+struct Pair<'a> {
+    colliders: [&'a Collider; 2],
+    parts: [Part; 2],
+    part_from_collider: [Isometry3<f64>; 2],
+    /// The side from which point and normal in the base's frame are taken: a link, if one takes part.
+    reference: usize,
+    friction: f64,
+    dt: f32,
+}
+
+impl<'a> Pair<'a> {
+    fn new(colliders: [&'a Collider; 2], parts: [Part; 2], handles: &Handles, dt: f32) -> Self {
+        let frame = |i: usize| match parts[i] {
+            Part::Object => Isometry3::identity(),
+            Part::Link { link, shape } => handles.link_from_shape[link][shape],
+            Part::Table | Part::Ground => {
+                colliders[i].position_wrt_parent().map_or_else(Isometry3::identity, frames::isometry)
+            }
+        };
+        Self {
+            colliders,
+            parts,
+            part_from_collider: [frame(0), frame(1)],
+            reference: usize::from(!parts[0].is_link() && parts[1].is_link()),
+            friction: f64::from(colliders[0].friction()) * f64::from(colliders[1].friction()),
+            dt,
+        }
+    }
+
+    /// Of a manifold's points the engine solves four at most; the others keep the impulse of the step in which they were last
+    /// chosen, so only those that it chose count as pressing. Against an object of several parts it solves merged manifolds:
+    /// the impulses are on those, and they keep the deepest of the points that they merge.
+    fn visit(&self, manifold: &ContactManifold, visit: &mut dyn FnMut(&Contact)) {
+        let chosen = || manifold.data.solver_contacts.iter().flat_map(|c| c.contact_indices()).map(|i| i as usize);
+        let pressing = |i: usize| manifold.points.get(i).filter(|p| p.data.impulse > 0.0);
+        for point in chosen().filter_map(pressing) {
+            visit(&self.contact(manifold, point, frames::metres(point.data.impulse / self.dt)));
+        }
+        for (i, point) in manifold.points.iter().enumerate() {
+            if pressing(i).is_none() || chosen().all(|other| other != i) {
+                visit(&self.contact(manifold, point, 0.0));
+            }
+        }
+    }
+
+    fn contact(&self, manifold: &ContactManifold, point: &EnginePoint, force: f64) -> Contact {
+        let poses = [manifold.subshape_pos1(), manifold.subshape_pos2()];
+        let (points, normals) = ([point.local_p1, point.local_p2], [manifold.local_n1, manifold.local_n2]);
+        let local = |i: usize| match poses[i] {
+            Some(pose) => (*pose * points[i], pose.rotation * normals[i]),
+            None => (points[i], normals[i]),
+        };
+        let side = |i: usize| {
+            let (point, outward) = local(i);
+            ContactSide {
+                part: self.parts[i],
+                point: self.part_from_collider[i] * Point3::from(frames::metres64(point)),
+                normal: self.part_from_collider[i] * -frames::vector64(outward),
+            }
+        };
+        let place: &Pose = self.colliders[self.reference].position();
+        let (at, outward) = local(self.reference);
+        let outward = frames::vector64(place.rotation * outward);
+        Contact {
+            sides: [side(0), side(1)],
+            point: Point3::from(frames::metres64(*place * at)),
+            normal: if self.reference == 0 { outward } else { -outward },
+            distance: frames::metres(point.dist),
+            force,
+            friction: self.friction,
+        }
+    }
+}
