@@ -85,7 +85,11 @@ impl Dynamics {
         let free = model.tree.coordinates.len();
         for (index, body) in model.tree.bodies.iter().enumerate() {
             let Some(joint) = &body.joint else {
-                self.accelerations.push(Acceleration { omega: frame.omega, alpha: frame.alpha, linear: -frame.gravity });
+                self.accelerations.push(Acceleration {
+                    omega: frame.omega,
+                    alpha: frame.alpha,
+                    linear: -frame.gravity,
+                });
                 self.composites.push(Composite { mass: 0.0, moment: Vector3::zeros(), inertia: Matrix3::zeros() });
                 self.wrenches.push(Wrench { force: Vector3::zeros(), moment: Vector3::zeros() });
                 continue;
@@ -137,8 +141,7 @@ impl Dynamics {
             let (wrench, composite) = (self.wrenches[index], self.composites[index]);
             if joint.coordinate < free {
                 let (angular, linear) = axis_at_origin(kinematics, index, joint.kind);
-                self.bias[joint.coordinate] -=
-                    joint.ratio * (angular.dot(&wrench.moment) + linear.dot(&wrench.force));
+                self.bias[joint.coordinate] -= joint.ratio * (angular.dot(&wrench.moment) + linear.dot(&wrench.force));
                 // Momentum of everything that this joint carries, per unit of its speed.
                 let push = composite.mass * linear + angular.cross(&composite.moment);
                 let spin = composite.inertia * angular + composite.moment.cross(&linear);

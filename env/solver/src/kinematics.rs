@@ -117,9 +117,7 @@ impl Kinematics {
     fn joint_twist(&self, body: usize, joint: &Joint, reference: &Vector3<f64>) -> Twist {
         let axis = self.axis[body] * joint.ratio;
         match joint.kind {
-            JointKind::Revolute => {
-                Twist { angular: axis, linear: axis.cross(&(reference - self.origin[body])) }
-            }
+            JointKind::Revolute => Twist { angular: axis, linear: axis.cross(&(reference - self.origin[body])) },
             JointKind::Prismatic => Twist { angular: Vector3::zeros(), linear: axis },
         }
     }
@@ -146,10 +144,9 @@ impl Kinematics {
 fn motion(joint: &Joint, coordinate: f64) -> Isometry3<f64> {
     let position = joint.ratio * coordinate + joint.offset;
     match joint.kind {
-        JointKind::Revolute => Isometry3::from_parts(
-            Translation3::identity(),
-            UnitQuaternion::from_axis_angle(&joint.axis, position),
-        ),
+        JointKind::Revolute => {
+            Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&joint.axis, position))
+        }
         JointKind::Prismatic => {
             Isometry3::from_parts(Translation3::from(joint.axis.into_inner() * position), UnitQuaternion::identity())
         }

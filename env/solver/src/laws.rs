@@ -47,7 +47,8 @@ impl CableState {
         if after <= 0.0 || full <= 0.0 {
             return (0.0, 0.0);
         }
-        let (force, slope) = if full < TAUT * elastic { (full, slope) } else { (TAUT * elastic, TAUT * cable.stiffness * dt) };
+        let (force, slope) =
+            if full < TAUT * elastic { (full, slope) } else { (TAUT * elastic, TAUT * cable.stiffness * dt) };
         if force >= cable.max_force { (cable.max_force, 0.0) } else { (force, slope) }
     }
 }

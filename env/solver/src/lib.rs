@@ -25,6 +25,7 @@
 pub mod config;
 pub mod dispatch;
 mod dynamics;
+mod error;
 mod kinematics;
 mod laws;
 mod matrix;
@@ -41,6 +42,7 @@ mod units;
 
 pub use config::{SearchConfig, SolverConfig};
 pub use dynamics::FrameMotion;
+pub use error::ModelError;
 pub use model::{BASE, BodyIndex, Model, OBJECT};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface};

@@ -12,10 +12,6 @@ impl Matrix {
         Self { n, values: vec![0.0; n * n] }
     }
 
-    pub fn size(&self) -> usize {
-        self.n
-    }
-
     #[inline]
     pub fn row(&self, i: usize) -> &[f64] {
         &self.values[i * self.n..(i + 1) * self.n]
@@ -24,10 +20,6 @@ impl Matrix {
     #[inline]
     pub fn row_mut(&mut self, i: usize) -> &mut [f64] {
         &mut self.values[i * self.n..(i + 1) * self.n]
-    }
-
-    pub fn copy_from(&mut self, other: &Matrix) {
-        self.values.copy_from_slice(&other.values);
     }
 
     /// Rows `i` (shared) and `k > i` (exclusive).
@@ -144,7 +136,7 @@ mod tests {
     }
 
     fn residual(m: &Matrix, x: &[f64], b: &[f64]) -> f64 {
-        let each = (0..m.size()).map(|i| (m.row(i).iter().zip(x).map(|(a, x)| a * x).sum::<f64>() - b[i]).abs());
+        let each = (0..m.n).map(|i| (m.row(i).iter().zip(x).map(|(a, x)| a * x).sum::<f64>() - b[i]).abs());
         each.fold(0.0, f64::max)
     }
 

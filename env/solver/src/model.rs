@@ -1,16 +1,16 @@
 //! What all worlds of one template share: the tree and the object, prepared for the solver.
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::{Pose, Vector};
 use parry3d::shape::SharedShape;
-use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
 use crate::config::{SearchConfig, SolverConfig};
-use crate::object::{Object, corners};
+use crate::error::ModelError;
+use crate::object::{Object, ObjectPart, corners};
 use crate::scenery::Scenery;
-use crate::tree::{BodyShape, JointKind, Primitive, Tree};
+use crate::tree::{BodyShape, JointKind, Tree};
 use crate::units;
 
 /// A body of a contact: the object, a body of the hand (the base first), or table and ground.
@@ -99,13 +99,24 @@ pub struct Model {
 const LEVER: f64 = 0.05;
 
 impl Model {
-    /// Prepares a hand and an object. The tree must be as [`Tree`] says; this is checked by [`Tree::check`].
-    #[must_use]
-    pub fn new(tree: Tree, object: Object, scenery: Scenery, solver: SolverConfig, search: SearchConfig) -> Self {
+    /// Prepares a hand and an object.
+    ///
+    /// # Errors
+    /// [`ModelError`] for a tree or an object that is not as [`Tree`] and [`Object`] say.
+    pub fn new(
+        tree: Tree,
+        object: Object,
+        scenery: Scenery,
+        solver: SolverConfig,
+        search: SearchConfig,
+    ) -> Result<Self, ModelError> {
+        tree.check()?;
         let (mut shapes, mut shape_owner, mut shapes_of) = (Vec::new(), Vec::new(), Vec::new());
         let (mut all_corners, mut center, mut radius) = (Vec::new(), Vec::new(), Vec::new());
-        let parts: Vec<Part> = object.parts.iter().map(part).collect();
-        let (object_corners, sphere) = corners_of_object(&object);
+        let prepare =
+            |(index, own): (usize, &ObjectPart)| own.shape().map(part).ok_or(ModelError::FlatPart { part: index });
+        let parts = object.parts.iter().enumerate().map(prepare).collect::<Result<Vec<Part>, _>>()?;
+        let (object_corners, sphere) = corners_of_object(&parts, object.friction);
         all_corners.push(vec![object_corners]);
         center.push(sphere.0);
         radius.push(sphere.1);
@@ -127,7 +138,7 @@ impl Model {
         let object_bounds = parts.iter().map(|p| p.bounds).reduce(merged).unwrap_or_else(Aabb::new_invalid);
         let (pairs, columns) = (pairs(&tree), columns(&tree));
         let (blocks, levers) = (blocks(&tree, &columns), levers(&tree));
-        Self {
+        Ok(Self {
             tree,
             object,
             scenery,
@@ -145,7 +156,7 @@ impl Model {
             columns,
             blocks,
             levers,
-        }
+        })
     }
 
     /// The hand.
@@ -158,6 +169,13 @@ impl Model {
     #[must_use]
     pub fn object(&self) -> &Object {
         &self.object
+    }
+
+    /// Height of the object's lowest point when it is posed so, along z of that frame, metres.
+    #[must_use]
+    pub fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
+        let lowest = |part: &Part| part.shape.compute_aabb(&units::pose(&(from_object * part.object_from_part))).mins.z;
+        units::metres(self.parts.iter().map(lowest).fold(f32::MAX, f32::min))
     }
 
     /// Unknown velocities of a step: those of the free coordinates and six of the object.
@@ -173,15 +191,9 @@ impl Model {
     }
 }
 
-fn part(part: &crate::object::ObjectPart) -> Part {
-    let pose = units::pose(&part.object_from_part);
-    Part {
-        bounds: part.shape.compute_aabb(&pose),
-        inverse: pose.inverse(),
-        pose,
-        shape: part.shape.clone(),
-        object_from_part: part.object_from_part,
-    }
+fn part((shape, object_from_part): (SharedShape, Isometry3<f64>)) -> Part {
+    let pose = units::pose(&object_from_part);
+    Part { bounds: shape.compute_aabb(&pose), inverse: pose.inverse(), pose, shape, object_from_part }
 }
 
 fn merged(mut a: Aabb, b: Aabb) -> Aabb {
@@ -191,18 +203,7 @@ fn merged(mut a: Aabb, b: Aabb) -> Aabb {
 }
 
 fn hand_shape(shape: &BodyShape) -> HandShape {
-    // Parry's cylinders are about y.
-    let upright = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
-    let (own, turn) = match shape.primitive {
-        Primitive::Cuboid(half) => {
-            let half = units::lengths(&half);
-            (SharedShape::cuboid(half.x, half.y, half.z), UnitQuaternion::identity())
-        }
-        Primitive::Sphere { radius } => (SharedShape::ball(units::length(radius)), UnitQuaternion::identity()),
-        Primitive::Cylinder { radius, half_length } => {
-            (SharedShape::cylinder(units::length(half_length), units::length(radius)), upright)
-        }
-    };
+    let (own, turn) = shape.primitive.shape();
     let half = own.compute_local_aabb().half_extents();
     HandShape {
         body_from_shape: shape.body_from_shape * turn,
@@ -219,14 +220,14 @@ fn corners_of_shape(shape: &HandShape, index: u16) -> Corners {
     Corners { points, radius, friction: shape.friction, shape: Some(index) }
 }
 
-fn corners_of_object(object: &Object) -> (Corners, (Vector3<f64>, f64)) {
+fn corners_of_object(parts: &[Part], friction: f64) -> (Corners, (Vector3<f64>, f64)) {
     let (mut points, mut extra) = (Vec::new(), 0.0_f64);
-    for part in &object.parts {
+    for part in parts {
         let (own, radius) = corners(&part.shape);
         extra = extra.max(radius);
         points.extend(own.iter().map(|p| (part.object_from_part * Point3::from(*p)).coords));
     }
-    let found = Corners { points, radius: extra, friction: object.friction, shape: None };
+    let found = Corners { points, radius: extra, friction, shape: None };
     let sphere = bounding_sphere(std::slice::from_ref(&found));
     (found, sphere)
 }

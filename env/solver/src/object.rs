@@ -2,20 +2,27 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use parry3d::shape::SharedShape;
+use std::f64::consts::FRAC_PI_2;
 
+use crate::tree::Primitive;
 use crate::units;
 
-/// A convex part of the object; parry's lengths are centimetres.
-#[derive(Clone)]
-pub struct ObjectPart {
-    /// A convex polyhedron, a cuboid, a ball or a cylinder (about parry's y axis).
-    pub shape: SharedShape,
-    /// Its pose in the object.
-    pub object_from_part: Isometry3<f64>,
+/// A convex part of the object, in the object's frame, metres.
+#[derive(Clone, Debug)]
+pub enum ObjectPart {
+    /// A closed convex polyhedron.
+    Hull {
+        /// Corners.
+        vertices: Vec<Point3<f64>>,
+        /// Triangles, counter-clockwise from outside.
+        faces: Vec<[u32; 3]>,
+    },
+    /// A primitive, centred on the frame.
+    Primitive(Primitive),
 }
 
 /// The free object.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Object {
     /// Convex parts.
     pub parts: Vec<ObjectPart>,
@@ -27,6 +34,37 @@ pub struct Object {
     pub inertia: Matrix3<f64>,
     /// Friction factor.
     pub friction: f64,
+}
+
+impl ObjectPart {
+    /// The part as parry knows it, and its pose in the object; `None` for a hull that encloses nothing.
+    pub(crate) fn shape(&self) -> Option<(SharedShape, Isometry3<f64>)> {
+        match self {
+            Self::Primitive(primitive) => Some(primitive.shape()),
+            Self::Hull { vertices, faces } => {
+                let vertices = vertices.iter().map(units::point).collect();
+                // The hull that parry makes of the corners leaves points of flat sides out.
+                Some((SharedShape::convex_mesh(vertices, faces)?, Isometry3::identity()))
+            }
+        }
+    }
+}
+
+impl Primitive {
+    /// The primitive as parry knows it, and its pose in our frame: parry's cylinders are about y.
+    pub(crate) fn shape(&self) -> (SharedShape, Isometry3<f64>) {
+        match *self {
+            Self::Cuboid(half) => {
+                let half = units::lengths(&half);
+                (SharedShape::cuboid(half.x, half.y, half.z), Isometry3::identity())
+            }
+            Self::Sphere { radius } => (SharedShape::ball(units::length(radius)), Isometry3::identity()),
+            Self::Cylinder { radius, half_length } => {
+                let shape = SharedShape::cylinder(units::length(half_length), units::length(radius));
+                (shape, Isometry3::rotation(Vector3::x() * FRAC_PI_2))
+            }
+        }
+    }
 }
 
 /// Corners on the rim of a cylinder's two faces: where it meets a plane.

@@ -83,6 +83,8 @@ pub struct State {
     pub unconverged_steps: u64,
     /// Contacts of the last step.
     pub contacts: Vec<Contact>,
+    /// Rotations of the bodies of contacts (the scenery last) at the beginning of the last step.
+    pub rotations: Vec<UnitQuaternion<f64>>,
 }
 
 /// A state as it is saved: with what the search for contacts starts from.
@@ -124,12 +126,11 @@ impl Solver {
             mass_factor: 1.0,
             unconverged_steps: 0,
             contacts: Vec::new(),
+            rotations: vec![UnitQuaternion::identity(); model.scenery_body() + 1],
         };
-        let mut kinematics = Kinematics::default();
-        kinematics.place(&model, &state.positions);
         Self {
             searcher: Searcher::new(&model),
-            kinematics,
+            kinematics: Kinematics::default(),
             dynamics: Dynamics::default(),
             problem: Problem::new(&model),
             newton: Newton::new(&model),
@@ -234,10 +235,8 @@ impl Solver {
         let inertia = turn.matrix() * (model.object.inertia * state.mass_factor) * turn.matrix().transpose();
         let mass = model.object.mass * state.mass_factor;
         let (omega, alpha) = (&frame.omega, &frame.alpha);
-        let push = frame.gravity
-            - 2.0 * omega.cross(&state.linear)
-            - omega.cross(&omega.cross(center))
-            - alpha.cross(center);
+        let push =
+            frame.gravity - 2.0 * omega.cross(&state.linear) - omega.cross(&omega.cross(center)) - alpha.cross(center);
         let spin = state.angular;
         let total = spin + omega;
         // d/dt (I w) + w x (I w) = 0 with w = spin + omega; what is left of spin x (I spin) is integrated implicitly.
@@ -286,12 +285,15 @@ impl Solver {
 
     fn find_contacts(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
         let scenery = scenery_twist(input, center);
-        let (state, kinematics) = (&self.state, &self.kinematics);
+        let kinematics = &self.kinematics;
         self.poses.clear();
         self.moving.clear();
-        self.poses.push(state.base_from_object);
+        self.poses.push(self.state.base_from_object);
         self.poses.extend(&kinematics.pose);
         self.poses.push(input.base_from_world);
+        self.state.rotations.clear();
+        self.state.rotations.extend(self.poses.iter().map(|pose| pose.rotation));
+        let state = &self.state;
         for body in 0..self.poses.len() {
             let twist = match body {
                 OBJECT => Twist { linear: state.linear, angular: state.angular },
@@ -312,7 +314,15 @@ impl Solver {
         self.searcher.search(model, &now);
         let scene = rows::Scene { now, center: *center, scenery, mass: self.problem.object_mass };
         let pairs = &self.searcher.pairs;
-        rows::collect(model, &scene, kinematics, pairs, self.state.friction_factor, &mut self.problem, &mut self.state.contacts);
+        rows::collect(
+            model,
+            &scene,
+            kinematics,
+            pairs,
+            self.state.friction_factor,
+            &mut self.problem,
+            &mut self.state.contacts,
+        );
     }
 
     fn integrate(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
@@ -357,4 +367,3 @@ fn gyroscopic(inertia: &Matrix3<f64>, spin: &Vector3<f64>, dt: f64) -> Vector3<f
     let derivative = inertia + dt * (spin.cross_matrix() * inertia - momentum.cross_matrix());
     derivative.try_inverse().map_or(*spin, |inverse| spin - inverse * residual)
 }
-

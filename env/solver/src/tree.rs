@@ -6,6 +6,8 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
 
+use crate::error::ModelError;
+
 /// What a joint lets its body do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
@@ -127,4 +129,45 @@ pub struct Tree {
     pub cables: Vec<Cable>,
     /// Pairs of bodies that may touch each other.
     pub pairs: Vec<(usize, usize)>,
+}
+
+/// Most unknown velocities that a tree may have: a dense solve of more is slower than other methods.
+pub const MAX_COORDINATES: usize = 64;
+
+impl Tree {
+    /// Checks that the tree is as its description says.
+    ///
+    /// # Errors
+    /// [`ModelError::BadTree`], saying what is wrong.
+    pub fn check(&self) -> Result<(), ModelError> {
+        let bad = |why: &'static str, index: usize| Err(ModelError::BadTree { why, index });
+        let count = self.coordinates.len() + self.driven;
+        if self.coordinates.len() > MAX_COORDINATES {
+            return bad("there are more than 64 free coordinates", self.coordinates.len());
+        }
+        for (index, body) in self.bodies.iter().enumerate() {
+            match &body.joint {
+                None if index > 0 => return bad("a body beside the base has no joint", index),
+                Some(_) if index == 0 => return bad("the base has a joint", index),
+                Some(_) if body.parent >= index => return bad("a body comes before its parent", index),
+                Some(joint) if joint.coordinate >= count => return bad("a joint follows no coordinate", index),
+                _ => {}
+            }
+        }
+        if self.bodies.is_empty() {
+            return bad("there is no base", 0);
+        }
+        let moved = |i: usize| self.bodies.iter().filter_map(|b| b.joint.as_ref()).any(|j| j.coordinate == i);
+        if let Some(index) = (0..self.coordinates.len()).find(|i| !moved(*i)) {
+            return bad("no joint follows a coordinate", index);
+        }
+        let beyond = |c: &Cable| c.arms.iter().any(|(i, _)| *i >= self.coordinates.len());
+        if let Some(index) = self.cables.iter().position(beyond) {
+            return bad("a cable runs over a coordinate that is not free", index);
+        }
+        match self.pairs.iter().position(|(a, b)| a == b || (*a).max(*b) >= self.bodies.len()) {
+            Some(index) => bad("a pair names a body twice, or one that does not exist", index),
+            None => Ok(()),
+        }
+    }
 }

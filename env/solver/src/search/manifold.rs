@@ -30,9 +30,8 @@ pub(super) fn chosen(manifold: &ContactManifold<(), ()>, reach: f32) -> ([usize;
     }
     // The deepest, the farthest from it, and the farthest on both sides of the line between these two.
     let at = |i: usize| points[i].local_p1;
-    let best = |value: &dyn Fn(usize) -> f32| {
-        near.iter().copied().max_by(|i, j| value(*i).total_cmp(&value(*j))).unwrap_or(0)
-    };
+    let best =
+        |value: &dyn Fn(usize) -> f32| near.iter().copied().max_by(|i, j| value(*i).total_cmp(&value(*j))).unwrap_or(0);
     let first = best(&|i| -points[i].dist);
     let second = best(&|i| (at(i) - at(first)).length_squared());
     let across: Vector = manifold.local_n1.cross(at(second) - at(first));

@@ -105,10 +105,7 @@ impl Searcher {
     }
 
     pub fn save(&self) -> SavedSearch {
-        SavedSearch {
-            pairs: self.pairs.clone(),
-            directions: self.directions.iter().map(|d| [d.x, d.y, d.z]).collect(),
-        }
+        SavedSearch { pairs: self.pairs.clone(), directions: self.directions.iter().map(|d| [d.x, d.y, d.z]).collect() }
     }
 
     /// False for a state of another model.
@@ -135,8 +132,7 @@ impl Searcher {
         let pair = model.pairs[index];
         let (a, b) = (&now.moving[pair.a], &now.moving[pair.b]);
         let radius = model.radius[pair.a];
-        let speed =
-            (a.velocity - b.velocity - b.omega.cross(&a.center)).norm() + (a.omega - b.omega).norm() * radius;
+        let speed = (a.velocity - b.velocity - b.omega.cross(&a.center)).norm() + (a.omega - b.omega).norm() * radius;
         let reach = model.search.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;

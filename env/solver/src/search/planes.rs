@@ -60,9 +60,8 @@ impl Local {
     #[inline]
     fn over(&self, p: &Vector3<f64>) -> Option<f64> {
         let z = self.up.dot(p) + self.gap;
-        let inside = || {
-            (self.x.dot(p) + self.at[0]).abs() < self.half && (self.y.dot(p) + self.at[1]).abs() < self.half
-        };
+        let inside =
+            || (self.x.dot(p) + self.at[0]).abs() < self.half && (self.y.dot(p) + self.at[1]).abs() < self.half;
         (z > self.deepest && inside()).then_some(z)
     }
 }
@@ -103,7 +102,7 @@ impl Searcher {
         let base_from_box = now.poses[model.scenery_body()] * world_from_box;
         let box_from_body = base_from_box.inv_mul(&now.poses[body]);
         let reach = units::length(self.pairs[pair].margin);
-        let mut one = |this: &mut Self, shape: &dyn Shape, body_from_shape: &Isometry3<f64>, friction, index| {
+        let one = |this: &mut Self, shape: &dyn Shape, body_from_shape: &Isometry3<f64>, friction, index| {
             let place = units::pose(&(box_from_body * body_from_shape).inverse());
             if !this.contact(&place, shape, &table, parry3d::math::Vector::ZERO, reach) {
                 return;

@@ -117,9 +117,7 @@ impl Searcher {
         let manifold = &mut self.manifold;
         manifold.clear();
         manifold.local_n1 = direction;
-        Dispatcher
-            .contact_manifold_convex_convex(first_from_second, first, second, None, None, reach, manifold)
-            .is_ok()
+        Dispatcher.contact_manifold_convex_convex(first_from_second, first, second, None, None, reach, manifold).is_ok()
     }
 }
 
