@@ -8,7 +8,9 @@ use crate::problem::{Bounds, Problem};
 const DESCENT: f64 = 0.1;
 /// A step that does not descend is shortened by this factor, so many times.
 const SHORTER: f64 = 0.4;
-const SHORTENINGS: usize = 8;
+const SHORTENINGS: usize = 1;
+/// Convex steps at most before the iteration is given up.
+const CROSSINGS: usize = 12;
 /// Iterations of the convex problem in which friction's bounds still follow: in the first fallback, and in the last.
 const BOUND_UPDATES: [usize; 2] = [3, 6];
 /// Share of the first slope at which a line search ends, and its evaluations at most.
@@ -23,6 +25,7 @@ pub(crate) struct Effort {
     /// False where the velocities do not balance: Newton's method did not end even after the fallback.
     pub converged: bool,
     pub fallbacks: u32,
+    pub crossings: u32,
 }
 
 /// Buffers of the iteration.
@@ -63,9 +66,13 @@ impl Newton {
     }
 
     /// Newton's method on the true balance, bounds and all; false where it does not get on.
+    ///
+    /// Where a step along Newton's direction does not descend, contacts are about to open, close or stick: a step of the convex problem, with
+    /// friction's bounds as they are, crosses these kinks.
     fn coulomb(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
         let tolerance = model.solver.tolerance;
         let mut now = self.evaluate(model, kinematics, problem, Bounds::Follow);
+        let mut crossings = 0;
         for _ in 0..model.solver.max_iterations {
             problem.differentiate(model, kinematics, Bounds::Follow);
             self.effort.iterations += 1;
@@ -88,18 +95,39 @@ impl Newton {
             if length <= tolerance {
                 return true;
             }
-            if !(then <= now * (1.0 - DESCENT * step)) {
-                problem.v.copy_from_slice(&self.from);
-                problem.evaluate(model, kinematics, Bounds::Follow);
+            if then <= now * (1.0 - DESCENT * step) {
+                // The next step would be as much shorter as the residual is smaller.
+                if length * (then / now).sqrt() <= 0.5 * tolerance {
+                    return true;
+                }
+                now = then;
+                continue;
+            }
+            crossings += 1;
+            if crossings > CROSSINGS {
                 return false;
             }
-            // The next step would be as much shorter as the residual is smaller.
-            if length * (then / now).sqrt() <= 0.5 * tolerance {
-                return true;
+            problem.v.copy_from_slice(&self.from);
+            self.evaluate(model, kinematics, problem, Bounds::Follow);
+            if !self.convex_step(model, kinematics, problem) {
+                return false;
             }
-            now = then;
+            now = self.evaluate(model, kinematics, problem, Bounds::Follow);
         }
         false
+    }
+
+    /// One step of the convex problem from where it was evaluated last; false where there is no direction.
+    fn convex_step(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
+        self.effort.crossings += 1;
+        problem.differentiate(model, kinematics, Bounds::Frozen);
+        self.descend(problem);
+        if !problem.derivative.solve_definite(&mut self.direction) {
+            return false;
+        }
+        self.from.copy_from_slice(&problem.v);
+        self.line_search(model, kinematics, problem);
+        true
     }
 
     /// Newton's method with exact line search on the convex problem: friction's bounds follow for `updates` iterations, then they stay.
