@@ -29,7 +29,9 @@ fn main() {
             let poses = planned(&body, &scene, 12, 0);
             work.push((scene, poses));
         }
-        for c in &graspbox_solver::solver::COUNTS { c.store(0, Relaxed); }
+        for c in &graspbox_solver::solver::COUNTS {
+            c.store(0, Relaxed);
+        }
         let (mut trials, mut time, mut won) = (0, 0.0, 0);
         let t = cpu();
         for _ in 0..rounds {
@@ -43,7 +45,17 @@ fn main() {
         let t = cpu() - t;
         let c: Vec<u64> = graspbox_solver::solver::COUNTS.iter().map(|c| c.load(Relaxed)).collect();
         let steps = c[0].max(1) as f64;
-        println!("{kind}: {trials} trials, {won} succeed, {:.1} trials/s, {:.0} sim s/s, {:.1} us/step; per step: iterations {:.2}, evaluations {:.2}, points {:.1}; fallbacks {:.3} %, unconverged {:.3} %, convex {:.3} %",
-            trials as f64 / t, time / t, t / steps * 1e6, c[1] as f64 / steps, c[2] as f64 / steps, c[3] as f64 / steps, 100.0 * c[4] as f64 / steps, 100.0 * c[5] as f64 / steps, 100.0 * c[6] as f64 / steps);
+        println!(
+            "{kind}: {trials} trials, {won} succeed, {:.1} trials/s, {:.0} sim s/s, {:.1} us/step; per step: iterations {:.2}, evaluations {:.2}, points {:.1}; fallbacks {:.3} %, unconverged {:.3} %, convex {:.3} %",
+            trials as f64 / t,
+            time / t,
+            t / steps * 1e6,
+            c[1] as f64 / steps,
+            c[2] as f64 / steps,
+            c[3] as f64 / steps,
+            100.0 * c[4] as f64 / steps,
+            100.0 * c[5] as f64 / steps,
+            100.0 * c[6] as f64 / steps
+        );
     }
 }

@@ -16,7 +16,6 @@ use translate::Translation;
 #[derive(Clone)]
 pub(crate) struct Native {
     solver: solver::Solver,
-    base_from_world: Isometry3<f64>,
     driven: Vec<f64>,
     given: Vec<solver::Given>,
     shared: Arc<Shared>,
@@ -38,8 +37,7 @@ impl Native {
         let (tree, translation) = translate::hand(&hand);
         let object = translate::object(object, config.friction.object);
         let scenery = translate::scenery(config.friction.table);
-        let search = solver::SearchConfig { prediction: config.prediction, drift: config.contact_drift };
-        let model = solver::Model::new(tree, object, scenery, config.solver, search).map_err(|error| match error {
+        let model = solver::Model::new(tree, object, scenery, config.solver).map_err(|error| match error {
             solver::ModelError::FlatPart { part } => SimError::FlatPart { part },
             error @ solver::ModelError::BadTree { .. } => {
                 SimError::BadHand { hand: hand.name.clone(), why: error.to_string() }
@@ -49,42 +47,34 @@ impl Native {
         let given = vec![solver::Given::default(); model.tree().cables.len()];
         let shared = Arc::new(Shared { hand, translation, dt: config.dt });
         let solver = solver::Solver::new(Arc::new(model));
-        Ok(Self { solver, base_from_world: Isometry3::identity(), driven, given, shared })
+        Ok(Self { solver, driven, given, shared })
     }
 
-    fn part(&self, body: solver::BodyIndex, shape: Option<u16>, surface: Option<solver::Surface>) -> Part {
-        match (body, surface) {
+    fn part(&self, side: &solver::Side, surface: Option<solver::Surface>) -> Part {
+        match (side.body, surface) {
             (solver::OBJECT, _) => Part::Object,
-            (_, Some(solver::Surface::Ground)) if shape.is_none() => Part::Ground,
-            (_, Some(solver::Surface::Table)) if shape.is_none() => Part::Table,
-            _ => {
-                let (link, shape) = self.shared.translation.owner(body - solver::BASE, shape.unwrap_or(0).into());
+            (body, surface) if body == self.solver.model().scenery_body() => match surface {
+                Some(solver::Surface::Ground) => Part::Ground,
+                _ => Part::Table,
+            },
+            (body, _) => {
+                let (link, shape) = self.shared.translation.owner(body - solver::BASE, side.shape.into());
                 Part::Link { link, shape }
             }
         }
     }
 
-    /// One side of a contact in the words of the seam.
-    fn side(&self, contact: &solver::Contact, index: usize) -> ContactSide {
-        let part = self.part(contact.bodies[index], contact.shapes[index], contact.surface.filter(|_| index == 1));
-        let point = Point3::from(contact.points[index]);
-        let into = if index == 0 { -contact.normal } else { contact.normal };
-        let turn = &self.solver.state().rotations[contact.bodies[index]];
+    /// One side of a contact in the words of the seam: links of one body have frames of their own.
+    fn side(&self, side: &solver::Side, surface: Option<solver::Surface>) -> ContactSide {
+        let part = self.part(side, surface);
+        let (point, normal) = (Point3::from(side.point), side.normal);
         match part {
-            Part::Object => ContactSide { part, point, normal: turn.inverse_transform_vector(&into) },
-            Part::Table | Part::Ground => {
-                let world_from_base = self.base_from_world.inverse();
-                ContactSide { part, point: world_from_base * point, normal: world_from_base * into }
-            }
             Part::Link { link, .. } => {
-                let body_from_link = &self.shared.translation.body_from_link[link];
-                let normal = turn.inverse_transform_vector(&into);
-                ContactSide {
-                    part,
-                    point: body_from_link.inverse_transform_point(&point),
-                    normal: body_from_link.inverse_transform_vector(&normal),
-                }
+                let place = &self.shared.translation.body_from_link[link];
+                let point = place.inverse_transform_point(&point);
+                ContactSide { part, point, normal: place.inverse_transform_vector(&normal) }
             }
+            _ => ContactSide { part, point, normal },
         }
     }
 }
@@ -94,8 +84,7 @@ impl Engine for Native {
         Box::new(self.clone())
     }
 
-    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, preshape: f64) {
-        self.base_from_world = *base_from_world;
+    fn pose(&mut self, _base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, preshape: f64) {
         let free = self.solver.model().tree().coordinates.len();
         let state = self.solver.state_mut();
         state.base_from_object = *base_from_object;
@@ -117,7 +106,6 @@ impl Engine for Native {
             driven: &self.driven,
             cables: &self.given,
         });
-        self.base_from_world = input.base_from_world_after;
     }
 
     fn tension(&self, finger: usize) -> f64 {
@@ -159,20 +147,29 @@ impl Engine for Native {
     }
 
     fn contacts(&self, wanted: &dyn Fn([Part; 2]) -> bool, visit: &mut dyn FnMut(&Contact)) {
-        for contact in &self.solver.state().contacts {
-            let part = |i: usize| self.part(contact.bodies[i], contact.shapes[i], contact.surface.filter(|_| i == 1));
-            if !wanted([part(0), part(1)]) {
-                continue;
-            }
-            visit(&Contact {
-                sides: [self.side(contact, 0), self.side(contact, 1)],
-                point: Point3::from(contact.point),
-                normal: contact.normal,
-                distance: contact.distance,
-                force: contact.force,
-                friction: contact.friction,
-            });
-        }
+        let scenery = self.solver.model().scenery_body();
+        // What a body is, before its shape is known.
+        let kind = |body| match body {
+            solver::OBJECT => Part::Object,
+            body if body == scenery => Part::Table,
+            _ => Part::Link { link: 0, shape: 0 },
+        };
+        self.solver.contacts(
+            |a, b| wanted([kind(a), kind(b)]),
+            |contact| {
+                visit(&Contact {
+                    sides: [
+                        self.side(&contact.sides[0], contact.surface),
+                        self.side(&contact.sides[1], contact.surface),
+                    ],
+                    point: Point3::from(contact.point),
+                    normal: contact.normal,
+                    distance: contact.distance,
+                    force: contact.force,
+                    friction: contact.friction,
+                });
+            },
+        );
     }
 
     fn is_finite(&self) -> bool {
@@ -184,18 +181,13 @@ impl Engine for Native {
     }
 
     fn save(&self) -> Result<Vec<u8>, SimError> {
-        postcard::to_allocvec(&(self.solver.save(), &self.base_from_world))
+        postcard::to_allocvec(&self.solver.save())
             .map_err(|_| SimError::BadSnapshot { why: "the solver's state could not be written".into() })
     }
 
     fn load(&mut self, bytes: &[u8]) -> Result<(), SimError> {
         let bad = |why: &str| SimError::BadSnapshot { why: why.into() };
-        let (saved, base_from_world): (solver::Saved, Isometry3<f64>) =
-            postcard::from_bytes(bytes).map_err(|_| bad("its content cannot be read"))?;
-        if !self.solver.load(saved) {
-            return Err(bad("its coordinates are not those of this hand and object"));
-        }
-        self.base_from_world = base_from_world;
-        Ok(())
+        let saved: solver::Saved = postcard::from_bytes(bytes).map_err(|_| bad("its content cannot be read"))?;
+        if self.solver.load(saved) { Ok(()) } else { Err(bad("its coordinates are not those of this hand and object")) }
     }
 }

@@ -2,10 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Settings of the solver.
+/// Settings of the solver: those of the search for contacts, of contact and friction, and of the iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SolverConfig {
+    /// Distance within which contacts count, beside what the bodies cover in a step, metres: what a finger gains in a step under its full tendon.
+    pub prediction: f64,
+    /// A pair is searched for contacts again once it has moved by this since the last search, metres; 0 searches at every step.
+    pub contact_drift: f64,
     /// Stiffness of a contact point, N/m. A pad that presses with 10 N on four points sinks in by 0.04 mm; contacts that are ten times
     /// stiffer make friction's fixed point diverge.
     pub contact_stiffness: f64,
@@ -27,6 +31,8 @@ pub struct SolverConfig {
 impl Default for SolverConfig {
     fn default() -> Self {
         Self {
+            prediction: 0.001,
+            contact_drift: 5e-5,
             contact_stiffness: 6e4,
             contact_relaxation: 0.008,
             support_stiffness: 1e5,
@@ -36,13 +42,4 @@ impl Default for SolverConfig {
             max_iterations: 50,
         }
     }
-}
-
-/// What the search for contacts needs, from the settings that both engines share.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SearchConfig {
-    /// Distance within which contacts count, beside what is covered in a step, metres.
-    pub prediction: f64,
-    /// A pair is searched anew once it has moved by this, metres.
-    pub drift: f64,
 }

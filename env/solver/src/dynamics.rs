@@ -112,6 +112,12 @@ impl Dynamics {
                 }
             };
             self.accelerations.push(own);
+            if model.columns[index].is_empty() {
+                // Carried by driven joints alone: no free coordinate feels it.
+                self.wrenches.push(Wrench { force: Vector3::zeros(), moment: Vector3::zeros() });
+                self.composites.push(Composite { mass: 0.0, moment: Vector3::zeros(), inertia: Matrix3::zeros() });
+                continue;
+            }
             let turn = &kinematics.turn[index];
             let arm = turn * body.center.coords;
             let center = at + arm;
@@ -139,6 +145,9 @@ impl Dynamics {
             let body = &model.tree.bodies[index];
             let Some(joint) = &body.joint else { continue };
             let (wrench, composite) = (self.wrenches[index], self.composites[index]);
+            if model.columns[index].is_empty() {
+                continue;
+            }
             if joint.coordinate < free {
                 let (angular, linear) = axis_at_origin(kinematics, index, joint.kind);
                 self.bias[joint.coordinate] -= joint.ratio * (angular.dot(&wrench.moment) + linear.dot(&wrench.force));

@@ -9,6 +9,7 @@
 //! | [`solver`] | a world's state, and a step of it |
 //! | `kinematics`, `dynamics` | poses and Jacobians; mass matrix and bias forces |
 //! | `search` | which points may touch |
+//! | `contacts` | the contact points of the last step |
 //! | `rows`, `laws`, `problem`, `newton` | the equations of a step, and Newton's method for them |
 //! | `matrix`, `units` | dense matrices; parry's lengths |
 //! | [`dispatch`] | faster searches for contacts |
@@ -23,6 +24,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod config;
+mod contacts;
 pub mod dispatch;
 mod dynamics;
 mod error;
@@ -40,11 +42,12 @@ pub mod solver;
 pub mod tree;
 mod units;
 
-pub use config::{SearchConfig, SolverConfig};
+pub use config::SolverConfig;
+pub use contacts::{Contact, Side};
 pub use dynamics::FrameMotion;
 pub use error::ModelError;
 pub use model::{BASE, BodyIndex, Model, OBJECT};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface};
-pub use solver::{Contact, Given, Saved, Solver, State, StepInput};
+pub use solver::{Given, Saved, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

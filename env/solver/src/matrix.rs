@@ -36,12 +36,10 @@ impl Matrix {
     pub fn solve(&mut self, b: &mut [f64]) -> bool {
         let n = self.n;
         for i in 0..n {
-            let mut best = i;
-            let mut most = self.values[i * n + i].abs();
-            for k in i + 1..n {
-                let size = self.values[k * n + i].abs();
-                if size > most {
-                    (best, most) = (k, size);
+            let (mut best, mut most) = (i, self.values[i * n + i].abs());
+            for (k, value) in self.values[i..].iter().step_by(n).enumerate().skip(i + 1) {
+                if value.abs() > most {
+                    (best, most) = (k, value.abs());
                 }
             }
             // Also false for NaN.
@@ -54,17 +52,19 @@ impl Matrix {
                 }
                 b.swap(i, best);
             }
-            let inverse = 1.0 / self.values[i * n + i];
-            for k in i + 1..n {
-                let x = self.values[k * n + i] * inverse;
-                if x == 0.0 {
-                    continue;
+            let (above, below) = self.values.split_at_mut((i + 1) * n);
+            let pivot = &above[i * n..];
+            let inverse = 1.0 / pivot[i];
+            let (_, rest) = b.split_at_mut(i);
+            let [solved, rest @ ..] = rest else { break };
+            for (row, b) in below.chunks_exact_mut(n).zip(rest) {
+                let x = row[i] * inverse;
+                if x != 0.0 {
+                    for (a, p) in row[i + 1..].iter_mut().zip(&pivot[i + 1..]) {
+                        *a -= x * p;
+                    }
+                    *b -= x * *solved;
                 }
-                let (pivot, row) = self.two_rows(i, k);
-                for (a, p) in row[i + 1..].iter_mut().zip(&pivot[i + 1..]) {
-                    *a -= x * p;
-                }
-                b[k] -= x * b[i];
             }
         }
         self.back_substitute(b);

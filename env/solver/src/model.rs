@@ -6,7 +6,7 @@ use parry3d::math::{Pose, Vector};
 use parry3d::shape::SharedShape;
 use std::ops::Range;
 
-use crate::config::{SearchConfig, SolverConfig};
+use crate::config::SolverConfig;
 use crate::error::ModelError;
 use crate::object::{Object, ObjectPart, corners};
 use crate::scenery::Scenery;
@@ -73,7 +73,6 @@ pub struct Model {
     pub(crate) object: Object,
     pub(crate) scenery: Scenery,
     pub(crate) solver: SolverConfig,
-    pub(crate) search: SearchConfig,
     pub(crate) shapes: Vec<HandShape>,
     /// Body (of the tree) and index within it, for every shape.
     pub(crate) shape_owner: Vec<(usize, usize)>,
@@ -103,13 +102,7 @@ impl Model {
     ///
     /// # Errors
     /// [`ModelError`] for a tree or an object that is not as [`Tree`] and [`Object`] say.
-    pub fn new(
-        tree: Tree,
-        object: Object,
-        scenery: Scenery,
-        solver: SolverConfig,
-        search: SearchConfig,
-    ) -> Result<Self, ModelError> {
+    pub fn new(tree: Tree, object: Object, scenery: Scenery, solver: SolverConfig) -> Result<Self, ModelError> {
         tree.check()?;
         let (mut shapes, mut shape_owner, mut shapes_of) = (Vec::new(), Vec::new(), Vec::new());
         let (mut all_corners, mut center, mut radius) = (Vec::new(), Vec::new(), Vec::new());
@@ -143,7 +136,6 @@ impl Model {
             object,
             scenery,
             solver,
-            search,
             shapes,
             shape_owner,
             shapes_of,

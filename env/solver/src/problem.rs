@@ -32,6 +32,8 @@ pub(crate) struct Point {
     pub arm: Vector3<f64>,
     /// From body a to body b.
     pub normal: Vector3<f64>,
+    /// Its moment about the reference.
+    pub moment: Vector3<f64>,
     /// Normal speed at which the point presses no more, m/s.
     pub target: f64,
     /// Normal impulse per normal speed below that, N s/(m/s).
@@ -120,6 +122,7 @@ impl Problem {
     }
 
     /// Twist of the object.
+    #[inline]
     fn object_twist(&self) -> Twist {
         let v = &self.v[self.q.len()..];
         Twist { linear: Vector3::new(v[0], v[1], v[2]), angular: Vector3::new(v[3], v[4], v[5]) }
@@ -131,8 +134,9 @@ impl Problem {
         for index in 0..self.patches.len() {
             let patch = self.patches[index];
             let twist = self.relative_twist(model, kinematics, &patch);
-            let wrench = self.press(&patch, &twist, bounds);
-            self.spread(model, kinematics, &patch, &wrench);
+            if let Some(wrench) = self.press(&patch, &twist, bounds) {
+                self.spread(model, kinematics, &patch, &wrench);
+            }
         }
         let free = self.q.len();
         let mut size = 0.0;
@@ -187,14 +191,14 @@ impl Problem {
         twist
     }
 
-    /// Impulses of a patch's points; returns their sum on body b: force and moment about the reference.
+    /// Impulses of a patch's points; returns their sum on body b, force and moment about the reference, if any presses.
     #[inline]
-    fn press(&mut self, patch: &Patch, twist: &Twist, bounds: Bounds) -> Twist {
+    fn press(&mut self, patch: &Patch, twist: &Twist, bounds: Bounds) -> Option<Twist> {
         let mut sum = Twist::default();
+        let mut any = false;
         let stick = self.stick_speed;
         for point in &mut self.points[patch.first..patch.last] {
-            let u = twist.at(&point.arm);
-            let approach = point.normal.dot(&u);
+            let approach = point.normal.dot(&twist.linear) + point.moment.dot(&twist.angular);
             point.approach = approach;
             point.impulse = ((point.target - approach) * point.stiffness).max(0.0);
             if bounds == Bounds::Follow {
@@ -203,14 +207,15 @@ impl Problem {
             if point.impulse <= 0.0 && point.bound <= 0.0 {
                 continue;
             }
-            point.slide = u - point.normal * approach;
+            point.slide = twist.at(&point.arm) - point.normal * approach;
             point.speed = point.slide.norm();
             let grip = point.bound / point.speed.max(stick);
             let force = point.normal * point.impulse - point.slide * grip;
             sum.linear += force;
             sum.angular += point.arm.cross(&force);
+            any = true;
         }
-        sum
+        any.then_some(sum)
     }
 
     /// Takes a patch's impulse (force and moment on body b) off the residual.

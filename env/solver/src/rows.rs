@@ -7,7 +7,6 @@ use crate::model::{BASE, Model, OBJECT, Pair};
 use crate::problem::{Patch, Point, Problem};
 use crate::scenery::Surface;
 use crate::search::{Candidate, Opposite, PairCache, Situation};
-use crate::solver::Contact;
 
 /// What the rows are made from, beside the search's results.
 pub(crate) struct Scene<'a> {
@@ -22,15 +21,22 @@ pub(crate) struct Scene<'a> {
 
 /// A candidate as it is now.
 struct Measured {
-    point: Vector3<f64>,
+    /// On the first body, and midway between the bodies; frame of the base.
+    middle: Vector3<f64>,
     normal: Vector3<f64>,
     distance: f64,
-    /// In the second body's frame; on a plane in the frame of the base.
-    on_b: Vector3<f64>,
-    surface: Option<Surface>,
 }
 
-/// Writes points and patches of `problem`, and one contact per point.
+/// Where a contact point comes from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Origin {
+    pub pair: u32,
+    pub candidate: u32,
+    /// At the beginning of the step, metres.
+    pub distance: f64,
+}
+
+/// Writes points and patches of `problem`, and where each point comes from.
 pub(crate) fn collect(
     model: &Model,
     scene: &Scene,
@@ -38,32 +44,21 @@ pub(crate) fn collect(
     pairs: &[PairCache],
     friction_factor: f64,
     problem: &mut Problem,
-    contacts: &mut Vec<Contact>,
+    origins: &mut Vec<Origin>,
 ) {
     problem.points.clear();
     problem.patches.clear();
-    contacts.clear();
-    for (pair, cache) in model.pairs.iter().zip(pairs) {
+    origins.clear();
+    for (index, (pair, cache)) in model.pairs.iter().zip(pairs).enumerate() {
         let first = problem.points.len();
         let factor = if pair.a == OBJECT { friction_factor } else { 1.0 };
-        for candidate in &cache.candidates {
-            let measured = measure(model, scene, pair, candidate);
-            if measured.distance > cache.reach {
-                continue;
+        for (within, candidate) in cache.candidates.iter().enumerate() {
+            let measured = measure(scene, pair, candidate);
+            if measured.distance <= cache.reach {
+                problem.points.push(point(model, scene, pair, &measured, candidate.friction * factor, problem.dt));
+                let (pair, candidate) = (index as u32, within as u32);
+                origins.push(Origin { pair, candidate, distance: measured.distance });
             }
-            let friction = candidate.friction * factor;
-            problem.points.push(point(model, scene, pair, &measured, friction, problem.dt));
-            contacts.push(Contact {
-                bodies: [pair.a, pair.b],
-                shapes: candidate.shapes.map(|s| s.map(|index| model.shape_owner[usize::from(index)].1 as u16)),
-                surface: measured.surface,
-                points: [candidate.on_a, measured.on_b],
-                point: measured.point,
-                normal: measured.normal,
-                friction,
-                distance: measured.distance,
-                force: 0.0,
-            });
         }
         let last = problem.points.len();
         if last > first {
@@ -82,23 +77,19 @@ fn known(model: &Model, scene: &Scene, kinematics: &Kinematics, body: usize) -> 
     }
 }
 
-fn measure(model: &Model, scene: &Scene, pair: &Pair, candidate: &Candidate) -> Measured {
-    let a = &scene.now.poses[pair.a];
-    let on_a = a.rotation * candidate.on_a + a.translation.vector;
+fn measure(scene: &Scene, pair: &Pair, candidate: &Candidate) -> Measured {
+    let (poses, turns) = (scene.now.poses, scene.now.turns);
+    let on_a = turns[pair.a] * candidate.on_a + poses[pair.a].translation.vector;
     match candidate.opposite {
         Opposite::Plane(surface) => {
             let plane = &scene.now.planes[usize::from(surface == Surface::Ground)];
             let distance = plane.gap(&on_a);
-            let on_b = on_a - plane.up * distance;
-            let point = on_a - plane.up * (0.5 * distance);
-            Measured { point, normal: -plane.up, distance, on_b, surface: Some(surface) }
+            Measured { middle: on_a - plane.up * (0.5 * distance), normal: -plane.up, distance }
         }
         Opposite::Point { on_b, normal } => {
-            let b = &scene.now.poses[pair.b];
-            let apart = b.rotation * on_b + b.translation.vector - on_a;
-            let normal = a.rotation * normal;
-            let surface = (pair.b == model.scenery_body()).then_some(Surface::Table);
-            Measured { point: on_a + 0.5 * apart, normal, distance: apart.dot(&normal), on_b, surface }
+            let apart = turns[pair.b] * on_b + poses[pair.b].translation.vector - on_a;
+            let normal = turns[pair.a] * normal;
+            Measured { middle: on_a + 0.5 * apart, normal, distance: apart.dot(&normal) }
         }
     }
 }
@@ -112,9 +103,11 @@ fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &Measured, frictio
     // What does not touch yet is not braked: only what would be inside at the end of the step is pushed.
     let relaxation = if measured.distance > 0.0 { 0.0 } else { config.contact_relaxation };
     let time = dt + relaxation;
+    let arm = measured.middle - scene.center;
     Point {
-        arm: measured.point - scene.center,
+        arm,
         normal: measured.normal,
+        moment: arm.cross(&measured.normal),
         target: (-measured.distance).min(config.penetration_cap) / time,
         stiffness: dt * stiffness * time,
         friction,

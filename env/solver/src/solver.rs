@@ -4,36 +4,14 @@ use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+use crate::contacts::Contact;
 use crate::dynamics::{Dynamics, FrameMotion};
 use crate::kinematics::{Kinematics, Twist};
-use crate::model::{BASE, BodyIndex, Model, OBJECT};
+use crate::model::{BASE, Model, OBJECT};
 use crate::newton::Newton;
 use crate::problem::Problem;
 use crate::rows;
 use crate::search::{Moving, SavedSearch, Searcher, Situation};
-
-/// A contact point of the last step.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Contact {
-    /// The two bodies: the object, a body of the tree (from [`BASE`]), or the scenery.
-    pub bodies: [BodyIndex; 2],
-    /// Shape within the body, for bodies of the hand.
-    pub shapes: [Option<u16>; 2],
-    /// Which surface, where the second body is the scenery.
-    pub surface: Option<crate::Surface>,
-    /// The point on each body, in that body's frame; on the scenery in the frame of the base.
-    pub points: [Vector3<f64>; 2],
-    /// Midway between them, frame of the base, at the beginning of the step.
-    pub point: Vector3<f64>,
-    /// From the first to the second body, frame of the base.
-    pub normal: Vector3<f64>,
-    /// Coefficient of friction.
-    pub friction: f64,
-    /// Distance at the end of the step, metres.
-    pub distance: f64,
-    /// Normal force, mean over the step, N.
-    pub force: f64,
-}
 
 /// What is given for a step.
 pub struct StepInput<'a> {
@@ -81,10 +59,6 @@ pub struct State {
     pub mass_factor: f64,
     /// Steps whose velocities did not balance.
     pub unconverged_steps: u64,
-    /// Contacts of the last step.
-    pub contacts: Vec<Contact>,
-    /// Rotations of the bodies of contacts (the scenery last) at the beginning of the last step.
-    pub rotations: Vec<UnitQuaternion<f64>>,
 }
 
 /// A state as it is saved: with what the search for contacts starts from.
@@ -92,20 +66,26 @@ pub struct State {
 pub struct Saved {
     state: State,
     search: SavedSearch,
+    contacts: Vec<Contact>,
 }
 
 /// The solver of one world.
 #[derive(Clone)]
 pub struct Solver {
-    model: Arc<Model>,
+    pub(crate) model: Arc<Model>,
     state: State,
-    searcher: Searcher,
+    pub(crate) searcher: Searcher,
     kinematics: Kinematics,
     dynamics: Dynamics,
-    problem: Problem,
+    pub(crate) problem: Problem,
     newton: Newton,
-    /// By body of contact.
-    poses: Vec<Isometry3<f64>>,
+    /// By body of contact, at the beginning of the last step.
+    pub(crate) poses: Vec<Isometry3<f64>>,
+    pub(crate) turns: Vec<Matrix3<f64>>,
+    /// Where the problem's points come from.
+    pub(crate) origins: Vec<rows::Origin>,
+    /// Contacts of the step before the state was loaded.
+    pub(crate) loaded: Vec<Contact>,
     moving: Vec<Moving>,
     accelerations: Vec<f64>,
 }
@@ -125,8 +105,6 @@ impl Solver {
             friction_factor: 1.0,
             mass_factor: 1.0,
             unconverged_steps: 0,
-            contacts: Vec::new(),
-            rotations: vec![UnitQuaternion::identity(); model.scenery_body() + 1],
         };
         Self {
             searcher: Searcher::new(&model),
@@ -135,6 +113,9 @@ impl Solver {
             problem: Problem::new(&model),
             newton: Newton::new(&model),
             poses: Vec::new(),
+            turns: Vec::new(),
+            origins: Vec::new(),
+            loaded: Vec::new(),
             moving: Vec::new(),
             accelerations: vec![0.0; count],
             state,
@@ -162,7 +143,9 @@ impl Solver {
     /// The state to be saved.
     #[must_use]
     pub fn save(&self) -> Saved {
-        Saved { state: self.state.clone(), search: self.searcher.save() }
+        let mut contacts = Vec::new();
+        self.contacts(|_, _| true, |contact| contacts.push(*contact));
+        Saved { state: self.state.clone(), search: self.searcher.save(), contacts }
     }
 
     /// Takes a saved state; false, and nothing changes, for one of another model.
@@ -175,6 +158,8 @@ impl Solver {
             return false;
         }
         self.state = saved.state;
+        self.loaded = saved.contacts;
+        self.origins.clear();
         true
     }
 
@@ -205,7 +190,15 @@ impl Solver {
         self.integrate(&model, input, &center);
         use std::sync::atomic::Ordering::Relaxed;
         let e = &self.newton.effort;
-        for (c, x) in COUNTS.iter().zip([1, u64::from(e.iterations), u64::from(e.evaluations), self.problem.points.len() as u64, u64::from(e.fallbacks), u64::from(!e.converged), u64::from(e.crossings)]) {
+        for (c, x) in COUNTS.iter().zip([
+            1,
+            u64::from(e.iterations),
+            u64::from(e.evaluations),
+            self.problem.points.len() as u64,
+            u64::from(e.fallbacks),
+            u64::from(!e.converged),
+            u64::from(e.crossings),
+        ]) {
             c.fetch_add(x, Relaxed);
         }
     }
@@ -293,11 +286,15 @@ impl Solver {
         let kinematics = &self.kinematics;
         self.poses.clear();
         self.moving.clear();
+        self.turns.clear();
+        self.loaded.clear();
         self.poses.push(self.state.base_from_object);
         self.poses.extend(&kinematics.pose);
         self.poses.push(input.base_from_world);
-        self.state.rotations.clear();
-        self.state.rotations.extend(self.poses.iter().map(|pose| pose.rotation));
+        let matrix = |pose: &Isometry3<f64>| pose.rotation.to_rotation_matrix().into_inner();
+        self.turns.push(matrix(&self.state.base_from_object));
+        self.turns.extend(&kinematics.turn);
+        self.turns.push(matrix(&input.base_from_world));
         let state = &self.state;
         for body in 0..self.poses.len() {
             let twist = match body {
@@ -310,24 +307,18 @@ impl Solver {
                 }
                 _ => kinematics.twist(model, body - BASE, &state.rates),
             };
-            let middle = self.poses[body].rotation * model.center[body] + self.poses[body].translation.vector;
+            let middle = self.turns[body] * model.center[body] + self.poses[body].translation.vector;
             let velocity = twist.at(&(middle - center));
             self.moving.push(Moving { center: middle, velocity, omega: twist.angular });
         }
         let planes = model.scenery.planes(&input.base_from_world);
-        let now = Situation { dt: input.dt, poses: &self.poses, moving: &self.moving, planes: &planes };
+        let now =
+            Situation { dt: input.dt, poses: &self.poses, turns: &self.turns, moving: &self.moving, planes: &planes };
         self.searcher.search(model, &now);
         let scene = rows::Scene { now, center: *center, scenery, mass: self.problem.object_mass };
         let pairs = &self.searcher.pairs;
-        rows::collect(
-            model,
-            &scene,
-            kinematics,
-            pairs,
-            self.state.friction_factor,
-            &mut self.problem,
-            &mut self.state.contacts,
-        );
+        let factor = self.state.friction_factor;
+        rows::collect(model, &scene, kinematics, pairs, factor, &mut self.problem, &mut self.origins);
     }
 
     fn integrate(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
@@ -348,10 +339,6 @@ impl Solver {
         state.positions[free..].copy_from_slice(input.driven);
         for (force, cable) in state.cable_forces.iter_mut().zip(&problem.cables) {
             *force = cable.force;
-        }
-        for (contact, point) in state.contacts.iter_mut().zip(&problem.points) {
-            contact.force = point.impulse / dt;
-            contact.distance += dt * point.approach;
         }
         state.unconverged_steps += u64::from(!self.newton.effort.converged);
     }

@@ -13,7 +13,7 @@ mod manifold;
 mod planes;
 mod shapes;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use parry3d::math::Vector;
 use parry3d::query::ContactManifold;
 use serde::{Deserialize, Serialize};
@@ -75,6 +75,8 @@ pub(crate) struct Situation<'a> {
     pub dt: f64,
     /// By body of contact; scenery last.
     pub poses: &'a [Isometry3<f64>],
+    /// Their rotations as matrices.
+    pub turns: &'a [Matrix3<f64>],
     pub moving: &'a [Moving],
     pub planes: &'a [Plane; 2],
 }
@@ -133,7 +135,7 @@ impl Searcher {
         let (a, b) = (&now.moving[pair.a], &now.moving[pair.b]);
         let radius = model.radius[pair.a];
         let speed = (a.velocity - b.velocity - b.omega.cross(&a.center)).norm() + (a.omega - b.omega).norm() * radius;
-        let reach = model.search.prediction + now.dt * speed;
+        let reach = model.solver.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;
         if now.planes.iter().all(|p| p.gap(&a.center) >= radius + reach) {
@@ -148,12 +150,12 @@ impl Searcher {
             let center = Point3::from(model.center[pair.a]);
             let shift = a_from_b.inverse_transform_point(&center) - old.inverse_transform_point(&center);
             let moved = shift.norm() + turned(&a_from_b, old) * radius;
-            if moved < model.search.drift.min(cache.margin - reach) {
+            if moved < model.solver.contact_drift.min(cache.margin - reach) {
                 return;
             }
         }
         cache.a_from_b = Some(a_from_b);
-        cache.margin = reach + 2.0 * model.search.drift;
+        cache.margin = reach + 2.0 * model.solver.contact_drift;
         cache.candidates.clear();
         self.over_scenery(model, now, index);
     }
@@ -165,7 +167,7 @@ impl Searcher {
         let between = b.center - a.center;
         let turning = (b.omega - a.omega).norm() * radius_a.min(radius_b);
         let speed = (b.velocity - a.velocity - a.omega.cross(&between)).norm() + turning;
-        let reach = model.search.prediction + now.dt * speed;
+        let reach = model.solver.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;
         if between.norm_squared() > (radius_a + radius_b + reach).powi(2) {
@@ -177,7 +179,7 @@ impl Searcher {
             let center = Point3::from(model.center[pair.b]);
             let moved = (a_from_b * center - old * center).norm() + turned(&a_from_b, old) * radius_b;
             let left = cache.margin - reach;
-            let allowed = if cache.candidates.is_empty() { left } else { left.min(model.search.drift) };
+            let allowed = if cache.candidates.is_empty() { left } else { left.min(model.solver.contact_drift) };
             if moved < allowed {
                 return;
             }
