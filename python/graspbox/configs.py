@@ -187,6 +187,11 @@ class RapierConfig:
 
     Attributes
     ----------
+    prediction : float
+        Distance at which contacts are predicted, metres, 0.0001 to 0.05.
+    contact_drift : float
+        Contacts of a pair are searched again once it has moved by this distance since the last search, metres, 0 to
+        0.001; 0 searches at every step.
     solver_iterations : int
         Solver sub-steps per step, 1 to 64.
     idle_iterations : int
@@ -200,6 +205,8 @@ class RapierConfig:
         Penetration that is not corrected, metres, 0 to 0.005.
     """
 
+    prediction: float = 0.002
+    contact_drift: float = 5e-5
     solver_iterations: int = 4
     idle_iterations: int = 1
     contact_frequency: float = 240.0
@@ -214,6 +221,11 @@ class SolverConfig:
 
     Attributes
     ----------
+    prediction : float
+        Distance within which contacts count, beside what the bodies cover in a step, metres, 0.0001 to 0.05.
+    contact_drift : float
+        Contacts of a pair are searched again once it has moved by this distance since the last search, metres, 0 to
+        0.001; 0 searches at every step.
     contact_stiffness : float
         Stiffness of a contact point, N/m, 1000 to 1e7.
     contact_relaxation : float
@@ -221,7 +233,7 @@ class SolverConfig:
     support_stiffness : float
         Least stiffness of a contact that carries the object on table or palm, per kg of the object, N/(m kg), 0 to 1e7.
     penetration_cap : float
-        Penetration that pushes back at most, metres, 1e-5 to 0.01.
+        Penetration beyond which a contact is softer, metres, 1e-5 to 0.01.
     stick_speed : float
         Sliding speed at which friction reaches its bound, m/s, 1e-7 to 0.01.
     tolerance : float
@@ -230,6 +242,8 @@ class SolverConfig:
         Newton iterations per step at most, 1 to 1000.
     """
 
+    prediction: float = 0.001
+    contact_drift: float = 5e-5
     contact_stiffness: float = 6e4
     contact_relaxation: float = 0.008
     support_stiffness: float = 1e5
@@ -253,11 +267,6 @@ class PhysicsConfig:
         m/s2, along -z of the world, 0 to 100.
     friction : FrictionConfig
         Friction factors of table and object.
-    prediction : float
-        Distance at which contacts are predicted, metres, 0.0001 to 0.05.
-    contact_drift : float
-        Contacts of a pair are searched again once it has moved by this distance since the last search, metres, 0 to
-        0.001; 0 searches at every step.
     solver : SolverConfig
         Settings of our own solver; other engines ignore them.
     rapier : RapierConfig
@@ -268,8 +277,6 @@ class PhysicsConfig:
     dt: float = 0.002
     gravity: float = 9.81
     friction: FrictionConfig = field(default_factory=FrictionConfig)
-    prediction: float = 0.002
-    contact_drift: float = 5e-5
     solver: SolverConfig = field(default_factory=SolverConfig)
     rapier: RapierConfig = field(default_factory=RapierConfig)
 

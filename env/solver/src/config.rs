@@ -18,7 +18,7 @@ pub struct SolverConfig {
     /// Least stiffness of a contact that carries the object on table or palm, per kg of the object, N/(m kg): it sets the natural frequency
     /// of what rests (50 Hz), so that heavy objects do not sink in.
     pub support_stiffness: f64,
-    /// Penetration that pushes back at most, metres: a scene that starts overlapped does not throw its object.
+    /// Penetration beyond which a contact is softer, metres: a scene that starts overlapped does not throw its object.
     pub penetration_cap: f64,
     /// Sliding speed at which friction reaches its bound, m/s: what a fully loaded contact creeps.
     pub stick_speed: f64,

@@ -108,7 +108,7 @@ fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &Measured, frictio
         arm,
         normal: measured.normal,
         moment: arm.cross(&measured.normal),
-        target: (-measured.distance).min(config.penetration_cap) / time,
+        target: pushing_depth(-measured.distance, config.penetration_cap) / time,
         stiffness: dt * stiffness * time,
         friction,
         impulse: 0.0,
@@ -117,4 +117,12 @@ fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &Measured, frictio
         slide: Vector3::zeros(),
         speed: 0.0,
     }
+}
+
+/// Share of a penetration beyond the cap that pushes back too: enough to carry any load, too little to throw what starts overlapped.
+const BEYOND_CAP: f64 = 0.2;
+
+/// The depth that pushes back, metres; negative while the bodies are apart.
+fn pushing_depth(depth: f64, cap: f64) -> f64 {
+    depth.min(cap) + BEYOND_CAP * (depth - cap).max(0.0)
 }
