@@ -307,7 +307,8 @@ fn contact_forces_balance_the_tendon() {
 }
 
 /// How hard the distal links press at 50 N of tension, `(r_p T - spring) / lever` where a link alone touches.
-/// A bug here: tension, arms or stiffness that changed. These objects give 4.5 to 7.1 N; the range leaves a margin of 10 %.
+/// A bug here: tension, arms or stiffness that changed. These objects give 4.4 to 8.1 N (rapier: 4.5 to 7.1 N: friction, which is
+/// indeterminate here, carries the rest); the range leaves a margin of 10 %.
 #[test]
 fn a_fingertip_presses_as_its_levers_say() {
     let (mut least, mut most) = (f64::MAX, 0.0_f64);
@@ -330,5 +331,5 @@ fn a_fingertip_presses_as_its_levers_say() {
         }
     }
     println!("distal links press with {least:.1} to {most:.1} N at 50 N of tension (goal: 8 to 15 N)");
-    assert!(least > 4.0 && most < 7.9, "{least} to {most} N");
+    assert!(least > 4.0 && most < 8.9, "{least} to {most} N");
 }

@@ -8,6 +8,7 @@ use graspbox_episode::{
 use graspbox_hand::{GraspPose, Hand};
 use graspbox_mesh::convex_hull;
 use graspbox_sim::PhysicsConfig;
+use graspbox_sim::config::EngineKind;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
@@ -130,8 +131,17 @@ fn a_world_that_blows_up_is_unstable() {
     for motor in &mut hand.motors {
         motor.load_limit = 1e9;
     }
-    let outcome = attempt(hand, from_above(0.0), TrialConfig::default()).unwrap();
+    let under = |engine| {
+        let physics = PhysicsConfig { engine, ..PhysicsConfig::default() };
+        let scene = Arc::new(Scene::new(&small(), Arc::new(hand.clone()), physics, None).unwrap());
+        let outcomes = run_trials(&scene, &[from_above(0.0)], TrialConfig::default(), &Progress::default()).unwrap();
+        outcomes.into_iter().next().unwrap()
+    };
+    let outcome = under(EngineKind::Rapier);
     assert_eq!((outcome.success, outcome.failure), (false, Some(FailureKind::Unstable)), "{outcome:?}");
+    // Tendons are implicit in our own solver: no stiffness throws it.
+    let outcome = under(EngineKind::Graspbox);
+    assert!(outcome.failure != Some(FailureKind::Unstable) && outcome.lift < 0.3, "{outcome:?}");
 }
 
 /// A bug here: a criterion that trials do not look at, or ranges that do not follow it.

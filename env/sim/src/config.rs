@@ -3,6 +3,7 @@
 
 use crate::SimError;
 use graspbox_mesh::in_range;
+pub use graspbox_solver::SolverConfig;
 use serde::{Deserialize, Serialize};
 
 /// Friction factors of the surfaces that the hand meets; the hand's own are in its description ([`graspbox_hand::Friction`]).
@@ -26,8 +27,10 @@ impl Default for Friction {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EngineKind {
-    /// rapier: f32, contacts by sub-steps of projected Gauss-Seidel.
+    /// Our own solver: f64, all contacts of a step together, by Newton's method.
     #[default]
+    Graspbox,
+    /// rapier: f32, contacts by sub-steps of projected Gauss-Seidel.
     Rapier,
 }
 
@@ -35,6 +38,10 @@ pub enum EngineKind {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RapierConfig {
+    /// Distance at which contacts are predicted, metres.
+    pub prediction: f64,
+    /// A pair is searched for contacts again once it has moved by this since the last search, metres; 0 searches at every step.
+    pub contact_drift: f64,
     /// Solver sub-steps per step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
     pub solver_iterations: usize,
     /// The same while nothing in the hand moves, it is in contact with nothing and the object does not tumble: what remains then is
@@ -53,6 +60,8 @@ pub struct RapierConfig {
 impl Default for RapierConfig {
     fn default() -> Self {
         Self {
+            prediction: 0.002,
+            contact_drift: 5e-5,
             solver_iterations: 4,
             idle_iterations: 1,
             contact_frequency: 240.0,
@@ -75,10 +84,8 @@ pub struct PhysicsConfig {
     pub gravity: f64,
     /// Friction factors of table and object.
     pub friction: Friction,
-    /// Distance at which contacts are predicted, metres.
-    pub prediction: f64,
-    /// A pair is searched for contacts again once it has moved by this since the last search, metres; 0 searches at every step.
-    pub contact_drift: f64,
+    /// Settings of our own solver; other engines ignore them.
+    pub solver: SolverConfig,
     /// Settings of rapier; other engines ignore them.
     pub rapier: RapierConfig,
 }
@@ -90,8 +97,7 @@ impl Default for PhysicsConfig {
             dt: 0.002,
             gravity: 9.81,
             friction: Friction::default(),
-            prediction: 0.002,
-            contact_drift: 5e-5,
+            solver: SolverConfig::default(),
             rapier: RapierConfig::default(),
         }
     }
@@ -108,8 +114,18 @@ impl PhysicsConfig {
         in_range("gravity", self.gravity, 0.0..=100.0, "m/s2")?;
         in_range("friction.table", f.table, 0.0..=5.0, "")?;
         in_range("friction.object", f.object, 0.0..=5.0, "")?;
-        in_range("prediction", self.prediction, 1e-4..=0.05, "m")?;
-        in_range("contact_drift", self.contact_drift, 0.0..=1e-3, "m")?;
+        let s = &self.solver;
+        in_range("solver.prediction", s.prediction, 1e-4..=0.05, "m")?;
+        in_range("solver.contact_drift", s.contact_drift, 0.0..=1e-3, "m")?;
+        in_range("solver.contact_stiffness", s.contact_stiffness, 1e3..=1e7, "N/m")?;
+        in_range("solver.contact_relaxation", s.contact_relaxation, 0.0..=0.1, "s")?;
+        in_range("solver.support_stiffness", s.support_stiffness, 0.0..=1e7, "N/(m kg)")?;
+        in_range("solver.penetration_cap", s.penetration_cap, 1e-5..=0.01, "m")?;
+        in_range("solver.stick_speed", s.stick_speed, 1e-7..=0.01, "m/s")?;
+        in_range("solver.tolerance", s.tolerance, 1e-12..=1e-3, "m/s")?;
+        in_range("solver.max_iterations", s.max_iterations as f64, 1.0..=1000.0, "")?;
+        in_range("rapier.prediction", r.prediction, 1e-4..=0.05, "m")?;
+        in_range("rapier.contact_drift", r.contact_drift, 0.0..=1e-3, "m")?;
         in_range("rapier.solver_iterations", r.solver_iterations as f64, 1.0..=64.0, "")?;
         in_range("rapier.idle_iterations", r.idle_iterations as f64, 1.0..=64.0, "")?;
         in_range("rapier.contact_frequency", r.contact_frequency, 1.0..=1e4, "Hz")?;

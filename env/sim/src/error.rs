@@ -34,6 +34,14 @@ pub enum SimError {
         /// The reason.
         why: &'static str,
     },
+    /// The hand's tree of joints cannot be simulated.
+    #[error("hand `{hand}` cannot be simulated: {why}")]
+    BadHand {
+        /// Name of the hand.
+        hand: String,
+        /// The reason.
+        why: String,
+    },
     /// A motor command is NaN or infinite.
     #[error("the command to motor {motor} is not a finite number")]
     BadCommand {

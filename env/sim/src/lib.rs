@@ -47,6 +47,7 @@ mod error;
 mod identity;
 pub mod load;
 mod motion;
+mod native;
 pub mod object;
 mod rapier;
 pub mod scenery;

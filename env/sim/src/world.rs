@@ -5,6 +5,7 @@ use crate::config::{EngineKind, PhysicsConfig};
 use crate::engine::{Engine, StepInput};
 use crate::identity::{Identity, identity};
 use crate::motion::BaseMotion;
+use crate::native::Native;
 use crate::object::ObjectModel;
 use crate::rapier::Rapier;
 use graspbox_hand::{Hand, MotorCommand, MotorKind, MotorState};
@@ -56,6 +57,7 @@ impl Template {
     pub fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
         config.validate()?;
         let engine: Box<dyn Engine> = match config.engine {
+            EngineKind::Graspbox => Box::new(Native::new(Arc::clone(&hand), object, config)?),
             EngineKind::Rapier => Box::new(Rapier::new(Arc::clone(&hand), object, config)?),
         };
         let shared = Shared {

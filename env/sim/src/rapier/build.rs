@@ -91,11 +91,11 @@ fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
             own.static_contact_frequency as f32,
             own.contact_damping_ratio as f32,
         ),
-        normalized_prediction_distance: scaled(config.prediction as f32),
+        normalized_prediction_distance: scaled(config.rapier.prediction as f32),
         normalized_allowed_linear_error: scaled(own.allowed_penetration as f32),
         // The engine's own threshold (5 cm) is a large part of a grasp: contacts would go stale.
-        contact_recycling: config.contact_drift > 0.0,
-        normalized_contact_recycle_distance: scaled(config.contact_drift as f32),
+        contact_recycling: config.rapier.contact_drift > 0.0,
+        normalized_contact_recycle_distance: scaled(config.rapier.contact_drift as f32),
         // Household objects and fingers move slower than their own thickness per step.
         max_ccd_substeps: 0,
         // Solved contact by contact: boxes on the table lose up to 12 % of mu, but the engine's friction of whole patches lets

@@ -1,0 +1,193 @@
+//! The engine on our own solver ([`graspbox_solver`]): f64, all contacts of a step solved together.
+
+mod translate;
+
+use crate::SimError;
+use crate::config::PhysicsConfig;
+use crate::engine::{Contact, ContactSide, Engine, JointState, Part, StepInput};
+use crate::object::ObjectModel;
+use graspbox_hand::Hand;
+use graspbox_solver as solver;
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
+use translate::Translation;
+
+/// One world of our own solver.
+#[derive(Clone)]
+pub(crate) struct Native {
+    solver: solver::Solver,
+    driven: Vec<f64>,
+    given: Vec<solver::Given>,
+    shared: Arc<Shared>,
+}
+
+/// What an engine and its copies share.
+struct Shared {
+    hand: Arc<Hand>,
+    translation: Translation,
+    dt: f64,
+}
+
+impl Native {
+    /// Prepares hand and object.
+    ///
+    /// # Errors
+    /// An object or a hand that cannot be simulated.
+    pub(crate) fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
+        let (tree, translation) = translate::hand(&hand);
+        let object = translate::object(object, config.friction.object);
+        let scenery = translate::scenery(config.friction.table);
+        let model = solver::Model::new(tree, object, scenery, config.solver).map_err(|error| match error {
+            solver::ModelError::FlatPart { part } => SimError::FlatPart { part },
+            error @ solver::ModelError::BadTree { .. } => {
+                SimError::BadHand { hand: hand.name.clone(), why: error.to_string() }
+            }
+        })?;
+        let driven = vec![0.0; model.tree().driven];
+        let given = vec![solver::Given::default(); model.tree().cables.len()];
+        let shared = Arc::new(Shared { hand, translation, dt: config.dt });
+        let solver = solver::Solver::new(Arc::new(model));
+        Ok(Self { solver, driven, given, shared })
+    }
+
+    fn part(&self, side: &solver::Side, surface: Option<solver::Surface>) -> Part {
+        match (side.body, surface) {
+            (solver::OBJECT, _) => Part::Object,
+            (body, surface) if body == self.solver.model().scenery_body() => match surface {
+                Some(solver::Surface::Ground) => Part::Ground,
+                _ => Part::Table,
+            },
+            (body, _) => {
+                let (link, shape) = self.shared.translation.owner(body - solver::BASE, side.shape.into());
+                Part::Link { link, shape }
+            }
+        }
+    }
+
+    /// One side of a contact in the words of the seam: links of one body have frames of their own.
+    fn side(&self, side: &solver::Side, surface: Option<solver::Surface>) -> ContactSide {
+        let part = self.part(side, surface);
+        let (point, normal) = (Point3::from(side.point), side.normal);
+        match part {
+            Part::Link { link, .. } => {
+                let place = &self.shared.translation.body_from_link[link];
+                let point = place.inverse_transform_point(&point);
+                ContactSide { part, point, normal: place.inverse_transform_vector(&normal) }
+            }
+            _ => ContactSide { part, point, normal },
+        }
+    }
+}
+
+impl Engine for Native {
+    fn duplicate(&self) -> Box<dyn Engine> {
+        Box::new(self.clone())
+    }
+
+    fn pose(&mut self, _base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, preshape: f64) {
+        let free = self.solver.model().tree().coordinates.len();
+        let state = self.solver.state_mut();
+        state.base_from_object = *base_from_object;
+        state.positions[free..].fill(preshape);
+    }
+
+    fn step(&mut self, input: &StepInput) {
+        let hand = &self.shared.hand;
+        self.shared.translation.drive(hand, input.motors, &mut self.driven, &mut self.given);
+        self.solver.step(&solver::StepInput {
+            dt: self.shared.dt,
+            base_from_world: input.base_from_world,
+            base_from_world_after: input.base_from_world_after,
+            frame: solver::FrameMotion {
+                gravity: input.frame.gravity,
+                omega: input.frame.omega,
+                alpha: input.frame.alpha,
+            },
+            driven: &self.driven,
+            cables: &self.given,
+        });
+    }
+
+    fn tension(&self, finger: usize) -> f64 {
+        self.solver.state().cable_forces[finger]
+    }
+
+    fn joint(&self, joint: usize) -> JointState {
+        let state = self.solver.state();
+        match self.shared.translation.joints[joint] {
+            Some((coordinate, ratio, offset)) => JointState {
+                angle: ratio * state.positions[coordinate] + offset,
+                speed: ratio * state.rates[coordinate],
+            },
+            None => JointState { angle: 0.0, speed: 0.0 },
+        }
+    }
+
+    fn base_from_object(&self) -> Isometry3<f64> {
+        self.solver.state().base_from_object
+    }
+
+    fn object_velocity(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.solver.state().linear, self.solver.state().angular)
+    }
+
+    fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>) {
+        let state = self.solver.state_mut();
+        (state.linear, state.angular) = (*linear, *angular);
+    }
+
+    fn scale_object(&mut self, friction: f64, mass: f64) {
+        let state = self.solver.state_mut();
+        state.friction_factor *= friction;
+        state.mass_factor *= mass;
+    }
+
+    fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
+        self.solver.model().lowest_point(from_object)
+    }
+
+    fn contacts(&self, wanted: &dyn Fn([Part; 2]) -> bool, visit: &mut dyn FnMut(&Contact)) {
+        let scenery = self.solver.model().scenery_body();
+        // What a body is, before its shape is known.
+        let kind = |body| match body {
+            solver::OBJECT => Part::Object,
+            body if body == scenery => Part::Table,
+            _ => Part::Link { link: 0, shape: 0 },
+        };
+        self.solver.contacts(
+            |a, b| wanted([kind(a), kind(b)]),
+            |contact| {
+                visit(&Contact {
+                    sides: [
+                        self.side(&contact.sides[0], contact.surface),
+                        self.side(&contact.sides[1], contact.surface),
+                    ],
+                    point: Point3::from(contact.point),
+                    normal: contact.normal,
+                    distance: contact.distance,
+                    force: contact.force,
+                    friction: contact.friction,
+                });
+            },
+        );
+    }
+
+    fn is_finite(&self) -> bool {
+        self.solver.is_finite()
+    }
+
+    fn unconverged_steps(&self) -> u64 {
+        self.solver.state().unconverged_steps
+    }
+
+    fn save(&self) -> Result<Vec<u8>, SimError> {
+        postcard::to_allocvec(&self.solver.save())
+            .map_err(|_| SimError::BadSnapshot { why: "the solver's state could not be written".into() })
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> Result<(), SimError> {
+        let bad = |why: &str| SimError::BadSnapshot { why: why.into() };
+        let saved: solver::Saved = postcard::from_bytes(bytes).map_err(|_| bad("its content cannot be read"))?;
+        if self.solver.load(saved) { Ok(()) } else { Err(bad("its coordinates are not those of this hand and object")) }
+    }
+}

@@ -1,0 +1,193 @@
+//! Mass matrix and bias forces of the hand's tree: composite rigid bodies, and Newton's and Euler's equations from the base outwards
+//! (Featherstone, Rigid Body Dynamics Algorithms, chapters 5 and 6), in the frame of the base.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::kinematics::Kinematics;
+use crate::matrix::Matrix;
+use crate::model::Model;
+use crate::tree::JointKind;
+
+/// How the base's frame moves; axes of the base.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameMotion {
+    /// Gravity less the acceleration of the base's origin, m/s2.
+    pub gravity: Vector3<f64>,
+    /// Angular velocity, rad/s.
+    pub omega: Vector3<f64>,
+    /// Angular acceleration, rad/s2.
+    pub alpha: Vector3<f64>,
+}
+
+/// Mass, first moment and inertia about the base's origin.
+#[derive(Clone, Copy)]
+struct Composite {
+    mass: f64,
+    moment: Vector3<f64>,
+    inertia: Matrix3<f64>,
+}
+
+/// Velocity and acceleration of a body's frame without the unknown accelerations.
+#[derive(Clone, Copy)]
+struct Acceleration {
+    omega: Vector3<f64>,
+    alpha: Vector3<f64>,
+    /// Of the body's origin.
+    linear: Vector3<f64>,
+}
+
+/// Force and its moment about the base's origin.
+#[derive(Clone, Copy)]
+struct Wrench {
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
+}
+
+/// Buffers of one world.
+#[derive(Clone, Default)]
+pub(crate) struct Dynamics {
+    composites: Vec<Composite>,
+    accelerations: Vec<Acceleration>,
+    wrenches: Vec<Wrench>,
+    /// Force of gravity and of the motion itself on each free coordinate, N m (N).
+    pub bias: Vec<f64>,
+}
+
+impl Dynamics {
+    /// Writes the mass matrix (with armature) of the free coordinates to `mass` and their forces to `bias`.
+    ///
+    /// `velocity` and `acceleration` have one entry per coordinate, the driven ones last; accelerations of the free ones are not read.
+    pub fn update(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        frame: &FrameMotion,
+        velocity: &[f64],
+        acceleration: &[f64],
+        mass: &mut Matrix,
+    ) {
+        self.outwards(model, kinematics, frame, velocity, acceleration);
+        self.inwards(model, kinematics, mass);
+    }
+
+    fn outwards(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        frame: &FrameMotion,
+        velocity: &[f64],
+        acceleration: &[f64],
+    ) {
+        self.composites.clear();
+        self.accelerations.clear();
+        self.wrenches.clear();
+        let free = model.tree.coordinates.len();
+        for (index, body) in model.tree.bodies.iter().enumerate() {
+            let Some(joint) = &body.joint else {
+                self.accelerations.push(Acceleration {
+                    omega: frame.omega,
+                    alpha: frame.alpha,
+                    linear: -frame.gravity,
+                });
+                self.composites.push(Composite { mass: 0.0, moment: Vector3::zeros(), inertia: Matrix3::zeros() });
+                self.wrenches.push(Wrench { force: Vector3::zeros(), moment: Vector3::zeros() });
+                continue;
+            };
+            let above = self.accelerations[body.parent];
+            let at = kinematics.pose[index].translation.vector;
+            let arm = at - kinematics.pose[body.parent].translation.vector;
+            let rate = kinematics.axis[index] * (joint.ratio * velocity[joint.coordinate]);
+            let given = if joint.coordinate < free { 0.0 } else { acceleration[joint.coordinate] };
+            let given = kinematics.axis[index] * (joint.ratio * given);
+            let carried = above.linear + above.alpha.cross(&arm) + above.omega.cross(&above.omega.cross(&arm));
+            let own = match joint.kind {
+                JointKind::Revolute => Acceleration {
+                    omega: above.omega + rate,
+                    alpha: above.alpha + above.omega.cross(&rate) + given,
+                    linear: carried,
+                },
+                JointKind::Prismatic => {
+                    Acceleration { linear: carried + 2.0 * above.omega.cross(&rate) + given, ..above }
+                }
+            };
+            self.accelerations.push(own);
+            if model.columns[index].is_empty() {
+                // Carried by driven joints alone: no free coordinate feels it.
+                self.wrenches.push(Wrench { force: Vector3::zeros(), moment: Vector3::zeros() });
+                self.composites.push(Composite { mass: 0.0, moment: Vector3::zeros(), inertia: Matrix3::zeros() });
+                continue;
+            }
+            let turn = &kinematics.turn[index];
+            let arm = turn * body.center.coords;
+            let center = at + arm;
+            let inertia = turn * body.inertia * turn.transpose();
+            let force = body.mass * (own.linear + own.alpha.cross(&arm) + own.omega.cross(&own.omega.cross(&arm)));
+            let couple = inertia * own.alpha + own.omega.cross(&(inertia * own.omega));
+            self.wrenches.push(Wrench { force, moment: couple + center.cross(&force) });
+            self.composites.push(Composite {
+                mass: body.mass,
+                moment: body.mass * center,
+                inertia: inertia + steiner(body.mass, &center),
+            });
+        }
+    }
+
+    fn inwards(&mut self, model: &Model, kinematics: &Kinematics, mass: &mut Matrix) {
+        let free = model.tree.coordinates.len();
+        self.bias.clear();
+        self.bias.resize(free, 0.0);
+        for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
+            mass.row_mut(i)[..free].fill(0.0);
+            mass.row_mut(i)[i] = coordinate.armature;
+        }
+        for index in (1..model.tree.bodies.len()).rev() {
+            let body = &model.tree.bodies[index];
+            let Some(joint) = &body.joint else { continue };
+            let (wrench, composite) = (self.wrenches[index], self.composites[index]);
+            if model.columns[index].is_empty() {
+                continue;
+            }
+            if joint.coordinate < free {
+                let (angular, linear) = axis_at_origin(kinematics, index, joint.kind);
+                self.bias[joint.coordinate] -= joint.ratio * (angular.dot(&wrench.moment) + linear.dot(&wrench.force));
+                // Momentum of everything that this joint carries, per unit of its speed.
+                let push = composite.mass * linear + angular.cross(&composite.moment);
+                let spin = composite.inertia * angular + composite.moment.cross(&linear);
+                let mut other = index;
+                while let Some(joint_above) = &model.tree.bodies[other].joint {
+                    if joint_above.coordinate < free {
+                        let (a, l) = axis_at_origin(kinematics, other, joint_above.kind);
+                        let value = joint.ratio * joint_above.ratio * (a.dot(&spin) + l.dot(&push));
+                        mass.row_mut(joint.coordinate)[joint_above.coordinate] += value;
+                        if other != index {
+                            mass.row_mut(joint_above.coordinate)[joint.coordinate] += value;
+                        }
+                    }
+                    other = model.tree.bodies[other].parent;
+                }
+            }
+            let below = &mut self.wrenches[body.parent];
+            below.force += wrench.force;
+            below.moment += wrench.moment;
+            let below = &mut self.composites[body.parent];
+            below.mass += composite.mass;
+            below.moment += composite.moment;
+            below.inertia += composite.inertia;
+        }
+    }
+}
+
+/// A joint's axis as angular velocity and velocity of the point at the base's origin.
+fn axis_at_origin(kinematics: &Kinematics, body: usize, kind: JointKind) -> (Vector3<f64>, Vector3<f64>) {
+    let axis = kinematics.axis[body];
+    match kind {
+        JointKind::Revolute => (axis, kinematics.origin[body].cross(&axis)),
+        JointKind::Prismatic => (Vector3::zeros(), axis),
+    }
+}
+
+/// Inertia of a point mass about the origin.
+fn steiner(mass: f64, at: &Vector3<f64>) -> Matrix3<f64> {
+    mass * (Matrix3::identity() * at.norm_squared() - at * at.transpose())
+}

@@ -1,0 +1,205 @@
+//! Newton's method for the equations of a step, and a convex fallback for where it does not get on.
+
+use crate::kinematics::Kinematics;
+use crate::model::Model;
+use crate::problem::{Bounds, Problem};
+
+/// A step is taken if the residual falls by this share of the step.
+const DESCENT: f64 = 0.1;
+/// A step that does not descend is shortened by this factor, so many times.
+const SHORTER: f64 = 0.4;
+const SHORTENINGS: usize = 1;
+/// Convex steps at most before the iteration is given up.
+const CROSSINGS: usize = 12;
+/// Iterations of the convex problem in which friction's bounds still follow: in the first fallback, and in the last.
+const BOUND_UPDATES: [usize; 2] = [3, 6];
+/// Share of the first slope at which a line search ends, and its evaluations at most.
+const FLAT: f64 = 0.1;
+const LINE_EVALUATIONS: usize = 20;
+
+/// What it took to solve a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Effort {
+    pub iterations: u32,
+    pub evaluations: u32,
+    /// False where the velocities do not balance: Newton's method did not end even after the fallback.
+    pub converged: bool,
+    pub fallbacks: u32,
+    pub crossings: u32,
+}
+
+/// Buffers of the iteration.
+#[derive(Clone, Default)]
+pub(crate) struct Newton {
+    direction: Vec<f64>,
+    from: Vec<f64>,
+    pub effort: Effort,
+}
+
+impl Newton {
+    pub fn new(model: &Model) -> Self {
+        let n = model.unknowns();
+        Self { direction: vec![0.0; n], from: vec![0.0; n], effort: Effort::default() }
+    }
+
+    /// Solves for `problem.v`, beginning where it is; impulses and cable forces are those of the velocities found.
+    pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
+        self.effort = Effort::default();
+        self.effort.converged = self.coulomb(model, kinematics, problem);
+        if self.effort.converged {
+            return;
+        }
+        self.effort.fallbacks += 1;
+        self.convex(model, kinematics, problem, BOUND_UPDATES[0]);
+        self.from.copy_from_slice(&problem.v);
+        let convex = self.from.clone();
+        self.effort.converged = self.coulomb(model, kinematics, problem);
+        if !self.effort.converged {
+            problem.v.copy_from_slice(&convex);
+            self.convex(model, kinematics, problem, BOUND_UPDATES[1]);
+        }
+    }
+
+    fn evaluate(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, bounds: Bounds) -> f64 {
+        self.effort.evaluations += 1;
+        problem.evaluate(model, kinematics, bounds)
+    }
+
+    /// Newton's method on the true balance, bounds and all; false where it does not get on.
+    ///
+    /// Where a step along Newton's direction does not descend, contacts are about to open, close or stick: a step of the convex problem, with
+    /// friction's bounds as they are, crosses these kinks.
+    fn coulomb(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
+        let tolerance = model.solver.tolerance;
+        let mut now = self.evaluate(model, kinematics, problem, Bounds::Follow);
+        let mut crossings = 0;
+        for _ in 0..model.solver.max_iterations {
+            problem.differentiate(model, kinematics, Bounds::Follow);
+            self.effort.iterations += 1;
+            self.descend(problem);
+            if !problem.derivative.solve(&mut self.direction) {
+                return false;
+            }
+            let length = self.length(model);
+            self.from.copy_from_slice(&problem.v);
+            let mut step = 1.0;
+            let mut then = now;
+            for _ in 0..SHORTENINGS {
+                self.move_by(problem, step);
+                then = self.evaluate(model, kinematics, problem, Bounds::Follow);
+                if then <= now * (1.0 - DESCENT * step) || length <= tolerance {
+                    break;
+                }
+                step *= SHORTER;
+            }
+            if length <= tolerance {
+                return true;
+            }
+            if then <= now * (1.0 - DESCENT * step) {
+                // The next step would be as much shorter as the residual is smaller.
+                if length * (then / now).sqrt() <= 0.5 * tolerance {
+                    return true;
+                }
+                now = then;
+                continue;
+            }
+            crossings += 1;
+            if crossings > CROSSINGS {
+                return false;
+            }
+            problem.v.copy_from_slice(&self.from);
+            self.evaluate(model, kinematics, problem, Bounds::Follow);
+            if !self.convex_step(model, kinematics, problem) {
+                return false;
+            }
+            now = self.evaluate(model, kinematics, problem, Bounds::Follow);
+        }
+        false
+    }
+
+    /// One step of the convex problem from where it was evaluated last; false where there is no direction.
+    fn convex_step(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
+        self.effort.crossings += 1;
+        problem.differentiate(model, kinematics, Bounds::Frozen);
+        self.descend(problem);
+        if !problem.derivative.solve_definite(&mut self.direction) {
+            return false;
+        }
+        self.from.copy_from_slice(&problem.v);
+        self.line_search(model, kinematics, problem);
+        true
+    }
+
+    /// Newton's method with exact line search on the convex problem: friction's bounds follow for `updates` iterations, then they stay.
+    fn convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, updates: usize) {
+        for iteration in 0..model.solver.max_iterations {
+            if iteration < updates {
+                self.evaluate(model, kinematics, problem, Bounds::Follow);
+            }
+            self.evaluate(model, kinematics, problem, Bounds::Frozen);
+            problem.differentiate(model, kinematics, Bounds::Frozen);
+            self.effort.iterations += 1;
+            self.descend(problem);
+            if !problem.derivative.solve_definite(&mut self.direction) {
+                return;
+            }
+            self.from.copy_from_slice(&problem.v);
+            if self.length(model) <= model.solver.tolerance {
+                self.move_by(problem, 1.0);
+                self.evaluate(model, kinematics, problem, Bounds::Frozen);
+                return;
+            }
+            self.line_search(model, kinematics, problem);
+        }
+    }
+
+    /// Moves along the direction to where the cost is least: a root of its slope, by the Illinois method.
+    fn line_search(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
+        let slope = |this: &mut Self, problem: &mut Problem, step: f64| {
+            this.move_by(problem, step);
+            this.evaluate(model, kinematics, problem, Bounds::Frozen);
+            problem.residual.iter().zip(&this.direction).map(|(r, d)| r * d).sum::<f64>()
+        };
+        let start: f64 = problem.residual.iter().zip(&self.direction).map(|(r, d)| r * d).sum();
+        let full = slope(self, problem, 1.0);
+        if full <= FLAT * start.abs() {
+            return;
+        }
+        let (mut low, mut at_low, mut high, mut at_high) = (0.0, start, 1.0, full);
+        let mut last = 0.0_f64;
+        for _ in 0..LINE_EVALUATIONS {
+            let margin = 0.02 * (high - low);
+            let step = ((low * at_high - high * at_low) / (at_high - at_low)).clamp(low + margin, high - margin);
+            let found = slope(self, problem, step);
+            if found.abs() <= FLAT * start.abs() {
+                return;
+            }
+            if found > 0.0 {
+                (high, at_high) = (step, found);
+                at_low *= if last > 0.0 { 0.5 } else { 1.0 };
+            } else {
+                (low, at_low) = (step, found);
+                at_high *= if last < 0.0 { 0.5 } else { 1.0 };
+            }
+            last = found;
+        }
+    }
+
+    /// The right-hand side of Newton's equation.
+    fn descend(&mut self, problem: &Problem) {
+        for (d, r) in self.direction.iter_mut().zip(&problem.residual) {
+            *d = -r;
+        }
+    }
+
+    fn move_by(&self, problem: &mut Problem, step: f64) {
+        for ((v, from), d) in problem.v.iter_mut().zip(&self.from).zip(&self.direction) {
+            *v = from + step * d;
+        }
+    }
+
+    /// Largest change of a velocity along the direction, m/s.
+    fn length(&self, model: &Model) -> f64 {
+        self.direction.iter().zip(&model.levers).fold(0.0, |most, (d, lever)| most.max(d.abs() * lever))
+    }
+}

@@ -1,0 +1,66 @@
+//! Table and ground, as they are in the frame of the hand's base.
+
+use nalgebra::{Isometry3, Vector3};
+
+/// A table (its top at z = 0 of the world, centred at the origin) over an endless ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scenery {
+    /// Side of the table top, metres.
+    pub table_side: f64,
+    /// Thickness of the table top, metres.
+    pub table_thickness: f64,
+    /// Height of the table top above the ground, metres.
+    pub table_height: f64,
+    /// Friction factor of both.
+    pub friction: f64,
+}
+
+/// A horizontal plane in the frame of the base.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plane {
+    /// Its axes and its normal.
+    pub x: Vector3<f64>,
+    pub y: Vector3<f64>,
+    pub up: Vector3<f64>,
+    /// `up . p` of its points.
+    pub height: f64,
+    /// `x . p` and `y . p` of its middle.
+    pub middle: [f64; 2],
+    /// Half its side; infinite for the ground.
+    pub half: f64,
+}
+
+/// Which plane a contact is on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Surface {
+    /// The table top.
+    Table,
+    /// The ground.
+    Ground,
+}
+
+impl Scenery {
+    /// Both planes; the table first.
+    pub(crate) fn planes(&self, base_from_world: &Isometry3<f64>) -> [Plane; 2] {
+        let turn = base_from_world.rotation.to_rotation_matrix();
+        let (x, y, up) = (turn * Vector3::x(), turn * Vector3::y(), turn * Vector3::z());
+        let origin = base_from_world.translation.vector;
+        let plane = |z: f64, half| Plane {
+            x,
+            y,
+            up,
+            height: up.dot(&origin) + z,
+            middle: [x.dot(&origin), y.dot(&origin)],
+            half,
+        };
+        [plane(0.0, self.table_side / 2.0), plane(-self.table_height, f64::INFINITY)]
+    }
+}
+
+impl Plane {
+    /// Height of a point above the plane.
+    #[inline]
+    pub fn gap(&self, p: &Vector3<f64>) -> f64 {
+        self.up.dot(p) - self.height
+    }
+}

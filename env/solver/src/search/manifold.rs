@@ -1,0 +1,48 @@
+//! Which points of parry's manifold are kept: four at most, that span it.
+
+use parry3d::math::Vector;
+use parry3d::query::ContactManifold;
+
+/// Points kept of a manifold: more of them add unknowns, and no support.
+const MOST: usize = 4;
+
+/// Points nearer to each other than this are one, parry's lengths squared: 0.1 mm. Parry lists the closest points once more beside the
+/// corners that it clips.
+const TWIN: f32 = 1e-4;
+
+/// Indices of the points that are kept, and how many they are.
+pub(super) fn chosen(manifold: &ContactManifold<(), ()>, reach: f32) -> ([usize; MOST], usize) {
+    let points = &manifold.points;
+    let twin = |i: usize| (0..i).any(|j| (points[j].local_p1 - points[i].local_p1).length_squared() < TWIN);
+    let mut near = [0_usize; 32];
+    let mut count = 0;
+    for i in 0..points.len() {
+        if count < near.len() && points[i].dist <= reach && !twin(i) {
+            near[count] = i;
+            count += 1;
+        }
+    }
+    let near = &near[..count];
+    let mut kept = [0; MOST];
+    if count <= MOST {
+        kept[..count].copy_from_slice(near);
+        return (kept, count);
+    }
+    // The deepest, the farthest from it, and the farthest on both sides of the line between these two.
+    let at = |i: usize| points[i].local_p1;
+    let best =
+        |value: &dyn Fn(usize) -> f32| near.iter().copied().max_by(|i, j| value(*i).total_cmp(&value(*j))).unwrap_or(0);
+    let first = best(&|i| -points[i].dist);
+    let second = best(&|i| (at(i) - at(first)).length_squared());
+    let across: Vector = manifold.local_n1.cross(at(second) - at(first));
+    let third = best(&|i| across.dot(at(i) - at(first)));
+    let fourth = best(&|i| -across.dot(at(i) - at(first)));
+    let mut used = 0;
+    for i in [first, second, third, fourth] {
+        if !kept[..used].contains(&i) {
+            kept[used] = i;
+            used += 1;
+        }
+    }
+    (kept, used)
+}

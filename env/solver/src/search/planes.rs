@@ -1,0 +1,174 @@
+//! Corners of a body over table and ground; parts of it over an edge of the table.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use parry3d::shape::{Cuboid, Shape};
+use std::f64::consts::FRAC_1_SQRT_2;
+
+use super::manifold::chosen;
+use super::{Candidate, Opposite, Searcher, Situation};
+use crate::model::{BASE, BodyIndex, Corners, Model, OBJECT};
+use crate::scenery::{Plane, Surface};
+use crate::units;
+
+/// Directions in the plane in which the farthest corners are kept.
+const DIRECTIONS: [[f64; 2]; 8] = [
+    [1.0, 0.0],
+    [FRAC_1_SQRT_2, FRAC_1_SQRT_2],
+    [0.0, 1.0],
+    [-FRAC_1_SQRT_2, FRAC_1_SQRT_2],
+    [-1.0, 0.0],
+    [-FRAC_1_SQRT_2, -FRAC_1_SQRT_2],
+    [0.0, -1.0],
+    [FRAC_1_SQRT_2, -FRAC_1_SQRT_2],
+];
+
+/// Shapes with this many corners or fewer keep all of them.
+const FEW: usize = 8;
+
+/// A millimetre above the lowest corner counts as this many millimetres less far out.
+const HEIGHT_WEIGHT: f64 = 30.0;
+
+/// A plane in the frame of a body.
+struct Local {
+    x: Vector3<f64>,
+    y: Vector3<f64>,
+    up: Vector3<f64>,
+    /// Of the body's origin.
+    gap: f64,
+    at: [f64; 2],
+    half: f64,
+    /// Corners deeper than this are under the table, not in it.
+    deepest: f64,
+}
+
+impl Local {
+    fn new(plane: &Plane, pose: &Isometry3<f64>, deepest: f64) -> Self {
+        let local = |v: &Vector3<f64>| pose.rotation.inverse_transform_vector(v);
+        let origin = &pose.translation.vector;
+        Self {
+            x: local(&plane.x),
+            y: local(&plane.y),
+            up: local(&plane.up),
+            gap: plane.gap(origin),
+            at: [plane.x.dot(origin) - plane.middle[0], plane.y.dot(origin) - plane.middle[1]],
+            half: plane.half,
+            deepest,
+        }
+    }
+
+    /// Height of a corner that is over the surface.
+    #[inline]
+    fn over(&self, p: &Vector3<f64>) -> Option<f64> {
+        let z = self.up.dot(p) + self.gap;
+        let inside =
+            || (self.x.dot(p) + self.at[0]).abs() < self.half && (self.y.dot(p) + self.at[1]).abs() < self.half;
+        (z > self.deepest && inside()).then_some(z)
+    }
+}
+
+impl Searcher {
+    pub(super) fn over_scenery(&mut self, model: &Model, now: &Situation, pair: usize) {
+        let body = model.pairs[pair].a;
+        let edge = over_edge(model, now, body);
+        for (plane, surface) in now.planes.iter().zip([Surface::Table, Surface::Ground]) {
+            if surface == Surface::Table && edge {
+                self.table_as_box(model, now, pair);
+                continue;
+            }
+            let local = Local::new(plane, &now.poses[body], -model.scenery.table_thickness / 2.0);
+            for corners in &model.corners[body] {
+                let friction = corners.friction * model.scenery.friction;
+                let cache = &mut self.pairs[pair];
+                let margin = cache.margin;
+                let candidates = &mut cache.candidates;
+                extremes(corners, &local, margin, |p| {
+                    candidates.push(Candidate {
+                        on_a: p - local.up * corners.radius,
+                        opposite: Opposite::Plane(surface),
+                        friction,
+                        shapes: [corners.shape, None],
+                    });
+                });
+            }
+        }
+    }
+
+    /// The table as a box: its edges carry what has no corner over the table.
+    fn table_as_box(&mut self, model: &Model, now: &Situation, pair: usize) {
+        let body = model.pairs[pair].a;
+        let (side, thick) = (model.scenery.table_side / 2.0, model.scenery.table_thickness / 2.0);
+        let table = Cuboid::new(units::lengths(&Vector3::new(side, side, thick)));
+        let world_from_box = Isometry3::translation(0.0, 0.0, -thick);
+        let base_from_box = now.poses[model.scenery_body()] * world_from_box;
+        let box_from_body = base_from_box.inv_mul(&now.poses[body]);
+        let reach = units::length(self.pairs[pair].margin);
+        let one = |this: &mut Self, shape: &dyn Shape, body_from_shape: &Isometry3<f64>, friction, index| {
+            let place = units::pose(&(box_from_body * body_from_shape).inverse());
+            if !this.contact(&place, shape, &table, parry3d::math::Vector::ZERO, reach) {
+                return;
+            }
+            let (kept, count) = chosen(&this.manifold, reach);
+            let normal = body_from_shape.rotation * units::direction(this.manifold.local_n1);
+            for point in kept[..count].iter().map(|i| &this.manifold.points[*i]) {
+                let on_a = (body_from_shape * Point3::from(units::metres64(point.local_p1))).coords;
+                let on_b = (world_from_box * Point3::from(units::metres64(point.local_p2))).coords;
+                let opposite = Opposite::Point { on_b, normal };
+                let friction = friction * model.scenery.friction;
+                this.pairs[pair].candidates.push(Candidate { on_a, opposite, friction, shapes: [index, None] });
+            }
+        };
+        if body == OBJECT {
+            for part in &model.parts {
+                one(self, &*part.shape, &part.object_from_part, model.object.friction, None);
+            }
+        } else {
+            for index in model.shapes_of[body - BASE].clone() {
+                let shape = &model.shapes[index];
+                one(self, &*shape.shape, &shape.body_from_shape, shape.friction, Some(index as u16));
+            }
+        }
+    }
+}
+
+/// True where an edge of the table is within the body's bounding sphere.
+fn over_edge(model: &Model, now: &Situation, body: BodyIndex) -> bool {
+    let table = &now.planes[0];
+    let (center, radius) = (&now.moving[body].center, model.radius[body]);
+    let outside = |axis: &Vector3<f64>, middle: f64| (axis.dot(center) - middle).abs() - table.half;
+    let out = outside(&table.x, table.middle[0]).max(outside(&table.y, table.middle[1]));
+    let below = -table.gap(center) - model.scenery.table_thickness;
+    out.abs() < radius && below < radius
+}
+
+/// The corners that may touch the plane: all of a few; of many the lowest, and the farthest in eight directions.
+fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(&Vector3<f64>)) {
+    let near = |p: &Vector3<f64>| plane.over(p).filter(|z| z - corners.radius <= margin);
+    if corners.points.len() <= FEW {
+        corners.points.iter().filter(|p| near(p).is_some()).for_each(push);
+        return;
+    }
+    let mut lowest = (f64::MAX, usize::MAX);
+    let mut farthest = [(f64::MIN, usize::MAX); 8];
+    for (index, p) in corners.points.iter().enumerate() {
+        let Some(z) = near(p) else { continue };
+        if z < lowest.0 {
+            lowest = (z, index);
+        }
+        let (x, y) = (plane.x.dot(p), plane.y.dot(p));
+        for (direction, best) in DIRECTIONS.iter().zip(&mut farthest) {
+            let value = direction[0] * x + direction[1] * y - HEIGHT_WEIGHT * z;
+            if value > best.0 {
+                *best = (value, index);
+            }
+        }
+    }
+    let mut chosen = [usize::MAX; 9];
+    let mut count = 0;
+    for index in std::iter::once(lowest.1).chain(farthest.iter().map(|b| b.1)) {
+        if index != usize::MAX && !chosen[..count].contains(&index) {
+            chosen[count] = index;
+            count += 1;
+            push(&corners.points[index]);
+        }
+    }
+}

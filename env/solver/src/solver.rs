@@ -1,0 +1,364 @@
+//! The solver of one world: its state, and a step of it.
+
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+use crate::contacts::Contact;
+use crate::dynamics::{Dynamics, FrameMotion};
+use crate::kinematics::{Kinematics, Twist};
+use crate::model::{BASE, Model, OBJECT};
+use crate::newton::Newton;
+use crate::problem::Problem;
+use crate::rows;
+use crate::search::{Moving, SavedSearch, Searcher, Situation};
+
+/// What is given for a step.
+pub struct StepInput<'a> {
+    /// Duration, seconds.
+    pub dt: f64,
+    /// The world in the base's frame, before and after.
+    pub base_from_world: Isometry3<f64>,
+    /// At the end of the step.
+    pub base_from_world_after: Isometry3<f64>,
+    /// How the base's frame moves.
+    pub frame: FrameMotion,
+    /// Driven coordinates at the end of the step.
+    pub driven: &'a [f64],
+    /// For every cable the length that is given at the end of the step, and the rate at which it was.
+    pub cables: &'a [Given],
+}
+
+/// The length that a cable is given.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Given {
+    /// At the end of the step, metres.
+    pub length: f64,
+    /// During the step, m/s.
+    pub rate: f64,
+}
+
+/// Everything that a world carries from step to step.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct State {
+    /// The object in the base's frame.
+    pub base_from_object: Isometry3<f64>,
+    /// Velocity of its centre of mass in the base's frame, m/s.
+    pub linear: Vector3<f64>,
+    /// Its angular velocity in the base's frame, rad/s.
+    pub angular: Vector3<f64>,
+    /// Coordinates, the driven ones last.
+    pub positions: Vec<f64>,
+    /// Their rates.
+    pub rates: Vec<f64>,
+    /// Forces of the cables, N.
+    pub cable_forces: Vec<f64>,
+    /// Factors on the object's friction and mass.
+    pub friction_factor: f64,
+    /// See `friction_factor`.
+    pub mass_factor: f64,
+    /// Steps whose velocities did not balance.
+    pub unconverged_steps: u64,
+}
+
+/// A state as it is saved: with what the search for contacts starts from.
+#[derive(Serialize, Deserialize)]
+pub struct Saved {
+    state: State,
+    search: SavedSearch,
+    contacts: Vec<Contact>,
+}
+
+/// The solver of one world.
+#[derive(Clone)]
+pub struct Solver {
+    pub(crate) model: Arc<Model>,
+    state: State,
+    pub(crate) searcher: Searcher,
+    kinematics: Kinematics,
+    dynamics: Dynamics,
+    pub(crate) problem: Problem,
+    newton: Newton,
+    /// By body of contact, at the beginning of the last step.
+    pub(crate) poses: Vec<Isometry3<f64>>,
+    pub(crate) turns: Vec<Matrix3<f64>>,
+    /// Where the problem's points come from.
+    pub(crate) origins: Vec<rows::Origin>,
+    /// Contacts of the step before the state was loaded.
+    pub(crate) loaded: Vec<Contact>,
+    moving: Vec<Moving>,
+    accelerations: Vec<f64>,
+}
+
+impl Solver {
+    /// A world in which all coordinates are 0 and the object is at the origin.
+    #[must_use]
+    pub fn new(model: Arc<Model>) -> Self {
+        let count = model.tree.coordinates.len() + model.tree.driven;
+        let state = State {
+            base_from_object: Isometry3::identity(),
+            linear: Vector3::zeros(),
+            angular: Vector3::zeros(),
+            positions: vec![0.0; count],
+            rates: vec![0.0; count],
+            cable_forces: vec![0.0; model.tree.cables.len()],
+            friction_factor: 1.0,
+            mass_factor: 1.0,
+            unconverged_steps: 0,
+        };
+        Self {
+            searcher: Searcher::new(&model),
+            kinematics: Kinematics::default(),
+            dynamics: Dynamics::default(),
+            problem: Problem::new(&model),
+            newton: Newton::new(&model),
+            poses: Vec::new(),
+            turns: Vec::new(),
+            origins: Vec::new(),
+            loaded: Vec::new(),
+            moving: Vec::new(),
+            accelerations: vec![0.0; count],
+            state,
+            model,
+        }
+    }
+
+    /// What this world shares with others.
+    #[must_use]
+    pub fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    /// Its state.
+    #[must_use]
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Its state, to be set by who poses it. The lengths of its lists must stay.
+    pub fn state_mut(&mut self) -> &mut State {
+        &mut self.state
+    }
+
+    /// The state to be saved.
+    #[must_use]
+    pub fn save(&self) -> Saved {
+        let mut contacts = Vec::new();
+        self.contacts(|_, _| true, |contact| contacts.push(*contact));
+        Saved { state: self.state.clone(), search: self.searcher.save(), contacts }
+    }
+
+    /// Takes a saved state; false, and nothing changes, for one of another model.
+    pub fn load(&mut self, saved: Saved) -> bool {
+        let (new, old) = (&saved.state, &self.state);
+        let fits = new.positions.len() == old.positions.len()
+            && new.rates.len() == old.rates.len()
+            && new.cable_forces.len() == old.cable_forces.len();
+        if !fits || !self.searcher.load(saved.search) {
+            return false;
+        }
+        self.state = saved.state;
+        self.loaded = saved.contacts;
+        self.origins.clear();
+        true
+    }
+
+    /// False once a number of the state is not finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let state = &self.state;
+        let place = state.base_from_object.translation.vector;
+        let vectors = [&state.linear, &state.angular, &place];
+        vectors.iter().flat_map(|v| v.iter()).chain(&state.rates).chain(&state.positions).all(|x| x.is_finite())
+    }
+
+    /// Advances by one step.
+    pub fn step(&mut self, input: &StepInput) {
+        let model = Arc::clone(&self.model);
+        let free = model.tree.coordinates.len();
+        self.drive(&model, input);
+        let center = self.object_center();
+        self.kinematics.place(&model, &self.state.positions);
+        self.kinematics.differentiate(&model, &center, &self.state.rates[free..]);
+        let mass = &mut self.problem.mass;
+        let (rates, accelerations) = (&self.state.rates, &self.accelerations);
+        self.dynamics.update(&model, &self.kinematics, &input.frame, rates, accelerations, mass);
+        self.object_momentum(&model, input, &center);
+        self.hand_momentum(&model, input);
+        self.find_contacts(&model, input, &center);
+        self.newton.solve(&model, &self.kinematics, &mut self.problem);
+        self.integrate(&model, input, &center);
+        use std::sync::atomic::Ordering::Relaxed;
+        let e = &self.newton.effort;
+        for (c, x) in COUNTS.iter().zip([
+            1,
+            u64::from(e.iterations),
+            u64::from(e.evaluations),
+            self.problem.points.len() as u64,
+            u64::from(e.fallbacks),
+            u64::from(!e.converged),
+            u64::from(e.crossings),
+        ]) {
+            c.fetch_add(x, Relaxed);
+        }
+    }
+
+    /// Iterations, evaluations and fallbacks of the last step.
+    #[must_use]
+    pub fn effort(&self) -> [u32; 3] {
+        let effort = &self.newton.effort;
+        [effort.iterations, effort.evaluations, effort.fallbacks]
+    }
+
+    /// Centre of mass of the object, base's frame.
+    #[must_use]
+    pub fn object_center(&self) -> Vector3<f64> {
+        (self.state.base_from_object * self.model.object.center).coords
+    }
+
+    /// Rates and accelerations of the driven coordinates.
+    fn drive(&mut self, model: &Model, input: &StepInput) {
+        let free = model.tree.coordinates.len();
+        for (i, target) in input.driven.iter().enumerate() {
+            let index = free + i;
+            let rate = (target - self.state.positions[index]) / input.dt;
+            self.accelerations[index] = (rate - self.state.rates[index]) / input.dt;
+            self.state.rates[index] = rate;
+        }
+    }
+
+    fn object_momentum(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
+        let (state, frame, dt) = (&self.state, &input.frame, input.dt);
+        let turn = state.base_from_object.rotation.to_rotation_matrix();
+        let inertia = turn.matrix() * (model.object.inertia * state.mass_factor) * turn.matrix().transpose();
+        let mass = model.object.mass * state.mass_factor;
+        let (omega, alpha) = (&frame.omega, &frame.alpha);
+        let push =
+            frame.gravity - 2.0 * omega.cross(&state.linear) - omega.cross(&omega.cross(center)) - alpha.cross(center);
+        let spin = state.angular;
+        let total = spin + omega;
+        // d/dt (I w) + w x (I w) = 0 with w = spin + omega; what is left of spin x (I spin) is integrated implicitly.
+        let torque =
+            inertia * (spin.cross(omega) - alpha) - total.cross(&(inertia * total)) + spin.cross(&(inertia * spin));
+        let pushed = spin + dt * inertia.try_inverse().map_or_else(Vector3::zeros, |i| i * torque);
+        let momentum = inertia * gyroscopic(&inertia, &pushed, dt);
+        let linear = mass * (state.linear + dt * push);
+        let free = model.tree.coordinates.len();
+        let problem = &mut self.problem;
+        problem.object_mass = mass;
+        problem.object_inertia = inertia;
+        for i in 0..3 {
+            problem.momentum[free + i] = linear[i];
+            problem.momentum[free + 3 + i] = momentum[i];
+            problem.v[free + i] = state.linear[i];
+            problem.v[free + 3 + i] = state.angular[i];
+        }
+    }
+
+    fn hand_momentum(&mut self, model: &Model, input: &StepInput) {
+        let (state, problem, dt) = (&self.state, &mut self.problem, input.dt);
+        problem.dt = dt;
+        for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
+            let row = problem.mass.row(i);
+            let block = model.blocks[i].clone();
+            let carried: f64 = row[block.clone()].iter().zip(&state.rates[block]).map(|(m, v)| m * v).sum();
+            let spring = coordinate.stiffness * (coordinate.spring_reference - state.positions[i]);
+            problem.momentum[i] = carried + dt * (self.dynamics.bias[i] + spring);
+            problem.v[i] = state.rates[i];
+            problem.q[i] = state.positions[i];
+        }
+        for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
+            problem.mass.row_mut(i)[i] += dt * coordinate.damping;
+        }
+        for ((cable, given), own) in model.tree.cables.iter().zip(input.cables).zip(&mut problem.cables) {
+            let taken: f64 = cable.arms.iter().map(|(c, arm)| arm * state.positions[*c]).sum();
+            own.stretch = given.length - dt * given.rate - taken;
+            own.given_rate = given.rate;
+            let damping = own.saturated_damping(cable);
+            for (c, arm) in cable.arms.iter().filter(|_| damping > 0.0) {
+                problem.mass.row_mut(*c)[*c] += dt * damping * arm * arm;
+            }
+        }
+    }
+
+    fn find_contacts(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
+        let scenery = scenery_twist(input, center);
+        let kinematics = &self.kinematics;
+        self.poses.clear();
+        self.moving.clear();
+        self.turns.clear();
+        self.loaded.clear();
+        self.poses.push(self.state.base_from_object);
+        self.poses.extend(&kinematics.pose);
+        self.poses.push(input.base_from_world);
+        let matrix = |pose: &Isometry3<f64>| pose.rotation.to_rotation_matrix().into_inner();
+        self.turns.push(matrix(&self.state.base_from_object));
+        self.turns.extend(&kinematics.turn);
+        self.turns.push(matrix(&input.base_from_world));
+        let state = &self.state;
+        for body in 0..self.poses.len() {
+            let twist = match body {
+                OBJECT => Twist { linear: state.linear, angular: state.angular },
+                _ if body == model.scenery_body() => {
+                    // Seen at the base's origin.
+                    let moved = scenery.at(&-center);
+                    self.moving.push(Moving { center: Vector3::zeros(), velocity: moved, omega: scenery.angular });
+                    continue;
+                }
+                _ => kinematics.twist(model, body - BASE, &state.rates),
+            };
+            let middle = self.turns[body] * model.center[body] + self.poses[body].translation.vector;
+            let velocity = twist.at(&(middle - center));
+            self.moving.push(Moving { center: middle, velocity, omega: twist.angular });
+        }
+        let planes = model.scenery.planes(&input.base_from_world);
+        let now =
+            Situation { dt: input.dt, poses: &self.poses, turns: &self.turns, moving: &self.moving, planes: &planes };
+        self.searcher.search(model, &now);
+        let scene = rows::Scene { now, center: *center, scenery, mass: self.problem.object_mass };
+        let pairs = &self.searcher.pairs;
+        let factor = self.state.friction_factor;
+        rows::collect(model, &scene, kinematics, pairs, factor, &mut self.problem, &mut self.origins);
+    }
+
+    fn integrate(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
+        let (state, problem, dt) = (&mut self.state, &self.problem, input.dt);
+        let free = model.tree.coordinates.len();
+        let v = &problem.v[free..];
+        state.linear = Vector3::new(v[0], v[1], v[2]);
+        state.angular = Vector3::new(v[3], v[4], v[5]);
+        let turn = UnitQuaternion::from_scaled_axis(state.angular * dt);
+        let mut rotation = turn * state.base_from_object.rotation;
+        rotation.renormalize();
+        let place = center + dt * state.linear - rotation * model.object.center.coords;
+        state.base_from_object = Isometry3::from_parts(Translation3::from(place), rotation);
+        for i in 0..free {
+            state.rates[i] = problem.v[i];
+            state.positions[i] += dt * problem.v[i];
+        }
+        state.positions[free..].copy_from_slice(input.driven);
+        for (force, cable) in state.cable_forces.iter_mut().zip(&problem.cables) {
+            *force = cable.force;
+        }
+        state.unconverged_steps += u64::from(!self.newton.effort.converged);
+    }
+}
+
+/// How the world moves in the base's frame during the step, at the object's centre of mass.
+fn scenery_twist(input: &StepInput, center: &Vector3<f64>) -> Twist {
+    let moved = input.base_from_world_after * input.base_from_world.inverse();
+    let after = moved.rotation * center + moved.translation.vector;
+    Twist { linear: (after - center) / input.dt, angular: moved.rotation.scaled_axis() / input.dt }
+}
+
+/// Angular velocity after one implicit step of a free body's tumbling: one step of Newton's method for
+/// `I (w - w0) + dt w x I w = 0`, from `w0`.
+fn gyroscopic(inertia: &Matrix3<f64>, spin: &Vector3<f64>, dt: f64) -> Vector3<f64> {
+    let momentum = inertia * spin;
+    let residual = dt * spin.cross(&momentum);
+    let derivative = inertia + dt * (spin.cross_matrix() * inertia - momentum.cross_matrix());
+    derivative.try_inverse().map_or(*spin, |inverse| spin - inverse * residual)
+}
+
+/// TEMPORARY
+pub static COUNTS: [std::sync::atomic::AtomicU64; 7] = [const { std::sync::atomic::AtomicU64::new(0) }; 7];
