@@ -100,7 +100,8 @@ def prepare_objects(
 
 def options_json(options: Mapping[str, Any] | None) -> str | None:
     """Write the options of a reset as the core reads them."""
-    return json.dumps(plain(checked_options(options), "reset options"))
+    checked = checked_options(options)
+    return json.dumps(plain(checked, "reset options")) if checked else None
 
 
 def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
