@@ -76,6 +76,7 @@ class OutcomeArrays(TypedDict):
     kindness_rate: NDArray[np.float64]
     lift: NDArray[np.float64]
     time: NDArray[np.float64]
+    unconverged_steps: NDArray[np.int64]
     failure: list[str]
 
 @type_check_only

@@ -36,6 +36,8 @@ class Outcome:
         The study's kindness, or NaN.
     time : float
         Simulated seconds.
+    unconverged_steps : int
+        Steps in which the solver found no balance of forces.
     """
 
     success: bool
@@ -46,6 +48,7 @@ class Outcome:
     legacy_success: bool
     kindness: float
     time: float
+    unconverged_steps: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,6 +74,8 @@ class Outcomes(ByValue):
         The study's kindness; NaN where an early stop prevented it (``TrialConfig(legacy=True)`` always measures it).
     time : (n,) float64
         Simulated seconds.
+    unconverged_steps : (n,) int64
+        Steps in which the solver found no balance of forces; 0 for rapier, which does not measure it.
     """
 
     success: NDArray[np.bool_]
@@ -81,6 +86,7 @@ class Outcomes(ByValue):
     legacy_success: NDArray[np.bool_]
     kindness: NDArray[np.float64]
     time: NDArray[np.float64]
+    unconverged_steps: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.success)

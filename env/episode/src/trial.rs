@@ -81,6 +81,8 @@ pub struct TrialOutcome {
     pub kindness: Option<f64>,
     /// Simulated seconds.
     pub time: f64,
+    /// Steps in which the solver found no balance of forces; 0 for an engine that does not measure it.
+    pub unconverged_steps: u64,
 }
 
 /// One row of a trial's trace, every 10 ms.
@@ -308,6 +310,7 @@ impl Trial {
             legacy_success: self.reading.map(|reading| reading.success),
             kindness: self.reading.map(|reading| reading.kindness),
             time: world.time(),
+            unconverged_steps: world.unconverged_steps(),
         }
     }
 }
@@ -332,6 +335,7 @@ impl TrialOutcome {
             legacy_success: None,
             kindness: None,
             time: 0.0,
+            unconverged_steps: 0,
         }
     }
 }

@@ -173,6 +173,8 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     dict.set_item("kindness_rate", numbers(|o| o.kindness_rate.unwrap_or(f64::NAN))?)?;
     dict.set_item("lift", numbers(|o| o.lift)?)?;
     dict.set_item("time", numbers(|o| o.time)?)?;
+    let counts = outcomes.iter().map(|o| o.unconverged_steps as i64).collect::<Vec<i64>>();
+    dict.set_item("unconverged_steps", array(py, counts, n)?)?;
     let names = outcomes.iter().map(|o| o.failure.map_or("", FailureKind::name)).collect::<Vec<_>>();
     dict.set_item("failure", names)?;
     Ok(dict)

@@ -188,19 +188,6 @@ impl Solver {
         self.find_contacts(&model, input, &center);
         self.newton.solve(&model, &self.kinematics, &mut self.problem);
         self.integrate(&model, input, &center);
-        use std::sync::atomic::Ordering::Relaxed;
-        let e = &self.newton.effort;
-        for (c, x) in COUNTS.iter().zip([
-            1,
-            u64::from(e.iterations),
-            u64::from(e.evaluations),
-            self.problem.points.len() as u64,
-            u64::from(e.fallbacks),
-            u64::from(!e.converged),
-            u64::from(e.crossings),
-        ]) {
-            c.fetch_add(x, Relaxed);
-        }
     }
 
     /// Iterations, evaluations and fallbacks of the last step.
@@ -359,6 +346,3 @@ fn gyroscopic(inertia: &Matrix3<f64>, spin: &Vector3<f64>, dt: f64) -> Vector3<f
     let derivative = inertia + dt * (spin.cross_matrix() * inertia - momentum.cross_matrix());
     derivative.try_inverse().map_or(*spin, |inverse| spin - inverse * residual)
 }
-
-/// TEMPORARY
-pub static COUNTS: [std::sync::atomic::AtomicU64; 7] = [const { std::sync::atomic::AtomicU64::new(0) }; 7];

@@ -98,10 +98,9 @@ def prepare_objects(
         progress(last)
 
 
-def options_json(options: Mapping[str, Any] | None) -> str | None:
+def options_json(options: Mapping[str, Any] | None) -> str:
     """Write the options of a reset as the core reads them."""
-    checked = checked_options(options)
-    return json.dumps(plain(checked, "reset options")) if checked else None
+    return json.dumps(plain(checked_options(options), "reset options"))
 
 
 def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
