@@ -7,12 +7,10 @@
 //! | `finger` | the tendon law, written into the engine's joint springs |
 //! | `forces` | fictitious forces of the moving frame |
 //! | `contacts` | contact points, in the words of the seam |
-//! | `dispatch` | faster searches for contacts |
 //! | `frames` | conversions of units and types |
 
 mod build;
 mod contacts;
-mod dispatch;
 mod finger;
 mod forces;
 mod frames;
@@ -23,7 +21,7 @@ use crate::config::PhysicsConfig;
 use crate::engine::{Contact, Engine, JointState, Part, StepInput};
 use crate::object::ObjectModel;
 use build::Handles;
-use dispatch::Dispatcher;
+use graspbox_solver::dispatch::Dispatcher;
 use forces::FrameForces;
 use graspbox_hand::Hand;
 use nalgebra::{Isometry3, Vector3};

@@ -3,9 +3,11 @@
 | module | what it compares with |
 |---|---|
 | `graspbox.validation.mujoco`      | an independent simulator: the same trials in MuJoCo (extra ``dev``) |
+| `graspbox.validation.engines`     | our own solver with rapier: labels and speed |
 | `graspbox.validation.study`       | table 3.1 of the reference study, compared with graspbox (extra ``ycb``) |
 | `graspbox.validation.study_chart` | that table as a bar chart (extra ``cli``) |
 
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
+``python -m graspbox.validation engines --poses 20 --seed 0 [--json]``
 ``python -m graspbox.validation study --poses 20 --seed 0 [--json]``
 """

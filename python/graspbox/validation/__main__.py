@@ -1,9 +1,10 @@
-"""``python -m graspbox.validation CHECK``: compare graspbox with MuJoCo or with the reference study.
+"""``python -m graspbox.validation CHECK``: compare graspbox with MuJoCo, its engines with each other, or it with the reference study.
 
-| check | what it prints |
+| check       | what it prints |
 |---|---|
-| ``mujoco`` | the share of random grasps that MuJoCo and the core label alike |
-| ``study``  | table 3.1 of the reference study, compared with graspbox |
+| ``mujoco``  | the share of random grasps that MuJoCo and the core label alike |
+| ``engines`` | labels and speed of our own solver and of rapier |
+| ``study``   | table 3.1 of the reference study, compared with graspbox |
 
 ``CHECK --help`` lists the options of a check. Exit status: 0 if the check passed, 1 if it did not, 2 for a wrong call.
 """
@@ -13,7 +14,7 @@ import sys
 
 from graspbox.errors import GraspboxError
 
-CHECKS = ("mujoco", "study")
+CHECKS = ("mujoco", "engines", "study")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -26,7 +27,11 @@ def main(arguments: list[str] | None = None) -> int:
     check = parser.parse_args(given[:1]).check
     try:
         if check == "mujoco":
-            from graspbox.validation.mujoco.command import main as compare_engines
+            from graspbox.validation.mujoco.command import main as compare_with_mujoco
+
+            return compare_with_mujoco(given[1:])
+        if check == "engines":
+            from graspbox.validation.engines import main as compare_engines
 
             return compare_engines(given[1:])
         from graspbox.validation.study_command import main as compare_study

@@ -1,6 +1,6 @@
 //! Assembles the engine's world: a fixed hand root, one multibody a finger, the object, the moving table.
 
-use super::dispatch::Dispatcher;
+use graspbox_solver::dispatch::Dispatcher;
 use super::{frames, shape};
 use crate::SimError;
 use crate::config::PhysicsConfig;
