@@ -6,7 +6,7 @@ import typer
 
 from graspbox.cli.common import Scale, Split, Threads, find, progress
 from graspbox.configs import PhysicsConfig
-from graspbox.envs.core import load_objects, prepare_objects
+from graspbox.envs.preparation import load_objects, prepare_objects
 
 
 def prepare(
