@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 from weakref import WeakValueDictionary
 
 from graspbox import _core, object_sets
@@ -13,9 +13,6 @@ from graspbox.configs import PhysicsConfig
 from graspbox.envs.settings import HandArgument
 from graspbox.meshes import to_json
 from graspbox.simulation import cache_folder, load_hand
-
-if TYPE_CHECKING:
-    from graspbox.envs.core import GraspCore
 
 __all__ = ["PreparesObjects", "load_objects", "prepare_objects"]
 
@@ -72,12 +69,21 @@ def prepare_objects(
         progress(last)
 
 
+class _Core(Protocol):
+    """The part of `graspbox.envs.core.GraspCore` that is used here."""
+
+    def prepare(self, progress: bool) -> None: ...
+
+
+class _HasCore(Protocol):
+    @property
+    def _core(self) -> _Core: ...
+
+
 class PreparesObjects:
     """What single and vector environments have in common: their objects can be prepared before they are used."""
 
-    _core: "GraspCore"
-
-    def prepare(self, progress: bool = False) -> None:
+    def prepare(self: _HasCore, progress: bool = False) -> None:
         """Prepare all objects now: convex parts, resting poses and, where images are rendered, levels of detail.
 
         Without it, a background thread prepares the object of the next episode during the present one, and a step or
