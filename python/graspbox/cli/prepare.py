@@ -18,7 +18,7 @@ def prepare(
 ) -> None:
     """Prepare the objects of a set: other processes then find their convex parts in the cache (GRASPBOX_CACHE).
 
-    Nothing is sampled, so there is no --seed.
+    Nothing is random here, so there is no --seed.
     """
     found = find(sets or ["procedural"], split, scale)
     handle, _ = load_objects(found, "reflex", PhysicsConfig())
