@@ -31,6 +31,19 @@ _AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] =
 }
 
 
+def checked_options(options: Any, name: str = "options", hint: str = "") -> dict[str, Any]:
+    """Take the options of a reset; None stands for none.
+
+    Raises
+    ------
+    ConfigError
+        If they, called `name`, are not a mapping; the message ends with the hint.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ConfigError(f"{name} is {shown(options)}; give a dictionary of reset options, or None{hint}")
+    return dict(options or {})
+
+
 def options_json(options: Mapping[str, Any] | None) -> str | None:
     """Write the options of a reset as the core reads them."""
     checked = checked_options(options)
