@@ -44,10 +44,9 @@ def checked_options(options: Any, name: str = "options", hint: str = "") -> dict
     return dict(options or {})
 
 
-def options_json(options: Mapping[str, Any] | None) -> str | None:
+def options_json(options: Mapping[str, Any] | None) -> str:
     """Write the options of a reset as the core reads them."""
-    checked = checked_options(options)
-    return json.dumps(plain(checked, "reset options")) if checked else None
+    return json.dumps(plain(checked_options(options), "reset options"))
 
 
 def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
