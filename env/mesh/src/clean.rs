@@ -8,11 +8,12 @@ mod topology;
 pub use topology::{Defect, check_manifold, check_watertight, components, is_closed};
 
 use crate::error::MeshError;
+use crate::fast_hash::{FastMap, map_for, set_for};
 use crate::range::in_range;
 use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
-use std::collections::{HashMap, HashSet};
+use topology::check_fans;
 
 /// What [`clean`] does.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,7 +86,7 @@ pub fn clean(mesh: &TriMesh, options: &CleanOptions) -> Result<(TriMesh, CleanRe
     let mesh = compact(mesh.vertices(), faces)?;
     report.unused_vertices = unwelded - mesh.vertices().len();
     report.watertight = check_watertight(&mesh).is_ok();
-    report.manifold = report.watertight && check_manifold(&mesh).is_ok();
+    report.manifold = report.watertight && check_fans(&mesh).is_ok();
     Ok((mesh, report))
 }
 
@@ -105,7 +106,7 @@ fn weld(vertices: &[Point3<f64>], distance: f64) -> Vec<u32> {
         }
     };
     let reach: &[i64] = if exact { &[0] } else { &[-1, 0, 1] };
-    let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::with_capacity(vertices.len());
+    let mut cells: FastMap<[i64; 3], Vec<u32>> = map_for(vertices.len());
     let mut remap = Vec::with_capacity(vertices.len());
     for (i, p) in vertices.iter().enumerate() {
         let home = key(p);
@@ -144,14 +145,14 @@ fn keep_faces(mesh: &TriMesh, remap: &[u32], report: &mut CleanReport) -> Vec<[u
     let faces: Vec<[u32; 3]> = welded.filter(|[a, b, c]| a != b && b != c && c != a).collect();
     report.degenerate_faces = mesh.faces().len() - faces.len();
     // Faces by their corners: how many more run one way round than the other.
-    let mut turns: HashMap<[u32; 3], i32> = HashMap::with_capacity(faces.len());
+    let mut turns: FastMap<[u32; 3], i32> = map_for(faces.len());
     for face in &faces {
         let (corners, turn) = canonical(*face);
         *turns.entry(corners).or_insert(0) += turn;
     }
     let flaps = turns.values().filter(|t| **t == 0).count();
     let drop_flaps = flaps as f64 <= MAX_FLAPS * faces.len() as f64;
-    let mut seen = HashSet::with_capacity(turns.len());
+    let mut seen = set_for(turns.len());
     let before = faces.len();
     let kept: Vec<[u32; 3]> = faces
         .into_iter()

@@ -6,10 +6,10 @@
 //! Rossignac, Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993.
 
 use crate::clean::compact;
+use crate::fast_hash::{FastMap, FastSet};
 use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use std::borrow::Cow;
-use std::collections::{HashMap, HashSet};
 
 /// Cells along the longest side at first: 0.4 mm for an object of 20 cm.
 const FINEST: f64 = 512.0;
@@ -35,7 +35,7 @@ pub(crate) fn at_most(mesh: &TriMesh, most: usize) -> Cow<'_, TriMesh> {
 /// `None` when no face is left.
 fn cluster(mesh: &TriMesh, cell: f64) -> Option<TriMesh> {
     let origin = mesh.aabb().min;
-    let mut numbers: HashMap<[i32; 3], u32> = HashMap::new();
+    let mut numbers: FastMap<[i32; 3], u32> = FastMap::default();
     let (mut sums, mut counts): (Vec<Vector3<f64>>, Vec<f64>) = (Vec::new(), Vec::new());
     let number = |p: &Point3<f64>| {
         let place = [0, 1, 2].map(|k| ((p[k] - origin[k]) / cell) as i32);
@@ -49,7 +49,7 @@ fn cluster(mesh: &TriMesh, cell: f64) -> Option<TriMesh> {
         number
     };
     let merged: Vec<u32> = mesh.vertices().iter().map(number).collect();
-    let mut seen = HashSet::new();
+    let mut seen = FastSet::default();
     let faces: Vec<[u32; 3]> = mesh
         .faces()
         .iter()

@@ -15,6 +15,7 @@
 //! | [`resting`] | stable poses on a table |
 //! | [`voxel`] | solid and surface voxels, binvox files |
 //! | [`range`] | range checks of settings, for every crate |
+//! | `fast_hash` | maps and sets of small keys |
 //! | [`checksum`] | bytes with a magic number and a checksum: cache entries, snapshots |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
@@ -43,6 +44,7 @@ mod cluster;
 pub mod decimate;
 pub mod distance_grid;
 pub mod error;
+mod fast_hash;
 pub mod hull;
 pub mod io;
 pub mod mass;

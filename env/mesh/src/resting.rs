@@ -8,10 +8,10 @@
 //! Own code: we know no Rust crate that does this.
 
 use crate::error::{MeshError, require};
+use crate::fast_hash::map_for;
 use crate::trimesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
 
 /// A face of the hull that is thinner than this share of the hull's extent is a sliver.
 const SLIVER: f64 = 1e-6;
@@ -172,7 +172,7 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
 
 /// Faces that share an edge.
 fn neighbors(hull: &TriMesh) -> Vec<Vec<usize>> {
-    let mut owner = HashMap::with_capacity(hull.faces().len() * 3);
+    let mut owner = map_for(hull.faces().len() * 3);
     for (f, &[a, b, c]) in hull.faces().iter().enumerate() {
         for edge in [(a, b), (b, c), (c, a)] {
             owner.insert(edge, f);

@@ -9,6 +9,7 @@
 |---|---|
 | `graspbox.envs.grasp`, `graspbox.envs.grasp_pose` | the two environments: tables of actions, observations, rewards, infos and reset options |
 | `graspbox.envs.vector` | many environments in one call, for ``gymnasium.make_vec`` |
+| `graspbox.envs.preparation` | objects that environments share, and preparing them all |
 | `graspbox.envs.settings` | their keywords |
 | `graspbox.envs.coding` | poses in states and actions |
 | `graspbox.envs.expert` | a scripted expert for ``Grasp-v0`` |

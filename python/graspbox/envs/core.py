@@ -3,10 +3,9 @@
 import json
 import os
 import secrets
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
-from weakref import WeakValueDictionary
 
 import gymnasium
 import numpy as np
@@ -14,47 +13,22 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox._core import Hand, Objects
 from graspbox.arguments import natural, plain, shown
-from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig, Randomization, TrialConfig
+from graspbox.configs import AgentConfig, CamerasConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
+from graspbox.envs.preparation import load_objects, prepare_objects
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
-from graspbox.envs.settings import RENDER_MODES, HandArgument, ObjectsArgument, complete
+from graspbox.envs.settings import RENDER_MODES, ObjectsArgument, complete
 from graspbox.envs.window import Window
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
 from graspbox.progress import ProgressBar
-from graspbox.simulation import cache_folder, load_hand
 
 _AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
     AutoresetMode.NEXT_STEP: "next_step",
     AutoresetMode.SAME_STEP: "same_step",
     AutoresetMode.DISABLED: "disabled",
 }
-
-#: Handles in use: environments beside each other prepare an object once.
-_handles: WeakValueDictionary[tuple[Any, ...], Objects] = WeakValueDictionary()
-
-
-def _describe(spec: object_sets.ObjectSpec) -> str:
-    """Write an object as the core reads it."""
-    found = asdict(spec)
-    del found["mass_known"]
-    return json.dumps({**found, "path": None if spec.path is None else str(spec.path)})
-
-
-def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: PhysicsConfig) -> tuple[Objects, Hand]:
-    """Make a handle on objects, or take the one that another environment uses."""
-    cache = cache_folder()
-    # A forked process has neither the thread nor the locks of its parent's handles.
-    key = (objects.objects, hand, physics, cache, os.getpid())
-    found = _handles.get(key) if hand == "reflex" else None
-    loaded = load_hand(hand)
-    if found is None:
-        found = Objects([_describe(spec) for spec in objects], loaded, to_json(physics), cache)
-        if hand == "reflex":
-            _handles[key] = found
-    return found, loaded
 
 
 def checked_options(options: Any, name: str = "options", hint: str = "") -> dict[str, Any]:
@@ -68,34 +42,6 @@ def checked_options(options: Any, name: str = "options", hint: str = "") -> dict
     if options is not None and not isinstance(options, Mapping):
         raise ConfigError(f"{name} is {shown(options)}; give a dictionary of reset options, or None{hint}")
     return dict(options or {})
-
-
-def prepare_objects(
-    handle: Objects, models: bool, num_threads: int | None, progress: Callable[[int], None] = lambda _: None
-) -> None:
-    """Prepare all objects of a handle, a few at a time, and report how many are ready.
-
-    Parameters
-    ----------
-    handle : Objects
-        From `load_objects`.
-    models : bool
-        Whether their models for the renderer are needed too.
-    num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all.
-    progress : callable
-        Called with the number of objects that are ready.
-
-    Raises
-    ------
-    ConfigError, MeshError, FileError, SimulationError
-        If an object cannot be read or simulated; others may be ready by then.
-    """
-    count, together = len(handle), num_threads or _core.num_threads()
-    for first in range(0, count, together):
-        last = min(first + together, count)
-        handle.prepare(range(first, last), models, num_threads)
-        progress(last)
 
 
 def options_json(options: Mapping[str, Any] | None) -> str:

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.envs.core import GraspCore, checked_seed, fresh_seed
+from graspbox.envs.preparation import PreparesObjects
 
 __all__ = ["SingleEnv"]
 
 
-class SingleEnv(gymnasium.Env[Any, NDArray[np.float32]]):
+class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
     """A pool of one environment, with Gymnasium's interface.
 
     It can be pickled and copied (by `pickle`, `cloudpickle`, `copy.deepcopy`): the copy is at the same step of the same
@@ -72,26 +73,6 @@ class SingleEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         arrays, _ = self._core.step(action)
         observation, info = self._core.first(arrays)
         return observation, float(self._core.rewards(arrays)[0]), bool(arrays["terminated"][0]), False, info
-
-    def prepare(self, progress: bool = False) -> None:
-        """Prepare all objects now: convex parts, resting poses and, where images are rendered, levels of detail.
-
-        Without it, a background thread prepares the object of the next episode during the present one, and a step or
-        reset that needs it sooner waits; results are the same. Environments of this process with the same objects, hand
-        and physics share what is prepared (512 objects stay in memory). Convex parts are kept in the cache folder for
-        other processes.
-
-        Parameters
-        ----------
-        progress : bool
-            Whether to show a progress bar on standard error.
-
-        Raises
-        ------
-        MeshError, FileError, SimulationError
-            If an object cannot be read or simulated; others may be ready by then.
-        """
-        self._core.prepare(progress)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Take a picture, (H, W, 3), with ``render_mode="rgb_array"``; otherwise return None.

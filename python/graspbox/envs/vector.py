@@ -26,6 +26,7 @@ from graspbox import _core
 from graspbox.envs.core import GraspCore, checked_options
 from graspbox.envs.env_view import EnvView
 from graspbox.envs.infos import full, mask_of, scattered, taken
+from graspbox.envs.preparation import PreparesObjects
 from graspbox.envs.reset_arguments import options_of_each, reset_mask, seeds_of
 from graspbox.envs.settings import NUM_ENVS, OBJECTS, RENDER_MODES, GraspVectorSettings, ObjectsArgument, signed
 from graspbox.errors import ConfigError
@@ -35,7 +36,7 @@ __all__ = ["GraspVectorEnv", "NativeVectorEnv"]
 Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
+class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     """A pool of environments, with Gymnasium's interface of vector environments.
 
     It can be pickled and copied (by `pickle`, `cloudpickle`, `copy.deepcopy`), as the single one, unless environments
@@ -132,26 +133,6 @@ class NativeVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """
         now, last = self._core.step(actions, self._out)
         return self._results(now, last, self.num_envs)
-
-    def prepare(self, progress: bool = False) -> None:
-        """Prepare all objects now: convex parts, resting poses and, where images are rendered, levels of detail.
-
-        Without it, a background thread prepares the object of the next episode during the present one, and a step or
-        reset that needs it sooner waits; results are the same. Environments of this process with the same objects, hand
-        and physics share what is prepared (512 objects stay in memory). Convex parts are kept in the cache folder for
-        other processes.
-
-        Parameters
-        ----------
-        progress : bool
-            Whether to show a progress bar on standard error.
-
-        Raises
-        ------
-        MeshError, FileError, SimulationError
-            If an object cannot be read or simulated; others may be ready by then.
-        """
-        self._core.prepare(progress)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Take a picture of every environment, (H, W, 3) each, with ``render_mode="rgb_array"``.

@@ -1,8 +1,9 @@
 //! Orientation: neighbours agree, components face outward, cavities inward.
 
 use super::topology::components;
+use crate::fast_hash::{FastMap, map_for};
 use nalgebra::{Point3, Vector3};
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 
 /// Most ray-triangle tests spent on telling cavities from solids; dust of many thousand components is taken as solid.
 const MAX_RAY_TESTS: usize = 100_000_000;
@@ -29,7 +30,7 @@ pub(super) fn orient(vertices: &[Point3<f64>], faces: &mut [[u32; 3]]) -> usize 
 
 /// Makes neighbours agree; returns the sets of connected neighbours, in the order of their first face.
 fn agree(faces: &mut [[u32; 3]]) -> Vec<Vec<usize>> {
-    let mut by_edge: HashMap<(u32, u32), Vec<usize>> = HashMap::with_capacity(faces.len() * 2);
+    let mut by_edge: FastMap<(u32, u32), Vec<usize>> = map_for(faces.len() * 2);
     for (f, &[a, b, c]) in faces.iter().enumerate() {
         for (u, v) in [(a, b), (b, c), (c, a)] {
             by_edge.entry((u.min(v), u.max(v))).or_default().push(f);

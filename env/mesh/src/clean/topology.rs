@@ -1,7 +1,7 @@
 //! Edges, components and the watertight test.
 
+use crate::fast_hash::{FastMap, map_for};
 use crate::trimesh::TriMesh;
-use std::collections::HashMap;
 
 /// Why a mesh is not watertight or not manifold; the first offender in the order of the faces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -43,8 +43,8 @@ fn directed_edges(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, u32)> {
     faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
 }
 
-fn edge_counts(faces: &[[u32; 3]]) -> HashMap<(u32, u32), u32> {
-    let mut counts = HashMap::with_capacity(faces.len() * 3);
+fn edge_counts(faces: &[[u32; 3]]) -> FastMap<(u32, u32), u32> {
+    let mut counts = map_for(faces.len() * 3);
     for edge in directed_edges(faces) {
         *counts.entry(edge).or_insert(0) += 1;
     }
@@ -79,9 +79,17 @@ pub fn check_watertight(mesh: &TriMesh) -> Result<(), Defect> {
 /// The first [`Defect`].
 pub fn check_manifold(mesh: &TriMesh) -> Result<(), Defect> {
     check_watertight(mesh)?;
+    check_fans(mesh)
+}
+
+/// Of a watertight mesh: the faces at each vertex form one fan.
+///
+/// # Errors
+/// [`Defect::PinchedVertex`] for the first that does not.
+pub(super) fn check_fans(mesh: &TriMesh) -> Result<(), Defect> {
     let faces = mesh.faces();
     // On a watertight mesh every face corner has one successor around its vertex, so a fan is a cycle.
-    let next: HashMap<(u32, u32), u32> =
+    let next: FastMap<(u32, u32), u32> =
         faces.iter().flat_map(|&[a, b, c]| [((a, b), c), ((b, c), a), ((c, a), b)]).collect();
     let mut valence = vec![0_u32; mesh.vertices().len()];
     faces.iter().flatten().for_each(|&v| valence[v as usize] += 1);

@@ -4,9 +4,8 @@
 //! (Barber, Dobkin, Huhdanpaa, "The quickhull algorithm for convex hulls", 1996; Qhull's option QJ). The joggle is far below f32
 //! rounding; the hull names points by index, so the caller gets them unjoggled.
 
+use crate::fast_hash::set_for;
 use nalgebra::{Point3, Vector3};
-use std::collections::HashSet;
-use std::hash::{BuildHasherDefault, Hasher};
 
 /// Joggle as a share of the size: 0.1 um on a hand-sized object, and 10^10 times f64 rounding. Tried in turn.
 const JOGGLES: [f64; 4] = [1e-6, 3e-6, 1e-5, 1e-4];
@@ -46,32 +45,8 @@ pub(super) fn quickhull(points: &[Point3<f64>]) -> Option<Vec<[u32; 3]>> {
 /// The first point of each cube of side `same`, ascending.
 fn distinct(points: &[Point3<f64>], origin: &Point3<f64>, same: f64) -> Vec<u32> {
     let cell = |p: &Point3<f64>| [0, 1, 2].map(|k| ((p[k] - origin[k]) / same).round() as i64);
-    let mut seen: HashSet<[i64; 3], BuildHasherDefault<CellHasher>> =
-        HashSet::with_capacity_and_hasher(points.len(), BuildHasherDefault::default());
+    let mut seen = set_for(points.len());
     (0..points.len()).filter(|&i| seen.insert(cell(&points[i]))).map(|i| i as u32).collect()
-}
-
-/// A hash of cells that is much faster than the library's, which also withstands hostile keys; no result depends on it.
-#[derive(Default)]
-struct CellHasher(u64);
-
-impl Hasher for CellHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.chunks(8).for_each(|chunk| {
-            let mut word = [0; 8];
-            word[..chunk.len()].copy_from_slice(chunk);
-            self.write_u64(u64::from_le_bytes(word));
-        });
-    }
-
-    fn write_u64(&mut self, word: u64) {
-        // Odd, from the golden ratio; the rotation brings the mixed upper bits down.
-        self.0 = (self.0 ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
-    }
 }
 
 /// A vector in [-1, 1] per axis that depends on the number alone.

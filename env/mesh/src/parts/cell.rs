@@ -3,9 +3,9 @@
 //! Its hull is that of the clipped surface and of inner points: where two cuts cross inside the solid, no surface marks the
 //! corner, and grid nodes inside the solid take its place.
 
+use crate::fast_hash::FastMap;
 use crate::hull::hull_indexed;
 use nalgebra::{Point3, Vector3};
-use std::collections::HashMap;
 
 /// Points of all cells: mesh vertices, points where edges were cut, inner nodes.
 pub(super) type Pool = Vec<Point3<f64>>;
@@ -39,7 +39,7 @@ impl Cell {
     pub fn cut(&self, pool: &mut Pool, plane: &Plane) -> [Cell; 2] {
         let height = |p: &Point3<f64>| plane.normal.dot(&p.coords) - plane.offset;
         let mut halves = [Cell::default(), Cell::default()];
-        let mut on_edge = HashMap::new();
+        let mut on_edge = FastMap::default();
         for face in &self.faces {
             let heights = face.map(|v| height(&pool[v as usize]));
             if heights.iter().all(|h| *h >= 0.0) {
@@ -71,7 +71,7 @@ impl Cell {
 /// Splits one face that the plane crosses; cut points of shared edges are made once.
 fn clip(
     pool: &mut Pool,
-    on_edge: &mut HashMap<(u32, u32), u32>,
+    on_edge: &mut FastMap<(u32, u32), u32>,
     face: &[u32; 3],
     heights: &[f64; 3],
     halves: &mut [Cell; 2],

@@ -7,11 +7,11 @@ use super::merge::merge;
 use super::params::PartsParams;
 use super::reduce::reduce;
 use crate::error::MeshError;
+use crate::fast_hash::FastMap;
 use crate::hull::convex_hull;
 use crate::trimesh::TriMesh;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
-use std::collections::HashMap;
 
 /// Pieces made before merging, for each part allowed at the end.
 const PIECES_PER_PART: usize = 3;
@@ -58,7 +58,7 @@ fn refine(mesh: &TriMesh, center: Vector3<f64>, longest: f64) -> (Pool, Vec<[u32
     let mut pool: Pool = mesh.vertices().iter().map(|p| p - center).collect();
     let mut stack: Vec<[u32; 3]> = mesh.faces().to_vec();
     let mut faces = Vec::with_capacity(stack.len());
-    let mut middles: HashMap<(u32, u32), u32> = HashMap::new();
+    let mut middles: FastMap<(u32, u32), u32> = FastMap::default();
     while let Some(face) = stack.pop() {
         let [a, b, c] = face.map(|v| pool[v as usize]);
         let edges = [(b - a).norm(), (c - b).norm(), (a - c).norm()];

@@ -17,7 +17,7 @@ static WRITES: Mutex<BTreeMap<std::path::PathBuf, u32>> = Mutex::new(BTreeMap::n
 pub(super) fn after_write(folder: &Path, most: u64) {
     let mut writes = WRITES.lock().unwrap_or_else(PoisonError::into_inner);
     let count = writes.entry(folder.to_path_buf()).or_default();
-    let due = *count % EVERY == 0;
+    let due = count.is_multiple_of(EVERY);
     *count = count.wrapping_add(1);
     drop(writes);
     if due {
