@@ -48,11 +48,11 @@ def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: Ph
     cache = cache_folder()
     # A forked process has neither the thread nor the locks of its parent's handles.
     key = (objects.objects, hand, physics, cache, os.getpid())
-    found = _handles.get(key) if hand == "reflex" else None
+    found = _handles.get(key) if isinstance(hand, str) else None
     loaded = load_hand(hand)
     if found is None:
         found = Objects([_describe(spec) for spec in objects], loaded, to_json(physics), cache)
-        if hand == "reflex":
+        if isinstance(hand, str):
             _handles[key] = found
     return found, loaded
 
@@ -232,10 +232,15 @@ class GraspCore:
 
     @property
     def idle_action(self) -> NDArray[np.float32]:
-        """The action that moves nothing, and keeps the fingers' preshape at its lower limit; of motions alone."""
+        """The action that moves nothing, and keeps the preshape at its lower limit; of motions alone."""
         action = np.zeros(self.action_size, dtype=np.float32)
-        action[-1] = -1.0
+        action[self.action_places("preshape")] = -1.0
         return action
+
+    def action_places(self, name: str) -> NDArray[np.bool_]:
+        """Mask (n,) of the entries of an action whose column has this name."""
+        columns, _ = spaces.columns_of(self.control, spaces.tables(self.hand))
+        return np.repeat([row["name"] == name for row in columns], [row["size"] for row in columns])
 
     def close(self) -> None:
         """Give the memory of the environments back and close the window; a second time does nothing."""
