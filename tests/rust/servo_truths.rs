@@ -3,7 +3,7 @@
 
 use graspbox_hand::assets::asset;
 use graspbox_hand::{ActuatorCommand, Hand};
-use graspbox_sim::{Geometry, PhysicsConfig, SimError, Template, World};
+use graspbox_sim::{EngineKind, Geometry, PhysicsConfig, SimError, Template, World};
 use graspbox_tests::bench::{at, away, closing, palm_down, run, template};
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -23,13 +23,13 @@ fn two_servos() -> Hand {
 }
 
 /// A heavy block between the fingers, whose pads are 80 mm apart; it is as wide as `width`.
-fn around(width: f64, friction: f64) -> World {
-    let mut hand = two_servos();
-    hand.friction.pad = friction;
+fn around(width: f64, engine: EngineKind) -> World {
     let block = Geometry::Cuboid(Vector3::new(width / 2.0, width / 2.0, 0.05));
-    let template = template(hand, &block, 100.0, PhysicsConfig::default());
+    let template = template(two_servos(), &block, 100.0, PhysicsConfig { engine, ..PhysicsConfig::default() });
     template.spawn(&palm_down(0.0, 0.0, 0.13), &at(0.0, 0.0, 0.05), 0.0)
 }
+
+const ENGINES: [EngineKind; 2] = [EngineKind::Graspbox, EngineKind::Rapier];
 
 fn positions(world: &World) -> Vec<f64> {
     world.hand().coordinates().map(|joint| world.joint(joint).position).collect()
@@ -38,13 +38,19 @@ fn positions(world: &World) -> Vec<f64> {
 /// A bug here: a limit in engine units, a damper that adds to a saturated force, a finger that pushes the wrong way.
 #[test]
 fn each_finger_presses_with_the_limit_of_its_servo() {
-    let mut world = around(0.05, 1.0);
+    for engine in ENGINES {
+        presses(engine);
+    }
+}
+
+fn presses(engine: EngineKind) {
+    let mut world = around(0.05, engine);
     let close = closing(world.hand(), 0.0);
     run(&mut world, &palm_down(0.0, 0.0, 0.13), &close, 1.5);
     for (chain, joint) in [(0, 0), (1, 1)] {
         let link = world.hand().joints[joint].child;
         let force: f64 = world.link_contacts().iter().filter(|c| c.link == link).map(|c| c.force).sum();
-        println!("finger {chain}: presses with {force:.2} N, load {:.2} N", world.load(chain));
+        println!("{engine:?}, finger {chain}: presses with {force:.2} N, load {:.2} N", world.load(chain));
         assert!((force / 140.0 - 1.0).abs() < 0.02 && (world.load(chain) - 140.0).abs() < 1e-9);
     }
     for position in positions(&world) {
@@ -55,7 +61,13 @@ fn each_finger_presses_with_the_limit_of_its_servo() {
 /// A bug here: positions in centimetres, or a speed that is not the actuator's.
 #[test]
 fn free_fingers_close_at_their_speed_and_stop_at_their_limits() {
-    let mut world = around(0.02, 1.0);
+    for engine in ENGINES {
+        closes(engine);
+    }
+}
+
+fn closes(engine: EngineKind) {
+    let mut world = around(0.02, engine);
     let hand = away();
     let open = positions(&world);
     assert!(open.iter().all(|position| (position - 0.04).abs() < 1e-6), "{open:?}");
@@ -79,13 +91,34 @@ fn free_fingers_close_at_their_speed_and_stop_at_their_limits() {
     assert!(positions(&world).iter().all(|position| (position - 0.02).abs() < 1e-4));
 }
 
+/// The shipped gripper moves both fingers with one servo: each presses with half of its force, 70 N, wherever the block is.
+#[test]
+fn coupled_fingers_share_the_force_of_their_servo() {
+    let panda = asset("panda_gripper").unwrap().read().unwrap();
+    let block = Geometry::Cuboid(Vector3::new(0.02, 0.02, 0.05));
+    let template = template(panda, &block, 100.0, PhysicsConfig::default());
+    let hand = palm_down(0.0, 0.0, 0.13);
+    let mut world = template.spawn(&hand, &at(0.0, 0.0, 0.05), 0.0);
+    let close = closing(world.hand(), 0.0);
+    run(&mut world, &hand, &close, 1.5);
+    assert!((world.load(0) - 140.0).abs() < 1e-9, "{} N", world.load(0));
+    for joint in 0..2 {
+        let link = world.hand().joints[joint].child;
+        let force: f64 = world.link_contacts().iter().filter(|c| c.link == link).map(|c| c.force).sum();
+        assert!((force / 70.0 - 1.0).abs() < 0.02, "finger {joint}: {force} N");
+        assert!((world.joint(joint).position - 0.02).abs() < 1e-3);
+    }
+    assert_eq!(world.joint(0).position, world.joint(1).position, "the second follows the first");
+}
+
 /// Joints that follow others under forces are beyond this engine: it says so, and names itself.
 #[test]
 fn a_hand_that_the_engine_cannot_simulate_is_refused() {
+    let config = PhysicsConfig { engine: EngineKind::Rapier, ..PhysicsConfig::default() };
     let block = graspbox_sim::ObjectModel::solid(&Geometry::Ball { radius: 0.03 }, 0.1).unwrap();
     for (name, joint) in [("panda_gripper", "finger_joint2"), ("soft_hand", "thumb_inner_mimic")] {
         let hand = Arc::new(asset(name).unwrap().read().unwrap());
-        let error = Template::new(hand, &block, PhysicsConfig::default()).err().unwrap();
+        let error = Template::new(hand, &block, config).err().unwrap();
         assert!(matches!(error, SimError::BadHand { engine: "rapier", .. }), "{error}");
         let told = format!(
             "the engine `rapier` cannot simulate the hand `{name}`: joint `{joint}` follows another one that moves under forces; \

@@ -263,7 +263,7 @@ class GraspCore:
         out: dict[str, Any] | None = None,
     ) -> "_core.EnvArrays":
         """Begin episodes where the mask says so; `options` are for all, or one for each environment."""
-        texts = [options_json(one) for one in options]
+        texts = [options_json(one) or "{}" for one in options]
         arrays = self.pool.reset(seeds, mask, texts, out)
         self.begun |= True if mask is None else mask
         self.show()

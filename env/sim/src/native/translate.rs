@@ -206,14 +206,15 @@ fn primitive(shape: &Shape) -> solver::Primitive {
 /// Links of different chains may touch each other, and those that are not next to the palm may touch it.
 fn pairs(hand: &Hand, translation: &Translation) -> Vec<(usize, usize)> {
     let links = hand.touch_links();
+    let chain = |number: usize| links.iter().copied().filter(move |link| hand.chain_of_link(*link) == Some(number));
     let body = |link: usize| translation.body[link];
     let mut pairs = Vec::new();
-    for (index, &link) in links.iter().enumerate() {
-        if hand.meets_palm(link) {
-            pairs.push((body(link), 0));
+    for number in 0..hand.chain_count() {
+        pairs.extend(chain(number).filter(|link| hand.meets_palm(*link)).map(|link| (body(link), 0)));
+        for other in number + 1..hand.chain_count() {
+            pairs
+                .extend(chain(number).flat_map(|a| chain(other).map(move |b| (a, b))).map(|(a, b)| (body(a), body(b))));
         }
-        let others = links[index + 1..].iter().filter(|other| hand.chain_of_link(**other) != hand.chain_of_link(link));
-        pairs.extend(others.map(|other| (body(link), body(*other))));
     }
     pairs
 }
