@@ -227,7 +227,7 @@ def _add_actuators(root: ET.Element, hand: HandDescription, numerics: Numerics) 
             leader, ratio, offset = follows
             constraint = ET.SubElement(equality, "joint", joint1=hand.links[link].joint, joint2=leader)
             constraint.set("polycoef", _text([offset, ratio, 0, 0, 0]))
-            # As stiff as the step allows: MuJoCo scales a constraint's stiffness by the small inertia of a finger's link.
+            # As stiff as the step allows: MuJoCo scales a constraint's stiffness by the small inertia of a link.
             constraint.set("solref", _text([2.0 * numerics.timestep, 1.0]))
             constraint.set("solimp", _text([0.99, 0.999, 0.001]))
 
