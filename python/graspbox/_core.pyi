@@ -86,7 +86,9 @@ class SampleArrays(TypedDict):
     hand_force: NDArray[np.float64]
     world_from_hand: NDArray[np.float64]
     world_from_object: NDArray[np.float64]
-    fingers: NDArray[np.float64]
+    joints: NDArray[np.float64]
+    actuators: NDArray[np.float64]
+    loads: NDArray[np.float64]
     tensions: NDArray[np.float64]
 
 @type_check_only
@@ -180,23 +182,68 @@ class Hand:
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
     @staticmethod
-    def reflex() -> Hand: ...
+    def named(name: str) -> Hand:
+        """Take a hand that comes with the package."""
     @staticmethod
-    def reflex_files() -> tuple[str, str]: ...
+    def names() -> list[str]:
+        """Names of the hands that come with the package."""
     @staticmethod
     def load(urdf: str | PathLike[str], toml: str | PathLike[str]) -> Hand: ...
     @property
     def name(self) -> str: ...
     @property
-    def fingers(self) -> int: ...
+    def files(self) -> tuple[str, str]:
+        """The text of its URDF and of its ``hand.toml``."""
+    @property
+    def chains(self) -> list[str]:
+        """Names of the chains of joints that leave the base (fingers, in most hands), each by its first link."""
+    @property
+    def joints(self) -> list[str]:
+        """Names of the c independent joints, in the order of their positions."""
+    @property
+    def joint_chains(self) -> list[int]:
+        """Index of the chain that each independent joint belongs to."""
+    @property
+    def joint_limits(self) -> NDArray[np.float64]:
+        """Least and greatest position of each independent joint, (c, 2), rad or m."""
+    @property
+    def actuators(self) -> list[str]:
+        """Names of the actuators, in the order of the file."""
+    @property
+    def tendons(self) -> list[str]:
+        """Names of the tendons."""
     @property
     def closing_speeds(self) -> list[float]:
-        """Speed at which a trial closes each motor but the preshape's, rad/s, in the order of the motors."""
+        """Speed at which a trial closes each actuator but the preshape's, rad/s or m/s; 0 for one that stays."""
     @property
-    def preshape_limits(self) -> tuple[float, float]: ...
+    def preshape_limits(self) -> tuple[float, float]:
+        """Least and greatest preshape: positions of the preshape's actuator, or numbers of named preshapes."""
+    @property
+    def preshape_unit(self) -> str:
+        """``rad`` or ``m`` of the preshape's actuator, or ``1`` for the number of a name."""
+    @property
+    def preshapes(self) -> dict[str, float]:
+        """The preshapes that the planner tries, by name."""
+    def open(self, preshape: float) -> NDArray[np.float64]:
+        """Positions (c,) of the independent joints of the open hand, rad or m."""
+    def closed(self, preshape: float, share: float) -> NDArray[np.float64]:
+        """Positions (c,) of the independent joints of the hand, closed by a share of their way (0 to 1), rad or m."""
     def shapes(
-        self, preshape: float, proximal: NDArray[np.float64], distal: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]: ...
+        self, positions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
+        """Collision shapes as boxes with the independent joints at `positions` (c,).
+
+        ``hand_from_shape`` (n, 4, 4), half extents (n, 3), which are pads (n,), and the row of `joint_frames` of the
+        joint that carries each, -1 for the palm (n,).
+        """
+    def joint_frames(
+        self, positions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Frames of all joints that move, chain by chain from root to tip, with the independent ones at `positions`.
+
+        ``hand_from_joint`` (j, 4, 4) whose x axis is the joint's, the index of the chain of each (j,), and which are
+        revolute (j,).
+        """
 
 @final
 class Scene:
@@ -274,7 +321,7 @@ def plan(
 def is_rigid(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which of `poses` (n, 4, 4) the core takes for rigid motions: flags (n,)."""
 
-def rank_weights() -> list[tuple[str, float]]: ...
+def rank_weights(hand: Hand) -> list[tuple[str, float]]: ...
 def procedural(family_name: str, seed: int, scale: float, mass: float | None) -> Mesh: ...
 def procedural_families() -> list[str]: ...
 def voxelize(
@@ -304,7 +351,7 @@ def render(
     world_from_mesh: NDArray[np.float64],
     colors: NDArray[np.float64],
     casts_shadow: Sequence[bool],
-    hand: tuple[Hand, NDArray[np.float64], float, NDArray[np.float64], NDArray[np.float64]] | None,
+    hand: tuple[Hand, NDArray[np.float64], NDArray[np.float64]] | None,
     intrinsics: NDArray[np.float64],
     world_from_camera: NDArray[np.float64],
     config: str,
@@ -312,8 +359,8 @@ def render(
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Render meshes and a hand: picture (H, W, 3), depth (H, W) in metres along the optical axis, 0 where nothing is.
 
-    `world_from_mesh` is (n, 4, 4), `colors` (n, 3) in [0, 1]; `hand` is a hand, its `world_from_hand` (4, 4), preshape
-    and proximal and distal angles (f,), radians. Camera frames have x right, y down, z forward.
+    `world_from_mesh` is (n, 4, 4), `colors` (n, 3) in [0, 1]; `hand` is a hand, its `world_from_hand` (4, 4), and
+    the positions (c,) of its independent joints, rad or m. Camera frames have x right, y down, z forward.
     """
 
 def image_kinds() -> list[str]: ...

@@ -23,12 +23,12 @@ def cache_folder() -> Path | None:
 
 
 def load_hand(hand: HandLike = "reflex") -> Hand:
-    """Find a hand: ``"reflex"``, or the two files that describe another one.
+    """Find a hand by its name, or by the two files that describe it.
 
     Parameters
     ----------
     hand : str, Hand, or pair of paths
-        A name, or (URDF, ``hand.toml``).
+        A name of `graspbox.Hand.names`, or (URDF, ``hand.toml``).
 
     Raises
     ------
@@ -42,6 +42,7 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
     if isinstance(hand, tuple | list) and len(hand) == 2:
         urdf, toml = hand
         return Hand.load(Path(urdf), Path(toml))
-    if hand == "reflex":
-        return Hand.reflex()
-    raise ConfigError(f"there is no hand {hand!r}; use 'reflex', or give the paths of a URDF and a hand.toml")
+    if isinstance(hand, str) and hand in Hand.names():
+        return Hand.named(hand)
+    known = ", ".join(repr(name) for name in Hand.names())
+    raise ConfigError(f"there is no hand {hand!r}; choose from {known}, or give the paths of a URDF and a hand.toml")

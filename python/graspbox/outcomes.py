@@ -122,7 +122,7 @@ class Outcomes(ByValue):
 
 @dataclass(frozen=True, eq=False)
 class Trace(ByValue):
-    """One trial every 10 ms: t samples, f fingers. An infeasible pose has none (t = 0): nothing moved.
+    """One trial every 10 ms: t samples. An infeasible pose has none (t = 0): nothing moved.
 
     Attributes
     ----------
@@ -132,10 +132,12 @@ class Trace(ByValue):
         Between hand frame and the study's object frame, metres.
     world_from_hand, world_from_object : (t, 4, 4) float64
         Poses.
-    fingers : (t, f, 2) float64
-        Proximal and distal angle, radians.
-    tensions : (t, f) float64
-        Tendon tensions, N.
+    joints : (t, c) float64
+        Positions of the independent joints (`graspbox.Hand.joints`), rad or m.
+    actuators, loads : (t, a) float64
+        Positions of the actuators (`graspbox.Hand.actuators`), rad or m, and their loads, N or N m.
+    tensions : (t, d) float64
+        Tension of every tendon (`graspbox.Hand.tendons`), N.
     hand_force : (t,) float64
         Sum of the normal forces between hand and object, N.
     """
@@ -144,6 +146,8 @@ class Trace(ByValue):
     distance: NDArray[np.float64]
     world_from_hand: NDArray[np.float64]
     world_from_object: NDArray[np.float64]
-    fingers: NDArray[np.float64]
+    joints: NDArray[np.float64]
+    actuators: NDArray[np.float64]
+    loads: NDArray[np.float64]
     tensions: NDArray[np.float64]
     hand_force: NDArray[np.float64]

@@ -10,6 +10,7 @@ import numpy as np
 from graspbox import _core
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError, GraspboxError, InternalError
+from graspbox.hands import HandLike
 from graspbox.object_sets import ObjectSet, ObjectSpec
 from graspbox.plan_files import grasp_rows
 from graspbox.planning import Plan, plan
@@ -107,7 +108,7 @@ def try_object(
     *,
     poses: int,
     seed: int = 0,
-    hand: str = "reflex",
+    hand: HandLike = "reflex",
     planning: PlanConfig = PlanConfig(),  # noqa: B008 (frozen)
     trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
     physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)

@@ -295,9 +295,9 @@ def plan(
     )
 
 
-def rank_weights() -> dict[str, float]:
+def rank_weights(hand: HandLike = "reflex") -> dict[str, float]:
     """Name and weight of each term of the ranking, in the order of the columns of `Plan.features`.
 
     ``scripts/fit_ranking.py`` fits them again.
     """
-    return dict(_core.rank_weights())
+    return dict(_core.rank_weights(load_hand(hand)))

@@ -1,6 +1,6 @@
 """Grasp trials: an object at rest on a table, hand poses, and the outcome of each.
 
-The trial: the open hand starts at the pose, closes its tendons, lifts, and holds. One judge decides:
+The trial: the open hand starts at the pose, closes, lifts, and holds. One judge decides:
 
 - ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
   touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s (`SuccessCriterion`).
@@ -152,7 +152,7 @@ class Scene:
         else:
             given = floats(poses, "poses")
         if preshape is None:
-            raise ConfigError("preshape is missing; give radians for each pose, or a plan instead of poses")
+            raise ConfigError("preshape is missing; give one for each pose, or a plan instead of poses")
         angles = floats(preshape, "preshape")
         if given.ndim == 3 and angles.ndim == 0:
             angles = np.full(len(given), angles)
@@ -181,7 +181,7 @@ class Scene:
         pose : (4, 4) array_like, or Grasp
             ``object_from_hand``; a grasp of a plan brings its preshape.
         preshape : float
-            Radians.
+            See `graspbox.simulate`.
         config : TrialConfig
             By default the study's measures are read too, so that the trial runs to its end.
 
@@ -202,10 +202,10 @@ class Scene:
         else:
             given = floats(pose, "pose")
         if preshape is None:
-            raise ConfigError("preshape is missing; give radians, or a grasp of a plan instead of a pose")
+            raise ConfigError("preshape is missing; give one, or a grasp of a plan instead of a pose")
         angle = floats(preshape, "preshape")
         if angle.size != 1:
-            raise ConfigError(f"preshape has shape {list(angle.shape)}; give one angle in radians")
+            raise ConfigError(f"preshape has shape {list(angle.shape)}; give one number")
         outcome, samples = self._core.trace(given, float(angle.item()), to_json(config, TrialConfig))
         return Outcomes._from_core(outcome), Trace(**samples)
 
@@ -248,7 +248,8 @@ def simulate(
         ``object_from_hand``: the hand's grasp frame in the object's frame, metres. A plan (``plan``, ``plan[:5]``)
         brings its preshapes, and the pose that its object rests in.
     preshape : (n,) array_like, or float
-        Radians: 0 for a power grasp, pi/2 for a pinch; not with a plan.
+        Within `graspbox.Hand.preshape_limits`: the position of the preshape's actuator (of the ReFlex: 0 for a power
+        grasp, pi/2 for a pinch), or the number of a named preshape; not with a plan.
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional

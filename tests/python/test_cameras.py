@@ -18,7 +18,7 @@ OBJECTS = ("procedural:can:1", "procedural:box:3")
 IMAGES = ("rgb", "depth", "rgbd", "segmentation", "points", "voxels", "depth_palm", "rgb_palm", "voxels_palm")
 #: Looks along the table: above it there is nothing but the sky.
 LEVEL = CameraConfig("level", eye=(-0.5, 0.0, 0.3), target=(0.0, 0.0, 0.3), fov=0.9)
-HAND = _core.Hand.reflex()
+HAND = _core.Hand.named("reflex")
 TABLE, OBJECT, BASE = 1, 2, 3
 
 

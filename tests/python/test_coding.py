@@ -67,9 +67,9 @@ def test_an_encoded_action_leads_to_the_pose(control: Any, frame_skip: int) -> N
     assert Codec(control).column(state, "preshape") == pytest.approx(0.3, abs=1e-2)
 
 
-def test_spools_take_their_speeds() -> None:
+def test_actuators_take_their_speeds() -> None:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    action = encode_action(pose, 0.0, control="target_pose", spool_speed=[3.5, 0.0, -1.75])
+    action = encode_action(pose, 0.0, control="target_pose", actuator_speed=[3.5, 0.0, -1.75])
     np.testing.assert_allclose(action[9:12], [1.0, 0.0, -0.5])
     np.testing.assert_allclose(action[:9], [0, 0, -1, 1, 0, 0, 0, -1, 0])
     assert action[12] == -1.0
@@ -94,8 +94,8 @@ def test_what_is_no_state_or_pose_is_explained() -> None:
         encode_action(np.eye(4), 0.0, control="twist")
     with pytest.raises(errors.ConfigError, match=r"world_from_hand has shape \(3, 4\)"):
         encode_action(np.eye(4)[:3], 0.0)
-    with pytest.raises(errors.ConfigError, match="3 motors"):
-        encode_action(np.eye(4), 0.0, control="target_pose", spool_speed=[1.0, 2.0])
+    with pytest.raises(errors.ConfigError, match="3 actuators"):
+        encode_action(np.eye(4), 0.0, control="target_pose", actuator_speed=[1.0, 2.0])
 
 
 def test_rotation_from_columns_is_a_rotation() -> None:

@@ -50,7 +50,7 @@ def test_unknown_fields_are_refused(config: Any) -> None:
 
 
 def test_the_preset_is_that_of_the_core() -> None:
-    tables = json.loads(_core.agent_tables(_core.Hand.reflex()))
+    tables = json.loads(_core.agent_tables(_core.Hand.named("reflex")))
     assert json.loads(to_json(configs.Randomization.standard())) == tables["randomization"]["standard"]
 
 

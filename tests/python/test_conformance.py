@@ -138,7 +138,9 @@ def test_factories_can_be_pickled(make: Any) -> None:
 
 
 def test_a_pickled_spec_with_a_hand_is_the_same() -> None:
-    env: Any = gymnasium.make(GRASP, objects="procedural:can:0", hand=graspbox.Hand(*graspbox.Hand.reflex_files()))
+    env: Any = gymnasium.make(
+        GRASP, objects="procedural:can:0", hand=graspbox.Hand(*graspbox.load_hand("reflex").files)
+    )
     again = pickle.loads(pickle.dumps(env.spec))
     assert again.kwargs["hand"] is not env.spec.kwargs["hand"]
     assert again == env.spec

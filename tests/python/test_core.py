@@ -200,8 +200,10 @@ def test_trace_tells_the_trial() -> None:
     assert np.isfinite(outcome.kindness).all()
     t = len(trace.time)
     assert trace.world_from_hand.shape == (t, 4, 4)
-    assert trace.fingers.shape == (t, 3, 2)
+    assert trace.joints.shape == (t, len(scene.hand.joints))
+    assert trace.actuators.shape == trace.loads.shape == (t, 4)
     assert trace.tensions.shape == (t, 3)
+    np.testing.assert_array_equal(trace.loads[:, :3], trace.tensions)
     np.testing.assert_allclose(np.diff(trace.time), 0.01, atol=1e-9)
     assert trace.world_from_hand[-1, 2, 3] - trace.world_from_hand[0, 2, 3] == pytest.approx(0.20, abs=1e-3)
 
@@ -221,16 +223,24 @@ def test_trace_of_an_infeasible_pose_is_empty() -> None:
         assert outcome.time[0] == 0.0
         assert trace.time.shape == trace.distance.shape == trace.hand_force.shape == (0,)
         assert trace.world_from_hand.shape == trace.world_from_object.shape == (0, 4, 4)
-        assert trace.fingers.shape == (0, 3, 2)
+        assert trace.joints.shape == (0, 7)
         assert trace.tensions.shape == (0, 3)
 
 
 def test_hand_from_its_files(tmp_path: Path) -> None:
     hand = graspbox.load_hand()
     assert hand.name.lower() == "reflex"
-    assert hand.fingers == 3
+    assert len(hand.chains) == 3
+    assert len(hand.joints) == len(hand.joint_chains) == len(hand.joint_limits) == 7
+    assert hand.actuators == ["finger_1", "finger_2", "finger_3", "preshape"]
+    assert hand.closing_speeds == [3.0] * 3
     np.testing.assert_allclose(hand.preshape_limits, (0.0, np.pi / 2))
-    poses, halves, pads = hand.shapes(0.0, np.zeros(3), np.zeros(3))
+    np.testing.assert_array_equal(hand.open(0.7), [0.7, 0, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(hand.closed(0.7, 1.0)[1:], hand.joint_limits[1:, 1])
+    poses, halves, pads, joints = hand.shapes(hand.open(0.0))
+    frames, chains, revolute = hand.joint_frames(hand.open(0.0))
+    assert len(frames) == len(chains) == len(revolute) == 8, "swivel 2 follows swivel 1"
+    assert set(joints) == {-1, 1, 2, 4, 5, 6, 7}, "swivels have no shapes"
     assert poses.shape == (len(halves), 4, 4)
     assert pads.any()
     assert not pads.all()

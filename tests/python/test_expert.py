@@ -69,9 +69,9 @@ def test_dense_reward_pays_for_what_leads_to_success() -> None:
 
 
 @pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
-def test_each_motor_closes_at_its_own_default_speed(control: str) -> None:
+def test_each_actuator_closes_at_its_own_default_speed(control: str) -> None:
     """The hand's description gives the speeds, as for a trial."""
-    urdf, toml = graspbox.Hand.reflex_files()
+    urdf, toml = graspbox.load_hand("reflex").files
     default = "default_speed = { value = 3.0"
     for speed in (1.25, 2.0, 2.75):
         toml = toml.replace(default, f"default_speed = {{ value = {speed}", 1)
@@ -85,10 +85,10 @@ def test_each_motor_closes_at_its_own_default_speed(control: str) -> None:
     driver = expert.Expert(state, goal, 0.0, control=control, hand=hand)
     columns = spaces.tables(hand)["actions"][control]
     names = np.array([row["name"] for row in columns for _ in range(row["size"])])
-    greatest = next(row["high"] for row in columns if row["name"] == "spool")
+    greatest = next(row["high"] for row in columns if row["name"] == "actuator")
     speeds = []
     while not driver.finished:
-        speeds.append(driver.act(state)[names == "spool"] * greatest)
+        speeds.append(driver.act(state)[names == "actuator"] * greatest)
     np.testing.assert_array_equal(speeds[0], 0.0)
     np.testing.assert_allclose(speeds[-1], [1.25, 2.0, 2.75], rtol=1e-6)
 

@@ -180,7 +180,7 @@ def test_a_plan_shows_every_pose_and_its_outcome(
     # One outline per box, one glyph per pose in the colour of its outcome, and the one that is simulated in bold.
     assert sum(line["axes"] is boxes for line in lines) == len(plan.tree)
     shown = [line for line in lines if line["axes"] is poses]
-    assert all(line["segments"].shape == (1 + 3 * scene.hand.fingers, 2, 3) for line in shown)
+    assert all(line["segments"].shape == (1 + 3 * len(scene.hand.chains), 2, 3) for line in shown)
     assert Counter(line["color"] for line in shown) == {SUCCESS: won.sum(), FAILURE: count - won.sum()}
     assert sum(line["width"] > 2 for line in shown) == 1
     for line in shown:

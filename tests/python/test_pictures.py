@@ -112,14 +112,19 @@ def test_the_table_takes_whole_shadows_and_hides_no_lines() -> None:
     assert view.visible(np.array([[-0.05, -0.05, -1e-3], [0.05, -0.05, -1e-3]])).all(), "an edge in its top is seen"
 
 
+def bent(preshape: float, proximal: float, distal: float) -> Any:
+    """Positions of the ReFlex's joints, all fingers alike."""
+    return np.array([preshape, *(proximal, distal) * 3])
+
+
 def test_a_hand_is_shown_whole_where_it_is() -> None:
     hand = graspbox.load_hand()
     frame = np.eye(4)
     frame[:3, 3] = [1.0, 2.0, 3.0]
-    here, there = (PosedHand(hand, pose, 0.0) for pose in (np.eye(4), frame))
-    assert len(here.corners()) == 8 * len(hand.shapes(0.0, np.zeros(3), np.zeros(3))[0])
+    here, there = (PosedHand.open(hand, pose, 0.0) for pose in (np.eye(4), frame))
+    assert len(here.corners()) == 8 * len(hand.shapes(hand.open(0.0))[0])
     np.testing.assert_allclose(here.corners() + frame[:3, 3], there.corners(), atol=1e-12)
-    closed = PosedHand(hand, np.eye(4), 0.0, np.full((3, 2), 0.7))
+    closed = PosedHand(hand, np.eye(4), bent(0.0, 0.7, 0.7))
     assert not np.allclose(closed.corners(), here.corners())
     small = cube((0.0, 0.0, 0.0), 1e-3, "#000000")
     for posed in (here, there, closed):
@@ -164,37 +169,37 @@ def test_joints_are_where_the_urdf_has_them() -> None:
     # In the grasp frame, whose origin is (0.015, 0, 0.09) in the base: finger 3 at rest, finger 1 at three preshapes.
     hand = graspbox.load_hand()
     for preshape in (0.0, 0.7, np.pi / 2):
-        one, two, three = PosedHand(hand, np.eye(4), preshape).skeleton()
-        np.testing.assert_allclose(three.root, [-0.045, 0.0, -0.0084], atol=1e-6)
-        np.testing.assert_allclose(three.knuckle, [-0.045 - 0.066, 0.0, -0.0134], atol=1e-6)
-        np.testing.assert_allclose(np.abs(three.root_axis), [0, 1, 0], atol=1e-6)
+        one, two, three = PosedHand.open(hand, np.eye(4), preshape).skeleton()
+        np.testing.assert_allclose(three.points[0], [-0.045, 0.0, -0.0084], atol=1e-6)
+        np.testing.assert_allclose(three.points[1], [-0.045 - 0.066, 0.0, -0.0134], atol=1e-6)
+        np.testing.assert_allclose(np.abs(three.axes[0]), [0, 1, 0], atol=1e-6)
         way = np.array([np.cos(preshape), -np.sin(preshape), 0.0])
-        np.testing.assert_allclose(one.root, np.array([0.0354, -0.026, -0.0084]) + 0.010 * way, atol=1e-6)
-        np.testing.assert_allclose(one.knuckle, one.root + 0.066 * way - [0, 0, 0.005], atol=1e-6)
-        np.testing.assert_allclose(two.knuckle, one.knuckle * [1, -1, 1], atol=1e-6)
+        np.testing.assert_allclose(one.points[0], np.array([0.0354, -0.026, -0.0084]) + 0.010 * way, atol=1e-6)
+        np.testing.assert_allclose(one.points[1], one.points[0] + 0.066 * way - [0, 0, 0.005], atol=1e-6)
+        np.testing.assert_allclose(two.points[1], one.points[1] * [1, -1, 1], atol=1e-6)
         # The far end of the distal link.
-        assert np.linalg.norm(one.tip - one.knuckle) == pytest.approx(0.0485, abs=0.003)
-    bent = PosedHand(hand, np.eye(4), 0.0, np.tile([np.pi / 2, 0.0], (3, 1))).skeleton()[2]
-    np.testing.assert_allclose(bent.knuckle - bent.root, [-0.005, 0.0, 0.066], atol=1e-6)
+        assert np.linalg.norm(one.tip - one.points[1]) == pytest.approx(0.0485, abs=0.003)
+    up = PosedHand(hand, np.eye(4), bent(0.0, np.pi / 2, 0.0)).skeleton()[2]
+    np.testing.assert_allclose(up.points[1] - up.points[0], [-0.005, 0.0, 0.066], atol=1e-6)
 
 
 @pytest.mark.parametrize("angles", [(0.0, 0.0), (1.2, 0.8)])
 def test_fingers_are_joined_to_the_palm(angles: tuple[float, float], monkeypatch: pytest.MonkeyPatch) -> None:
     """Collision shapes leave gaps at the joints, at which open fingers seemed to float."""
     hand, pose = graspbox.load_hand(), turned(2, 0.3)
-    posed = PosedHand(hand, pose, 0.5, np.tile(angles, (3, 1)))
-    fingers, joints = posed.skeleton(), posed.joints()
+    posed = PosedHand(hand, pose, bent(0.5, *angles))
+    fingers, joints = posed.skeleton(), posed.hinges()
     assert len(joints) == 2 * len(fingers) == 6
     for finger, hinge, neck in zip(fingers, joints[::2], joints[1::2], strict=True):
         np.testing.assert_array_equal(hinge.world_from_mesh, pose)
-        np.testing.assert_allclose(hinge.mesh.vertices.mean(axis=0), finger.root, atol=1e-9)
+        np.testing.assert_allclose(hinge.mesh.vertices.mean(axis=0), finger.points[0], atol=1e-9)
         # The neck reaches from amid the link to the knuckle.
-        way = finger.knuckle - finger.link.center
-        along = (neck.mesh.vertices - finger.link.center) @ way / np.linalg.norm(way)
+        way = finger.points[1] - finger.links[0].center
+        along = (neck.mesh.vertices - finger.links[0].center) @ way / np.linalg.norm(way)
         np.testing.assert_allclose([along.min(), along.max()], [0.0, float(np.linalg.norm(way))], atol=1e-9)
     # Seen from above the palm the hinges are in the picture.
     view = View([], Camera(30.0, 89.0), shown=posed.corners(), size=(300, 300), hand=posed)
-    monkeypatch.setattr(PosedHand, "joints", lambda _: [])
+    monkeypatch.setattr(PosedHand, "hinges", lambda _: [])
     bare = View([], Camera(30.0, 89.0), shown=posed.corners(), size=(300, 300), hand=posed)
     assert np.mean(np.any(view.image != bare.image, axis=2)) > 0.001
 
@@ -204,7 +209,7 @@ def test_glyphs_show_approach_roll_and_preshape() -> None:
     poses = np.array([np.eye(4), turned(2, 0.9), turned(0, 0.4)])
     poses[:, :3, 3] = [[0.0, 0.0, 0.0], [0.1, 0.2, 0.3], [0.0, 0.0, 0.5]]
     shapes = glyphs(hand, poses, np.array([0.0, np.pi / 2, 0.0]))
-    assert shapes.shape == (3, 1 + 3 * hand.fingers, 2, 3), "a stem, and three lines for each finger"
+    assert shapes.shape == (3, 1 + 3 * len(hand.chains), 2, 3), "a stem, and three lines for each finger"
     for pose, shape in zip(poses, shapes, strict=True):
         stem = shape[0, 1] - shape[0, 0]
         np.testing.assert_allclose(shape[0, 1], pose[:3, 3], atol=1e-12)
@@ -218,7 +223,7 @@ def test_glyphs_show_approach_roll_and_preshape() -> None:
     side_by_side, opposite = tips[0], tips[1]
     assert side_by_side[0, 0] == pytest.approx(side_by_side[1, 0])
     assert abs(side_by_side[0, 1] - side_by_side[1, 1]) < 0.6 * abs(opposite[0, 1] - opposite[1, 1])
-    assert glyphs(hand, np.zeros((0, 4, 4)), np.zeros(0)).shape == (0, 1 + 3 * hand.fingers, 2, 3)
+    assert glyphs(hand, np.zeros((0, 4, 4)), np.zeros(0)).shape == (0, 1 + 3 * len(hand.chains), 2, 3)
 
 
 def test_cylinders_are_closed_and_face_outward() -> None:

@@ -287,7 +287,7 @@ def test_plans_outcomes_scenes_and_hands_are_copied(scene: graspbox.Scene, plan:
 
 
 def test_a_hand_from_files_is_pickled_with_their_text(tmp_path: Path) -> None:
-    urdf, toml = graspbox.Hand.reflex_files()
+    urdf, toml = graspbox.load_hand("reflex").files
     (tmp_path / "a.urdf").write_text(urdf)
     (tmp_path / "hand.toml").write_text(toml)
     hand = graspbox.load_hand((tmp_path / "a.urdf", tmp_path / "hand.toml"))
@@ -295,7 +295,8 @@ def test_a_hand_from_files_is_pickled_with_their_text(tmp_path: Path) -> None:
     for path in tmp_path.iterdir():
         path.unlink()
     again = pickle.loads(pickled)
-    for a, b in zip(again.shapes(0.3, np.ones(3), np.ones(3)), hand.shapes(0.3, np.ones(3), np.ones(3)), strict=True):
+    closed = hand.closed(0.3, 0.5)
+    for a, b in zip(again.shapes(closed), hand.shapes(closed), strict=True):
         np.testing.assert_array_equal(a, b)
     assert again == hand == graspbox.Hand(urdf, toml)
     assert len({again, hand, graspbox.load_hand()}) == 1

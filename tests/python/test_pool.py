@@ -24,7 +24,7 @@ FLAGS = ("terminated", "truncated", "reset")
 def objects() -> _core.Objects:
     names = ("box", "can", "ball")
     sources = [json.dumps({"name": name, "family": name, "seed": 0}) for name in names]
-    return _core.Objects(sources, _core.Hand.reflex(), "{}", None)
+    return _core.Objects(sources, _core.Hand.named("reflex"), "{}", None)
 
 
 def make(objects: _core.Objects, num_envs: int = NUM_ENVS, **config: Any) -> _core.EnvPool:
@@ -43,7 +43,7 @@ def flat(arrays: Any) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def tables() -> Any:
-    return json.loads(_core.agent_tables(_core.Hand.reflex()))
+    return json.loads(_core.agent_tables(_core.Hand.named("reflex")))
 
 
 @pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
@@ -191,7 +191,7 @@ def test_the_number_of_environments_is_bounded(objects: _core.Objects) -> None:
 def half_broken() -> _core.Objects:
     """Give a box, and an object whose file is not there."""
     sources = ['{"name": "box", "family": "box", "seed": 0}', '{"name": "gone", "path": "/no/such/file.stl"}']
-    return _core.Objects(sources, _core.Hand.reflex(), "{}", None)
+    return _core.Objects(sources, _core.Hand.named("reflex"), "{}", None)
 
 
 def seeds_of(objects: _core.Objects, count: int, *, breaks: bool) -> list[int]:
@@ -279,7 +279,7 @@ def test_a_state_crosses_as_bytes(objects: _core.Objects) -> None:
 
 
 def test_errors_name_what_is_wrong(objects: _core.Objects) -> None:
-    hand = _core.Hand.reflex()
+    hand = _core.Hand.named("reflex")
     for source, match in (
         ('{"name": "x"}', "path, or a family"),
         ('{"name": "x", "family": "box", "seed": 0, "scale": -1}', "scale"),

@@ -18,7 +18,7 @@ from acting import CAMERAS, OBJECTS
 from graspbox import errors
 from graspbox.envs import IDS
 
-FILES = graspbox.Hand.reflex_files()
+FILES = graspbox.load_hand("reflex").files
 SETTINGS: dict[str, Any] = {
     "objects": OBJECTS,
     "cameras": CAMERAS,

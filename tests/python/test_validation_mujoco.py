@@ -39,7 +39,7 @@ def cube(side: float = 0.06, mass: float = 0.2) -> judge.ObjectData:
 
 @pytest.fixture(scope="module")
 def hand() -> judge.HandDescription:
-    return judge.reflex()
+    return judge.describe()
 
 
 def cube_mesh() -> graspbox.Mesh:
@@ -52,14 +52,12 @@ def cube_mesh() -> graspbox.Mesh:
 def test_both_read_the_same_hand(hand: judge.HandDescription) -> None:
     """Shapes of the closed, spread hand stand where the core puts them."""
     core = graspbox.load_hand("reflex")
-    preshape, proximal, distal = 0.7, [0.3, 0.9, 1.4], [0.2, 0.6, 1.1]
-    poses, half, pads = core.shapes(preshape, np.array(proximal), np.array(distal))
+    positions = [0.7, 0.3, 0.2, 0.9, 0.6, 1.4, 1.1]
+    poses, half, pads, _ = core.shapes(np.array(positions))
     scene = judge.build(hand, cube())
-    run = Replay(scene, np.eye(4), preshape)
-    for (p, d), q_p, q_d in zip(scene.joints, proximal, distal, strict=True):
-        # The object's free joint has one coordinate more than it has degrees of freedom.
-        run.data.qpos[run.model.jnt_qposadr[run.model.dof_jntid[p]]] = q_p
-        run.data.qpos[run.model.jnt_qposadr[run.model.dof_jntid[d]]] = q_d
+    run = Replay(scene, np.eye(4), positions[0])
+    for (address, _), position in zip(scene.joints.values(), positions[1:], strict=True):
+        run.data.qpos[address] = position
     mujoco.mj_kinematics(run.model, run.data)
     shapes = [shape for link in hand.links for shape in link.shapes]
     assert len(shapes) == len(poses)
@@ -75,18 +73,19 @@ def test_tendon_statics_against_the_closed_form(hand: judge.HandDescription) -> 
     """Without gravity a slowly closed finger rests where ``r T`` balances the springs, on both joints."""
     scene = judge.build(hand, cube(), PhysicsConfig(gravity=0.0))
     run = Replay(scene, above(HIGH), 0.0)
-    fingers = [replace(f, travel=(0.0, 1.2)) for f in hand.fingers]
-    scene.hand = replace(hand, fingers=tuple(fingers))
+    scene.hand = replace(hand, actuators=tuple(replace(a, travel=(0.0, 1.2)) for a in hand.actuators))
     for _ in range(8000):
         run.step()
-    for i, finger in enumerate(fingers):
-        q_p, q_d, v_p, v_d = run.angles(i)
-        tension = run.data.actuator_force[scene.actuators[i]]
-        assert max(abs(v_p), abs(v_d)) < 1e-3
-        stretch = finger.spool_radius * 1.2 - finger.arms[0] * q_p - finger.arms[1] * q_d
-        assert tension == pytest.approx(finger.stiffness * stretch, rel=1e-3)
-        for q, arm, stiffness, rest in zip((q_p, q_d), finger.arms, finger.stiffnesses, finger.rests, strict=True):
-            assert arm * tension == pytest.approx(stiffness * (q - rest), rel=2e-3)
+    for i, tendon in enumerate(hand.tendons):
+        states = [run.joint(link) for link, _ in tendon.arms]
+        assert max(abs(speed) for _, speed in states) < 1e-3
+        spool = hand.actuators[i].spool
+        assert spool is not None
+        stretch = spool[1] * 1.2 - sum(arm * q for (_, arm), (q, _) in zip(tendon.arms, states, strict=True))
+        assert run.load(i) == pytest.approx(tendon.stiffness * stretch, rel=1e-3)
+        for (link, arm), (q, _) in zip(tendon.arms, states, strict=True):
+            spring = hand.links[link].spring
+            assert arm * run.load(i) == pytest.approx(spring.stiffness * (q - spring.reference), rel=2e-3)
 
 
 def test_free_closing_agrees_with_the_core() -> None:
@@ -97,16 +96,17 @@ def test_free_closing_agrees_with_the_core() -> None:
     scene = graspbox.Scene(cube_mesh())
     pose = np.linalg.inv(scene.world_from_object) @ above(HIGH)
     _, core = scene.trace(pose, 0.3)
-    theirs = judge.replay(judge.build(judge.reflex(), judge.object_data(scene)), above(HIGH), 0.3, trace=True)
+    theirs = judge.replay(judge.build(judge.describe(), judge.object_data(scene)), above(HIGH), 0.3, trace=True)
     # The first 30 ms are the jerk of a tendon that goes taut.
     rows = [i for i, time in enumerate(core.time) if 0.03 < time < 0.54]
     assert len(rows) > 45
     trace = [theirs.trace[round(core.time[i] / 0.01)] for i in rows]
     assert np.abs([sample.time for sample in trace] - core.time[rows]).max() < 1e-3
-    angles = np.array([sample.fingers for sample in trace])
-    tensions = np.array([sample.tensions for sample in trace])
-    assert angles[-1, :, 0].min() > 1.6
-    assert np.abs(angles - core.fingers[rows]).max() < 0.06
+    angles = np.array([sample.joints for sample in trace])
+    tensions = np.array([sample.loads[:3] for sample in trace])
+    assert angles[-1, ::2].min() > 1.6
+    # The core's first joint is the swivel, which MuJoCo's model has as a pose.
+    assert np.abs(angles - core.joints[rows, 1:]).max() < 0.06
     late = core.time[rows] > 0.15
     assert np.abs(tensions - core.tensions[rows])[late].max() < 2.0
 
@@ -145,7 +145,7 @@ def test_labels_of_plain_cases_agree() -> None:
     beside[0, 3] = 0.4
     worlds = [above(0.11), beside]
     ours = scene.simulate(np.stack([to_object @ w for w in worlds]), np.zeros(2))
-    built = judge.build(judge.reflex(), judge.object_data(scene))
+    built = judge.build(judge.describe(), judge.object_data(scene))
     theirs = [judge.replay(built, world, 0.0) for world in worlds]
     assert [bool(x) for x in ours.success] == [t.success for t in theirs] == [True, False]
     assert ours.failure[1] == theirs[1].failure == "no_contact"

@@ -314,18 +314,18 @@ fn bad_actions_are_refused_before_anything_moves() {
 fn another_hand_acts_as_well() {
     let files = Path::new(env!("CARGO_MANIFEST_DIR")).join("../env/hand/tests/fixtures");
     let hand = Hand::load(&files.join("gripper.urdf"), &files.join("gripper.toml")).unwrap();
-    let (motors, fingers, sensors) = (hand.motors.len(), hand.fingers.len(), hand.sensors.len());
+    let (actuators, sensors) = (hand.actuators.len(), hand.sensors.len());
     let sources = vec![objects(&[Family::Box]).source(0).unwrap().clone()];
     let objects = Arc::new(Objects::new(sources, Arc::new(hand), PhysicsConfig::default(), None).unwrap());
     for control in Control::CLOSED_LOOP {
         let pool = pool(&objects, control, 2);
-        assert_eq!(pool.spec().action, control.hand_size() + motors);
+        assert_eq!(pool.spec().action, control.hand_size() + actuators);
         pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
         for step in 0..20 {
             let batch = pool.step(&actions(&pool, step)).unwrap().now;
             assert_eq!(batch.observations[1].len(), 2 * sensors);
             let proprio: usize = pool.spec().observations[0].size;
-            assert_eq!((proprio, batch.observations[0].len()), (16 + 4 * fingers, 2 * proprio));
+            assert_eq!((proprio, batch.observations[0].len()), (15 + 2 + 3 * actuators, 2 * proprio), "two encoders");
         }
     }
 }

@@ -3,7 +3,7 @@
 //! A bug here: a hand that jerks what it holds, that is driven into the table or crushes an object; an ending that is missed.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_agent::action::PRESHAPE_SPOOL;
+use graspbox_agent::action::OPEN_SHARE;
 use graspbox_agent::arm_controller::{
     ANGULAR_ACCELERATION, ANGULAR_SPEED, ArmController, Goal, LINEAR_ACCELERATION, LINEAR_SPEED,
 };
@@ -371,7 +371,10 @@ fn a_hand_that_stops_turning_leaves_the_object_alone() {
 fn closed_fingers_keep_the_preshape() {
     let pool = pool(&objects(&[Family::Can]), Control::Twist, 1);
     let rows = Control::Twist.table(pool.spec().hand());
-    assert!(rows[5].meaning.ends_with(&format!("beyond {PRESHAPE_SPOOL} rad")));
+    let percent = 100.0 * OPEN_SHARE;
+    assert!(
+        rows[5].meaning.ends_with(&format!("no other actuator has closed by more than {percent:.0} % of its travel"))
+    );
     pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
     let act = |spool: f32, preshape: f32, steps: usize| {
         let mut action = vec![0.0; pool.spec().action];
@@ -385,7 +388,7 @@ fn closed_fingers_keep_the_preshape() {
     };
     let shaped = std::f64::consts::FRAC_PI_4;
     assert!((act(0.0, 0.0, 10) - shaped).abs() < 1e-6);
-    // 0.525 rad of spool.
+    // 0.525 rad of the spool's 3.6.
     act(1.0, 0.0, 3);
     for preshape in [-1.0, 0.3, 1.0] {
         assert!((act(0.0, preshape, 5) - shaped).abs() < 1e-6, "moved for {preshape}");

@@ -4,7 +4,7 @@
 //! A bug here: a reader in the wrong row, a row of the wrong size.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_agent::action::PRESHAPE_SPOOL;
+use graspbox_agent::action::OPEN_SHARE;
 use graspbox_agent::agent_episode::AgentEpisode;
 use graspbox_agent::info::{INFO, InfoValue, failure_names, info_table, read_info};
 use graspbox_agent::potentials::Potentials;
@@ -15,6 +15,7 @@ use graspbox_agent::{AgentConfig, Column, Control, EnvPool, EnvSpec, Observation
 use graspbox_episode::FailureKind;
 use graspbox_objects::Family;
 use graspbox_tests::agent::{follow_until, objects, pool, seeds, target};
+use graspbox_tests::bench::bending;
 use graspbox_tests::scenes::{planned, procedural};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::collections::BTreeSet;
@@ -41,13 +42,13 @@ fn contact_flags(episode: &AgentEpisode) -> Vec<f64> {
     let world = episode.episode().world();
     let (hand, touching) = (world.hand(), world.contacts().links);
     let mut expected = Vec::new();
-    for (index, finger) in hand.fingers.iter().enumerate() {
-        let distal = hand.joints[finger.distal].child;
-        let own = touching.iter().filter(|link| hand.finger_of_link(**link) == Some(index));
+    for index in 0..hand.chain_count() {
+        let distal = hand.joints[bending(hand, index)[1]].child;
+        let own = touching.iter().filter(|link| hand.chain_of_link(**link) == Some(index));
         expected.push(flag(own.clone().any(|link| *link != distal)));
         expected.push(flag(own.clone().any(|link| *link == distal)));
     }
-    expected.push(flag(touching.iter().any(|link| hand.finger_of_link(*link).is_none())));
+    expected.push(flag(touching.iter().any(|link| hand.chain_of_link(*link).is_none())));
     expected
 }
 
@@ -58,17 +59,21 @@ fn expected(name: &str, episode: &AgentEpisode, spec: &EnvSpec) -> Vec<f64> {
     let (object, verdict) = (world.world_from_object(), episode.episode().verdict());
     let in_hand = world.world_from_hand().inverse() * object;
     let frame = if spec.config.control.decides() { object } else { in_hand };
-    let fingers = || (0..hand.fingers.len()).map(|finger| world.finger(finger));
+    let bent = |which: usize| {
+        let joints = (0..hand.chain_count()).map(|finger| bending(hand, finger)[which]);
+        joints.map(|joint| world.joint(joint).position).collect()
+    };
+    let spools = &world.actuators()[..3];
     match name {
         "hand_position" => arm.believed().translation.vector.as_slice().to_vec(),
         "hand_rotation" => columns_of(arm.believed()),
         "hand_velocity" => arm.velocity().0.as_slice().to_vec(),
         "hand_spin" => arm.velocity().1.as_slice().to_vec(),
-        "proximal" => fingers().map(|finger| finger.proximal).collect(),
-        "distal" => fingers().map(|finger| finger.distal).collect(),
-        "spool" => hand.fingers.iter().map(|finger| world.motors()[finger.motor].position).collect(),
-        "spool_speed" => hand.fingers.iter().map(|finger| world.motors()[finger.motor].velocity).collect(),
-        "load" => fingers().map(|finger| finger.tension).collect(),
+        "proximal" => bent(0),
+        "distal" => bent(1),
+        "actuator" => spools.iter().map(|spool| spool.position).collect(),
+        "actuator_speed" => spools.iter().map(|spool| spool.velocity).collect(),
+        "load" => (0..3).map(|tendon| world.tension(tendon)).collect(),
         "preshape" => vec![world.preshape()],
         "tactile" => world.tactile().force,
         "object_position" => object.translation.vector.as_slice().to_vec(),
@@ -98,7 +103,7 @@ fn compare(columns: &[Column], values: &[f32], episode: &AgentEpisode, spec: &En
     let mut rest = values;
     for column in columns {
         let (own, others) = rest.split_at_checked(column.size).ok_or("too few values")?;
-        let wanted = expected(column.name, episode, spec);
+        let wanted = expected(&column.name, episode, spec);
         let near = |(value, want): (&f32, &f64)| {
             (f64::from(*value) - want.clamp(column.low, column.high)).abs() < 1e-6 * (1.0 + want.abs())
         };
@@ -319,5 +324,5 @@ fn meanings_name_their_constants() {
     let pool = pool(&objects(&[Family::Box]), Control::Twist, 1);
     let actions = Control::Twist.table(pool.spec().hand());
     let preshape = actions.iter().find(|column| column.name == "preshape").unwrap();
-    assert!(preshape.meaning.contains(&format!("{PRESHAPE_SPOOL} rad")), "{}", preshape.meaning);
+    assert!(preshape.meaning.contains(&format!("{:.0} %", 100.0 * OPEN_SHARE)), "{}", preshape.meaning);
 }

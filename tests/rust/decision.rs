@@ -137,12 +137,14 @@ fn the_reach_of_the_hand_holds_every_part_of_it() {
     let hand = pool.spec().hand();
     let reach = pool.spec().reach;
     assert!((0.1..0.3).contains(&reach), "{reach}");
-    let [low, high] = hand.preshape_limits;
+    let [low, high] = hand.preshape_limits();
     for i in 0..40 {
         let share = f64::from(i) / 39.0;
         let mut joints = hand.open_configuration(low + (high - low) * share);
-        joints.proximal.iter_mut().for_each(|angle| *angle = 2.8 * share);
-        joints.distal.iter_mut().for_each(|angle| *angle = 2.4 * (1.0 - share));
+        // After the swivel's position there are two for each finger.
+        for finger in joints[1..].chunks_mut(2) {
+            finger.copy_from_slice(&[2.8 * share, 2.4 * (1.0 - share)]);
+        }
         for link in hand.hand_from_links(&joints).unwrap() {
             assert!(link.translation.vector.norm() < reach);
         }

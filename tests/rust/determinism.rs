@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use graspbox_episode::{Progress, Sample, Scene, Trial, TrialConfig, TrialOutcome, run_trials};
-use graspbox_hand::{GraspPose, MotorCommand};
+use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, PhysicsConfig, SimError, Template, World};
 use graspbox_tests::bench::{at, bits, closing, palm_down, reflex, template};
@@ -19,7 +19,7 @@ struct Case {
     template: Template,
     start: Isometry3<f64>,
     object: Isometry3<f64>,
-    close: Vec<MotorCommand>,
+    close: Vec<ActuatorCommand>,
 }
 
 impl Case {
@@ -130,7 +130,7 @@ fn trace_bits(trace: &[Sample]) -> Vec<u64> {
         let pose = s.world_from_object;
         let mut numbers = vec![s.time, s.distance, s.hand_force];
         numbers.extend(pose.translation.vector.iter().chain(pose.rotation.coords.iter()));
-        numbers.extend(s.fingers.iter().flatten().chain(&s.tensions));
+        numbers.extend(s.joints.iter().chain(&s.actuators).chain(&s.loads).chain(&s.tensions));
         numbers
     };
     trace.iter().flat_map(one).map(f64::to_bits).collect()
@@ -286,10 +286,12 @@ fn a_snapshot_of_another_world_is_refused() {
     let bytes = world.snapshot().unwrap();
     let can = Geometry::Cylinder { radius: 0.034, half_length: 0.05 };
     let mut fewer = reflex();
-    fewer.fingers.pop();
-    fewer.motors.remove(2);
+    fewer.tendons.pop();
+    fewer.actuators.remove(2);
+    fewer.grasp.closing.pop();
+    fewer.grasp.coordinate = None;
     let mut softer = reflex();
-    softer.fingers[0].tendon.stiffness *= 0.5;
+    softer.tendons[0].stiffness *= 0.5;
     let mut smoother = reflex();
     smoother.friction.pad *= 0.5;
     let slower = PhysicsConfig { dt: 0.001, ..PhysicsConfig::default() };

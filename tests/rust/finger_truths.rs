@@ -1,9 +1,9 @@
 //! A finger against closed forms, each within 2 %: small oscillations, energy of a swing, statics of the tendon.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_hand::{Friction, Hand, HandConfiguration};
+use graspbox_hand::{Friction, Hand};
 use graspbox_sim::{Geometry, PhysicsConfig, World};
-use graspbox_tests::bench::{at, away, closing, palm_down, reflex, run, template};
+use graspbox_tests::bench::{at, away, bending, closing, palm_down, reflex, run, template};
 use graspbox_tests::two_link::TwoLink;
 use nalgebra::{Isometry3, Point3, Rotation2, Vector2, Vector3};
 
@@ -14,13 +14,12 @@ const WITHIN: f64 = 0.02;
 /// The ReFlex with every finger's springs, damping and stops changed, so that a finger is a plain double pendulum.
 fn pendulum_hand(proximal_stiffness: f64, damping: f64) -> Hand {
     let mut hand = reflex();
-    for i in 0..hand.fingers.len() {
-        let finger = &mut hand.fingers[i];
-        finger.flexure.proximal_stiffness = proximal_stiffness;
-        finger.flexure.proximal_rest = 0.0;
-        finger.flexure.proximal_damping = damping;
-        finger.flexure.distal_damping = damping;
-        let (proximal, distal) = (finger.proximal, finger.distal);
+    for i in 0..hand.chain_count() {
+        let [proximal, distal] = bending(&hand, i);
+        hand.joints[proximal].stiffness = proximal_stiffness;
+        hand.joints[proximal].spring_reference = 0.0;
+        hand.joints[proximal].damping = damping;
+        hand.joints[distal].damping = damping;
         hand.joints[proximal].limits = [-3.0, 3.0];
         hand.joints[distal].limits = [-1.5, 2.7];
     }
@@ -32,16 +31,16 @@ const SMALL: Vector2<f64> = Vector2::new(0.05, 0.05);
 
 /// A vector of finger `finger`'s plane in the base's axes.
 fn out_of_plane(hand: &Hand, finger: usize, v: Vector2<f64>) -> Vector3<f64> {
-    let joint = &hand.joints[hand.fingers[finger].proximal];
+    let joint = &hand.joints[bending(hand, finger)[0]];
     joint.parent_from_joint.rotation * Vector3::new(v.x, 0.0, v.y)
 }
 
 fn angles(world: &World, finger: usize) -> (Vector2<f64>, Vector2<f64>) {
-    let f = world.finger(finger);
-    (Vector2::new(f.proximal, f.distal), Vector2::new(f.proximal_speed, f.distal_speed))
+    let states = bending(world.hand(), finger).map(|joint| world.joint(joint));
+    (Vector2::from(states.map(|state| state.position)), Vector2::from(states.map(|state| state.speed)))
 }
 
-/// A world of `hand` whose motors are off, with its base along the world's axes and gravity in finger `finger`'s plane.
+/// A world of `hand` whose actuators are off, with its base along the world's axes and gravity in finger `finger`'s plane.
 fn swinging(hand: &Hand, finger: usize, gravity: Vector2<f64>) -> World {
     let config = PhysicsConfig::default();
     let template = template(hand.clone(), &Geometry::Ball { radius: 0.02 }, 0.1, config);
@@ -52,7 +51,7 @@ fn swinging(hand: &Hand, finger: usize, gravity: Vector2<f64>) -> World {
 
 /// Gravity (m/s2, finger's plane) under which finger `index` of `hand` hangs still at `q`; the flexure's rest angle follows suit.
 fn hang_at(hand: &mut Hand, index: usize, q: Vector2<f64>) -> Vector2<f64> {
-    let finger = TwoLink::of(hand, &hand.fingers[index]);
+    let finger = TwoLink::of(hand, index);
     let (mut low, mut high) = (-1.5_f64, 1.5_f64);
     let gravity = |angle: f64| Rotation2::new(angle) * Vector2::new(G, 0.0);
     for _ in 0..60 {
@@ -64,8 +63,9 @@ fn hang_at(hand: &mut Hand, index: usize, q: Vector2<f64>) -> Vector2<f64> {
         }
     }
     let gravity = gravity(low);
-    let flexure = &mut hand.fingers[index].flexure;
-    flexure.rest = q.y - finger.gravity_torque(q, gravity).y / flexure.stiffness;
+    let [_, distal] = bending(hand, index);
+    let flexure = &mut hand.joints[distal];
+    flexure.spring_reference = q.y - finger.gravity_torque(q, gravity).y / flexure.stiffness;
     gravity
 }
 
@@ -91,7 +91,7 @@ fn a_finger_with_its_motor_off_swings_as_a_double_pendulum() {
         let mut hand = pendulum_hand(stiffness, 0.0);
         let rest = SMALL;
         let gravity = hang_at(&mut hand, index, rest);
-        let finger = TwoLink::of(&hand, &hand.fingers[index]);
+        let finger = TwoLink::of(&hand, index);
         let modes = finger.modes(rest, gravity);
         let mass = finger.mass_matrix(rest);
         let mut world = swinging(&hand, index, gravity);
@@ -122,7 +122,7 @@ fn a_finger_loses_its_swing_at_the_rate_of_its_damping() {
     let mut hand = pendulum_hand(0.0, damping);
     let rest = SMALL;
     let gravity = hang_at(&mut hand, 0, rest);
-    let finger = TwoLink::of(&hand, &hand.fingers[0]);
+    let finger = TwoLink::of(&hand, 0);
     let [(_, shape), _] = finger.modes(rest, gravity);
     let mass = finger.mass_matrix(rest);
     // Light damping leaves the mode shape as it is: the amplitude falls as exp(-t c / (2 m)).
@@ -156,7 +156,7 @@ fn a_finger_loses_its_swing_at_the_rate_of_its_damping() {
 fn a_swinging_finger_never_gains_energy() {
     let free = pendulum_hand(0.0, 0.0);
     for (name, hand, tolerance, exact) in [("free", &free, WITHIN, true), ("real", &reflex(), 0.01, false)] {
-        let finger = TwoLink::of(hand, &hand.fingers[0]);
+        let finger = TwoLink::of(hand, 0);
         let gravity = Rotation2::new(1.0) * Vector2::new(G, 0.0);
         let mut world = swinging(hand, 0, gravity);
         let mut energies = Vec::new();
@@ -195,15 +195,9 @@ struct Balance {
 
 fn balance(world: &World, finger: usize, gravity: &Vector3<f64>) -> Balance {
     let hand = world.hand();
-    let states: Vec<_> = (0..hand.fingers.len()).map(|i| world.finger(i)).collect();
-    let configuration = HandConfiguration {
-        preshape: world.preshape(),
-        proximal: states.iter().map(|s| s.proximal).collect(),
-        distal: states.iter().map(|s| s.distal).collect(),
-    };
-    let links = hand.forward_kinematics(&configuration).unwrap();
-    let f = &hand.fingers[finger];
-    let joints = [f.proximal, f.distal].map(|j| &hand.joints[j]);
+    let links = hand.forward_kinematics(&world.configuration()).unwrap();
+    let indices = bending(hand, finger);
+    let joints = indices.map(|j| &hand.joints[j]);
     let moments = |link: usize, point: &Point3<f64>, force: &Vector3<f64>| {
         let moment = |i: usize| {
             let frame: &Isometry3<f64> = &links[joints[i].child];
@@ -227,22 +221,19 @@ fn balance(world: &World, finger: usize, gravity: &Vector3<f64>) -> Balance {
         let force = base_from_world * gravity * l.mass;
         weight += moments(link, &(links[link] * l.center_of_mass), &force);
     }
-    let q = [states[finger].proximal, states[finger].distal];
-    let tension = states[finger].tension;
-    let with = f.tendon.torques(tension, &f.flexure, q[0], q[1]);
-    let without = f.tendon.torques(0.0, &f.flexure, q[0], q[1]);
+    let tendon = &hand.tendons[finger];
     Balance {
         contact,
         gravity: weight,
-        spring: Vector2::new(without[0], without[1]),
-        tendon: Vector2::new(with[0] - without[0], with[1] - without[1]),
+        spring: Vector2::from(indices.map(|j| hand.joints[j].spring_force(world.joint(j).position))),
+        tendon: Vector2::from(indices.map(|j| tendon.arm(j) * world.tension(finger))),
     }
 }
 
 /// Mass of what is squeezed, kg: so heavy that even a ball, which rolls under fingers without friction, stays in its place.
 const FIXED: f64 = 3e4;
 
-/// Closes `hand`, palm down at `palm` metres above the table, on [`FIXED`] of `object` until its motors stall.
+/// Closes `hand`, palm down at `palm` metres above the table, on [`FIXED`] of `object` until its actuators stall.
 fn squeeze(hand: Hand, object: &Geometry, height: f64, palm: f64) -> World {
     let template = template(hand, object, FIXED, PhysicsConfig::default());
     let hand = palm_down(0.0, 0.0, palm);
@@ -278,16 +269,16 @@ fn contact_forces_balance_the_tendon() {
     for (name, object, height, palm) in squeezed() {
         let world = squeeze(smooth.clone(), &object, height, palm);
         for finger in 0..3 {
-            let state = world.finger(finger);
+            let (angles, tension) = (angles(&world, finger).0, world.tension(finger));
             let b = balance(&world, finger, &Vector3::new(0.0, 0.0, -G));
             let rest = b.contact + b.gravity + b.spring + b.tendon;
             let share = rest.component_div(&b.tendon);
             println!(
                 "{name}, finger {finger}: {:.2} and {:.2} rad, T {:.1} N; N mm: tendon {:.0} {:.0}, springs {:.0} {:.0}, \
                  weight {:.0} {:.0}, contacts {:.0} {:.0}; left over {:.2} % and {:.2} %",
-                state.proximal,
-                state.distal,
-                state.tension,
+                angles.x,
+                angles.y,
+                tension,
                 1e3 * b.tendon.x,
                 1e3 * b.tendon.y,
                 1e3 * b.spring.x,
@@ -299,7 +290,7 @@ fn contact_forces_balance_the_tendon() {
                 100.0 * share.x,
                 100.0 * share.y
             );
-            assert!(state.tension > 45.0, "finger {finger} does not pull");
+            assert!(tension > 45.0, "finger {finger} does not pull");
             assert!(b.contact.y < -0.05, "the distal link does not touch");
             assert!(share.amax() < WITHIN, "{share}");
         }
@@ -315,16 +306,15 @@ fn a_fingertip_presses_as_its_levers_say() {
     for (name, object, height, palm) in squeezed() {
         let world = squeeze(reflex(), &object, height, palm);
         let contacts = world.link_contacts();
-        for (index, finger) in world.hand().fingers.iter().enumerate() {
+        for index in 0..world.hand().chain_count() {
             let force = |joint: usize| -> f64 {
                 let link = world.hand().joints[joint].child;
                 contacts.iter().filter(|c| c.link == link).map(|c| c.force).sum()
             };
-            let (near, far) = (force(finger.proximal), force(finger.distal));
-            let state = world.finger(index);
+            let [near, far] = bending(world.hand(), index).map(force);
             println!(
                 "{name}, finger {index}: tension {:.1} N, proximal link {near:.1} N, distal link {far:.1} N",
-                state.tension
+                world.tension(index)
             );
             least = least.min(far);
             most = most.max(far);

@@ -7,7 +7,7 @@ use graspbox_agent::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_agent::{AgentConfig, Batch, Control, EnvPool, Objects, ResetOptions, Source};
 use graspbox_episode::TrialConfig;
 use graspbox_episode::trial::minimum_jerk;
-use graspbox_hand::{GraspPose, Hand, MotorKind};
+use graspbox_hand::{GraspPose, Hand};
 use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
 use nalgebra::{Isometry3, Translation3};
@@ -92,11 +92,10 @@ pub fn target(hand: &Hand, world_from_hand: &Isometry3<f64>, spool: f64, preshap
         .collect();
     let turn = world_from_hand.rotation.to_rotation_matrix();
     action.extend((0..6).map(|i| turn[(i % 3, i / 3)]));
-    let [low, high] = hand.preshape_limits;
-    action.extend(hand.motors.iter().map(|m| match m.kind {
-        MotorKind::Finger(_) => spool,
-        MotorKind::Preshape => 2.0 * (preshape - low) / (high - low) - 1.0,
-    }));
+    let [low, high] = hand.preshape_limits();
+    let shape = hand.grasp.coordinate.map(|coordinate| coordinate.actuator);
+    let share = 2.0 * (preshape - low) / (high - low) - 1.0;
+    action.extend((0..hand.actuators.len()).map(|index| if shape == Some(index) { share } else { spool }));
     action.into_iter().map(|x| x as f32).collect()
 }
 

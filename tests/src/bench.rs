@@ -1,6 +1,6 @@
 //! Worlds with one object, posed and driven for a test.
 
-use graspbox_hand::{Hand, MotorCommand, MotorKind};
+use graspbox_hand::{ActuatorCommand, Hand};
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
@@ -32,18 +32,20 @@ pub fn template(hand: Hand, geometry: &Geometry, mass: f64, config: PhysicsConfi
     Template::new(Arc::new(hand), &object, config).unwrap()
 }
 
-/// Commands that close every finger and hold the preshape (rad).
-pub fn closing(hand: &Hand, preshape: f64) -> Vec<MotorCommand> {
-    let target = |m: &graspbox_hand::Motor| match m.kind {
-        MotorKind::Finger(_) => m.travel[1],
-        MotorKind::Preshape => preshape,
-    };
-    let command = |m| MotorCommand::Position { target: target(m), speed: None };
-    hand.motors.iter().map(command).collect()
+/// Commands that close the hand and hold the preshape.
+pub fn closing(hand: &Hand, preshape: f64) -> Vec<ActuatorCommand> {
+    let command = |target| ActuatorCommand::Position { target, speed: None };
+    hand.closed_positions(preshape).into_iter().map(command).collect()
 }
 
-/// Steps with a hand that stays at `hand` for `seconds`; the motors follow `commands`.
-pub fn run(world: &mut World, hand: &Isometry3<f64>, commands: &[MotorCommand], seconds: f64) {
+/// The last two joints of finger `index`: proximal, distal.
+pub fn bending(hand: &Hand, index: usize) -> [usize; 2] {
+    let joints = &hand.chains()[index].joints;
+    [joints[joints.len() - 2], joints[joints.len() - 1]]
+}
+
+/// Steps with a hand that stays at `hand` for `seconds`; the actuators follow `commands`.
+pub fn run(world: &mut World, hand: &Isometry3<f64>, commands: &[ActuatorCommand], seconds: f64) {
     for _ in 0..(seconds / world.dt()).round() as usize {
         world.step(hand, commands).unwrap();
     }
@@ -65,10 +67,12 @@ pub fn bits(world: &World) -> Vec<u64> {
     }
     let (linear, angular) = world.object_velocity_in_hand();
     numbers.extend(linear.iter().chain(angular.iter()));
-    for i in 0..world.hand().fingers.len() {
-        let f = world.finger(i);
-        numbers.extend([f.proximal, f.distal, f.proximal_speed, f.distal_speed, f.spool, f.tension]);
+    for joint in 0..world.hand().joints.len() {
+        let state = world.joint(joint);
+        numbers.extend([state.position, state.speed]);
     }
+    numbers.extend(world.actuators().iter().map(|actuator| actuator.position));
+    numbers.extend((0..world.hand().tendons.len()).map(|tendon| world.tension(tendon)));
     numbers.extend(world.tactile().force);
     numbers.push(world.time());
     numbers.iter().map(|x| x.to_bits()).collect()

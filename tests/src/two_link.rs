@@ -3,7 +3,8 @@
 //! Both joints turn about one axis. With the proximal angle `p` and the distal angle `d` the proximal link points along
 //! `p`, the distal one along `p + d`; every vector below lies in the finger's plane as (along the flat finger, out of the palm).
 
-use graspbox_hand::{Finger, Hand};
+use crate::bench::bending;
+use graspbox_hand::Hand;
 use nalgebra::{Matrix2, Rotation2, Vector2, Vector3};
 
 /// Constants of one finger.
@@ -32,9 +33,10 @@ fn planar(v: &Vector3<f64>) -> Vector2<f64> {
 }
 
 impl TwoLink {
-    /// Reads finger `finger`; its joints must turn about -y of frames whose x runs along the flat finger, as the ReFlex's do.
-    pub fn of(hand: &Hand, finger: &Finger) -> Self {
-        let joints = [finger.proximal, finger.distal].map(|j| &hand.joints[j]);
+    /// Reads finger `index`; its joints must turn about -y of frames whose x runs along the flat finger, as the ReFlex's do.
+    pub fn of(hand: &Hand, index: usize) -> Self {
+        let joints = bending(hand, index).map(|j| &hand.joints[j]);
+        assert_eq!(joints[0].armature, joints[1].armature);
         for joint in joints {
             assert!((joint.axis.into_inner() + Vector3::y()).norm() < 1e-12, "axis is not -y");
         }
@@ -45,10 +47,10 @@ impl TwoLink {
             center: links.map(|l| planar(&l.center_of_mass.coords)),
             inertia: links.map(|l| l.inertia[(1, 1)]),
             knuckle: planar(&joints[1].parent_from_joint.translation.vector),
-            armature: finger.flexure.armature,
-            spring: Vector2::new(finger.flexure.proximal_stiffness, finger.flexure.stiffness),
-            rest: Vector2::new(finger.flexure.proximal_rest, finger.flexure.rest),
-            damping: [finger.flexure.proximal_damping, finger.flexure.distal_damping],
+            armature: joints[0].armature,
+            spring: Vector2::from(joints.map(|joint| joint.stiffness)),
+            rest: Vector2::from(joints.map(|joint| joint.spring_reference)),
+            damping: joints.map(|joint| joint.damping),
         }
     }
 

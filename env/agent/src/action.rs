@@ -4,18 +4,18 @@ use crate::arm_controller::{ANGULAR_SPEED, Goal, LINEAR_SPEED};
 use crate::column::Column;
 use crate::control::{CONTROL_PERIOD, ClosedLoop, Control};
 use crate::workspace::{DECISION_HIGH, DECISION_LOW, WORKSPACE_HIGH, WORKSPACE_LOW};
-use graspbox_hand::{Hand, Motor, MotorCommand, MotorKind};
+use graspbox_hand::{Actuator, ActuatorCommand, Hand, JointKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// The preshape follows its target while no spool has turned further than this, radians: a hand is shaped before it closes. Fingers
-/// swivelled about an object that they hold, by however little, release it.
-pub const PRESHAPE_SPOOL: f64 = 0.5;
+/// The preshape follows its target while no other actuator has closed by more than this share of its travel: a hand is shaped before it
+/// closes. Fingers whose preshape changes about an object that they hold, by however little, release it.
+pub const OPEN_SHARE: f64 = 5.0 / 36.0;
 
 /// A direction shorter than this, or two with a smaller sine between them, define no rotation.
 const DEGENERATE: f64 = 1e-3;
 
 impl Control {
-    /// Entries of an action that move the hand; the motors' follow.
+    /// Entries of an action that move the hand; the actuators' follow.
     pub fn hand_size(self) -> usize {
         match self {
             Self::Twist | Self::DeltaPose => 6,
@@ -25,8 +25,8 @@ impl Control {
 
     /// Entries of an action.
     pub fn size(self, hand: &Hand) -> usize {
-        let motors = if self.decides() { 1 } else { hand.motors.len() };
-        self.hand_size() + motors
+        let actuators = if self.decides() { usize::from(hand.has_preshapes()) } else { hand.actuators.len() };
+        self.hand_size() + actuators
     }
 
     /// The columns of an action; `low` and `high` are what -1 and 1 mean.
@@ -45,10 +45,14 @@ impl Control {
                 "first two columns of world_from_hand, any length; degenerate ones name no pose",
             ),
         };
-        if self.decides() {
-            columns.push(Column::new("preshape", 1, hand.preshape_limits, "rad", "preshape"));
-        } else {
-            columns.extend(hand.motors.iter().map(|motor| motor_column(motor, hand)));
+        if !self.decides() {
+            columns.extend((0..hand.actuators.len()).map(|actuator| actuator_column(actuator, hand)));
+        } else if hand.has_preshapes() {
+            let meaning = match hand.grasp.coordinate {
+                Some(_) => "preshape".to_owned(),
+                None => format!("number of the preshape, rounded: {}", preshape_names(hand)),
+            };
+            columns.push(Column::new("preshape", 1, hand.preshape_limits(), hand.preshape_unit(), meaning));
         }
         columns
     }
@@ -76,17 +80,36 @@ fn pose_table(low: [f64; 3], high: [f64; 3], rotation: &str) -> Vec<Column> {
     vec![axis("x", 0), axis("y", 1), axis("z", 2), Column::new("rotation", 6, [-1.0, 1.0], "1", rotation)]
 }
 
-fn motor_column(motor: &Motor, hand: &Hand) -> Column {
-    match motor.kind {
-        MotorKind::Finger(_) => {
-            let speed = [-motor.max_speed, motor.max_speed];
-            Column::new("spool", 1, speed, "rad/s", "speed of a finger's spool; positive closes")
-        }
-        MotorKind::Preshape => {
-            let meaning = format!("target of the preshape, followed while no spool is beyond {PRESHAPE_SPOOL} rad");
-            Column::new("preshape", 1, hand.preshape_limits, "rad", meaning)
-        }
+/// The named preshapes with their numbers.
+fn preshape_names(hand: &Hand) -> String {
+    let names: Vec<String> = hand.preshapes().iter().map(|named| format!("{} {}", named.value, named.name)).collect();
+    names.join(", ")
+}
+
+fn actuator_column(index: usize, hand: &Hand) -> Column {
+    let actuator = &hand.actuators[index];
+    if is_preshape(index, hand) {
+        let percent = 100.0 * OPEN_SHARE;
+        let meaning = format!(
+            "target of the preshape, followed while no other actuator has closed by more than {percent:.0} % of its travel"
+        );
+        return Column::new("preshape", 1, hand.preshape_limits(), hand.preshape_unit(), meaning);
     }
+    let unit = if hand.motion_kind(actuator) == JointKind::Prismatic { "m/s" } else { "rad/s" };
+    let speed = [-actuator.max_speed, actuator.max_speed];
+    Column::new("actuator", 1, speed, unit, format!("speed of actuator `{}`; positive closes", actuator.name))
+}
+
+/// True for the actuator whose position is the preshape.
+fn is_preshape(actuator: usize, hand: &Hand) -> bool {
+    hand.grasp.coordinate.is_some_and(|coordinate| coordinate.actuator == actuator)
+}
+
+/// The preshape at a share of its range, from -1 to 1; the nearest one where preshapes have names alone.
+fn preshape_at(share: f64, hand: &Hand) -> f64 {
+    let [low, high] = hand.preshape_limits();
+    let preshape = low + (share + 1.0) / 2.0 * (high - low);
+    if hand.grasp.coordinate.is_some() { preshape } else { preshape.round() }
 }
 
 /// An entry of an action, clipped.
@@ -125,15 +148,15 @@ fn between(shares: &Vector3<f64>, low: [f64; 3], high: [f64; 3]) -> Vector3<f64>
     low + (shares.add_scalar(1.0) / 2.0).component_mul(&(high - low))
 }
 
-/// The hand's pose and the preshape (rad) that a decision names; none if its columns define no rotation.
+/// The hand's pose and the preshape that a decision names; none if its columns define no rotation.
 ///
 /// * `values`: an action of [`Control::GraspPose`], finite.
 pub fn pose_and_preshape(values: &[f32], hand: &Hand) -> Option<(Isometry3<f64>, f64)> {
     let position = between(&three(values, 0), DECISION_LOW, DECISION_HIGH);
     let rotation = rotation(&three(values, 3), &three(values, 6))?;
     let pose = Isometry3::from_parts(Translation3::from(position), rotation);
-    let [low, high] = hand.preshape_limits;
-    Some((pose, low + (entry(values, 9) + 1.0) / 2.0 * (high - low)))
+    let preshape = if hand.has_preshapes() { preshape_at(entry(values, 9), hand) } else { hand.preshape_limits()[0] };
+    Some((pose, preshape))
 }
 
 /// The rotation whose first column points along `first`, and whose second lies in the plane of both; none if they define none.
@@ -144,22 +167,19 @@ fn rotation(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<UnitQuaternio
     Some(UnitQuaternion::from_rotation_matrix(&matrix))
 }
 
-/// Commands to the motors, from the entries that follow those of the hand.
+/// Commands to the actuators, from the entries that follow those of the hand.
 ///
-/// * `preshape`: target of the preshape, radians; replaced by the action's while `open`.
-pub fn motor_commands(hand: &Hand, values: &[f32], open: bool, preshape: &mut f64) -> Vec<MotorCommand> {
-    let [low, high] = hand.preshape_limits;
-    let command = |(motor, value): (&Motor, &f32)| {
+/// * `preshape`: target of the preshape coordinate, rad or m; replaced by the action's while `open`.
+pub fn actuator_commands(hand: &Hand, values: &[f32], open: bool, preshape: &mut f64) -> Vec<ActuatorCommand> {
+    let command = |((index, actuator), value): ((usize, &Actuator), &f32)| {
         let value = f64::from(*value).clamp(-1.0, 1.0);
-        match motor.kind {
-            MotorKind::Finger(_) => MotorCommand::Velocity(value * motor.max_speed),
-            MotorKind::Preshape => {
-                if open {
-                    *preshape = low + (value + 1.0) / 2.0 * (high - low);
-                }
-                MotorCommand::Position { target: *preshape, speed: None }
-            }
+        if !is_preshape(index, hand) {
+            return ActuatorCommand::Velocity(value * actuator.max_speed);
         }
+        if open {
+            *preshape = preshape_at(value, hand);
+        }
+        ActuatorCommand::Position { target: *preshape, speed: None }
     };
-    hand.motors.iter().zip(values).map(command).collect()
+    hand.actuators.iter().enumerate().zip(values).map(command).collect()
 }

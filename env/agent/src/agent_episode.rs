@@ -1,7 +1,7 @@
 //! One episode under an agent: actions in, reward terms and endings out.
 
 use crate::AgentError;
-use crate::action::{PRESHAPE_SPOOL, motor_commands, pose_and_preshape};
+use crate::action::{OPEN_SHARE, actuator_commands, pose_and_preshape};
 use crate::arm_controller::ArmController;
 use crate::control::ClosedLoop;
 use crate::decision::Decision;
@@ -81,7 +81,7 @@ impl AgentEpisode {
     /// * `action`: finite numbers, (n,), as the control's table says.
     ///
     /// # Errors
-    /// A motor command that is not finite, which a finite action never gives.
+    /// An actuator command that is not finite, which a finite action never gives.
     pub fn step(&mut self, action: &[f32], spec: &EnvSpec) -> Result<(TermValues, bool), AgentError> {
         self.record.steps = self.record.steps.saturating_add(1);
         self.record.last_action.clear();
@@ -97,8 +97,8 @@ impl AgentEpisode {
 
     fn control_period(&mut self, mode: ClosedLoop, action: &[f32], spec: &EnvSpec) -> Result<Transition, AgentError> {
         let motion = self.arm.begin(&mode.goal(action, self.arm.believed()));
-        let (motors, open) = (&action[spec.config.control.hand_size()..], self.fingers_are_open());
-        let commands = motor_commands(spec.hand(), motors, open, &mut self.record.preshape);
+        let (actuators, open) = (&action[spec.config.control.hand_size()..], self.hand_is_open());
+        let commands = actuator_commands(spec.hand(), actuators, open, &mut self.record.preshape);
         let mut transition = Transition { before: self.record.potentials, ..Transition::default() };
         let dt = self.episode.world().dt();
         for i in 0..spec.substeps {
@@ -155,11 +155,14 @@ impl AgentEpisode {
         Ok(outcome.attempt)
     }
 
-    /// True while no finger is closed so far that the preshape has to stay.
-    fn fingers_are_open(&self) -> bool {
+    /// True while no actuator is closed so far that the preshape has to stay.
+    fn hand_is_open(&self) -> bool {
         let world = self.episode.world();
-        let mut fingers = world.hand().fingers.iter();
-        fingers.all(|finger| world.motors()[finger.motor].position <= PRESHAPE_SPOOL)
+        let hand = world.hand();
+        hand.grasp_actuators().all(|index| {
+            let [open, closed] = hand.actuators[index].travel;
+            world.actuators()[index].position <= open + OPEN_SHARE * (closed - open)
+        })
     }
 
     /// Lifting begins, for the judge, when the object first leaves the table while the hand touches it.

@@ -1,12 +1,13 @@
 //! One row of a table of numbers: some neighbouring entries of an observation or an action.
 
 use serde::Serialize;
+use std::borrow::Cow;
 
 /// Neighbouring entries of a vector that mean one thing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Column {
     /// Name.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Number of entries.
     pub size: usize,
     /// Least value; smaller ones are clipped.
@@ -30,7 +31,7 @@ impl Column {
         unit: &'static str,
         meaning: impl Into<String>,
     ) -> Self {
-        Self { name, size, low, high, unit, meaning: meaning.into(), privileged: false }
+        Self { name: name.into(), size, low, high, unit, meaning: meaning.into(), privileged: false }
     }
 }
 

@@ -37,12 +37,12 @@ pub struct Outcome {
 }
 
 impl Decision<'_> {
-    /// Tries a grasp: the hand opens at `world_from_hand` with `preshape` (rad), closes, lifts and holds.
+    /// Tries a grasp: the hand opens at `world_from_hand` with `preshape`, closes, lifts and holds.
     ///
     /// * `episode`: the episode before the decision.
     ///
     /// # Errors
-    /// A preshape or a motor command that the hand does not take, which a finite action never gives.
+    /// A preshape or an actuator command that the hand does not take, which a finite action never gives.
     pub fn attempt(
         &self,
         episode: &Episode,
@@ -91,7 +91,7 @@ impl Decision<'_> {
         })
     }
 
-    /// True if no finger can touch the object, neither while the hand closes nor while it rises: there is nothing to simulate.
+    /// True if no part of the hand can touch the object, neither while the hand closes nor while it rises: there is nothing to simulate.
     fn out_of_reach(&self, episode: &Episode) -> bool {
         let world = episode.world();
         let center = world.world_from_object() * self.prepared.bounds_center();

@@ -6,7 +6,7 @@ use crate::control::steps_per_control;
 use crate::guard::Guard;
 use crate::objects::Objects;
 use crate::observation::ObservationSpec;
-use graspbox_hand::{Hand, Shape};
+use graspbox_hand::{Hand, JointKind, Shape};
 use graspbox_plan::OpenHand;
 use graspbox_vision::Observer;
 use nalgebra::Vector3;
@@ -35,7 +35,7 @@ pub struct EnvSpec {
     pub open: OpenHand,
     /// No part of the hand is ever further from the grasp frame than this, metres.
     pub reach: f64,
-    /// For each link, the place of its contact flag: proximal and distal of each finger, then the palm.
+    /// For each link, the place of its contact flag: the links of [`Hand::touch_links`], then the palm.
     pub flags: Vec<usize>,
 }
 
@@ -52,10 +52,10 @@ impl EnvSpec {
             config.observations.iter().map(|o| ObservationSpec::new(*o, &hand, config.control)).collect();
         Ok(Self {
             reach: reach(&hand)?,
-            open: open_hand(&hand, hand.preshape_limits[0])?,
+            open: open_hand(&hand, hand.preshape_limits()[0])?,
             guard: Guard::new(&hand)?,
             substeps: if config.control.decides() { 0 } else { steps_per_control(objects.physics().dt)? },
-            flags: (0..hand.links.len()).map(|link| flag(&hand, link)).collect(),
+            flags: flags(&hand),
             observer: Observer::new(Arc::clone(&hand), config.cameras.clone(), objects.visual_models())?,
             observations,
             action,
@@ -71,13 +71,13 @@ impl EnvSpec {
 }
 
 /// Distance from the grasp frame that no part of a hand exceeds in any configuration, metres: the sum of the distances from joint to
-/// joint, and the furthest shape.
+/// joint, the travels of slides, and the furthest shape.
 ///
 /// # Errors
 /// A hand whose kinematics fail.
 fn reach(hand: &Hand) -> Result<f64, AgentError> {
     let bad = |source| AgentError::BadHand { source };
-    let open = hand.open_configuration(hand.preshape_limits[0]);
+    let open = hand.open_configuration(hand.preshape_limits()[0]);
     let links = hand.hand_from_links(&open).map_err(bad)?;
     let shapes = hand.shapes_at(&open).map_err(bad)?;
     let mut most = 0.0_f64;
@@ -88,15 +88,13 @@ fn reach(hand: &Hand) -> Result<f64, AgentError> {
             Shape::Sphere { radius } => radius,
         };
         let at = shape.hand_from_shape.translation.vector;
-        let chain = hand.finger_of_link(shape.link).map_or_else(Vec::new, |finger| {
-            let own = (0..hand.links.len()).filter(|link| hand.finger_of_link(*link) == Some(finger));
-            own.filter(|link| *link <= shape.link).collect()
-        });
         let (mut from, mut length) = (Vector3::zeros(), 0.0);
-        for link in chain {
-            let joint = links[link].translation.vector;
-            length += (joint - from).norm();
-            from = joint;
+        for link in carriers(hand, shape.link) {
+            let origin = links[link].translation.vector;
+            let joint = &hand.joints[link - 1];
+            let slide = if joint.kind == JointKind::Prismatic { joint.limits[1] - joint.limits[0] } else { 0.0 };
+            length += (origin - from).norm() + slide;
+            from = origin;
         }
         most = most.max(length + (at - from).norm() + size);
     }
@@ -111,18 +109,22 @@ pub fn open_hand(hand: &Hand, preshape: f64) -> Result<OpenHand, AgentError> {
     OpenHand::new(hand, preshape, START_CLEARANCE, 0.0).map_err(|source| AgentError::Unusable { source })
 }
 
-/// Place of a link's contact flag.
-fn flag(hand: &Hand, link: usize) -> usize {
-    let Some(finger) = hand.finger_of_link(link) else {
-        return 2 * hand.fingers.len();
-    };
-    let distal = hand.fingers[finger].distal;
-    let mut at = link;
+/// Links on the way from the base to `link` that joints move, from the root.
+fn carriers(hand: &Hand, link: usize) -> Vec<usize> {
+    let mut found = Vec::new();
+    let mut at = hand.carrier(link);
     while let Some(joint) = at.checked_sub(1) {
-        if joint == distal {
-            return 2 * finger + 1;
-        }
-        at = hand.joints[joint].parent;
+        found.push(at);
+        at = hand.carrier(hand.joints[joint].parent);
     }
-    2 * finger
+    found.reverse();
+    found
+}
+
+/// Place of every link's contact flag; those of links without a flag of their own do not matter, since they have no collision shapes.
+fn flags(hand: &Hand) -> Vec<usize> {
+    let own = hand.touch_links();
+    let palm = own.len();
+    let place = |link: usize| own.iter().position(|first| *first == hand.carrier(link)).unwrap_or(palm);
+    (0..hand.links.len()).map(place).collect()
 }

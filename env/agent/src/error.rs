@@ -145,7 +145,7 @@ pub enum AgentError {
     )]
     WrongSize {
         /// Name of the column.
-        column: &'static str,
+        column: String,
         /// Entries that the reader gave.
         found: usize,
         /// Entries that the row says.

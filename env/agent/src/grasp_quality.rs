@@ -5,16 +5,16 @@ use graspbox_plan::{Directions, WrenchSpace};
 use graspbox_sim::HandContact;
 use nalgebra::Point3;
 
-/// The least support over the axes' directions, in [0, 1]: 0 without force closure. The palm counts as a finger.
+/// The least support over the axes' directions, in [0, 1]: 0 without force closure. Each chain of the hand presses with one unit of normal force, and the palm counts as one.
 ///
 /// * `contacts`: as [`graspbox_sim::World::hand_contacts`] gives them; only those with the object count.
 /// * `center`: centre of mass of the object, hand frame.
 pub fn epsilon(hand: &Hand, contacts: &[HandContact], center: &Point3<f64>) -> f64 {
-    let palm = hand.fingers.len();
+    let palm = hand.chain_count();
     let mut space = WrenchSpace::new(palm + 1);
     for contact in contacts.iter().filter(|c| c.with_object) {
-        let finger = hand.finger_of_link(contact.link).unwrap_or(palm);
-        space.press(finger, &(contact.point - center), -contact.normal, contact.friction);
+        let chain = hand.chain_of_link(contact.link).unwrap_or(palm);
+        space.press(chain, &(contact.point - center), -contact.normal, contact.friction);
     }
     space.epsilon(Directions::Axes).min(1.0)
 }

@@ -41,10 +41,10 @@ impl Guard {
     /// [`AgentError::BadHand`] for a hand whose kinematics fail.
     pub fn new(hand: &Hand) -> Result<Self, AgentError> {
         let shapes = hand
-            .shapes_at(&hand.open_configuration(hand.preshape_limits[0]))
+            .shapes_at(&hand.open_configuration(hand.preshape_limits()[0]))
             .map_err(|source| AgentError::BadHand { source })?;
         let mut corners = Vec::new();
-        for shape in shapes.iter().filter(|s| hand.finger_of_link(s.link).is_none()) {
+        for shape in shapes.iter().filter(|s| hand.chain_of_link(s.link).is_none()) {
             let half = match shape.collider.shape {
                 Shape::Cuboid(half) => half,
                 Shape::Cylinder { radius, half_length } => Vector3::new(radius, radius, half_length),

@@ -45,7 +45,7 @@ impl HandPlacement<'_> {
     ) -> Result<Isometry3<f64>, AgentError> {
         let hand = self.spec.hand();
         let other;
-        let open = if preshape == hand.preshape_limits[0] {
+        let open = if preshape == hand.preshape_limits()[0] {
             &self.spec.open
         } else {
             other = open_hand(hand, preshape)?;

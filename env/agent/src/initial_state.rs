@@ -44,7 +44,7 @@ pub struct InitialState {
     pub world_from_object: Isometry3<f64>,
     /// Where the hand is.
     pub world_from_hand: Isometry3<f64>,
-    /// Preshape, radians.
+    /// Preshape, as one number.
     pub preshape: f64,
     /// Factor on the object's friction.
     pub friction: f64,
@@ -182,12 +182,13 @@ fn choose_resting(
 }
 
 fn checked_preshape(spec: &EnvSpec, options: &ResetOptions) -> Result<f64, AgentError> {
-    let [low, high] = spec.hand().preshape_limits;
+    let [low, high] = spec.hand().preshape_limits();
     let preshape = options.preshape.unwrap_or(low);
     if (low..=high).contains(&preshape) {
         Ok(preshape)
     } else {
-        Err(bad_option("preshape", format!("{preshape} is out of range; the hand takes {low} to {high} rad")))
+        let unit = spec.hand().preshape_unit();
+        Err(bad_option("preshape", format!("{preshape} is out of range; the hand takes {low} to {high} {unit}")))
     }
 }
 
@@ -233,7 +234,8 @@ fn settled(
     factors: [f64; 2],
 ) -> Result<(Isometry3<f64>, f64), AgentError> {
     let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
-    let mut alone = Episode::reset_at(scene, &away, world_from_object, 0.0, factors, SuccessCriterion::default());
+    let preshape = scene.template().hand().preshape_limits()[0];
+    let mut alone = Episode::reset_at(scene, &away, world_from_object, preshape, factors, SuccessCriterion::default());
     alone.rest()?;
     let (world, option) = (alone.world(), "world_from_object");
     let center = world.object_center();

@@ -3,8 +3,8 @@
 use crate::AgentError;
 use crate::column::{Column, total_size};
 use crate::control::Control;
-use crate::observation_row::Row;
-use crate::sensed::{PROPRIO, TACTILE};
+use crate::observation_row::{Reading, Row, Size};
+use crate::sensed::{ACTUATORS, ARM, TACTILE};
 use crate::simulated::{LAST_ACTION, RESTING, SIMULATED};
 use crate::view::View;
 use graspbox_hand::Hand;
@@ -38,24 +38,33 @@ impl Observation {
     /// Its rows, in order.
     ///
     /// * `control`: the state holds the last action; before a decision it describes the object alone.
-    fn rows(self, control: Control) -> impl Iterator<Item = &'static Row> {
-        let parts: [&'static [Row]; 3] = match self {
-            Self::Proprio => [PROPRIO, &[], &[]],
-            Self::Tactile => [TACTILE, &[], &[]],
-            Self::State if control.decides() => [RESTING, &[], &[]],
-            Self::State => [PROPRIO, SIMULATED, LAST_ACTION],
+    fn readings(self, hand: &Hand, control: Control) -> Vec<Reading> {
+        let table = |rows: &'static [Row]| {
+            // A hand without a preshape coordinate has no such row.
+            let there = |row: &&Row| !matches!(row.size, Size::Preshape) || row.size.of(hand, control) > 0;
+            rows.iter().filter(there).map(Reading::Row).collect::<Vec<_>>()
         };
-        parts.into_iter().flatten()
+        let joints = |encoder: bool| {
+            let groups = hand.groups.iter().enumerate().filter(move |(_, group)| group.encoder == encoder);
+            groups.map(|(index, _)| Reading::Joints(index)).collect::<Vec<_>>()
+        };
+        let proprio = || [table(ARM), joints(true), table(ACTUATORS)].into_iter().flatten();
+        match self {
+            Self::Proprio => proprio().collect(),
+            Self::Tactile => table(TACTILE),
+            Self::State if control.decides() => table(RESTING),
+            Self::State => proprio().chain(joints(false)).chain(table(SIMULATED)).chain(table(LAST_ACTION)).collect(),
+        }
     }
 
     /// Its columns, in order, for a hand and a control mode.
     pub fn table(self, hand: &Hand, control: Control) -> Vec<Column> {
-        self.rows(control).map(|row| row.column(hand, control)).collect()
+        self.readings(hand, control).iter().map(|reading| reading.column(hand, control)).collect()
     }
 
     /// True if no sensor of a real robot measures some part of it.
     pub fn privileged(self) -> bool {
-        self.rows(Control::default()).any(|row| row.privileged)
+        self == Self::State
     }
 }
 
@@ -67,19 +76,19 @@ pub struct ObservationSpec {
     pub columns: Vec<Column>,
     /// Number of entries.
     pub size: usize,
-    rows: Vec<&'static Row>,
+    readings: Vec<Reading>,
 }
 
 impl ObservationSpec {
     /// The observation for a hand and a control mode.
     pub fn new(observation: Observation, hand: &Hand, control: Control) -> Self {
-        Self::of_rows(observation, observation.rows(control).collect(), hand, control)
+        Self::of_readings(observation, observation.readings(hand, control), hand, control)
     }
 
     /// An observation with other rows than its own.
-    pub(crate) fn of_rows(observation: Observation, rows: Vec<&'static Row>, hand: &Hand, control: Control) -> Self {
-        let columns: Vec<Column> = rows.iter().map(|row| row.column(hand, control)).collect();
-        Self { observation, size: total_size(&columns), columns, rows }
+    pub(crate) fn of_readings(observation: Observation, readings: Vec<Reading>, hand: &Hand, control: Control) -> Self {
+        let columns: Vec<Column> = readings.iter().map(|reading| reading.column(hand, control)).collect();
+        Self { observation, size: total_size(&columns), columns, readings }
     }
 
     /// Appends the observation.
@@ -88,6 +97,6 @@ impl ObservationSpec {
     /// [`AgentError::WrongSize`] for a row whose reader gives another number of entries than the row says.
     pub fn read(&self, view: &View<'_>, out: &mut Vec<f32>) -> Result<(), AgentError> {
         out.reserve(self.size);
-        self.rows.iter().zip(&self.columns).try_for_each(|(row, column)| row.read(column, view, out))
+        self.readings.iter().zip(&self.columns).try_for_each(|(reading, column)| reading.read(column, view, out))
     }
 }

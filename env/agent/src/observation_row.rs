@@ -4,7 +4,7 @@ use crate::AgentError;
 use crate::column::Column;
 use crate::control::Control;
 use crate::view::View;
-use graspbox_hand::Hand;
+use graspbox_hand::{Hand, JointKind};
 
 /// A row: some neighbouring entries of an observation, and how they are read.
 pub struct Row {
@@ -15,7 +15,7 @@ pub struct Row {
     /// Least and greatest value; others are clipped.
     pub bounds: fn(&Hand) -> [f64; 2],
     /// Unit; `1` for a number without one.
-    pub unit: &'static str,
+    pub unit: fn(&Hand) -> &'static str,
     /// What it means.
     pub meaning: &'static str,
     /// True if no sensor of a real robot measures it.
@@ -28,9 +28,11 @@ pub struct Row {
 pub enum Size {
     /// The same for every hand.
     Fixed(usize),
-    /// One per finger.
-    Fingers,
-    /// Proximal and distal link of each finger, then the palm.
+    /// One per actuator but the preshape's.
+    Actuators,
+    /// One for a hand with a preshape coordinate, else none.
+    Preshape,
+    /// One per moving link with collision shapes, then the palm.
     Links,
     /// One per tactile sensor.
     Sensors,
@@ -43,8 +45,9 @@ impl Size {
     pub fn of(&self, hand: &Hand, control: Control) -> usize {
         match self {
             Self::Fixed(size) => *size,
-            Self::Fingers => hand.fingers.len(),
-            Self::Links => 2 * hand.fingers.len() + 1,
+            Self::Actuators => hand.grasp_actuators().count(),
+            Self::Preshape => usize::from(hand.grasp.coordinate.is_some()),
+            Self::Links => hand.touch_links().len() + 1,
             Self::Sensors => hand.sensors.len(),
             Self::Action => control.size(hand),
         }
@@ -63,11 +66,11 @@ impl Row {
     pub fn column(&self, hand: &Hand, control: Control) -> Column {
         let [low, high] = (self.bounds)(hand);
         Column {
-            name: self.name,
+            name: self.name.into(),
             size: self.size.of(hand, control),
             low,
             high,
-            unit: self.unit,
+            unit: (self.unit)(hand),
             meaning: self.meaning.to_owned(),
             privileged: self.privileged,
         }
@@ -80,12 +83,69 @@ impl Row {
     /// # Errors
     /// [`AgentError::WrongSize`] if the reader gave another number of entries than the row says.
     pub fn read(&self, column: &Column, view: &View<'_>, out: &mut Vec<f32>) -> Result<(), AgentError> {
-        let (begin, expected) = (out.len(), column.size);
-        (self.read)(view, &mut Entries { out, low: column.low as f32, high: column.high as f32 });
-        match out.len() - begin {
-            found if found == expected => Ok(()),
-            found => Err(AgentError::WrongSize { column: self.name, found, expected }),
+        read_column(column, view, out, self.read)
+    }
+}
+
+/// What a row of an observation is read from: one of the tables, or a group of joints.
+pub enum Reading {
+    /// A row of a table.
+    Row(&'static Row),
+    /// The positions of a group of joints, by its index in the hand.
+    Joints(usize),
+}
+
+/// Room beyond the joint limits that an observation shows, rad and m: stops are soft.
+const BEYOND_LIMITS: [f64; 2] = [0.5, 0.02];
+
+impl Reading {
+    /// What the row is for a hand and a control mode.
+    pub fn column(&self, hand: &Hand, control: Control) -> Column {
+        let group = match self {
+            Self::Row(row) => return row.column(hand, control),
+            Self::Joints(group) => &hand.groups[*group],
+        };
+        let joints = || group.joints.iter().map(|joint| &hand.joints[*joint]);
+        let kind = joints().next().map_or(JointKind::Revolute, |joint| joint.kind);
+        let beyond = BEYOND_LIMITS[usize::from(kind == JointKind::Prismatic)];
+        let names: Vec<&str> = joints().map(|joint| joint.name.as_str()).collect();
+        Column {
+            name: group.name.clone().into(),
+            size: group.joints.len(),
+            low: joints().map(|joint| joint.limits[0]).fold(f64::INFINITY, f64::min) - beyond,
+            high: joints().map(|joint| joint.limits[1]).fold(f64::NEG_INFINITY, f64::max) + beyond,
+            unit: kind.unit(),
+            meaning: format!("position of {}", names.join(", ")),
+            privileged: !group.encoder,
         }
+    }
+
+    /// Appends the numbers of the row; see [`Row::read`].
+    ///
+    /// # Errors
+    /// As [`Row::read`].
+    pub fn read(&self, column: &Column, view: &View<'_>, out: &mut Vec<f32>) -> Result<(), AgentError> {
+        match self {
+            Self::Row(row) => row.read(column, view, out),
+            Self::Joints(group) => read_column(column, view, out, |view, out| {
+                let world = view.world();
+                out.put(world.hand().groups[*group].joints.iter().map(|joint| world.joint(*joint).position));
+            }),
+        }
+    }
+}
+
+fn read_column(
+    column: &Column,
+    view: &View<'_>,
+    out: &mut Vec<f32>,
+    read: impl Fn(&View<'_>, &mut Entries<'_>),
+) -> Result<(), AgentError> {
+    let (begin, expected) = (out.len(), column.size);
+    read(view, &mut Entries { out, low: column.low as f32, high: column.high as f32 });
+    match out.len() - begin {
+        found if found == expected => Ok(()),
+        found => Err(AgentError::WrongSize { column: column.name.to_string(), found, expected }),
     }
 }
 

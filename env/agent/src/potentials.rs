@@ -8,8 +8,6 @@ use graspbox_sim::HandContact;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// The grasp centre: where closed fingers meet, hand frame, metres.
-pub const GRASP_CENTER: [f64; 3] = [0.0, 0.0, 0.06];
 /// Distance at which reaching begins to pay, metres.
 pub(crate) const REACH: f64 = 0.4;
 /// The object's core: its bounds, shrunk to this share.
@@ -45,7 +43,7 @@ impl Potentials {
         let contacts = world.hand_contacts();
         let center = hand_from_object * episode.scene().center_of_mass();
         let core = prepared.half_extents() * CORE;
-        let at = hand_from_object.inverse() * Point3::from(GRASP_CENTER) - prepared.bounds_center();
+        let at = hand_from_object.inverse() * hand.grasp.center - prepared.bounds_center();
         let outside = at.abs().zip_map(&core, |a, c| (a - c).max(0.0)).norm();
         let touching = contacts.iter().any(|c| c.with_object);
         let held = touching && !judge.on_scenery();
@@ -65,10 +63,10 @@ impl Potentials {
 
 /// Mean of the share of fingers that press on the object, and of how far two parts of the hand oppose each other.
 fn opposition(hand: &Hand, contacts: &[HandContact]) -> f64 {
-    let palm = hand.fingers.len();
+    let palm = hand.chain_count();
     let mut presses = vec![Vector3::zeros(); palm + 1];
     for contact in contacts.iter().filter(|c| c.with_object) {
-        presses[hand.finger_of_link(contact.link).unwrap_or(palm)] += contact.normal * contact.force;
+        presses[hand.chain_of_link(contact.link).unwrap_or(palm)] += contact.normal * contact.force;
     }
     let directions: Vec<_> = presses.iter().map(|p| p.try_normalize(1e-9)).collect();
     let fingers = directions[..palm].iter().flatten().count() as f64 / palm.max(1) as f64;

@@ -23,7 +23,7 @@ pub struct Record {
     pub first_center: Point3<f64>,
     /// The last action, clipped; zeros before the first.
     pub last_action: Vec<f32>,
-    /// Target of the preshape, radians.
+    /// Target of the preshape, as one number.
     pub preshape: f64,
     /// Control periods since the episode began; decisions count as one.
     pub steps: u32,

@@ -30,7 +30,7 @@ pub struct ResetOptions {
     pub world_from_object: Option<[[f64; 4]; 4]>,
     /// The hand's pose.
     pub world_from_hand: Option<[[f64; 4]; 4]>,
-    /// The preshape, radians.
+    /// The preshape, as one number.
     pub preshape: Option<f64>,
     /// Factor on the object's friction.
     pub friction: Option<f64>,

@@ -132,7 +132,10 @@ pub const TERMS: &[Term] = &[
     },
     Term {
         name: "effort",
-        step: cost(|| "minus the mean square of hand and spool speeds as shares of their limits".into(), |t| -t.effort),
+        step: cost(
+            || "minus the mean square of the speeds of hand and actuators as shares of their limits".into(),
+            |t| -t.effort,
+        ),
         decision: None,
     },
     Term {
@@ -231,12 +234,13 @@ pub fn term_table(control: Control) -> Vec<TermRow> {
     TERMS.iter().filter_map(of).collect()
 }
 
-/// Mean square of the speeds of hand and spools, as shares of their limits, in [0, 1].
+/// Mean square of the speeds of hand and actuators, as shares of their limits, in [0, 1].
 pub fn effort(arm: &ArmController, world: &World) -> f64 {
     let (linear, angular) = arm.velocity();
     let hand = world.hand();
-    let spools = hand.fingers.iter().map(|f| world.motors()[f.motor].velocity / hand.motors[f.motor].max_speed);
-    let fingers = spools.map(|s| s * s).sum::<f64>() / hand.fingers.len().max(1) as f64;
+    let share = |index: usize| world.actuators()[index].velocity / hand.actuators[index].max_speed;
+    let closing = hand.grasp_actuators().map(share).map(|s| s * s).sum::<f64>();
+    let fingers = closing / hand.grasp_actuators().count().max(1) as f64;
     let moves = (linear.norm() / LINEAR_SPEED).powi(2) + (angular.norm() / ANGULAR_SPEED).powi(2);
     ((moves + fingers) / 3.0).min(1.0)
 }

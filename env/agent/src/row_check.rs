@@ -49,7 +49,7 @@ fn cube(spec: &EnvSpec) -> Result<InitialState, AgentError> {
         scene: Arc::new(scene),
         world_from_object,
         world_from_hand: Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY),
-        preshape: spec.hand().preshape_limits[0],
+        preshape: spec.hand().preshape_limits()[0],
         friction: 1.0,
         mass: 1.0,
         hand_error: Isometry3::identity(),

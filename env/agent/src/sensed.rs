@@ -2,18 +2,18 @@
 
 use crate::observation_row::{Row, Size};
 use crate::view::{position, rotation_columns};
-use graspbox_hand::{Hand, Motor};
+use graspbox_hand::{Actuator, Hand, JointKind};
 
 /// Greatest force that a tactile sensor shows, N: a fingertip at full tension presses with 5 to 14 N.
 pub const TACTILE_LIMIT: f64 = 20.0;
 
-/// What the arm and the hand sense of themselves.
-pub const PROPRIO: &[Row] = &[
+/// What the arm senses of itself.
+pub const ARM: &[Row] = &[
     Row {
         name: "hand_position",
         size: Size::Fixed(3),
         bounds: |_| [-1.0, 1.0],
-        unit: "m",
+        unit: |_| "m",
         meaning: "grasp frame as the arm knows it, world",
         privileged: false,
         read: |view, out| out.put(position(view.arm.believed())),
@@ -22,7 +22,7 @@ pub const PROPRIO: &[Row] = &[
         name: "hand_rotation",
         size: Size::Fixed(6),
         bounds: |_| [-1.0, 1.0],
-        unit: "1",
+        unit: |_| "1",
         meaning: "first two columns of world_from_hand",
         privileged: false,
         read: |view, out| out.put(rotation_columns(&view.arm.believed().rotation)),
@@ -31,7 +31,7 @@ pub const PROPRIO: &[Row] = &[
         name: "hand_velocity",
         size: Size::Fixed(3),
         bounds: |_| [-1.0, 1.0],
-        unit: "m/s",
+        unit: |_| "m/s",
         meaning: "of the grasp frame, hand axes",
         privileged: false,
         read: |view, out| out.put(view.arm.velocity().0.iter().copied()),
@@ -40,58 +40,62 @@ pub const PROPRIO: &[Row] = &[
         name: "hand_spin",
         size: Size::Fixed(3),
         bounds: |_| [-4.0, 4.0],
-        unit: "rad/s",
+        unit: |_| "rad/s",
         meaning: "angular velocity, hand axes",
         privileged: false,
         read: |view, out| out.put(view.arm.velocity().1.iter().copied()),
     },
+];
+
+/// What the encoders and sensors of the actuators show.
+pub const ACTUATORS: &[Row] = &[
     Row {
-        name: "proximal",
-        size: Size::Fingers,
-        bounds: |_| [-0.5, 3.2],
-        unit: "rad",
-        meaning: "proximal encoder of each finger",
-        privileged: false,
-        read: |view, out| out.put(view.fingers().map(|finger| finger.proximal)),
-    },
-    Row {
-        name: "spool",
-        size: Size::Fingers,
-        bounds: spool_travel,
-        unit: "rad",
-        meaning: "spool encoder of each finger",
-        privileged: false,
-        read: |view, out| out.put(view.fingers().map(|finger| finger.spool)),
-    },
-    Row {
-        name: "spool_speed",
-        size: Size::Fingers,
-        bounds: spool_speed,
-        unit: "rad/s",
-        meaning: "speed of each finger's spool",
+        name: "actuator",
+        size: Size::Actuators,
+        bounds: travel,
+        unit: |hand| unit(hand, ["rad", "m", "rad or m"]),
+        meaning: "position of each actuator but the preshape's",
         privileged: false,
         read: |view, out| {
             let world = view.world();
-            out.put(world.hand().fingers.iter().map(|finger| world.motors()[finger.motor].velocity));
+            out.put(world.hand().grasp_actuators().map(|index| world.actuators()[index].position));
+        },
+    },
+    Row {
+        name: "actuator_speed",
+        size: Size::Actuators,
+        bounds: speed,
+        unit: |hand| unit(hand, ["rad/s", "m/s", "rad/s or m/s"]),
+        meaning: "its speed",
+        privileged: false,
+        read: |view, out| {
+            let world = view.world();
+            out.put(world.hand().grasp_actuators().map(|index| world.actuators()[index].velocity));
         },
     },
     Row {
         name: "load",
-        size: Size::Fingers,
-        bounds: |hand| [0.0, hand.fingers.iter().map(|f| f.tendon.max_tension).fold(0.0, f64::max)],
-        unit: "N",
-        meaning: "load of each finger's motor: the tension of its tendon",
+        size: Size::Actuators,
+        bounds: |hand| [0.0, each(hand).map(|actuator| actuator.load_limit).fold(0.0, f64::max)],
+        unit: load_unit,
+        meaning: "its load: the tension of its tendon, or the force on its joints",
         privileged: false,
-        read: |view, out| out.put(view.fingers().map(|finger| finger.tension)),
+        read: |view, out| {
+            let world = view.world();
+            out.put(world.hand().grasp_actuators().map(|index| world.load(index)));
+        },
     },
     Row {
         name: "preshape",
-        size: Size::Fixed(1),
-        bounds: |hand| hand.preshape_limits,
-        unit: "rad",
-        meaning: "preshape angle",
+        size: Size::Preshape,
+        bounds: |hand| hand.preshape_limits(),
+        unit: |hand| hand.preshape_unit(),
+        meaning: "position of the preshape's actuator",
         privileged: false,
-        read: |view, out| out.put([view.world().preshape()]),
+        read: |view, out| {
+            let coordinate = view.world().hand().grasp.coordinate;
+            out.put(coordinate.map(|_| view.world().preshape()));
+        },
     },
 ];
 
@@ -100,22 +104,42 @@ pub const TACTILE: &[Row] = &[Row {
     name: "tactile",
     size: Size::Sensors,
     bounds: |_| [0.0, TACTILE_LIMIT],
-    unit: "N",
+    unit: |_| "N",
     meaning: "force on each sensor",
     privileged: false,
     read: |view, out| out.put(view.world().tactile().force),
 }];
 
-fn spool_motors(hand: &Hand) -> impl Iterator<Item = &Motor> {
-    hand.fingers.iter().map(|finger| &hand.motors[finger.motor])
+/// The actuators but the preshape's.
+fn each(hand: &Hand) -> impl Iterator<Item = &Actuator> {
+    hand.grasp_actuators().map(|index| &hand.actuators[index])
 }
 
-fn spool_travel(hand: &Hand) -> [f64; 2] {
-    let least = spool_motors(hand).map(|motor| motor.travel[0]).fold(0.0, f64::min);
-    [least, spool_motors(hand).map(|motor| motor.travel[1]).fold(0.0, f64::max)]
+fn travel(hand: &Hand) -> [f64; 2] {
+    let least = each(hand).map(|actuator| actuator.travel[0]).fold(0.0, f64::min);
+    [least, each(hand).map(|actuator| actuator.travel[1]).fold(0.0, f64::max)]
 }
 
-fn spool_speed(hand: &Hand) -> [f64; 2] {
-    let speed = spool_motors(hand).map(|motor| motor.max_speed).fold(0.0, f64::max);
+fn speed(hand: &Hand) -> [f64; 2] {
+    let speed = each(hand).map(|actuator| actuator.max_speed).fold(0.0, f64::max);
     [-speed, speed]
+}
+
+/// The unit of all revolute, of all prismatic, or of mixed actuators.
+fn unit(hand: &Hand, [revolute, prismatic, mixed]: [&'static str; 3]) -> &'static str {
+    let slides = each(hand).filter(|actuator| hand.motion_kind(actuator) == JointKind::Prismatic).count();
+    match slides {
+        0 => revolute,
+        n if n == each(hand).count() => prismatic,
+        _ => mixed,
+    }
+}
+
+fn load_unit(hand: &Hand) -> &'static str {
+    let mut units = each(hand).map(|actuator| hand.load_unit(actuator));
+    match units.next() {
+        Some(first) if units.all(|other| other == first) => first,
+        Some(_) => "N or N m",
+        None => "N",
+    }
 }

@@ -4,7 +4,7 @@ use crate::arm_controller::ArmController;
 use crate::objects::Prepared;
 use crate::record::Record;
 use graspbox_episode::{Episode, Judge, Verdict};
-use graspbox_sim::{FingerState, World};
+use graspbox_sim::World;
 use nalgebra::{Isometry3, Point3, UnitQuaternion};
 
 /// An episode as it stands, with what several readers need computed once.
@@ -46,12 +46,6 @@ impl<'a> View<'a> {
     /// The judge.
     pub fn judge(&self) -> &'a Judge {
         self.episode.judge()
-    }
-
-    /// The fingers, in the hand's order.
-    pub fn fingers(&self) -> impl Iterator<Item = FingerState> + use<'a> {
-        let world = self.world();
-        (0..world.hand().fingers.len()).map(|finger| world.finger(finger))
     }
 
     /// True if the hand touches the object.

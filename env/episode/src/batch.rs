@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// No pose puts the hand further than this from the object's origin, metres: more is a pose in millimetres.
 pub const FURTHEST: f64 = 10.0;
-/// A preshape may lie beyond the hand's limits by this much, radians: the rounding of a float32.
+/// A preshape may lie beyond the hand's limits by this much: the rounding of a float32.
 const ROUNDING: f64 = 1e-6;
 
 /// Shared between a running batch and whoever watches it.
@@ -93,7 +93,7 @@ pub fn trace_trial(
 /// [`EpisodeError::BadPose`] for a pose that is not finite or further than [`FURTHEST`] from the object, [`EpisodeError::BadPreshape`]
 /// for a preshape beyond the hand's limits.
 fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
-    let [low, high] = hand.preshape_limits;
+    let [low, high] = hand.preshape_limits();
     for (index, pose) in poses.iter().enumerate() {
         let at = &pose.object_from_hand;
         let distance = at.translation.vector.norm();
@@ -102,7 +102,7 @@ fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
         }
         let value = pose.preshape;
         if !(low - ROUNDING..=high + ROUNDING).contains(&value) {
-            return Err(EpisodeError::BadPreshape { index, value, low, high });
+            return Err(EpisodeError::BadPreshape { index, value, low, high, unit: hand.preshape_unit() });
         }
     }
     Ok(())

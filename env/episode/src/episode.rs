@@ -3,7 +3,7 @@
 use crate::EpisodeError;
 use crate::judge::{Judge, SuccessCriterion, Verdict};
 use crate::scene::{SETTLE_TIME, Scene, Stillness};
-use graspbox_hand::MotorCommand;
+use graspbox_hand::ActuatorCommand;
 use graspbox_sim::World;
 use nalgebra::Isometry3;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// A fresh episode: the hand open at `world_from_hand` with `preshape` (rad), the object at rest.
+    /// A fresh episode: the hand open at `world_from_hand` with `preshape`, the object at rest.
     pub fn reset(
         scene: &Arc<Scene>,
         world_from_hand: &Isometry3<f64>,
@@ -54,11 +54,15 @@ impl Episode {
         Ok(Self { scene: Arc::clone(scene), world, judge })
     }
 
-    /// One time step: the hand reaches `world_from_hand`, the motors follow their commands, the judge looks.
+    /// One time step: the hand reaches `world_from_hand`, the actuators follow their commands, the judge looks.
     ///
     /// # Errors
-    /// A motor command that is not finite.
-    pub fn advance(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) -> Result<(), EpisodeError> {
+    /// An actuator command that is not finite.
+    pub fn advance(
+        &mut self,
+        world_from_hand: &Isometry3<f64>,
+        commands: &[ActuatorCommand],
+    ) -> Result<(), EpisodeError> {
         let sim = |source| EpisodeError::Sim { object: self.scene.name().to_owned(), source };
         self.world.step(world_from_hand, commands).map_err(sim)?;
         self.judge.observe(&self.world);

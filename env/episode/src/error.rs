@@ -42,16 +42,21 @@ pub enum EpisodeError {
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
     /// A preshape that the hand cannot take.
-    #[error("preshape[{index}] is {value} rad, but the hand takes {low} to {high} rad{}", in_degrees(*.value, *.low, *.high))]
+    #[error(
+        "preshape[{index}] is {value} {unit}, but the hand takes {low} to {high} {unit}{}",
+        in_degrees(*.value, *.low, *.high, .unit)
+    )]
     BadPreshape {
         /// Which of the poses.
         index: usize,
-        /// What was given, radians.
+        /// What was given.
         value: f64,
-        /// Least preshape, radians.
+        /// Least preshape.
         low: f64,
-        /// Greatest preshape, radians.
+        /// Greatest preshape.
         high: f64,
+        /// Unit of a preshape of this hand.
+        unit: &'static str,
     },
     /// A pose that is no pose near the object.
     #[error(
@@ -107,12 +112,12 @@ pub enum EpisodeError {
 }
 
 /// What to say of an angle that looks like one in degrees.
-fn in_degrees(value: f64, low: f64, high: f64) -> String {
+fn in_degrees(value: f64, low: f64, high: f64, unit: &str) -> String {
     /// Fewer degrees than this could as well be radians.
     const CLEAR: f64 = 2.0;
     let radians = value.to_radians();
     // 90 degrees are a little more than a limit of pi/2 that was written with few digits.
-    if value.abs() >= CLEAR && (low - 0.01..=high + 0.01).contains(&radians) {
+    if unit == "rad" && value.abs() >= CLEAR && (low - 0.01..=high + 0.01).contains(&radians) {
         format!("; {value} looks like degrees: give {:.4} rad", radians.clamp(low, high))
     } else {
         String::new()

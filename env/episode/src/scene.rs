@@ -1,7 +1,7 @@
 //! An object at rest on the table, ready to be cloned into episodes.
 
 use crate::{Body, EpisodeError};
-use graspbox_hand::{GraspPose, Hand, MotorCommand};
+use graspbox_hand::{ActuatorCommand, GraspPose, Hand};
 use graspbox_plan::{CollisionScene, Feasibility, Plan, PlanError, PlanObject, PlanParams};
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -91,11 +91,11 @@ impl Scene {
         let lowest = scene.template.lowest_point(world_from_object);
         let start = Translation3::new(0.0, 0.0, -lowest) * world_from_object;
         let away = Isometry3::from_parts(Translation3::new(0.0, 0.0, OUT_OF_THE_WAY), UnitQuaternion::identity());
-        let mut world = scene.template.spawn(&away, &start, 0.0);
+        let mut world = scene.template.spawn(&away, &start, scene.template.hand().preshape_limits()[0]);
         let no_rest = |why| EpisodeError::NoRest { object: name.to_owned(), why };
         let mut stillness = Stillness::default();
         for _ in 0..(SETTLE_TIME / physics.dt) as usize {
-            let idle: &[MotorCommand] = &[];
+            let idle: &[ActuatorCommand] = &[];
             world.step(&away, idle).map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
             if stillness.lasts(&world) {
                 break;

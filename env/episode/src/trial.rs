@@ -4,7 +4,7 @@ use crate::episode::Episode;
 use crate::judge::{FailureKind, SuccessCriterion};
 use crate::study::{READ_TIME, Reading, SAMPLE_PERIOD, Study, distance};
 use crate::{EpisodeError, Scene};
-use graspbox_hand::{GraspPose, MotorCommand, MotorKind};
+use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_mesh::in_range;
 use nalgebra::{Isometry3, Translation3};
 use serde::{Deserialize, Serialize};
@@ -96,8 +96,12 @@ pub struct Sample {
     pub world_from_hand: Isometry3<f64>,
     /// Object in the world.
     pub world_from_object: Isometry3<f64>,
-    /// Proximal and distal angle of every finger, rad.
-    pub fingers: Vec<[f64; 2]>,
+    /// Positions of the hand's independent joints, rad or m.
+    pub joints: Vec<f64>,
+    /// Positions of its actuators, rad or m.
+    pub actuators: Vec<f64>,
+    /// Loads on its actuators, N or N m.
+    pub loads: Vec<f64>,
     /// Tension of every tendon, N.
     pub tensions: Vec<f64>,
     /// Sum of the normal forces between hand and object, N.
@@ -112,7 +116,7 @@ pub struct Trial {
     episode: Episode,
     config: TrialConfig,
     start: Isometry3<f64>,
-    close: Vec<MotorCommand>,
+    close: Vec<ActuatorCommand>,
     step: u64,
     contact_lost: u64,
     /// The hand touched the object at some time since lifting began.
@@ -129,7 +133,7 @@ pub struct Trial {
 const LOST_AFTER: f64 = 0.06;
 /// Steps between two checks for contact.
 const LOOK_EVERY: u64 = 5;
-/// An object that lies in closed fingers without touching them is met by the time the hand has risen this far, metres.
+/// An object that lies in a closed hand without touching them is met by the time the hand has risen this far, metres.
 const MEETS_WITHIN: f64 = 0.05;
 /// The object may rise relative to the hand by this much while fingers settle, metres.
 const CURL_RISE: f64 = 0.03;
@@ -143,14 +147,11 @@ impl Trial {
         Self { study: Some(study), ..Self::of(episode, &start, pose.preshape, config, trace) }
     }
 
-    /// Begins a trial of a fresh episode, whose hand stands open at `start` (world) with `preshape` (rad), without the study's measures.
+    /// Begins a trial of a fresh episode, whose hand stands open at `start` (world) with `preshape`, without the study's measures.
     pub fn of(episode: Episode, start: &Isometry3<f64>, preshape: f64, config: TrialConfig, trace: bool) -> Self {
         let hand = Arc::clone(episode.world().hand());
-        let close = hand.motors.iter().map(|m| match m.kind {
-            MotorKind::Finger(_) => MotorCommand::Position { target: m.travel[1], speed: None },
-            MotorKind::Preshape => MotorCommand::Position { target: preshape, speed: None },
-        });
-        let close = close.collect();
+        let close = hand.closed_positions(preshape).into_iter();
+        let close = close.map(|target| ActuatorCommand::Position { target, speed: None }).collect();
         let trace = trace.then(Vec::new);
         Self {
             episode,
@@ -170,7 +171,7 @@ impl Trial {
     /// Runs to the end; `stop` is asked now and then and ends the trial when it says so (then the result is none).
     ///
     /// # Errors
-    /// A motor command that is not finite, which a finite pose never gives.
+    /// An actuator command that is not finite, which a finite pose never gives.
     pub fn run(mut self, stop: &dyn Fn() -> bool) -> Result<Option<Finished>, EpisodeError> {
         let finished = self.close(stop)? && self.lift(stop)?;
         Ok(finished.then(|| (self.outcome(), self.trace)))
@@ -280,14 +281,15 @@ impl Trial {
     fn sample(&mut self) {
         let Some(trace) = &mut self.trace else { return };
         let world = self.episode.world();
-        let fingers: Vec<_> = (0..world.hand().fingers.len()).map(|i| world.finger(i)).collect();
         trace.push(Sample {
             time: world.time(),
             distance: distance(world, &self.episode.scene().base_point()),
             world_from_hand: world.world_from_hand(),
             world_from_object: world.world_from_object(),
-            fingers: fingers.iter().map(|f| [f.proximal, f.distal]).collect(),
-            tensions: fingers.iter().map(|f| f.tension).collect(),
+            joints: world.configuration(),
+            actuators: world.actuators().iter().map(|actuator| actuator.position).collect(),
+            loads: (0..world.actuators().len()).map(|actuator| world.load(actuator)).collect(),
+            tensions: (0..world.hand().tendons.len()).map(|tendon| world.tension(tendon)).collect(),
             hand_force: world.contacts().hand_force,
         });
     }

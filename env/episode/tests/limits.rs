@@ -123,13 +123,15 @@ fn large_objects_need_a_part_that_the_hand_can_span() {
 #[test]
 fn a_world_that_blows_up_is_unstable() {
     let mut hand = reflex();
-    for finger in &mut hand.fingers {
-        finger.tendon.stiffness = 1e9;
-        finger.tendon.max_tension = 1e9;
-        finger.flexure.stop_stiffness = 1e9;
+    for tendon in &mut hand.tendons {
+        tendon.stiffness = 1e9;
+        tendon.max_tension = 1e9;
     }
-    for motor in &mut hand.motors {
-        motor.load_limit = 1e9;
+    for joint in &mut hand.joints {
+        joint.stop_stiffness = 1e9;
+    }
+    for actuator in &mut hand.actuators {
+        actuator.load_limit = 1e9;
     }
     let under = |engine| {
         let physics = PhysicsConfig { engine, ..PhysicsConfig::default() };

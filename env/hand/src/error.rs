@@ -18,20 +18,30 @@ pub enum HandError {
     /// The two files do not describe a hand.
     #[error("the hand is not valid:\n{0}")]
     Invalid(Problems),
+    /// No hand of that name comes with the project.
+    #[error(
+        "there is no hand \"{name}\"; known: {known}; for another hand give the paths of its URDF and its hand.toml"
+    )]
+    UnknownName {
+        /// The name.
+        name: String,
+        /// Those that exist.
+        known: String,
+    },
     /// A configuration does not fit the hand.
-    #[error("the configuration has {found} {joint}s, but the hand has {expected} fingers; give one angle a finger")]
-    FingerCount {
-        /// Which joints: proximal or distal.
-        joint: &'static str,
-        /// Number of angles given.
+    #[error(
+        "the configuration has {found} positions, but the hand has {expected} independent joints; give one position each"
+    )]
+    CoordinateCount {
+        /// Number of positions given.
         found: usize,
-        /// Number of fingers.
+        /// Number of independent joints.
         expected: usize,
     },
     /// A time step that is not positive.
     #[error("the time step is {0} s; give a finite one greater than 0")]
     TimeStep(f64),
-    /// An angle, command or load is NaN or infinite.
+    /// A position, command or load is NaN or infinite.
     #[error("the {what} is {value}; give a finite number")]
     NotFinite {
         /// Which number.
@@ -165,29 +175,86 @@ pub enum ProblemKind {
     #[error("no link is a root: the joints form a cycle")]
     NoRoot,
     /// An unsupported joint type.
-    #[error("joint \"{name}\" is {found}; only revolute and fixed joints are supported")]
+    #[error("joint \"{name}\" is {found}; only revolute, prismatic and fixed joints are supported")]
     JointType {
         /// The joint.
         name: String,
         /// Its type.
         found: String,
     },
-    /// A finger uses a fixed joint.
-    #[error("joint \"{0}\" is fixed; a finger needs a revolute one")]
-    FixedJoint(String),
-    /// A joint that no finger uses.
-    #[error("joint \"{0}\" moves but belongs to no finger; make it fixed or name it in a finger")]
+    /// A joint that is fixed, or follows another one, where an independent one is needed.
+    #[error("joint \"{name}\" {is}; name an independent joint instead")]
+    NotIndependent {
+        /// The joint.
+        name: String,
+        /// What it is instead.
+        is: String,
+    },
+    /// A joint that nothing holds.
+    #[error(
+        "joint \"{0}\" moves, but no tendon, actuator or spring holds it; make it fixed, or name it in [joints], [tendons] or \
+         [[actuators]]"
+    )]
     Undriven(String),
-    /// A joint used twice.
-    #[error("joint \"{0}\" is used more than once by the fingers")]
-    UsedTwice(String),
-    /// A chain that is not proximal then distal.
-    #[error("joint \"{child}\" is not below joint \"{parent}\"; a finger is swivel, proximal, distal, outward")]
-    Chain {
-        /// The joint that should be above.
-        parent: String,
-        /// The joint that should be below.
-        child: String,
+    /// Something that is named more often than it may be.
+    #[error("{what} \"{name}\" is named more than once by {by}")]
+    UsedTwice {
+        /// What kind of thing.
+        what: &'static str,
+        /// Its name.
+        name: String,
+        /// Who names it.
+        by: &'static str,
+    },
+    /// A joint that is driven rigidly, and has a spring or a tendon that could not move it.
+    #[error(
+        "joint \"{name}\" is driven rigidly by actuator \"{actuator}\", so {what} has no effect on it; leave it out"
+    )]
+    Rigid {
+        /// The joint.
+        name: String,
+        /// The actuator.
+        actuator: String,
+        /// What has no effect.
+        what: &'static str,
+    },
+    /// Joints of several kinds where one kind is needed.
+    #[error("{item} \"{name}\" names revolute and prismatic joints; give each kind a table of its own")]
+    MixedKinds {
+        /// What names them.
+        item: &'static str,
+        /// Its name.
+        name: String,
+    },
+    /// A joint that follows one that it cannot follow.
+    #[error("joint \"{name}\" mimics \"{leader}\", which {why}")]
+    BadMimic {
+        /// The joint.
+        name: String,
+        /// The joint that it names.
+        leader: String,
+        /// Why it cannot.
+        why: &'static str,
+    },
+    /// Not exactly one of several tables.
+    #[error("{item} \"{name}\" has {count} of {tables}; give exactly one of them")]
+    OneOf {
+        /// What has them.
+        item: &'static str,
+        /// Its name.
+        name: String,
+        /// How many it has.
+        count: usize,
+        /// The tables.
+        tables: &'static str,
+    },
+    /// A tendon with not exactly one spool.
+    #[error("tendon \"{name}\" is wound by {count} actuators; it needs exactly one")]
+    SpoolCount {
+        /// The tendon.
+        name: String,
+        /// By how many actuators.
+        count: usize,
     },
     /// A mass, inertia or length that is physically impossible.
     #[error("{item} \"{name}\": {quantity} is {value}; it must be {must}")]
@@ -206,7 +273,7 @@ pub enum ProblemKind {
     /// An interval with its ends swapped, or a value outside of it.
     #[error("{item} \"{name}\": {quantity} is [{lower}, {upper}]; {must}")]
     Interval {
-        /// Joint, motor, ...
+        /// Joint, actuator, ...
         item: &'static str,
         /// Its name.
         name: String,
@@ -247,17 +314,6 @@ pub enum ProblemKind {
         quantity: &'static str,
         /// Bound on it.
         limit: f64,
-    },
-    /// A sensor on a link of no finger.
-    #[error("link \"{0}\" belongs to no finger, so it can carry no finger's sensor")]
-    SensorLink(String),
-    /// A finger or preshape with not exactly one motor.
-    #[error("\"{drives}\" is driven by {count} motors; it needs exactly one")]
-    MotorCount {
-        /// What is driven.
-        drives: String,
-        /// By how many motors.
-        count: usize,
     },
 }
 

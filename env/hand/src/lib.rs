@@ -1,47 +1,60 @@
-//! A hand: links, joints, tendons, motors, sensors, and its grasp pose.
+//! A hand: links, joints, tendons, actuators, sensors, and how it grasps.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | [`model`] | the description, as read from a URDF and a `hand.toml` |
-//! | [`load`] | reads the two files (`scan` and `urdf`, `table`) and checks them together (`assemble`) |
+//! | [`grasp`] | how the hand grasps: closing actuators, preshapes, and the faces that these suit |
+//! | `opening` | positions of actuators and joints of the open and the closed hand |
+//! | [`chains`] | what follows from the tree of joints: coordinates, chains, drivers |
+//! | [`load`] | reads the two files (`scan` and `urdf`, `table`) and checks them together (`assemble` and its parts) |
 //! | [`error`] | errors in these files, with file and line |
-//! | [`reflex`] | the ReFlex hand, embedded |
-//! | [`kinematics`] | from joint angles to the poses of links and shapes |
-//! | [`tendon`] | tendon statics: tension and joint torques |
-//! | [`motor`] | position, velocity and force commands |
+//! | [`assets`] | the hands that come with the project, embedded |
+//! | [`kinematics`] | from joint positions to the poses of links and shapes |
+//! | [`tendon`] | statics of tendons and springs |
+//! | [`actuator`] | position, velocity and force commands |
 //! | [`pose`] | the grasp pose: where the hand goes, and its preshape; rigid motions from matrices |
 //!
-//! The hand frame is the grasp frame: the base's axes, its origin on the palm's surface (`base_from_hand`).
+//! The hand frame is the grasp frame: its origin is on the palm's surface, its z axis leaves the palm (`base_from_hand`).
 //!
 //! ```
 //! use graspbox_hand::Hand;
 //!
 //! let hand = Hand::reflex()?;
 //! let mut configuration = hand.open_configuration(0.0);
-//! configuration.proximal = vec![1.0; 3];
+//! for (position, joint) in configuration.iter_mut().zip(hand.coordinates()) {
+//!     if hand.joints[joint].name.starts_with("proximal") {
+//!         *position = 1.0;
+//!     }
+//! }
 //! let base_from_link = hand.forward_kinematics(&configuration)?;
-//! let tip = hand.joints[hand.fingers[0].distal].child;
+//! let tip = hand.links.iter().position(|link| link.name == "distal_1").unwrap_or(0);
 //! assert!((base_from_link[tip].translation.z - 0.134).abs() < 1e-3);
 //! # Ok::<(), graspbox_hand::HandError>(())
 //! ```
 
+pub mod actuator;
 mod assemble;
+pub mod assets;
+pub mod chains;
 pub mod error;
+pub mod grasp;
 pub mod kinematics;
 pub mod load;
 pub mod model;
-pub mod motor;
+mod opening;
 pub mod pose;
-pub mod reflex;
 mod scan;
 mod table;
 pub mod tendon;
 mod urdf;
 
+pub use actuator::{ActuatorCommand, ActuatorState, Hold};
+pub use chains::Chain;
 pub use error::{HandError, Problem, ProblemKind, Problems};
-pub use kinematics::{HandConfiguration, PlacedShape};
+pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, Quarter};
+pub use kinematics::PlacedShape;
 pub use model::{
-    Collider, Finger, Flexure, Friction, Hand, Joint, Link, Material, Motor, MotorKind, Shape, TactileSensor, Tendon,
+    Actuator, Collider, Drive, DrivenJoint, Friction, Hand, Joint, JointGroup, JointKind, Link, Material, Mimic, Shape,
+    TactileSensor, Tendon, Transmission,
 };
-pub use motor::{Hold, MotorCommand, MotorState};
 pub use pose::{GraspPose, rigid_motion};

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::assemble::assemble;
 use crate::error::{HandError, Problem, ProblemKind, Problems};
-use crate::model::{Finger, Hand};
+use crate::model::Hand;
 use crate::scan::Report;
 use crate::table::{HandTable, Reader};
 use crate::urdf;
@@ -70,19 +70,13 @@ impl Hand {
     }
 }
 
-/// Every joint that moves must be moved by a finger.
+/// Every independent joint must be held by something: a spring, a tendon or an actuator.
 fn check_driven(hand: &Hand, lines: &[usize], report: &mut Report<'_>) {
-    for (index, (joint, line)) in hand.joints.iter().zip(lines).enumerate() {
-        if !joint.fixed && !hand.fingers.iter().any(|f| f.owned().any(|j| j == index)) {
-            report.add(*line, ProblemKind::Undriven(joint.name.clone()));
+    for joint in hand.coordinates() {
+        let tendon = hand.tendons.iter().any(|tendon| tendon.arms.iter().any(|(spanned, _)| *spanned == joint));
+        if !tendon && hand.joints[joint].stiffness == 0.0 && hand.driver(joint).is_none() {
+            report.add(lines[joint], ProblemKind::Undriven(hand.joints[joint].name.clone()));
         }
-    }
-}
-
-impl Finger {
-    /// The joints that it owns.
-    pub(crate) fn owned(&self) -> impl Iterator<Item = usize> {
-        self.swivel.map(|s| s.0).into_iter().chain([self.proximal, self.distal])
     }
 }
 

@@ -1,8 +1,10 @@
-//! The description of a hand, as read from a URDF (links, joints, shapes) and a `hand.toml` (the rest).
+//! The description of a hand in the words of URDF and MuJoCo, as read from a URDF (links, joints, shapes) and a `hand.toml` (the rest).
 //!
-//! Every finger is one tendon over a proximal and a distal revolute joint, optionally on a swivel that the preshape motor turns.
+//! The independent joints (those that move and follow no other) are the coordinates of the hand. Springs and losses act on them, tendons
+//! pull them, actuators wind tendons or drive joints. How the hand is used to grasp is in [`crate::grasp`].
 
-use nalgebra::{Isometry3, Matrix3, Point3, Unit, UnitQuaternion, Vector3};
+use crate::grasp::Grasp;
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 /// Material of a surface of the hand; it determines the friction factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -95,119 +97,215 @@ pub struct Link {
     pub colliders: Vec<Collider>,
 }
 
-/// A revolute joint, or a fixed one (`limits` equal to `[0, 0]` and `fixed`).
+/// How a joint moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// Not at all.
+    Fixed,
+    /// About its axis; positions are radians.
+    Revolute,
+    /// Along its axis; positions are metres.
+    Prismatic,
+}
+
+impl JointKind {
+    /// Unit of a position: `rad` or `m`.
+    #[must_use]
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Fixed | Self::Revolute => "rad",
+            Self::Prismatic => "m",
+        }
+    }
+
+    /// Unit of the force along a coordinate: `N m` or `N`.
+    #[must_use]
+    pub fn force_unit(self) -> &'static str {
+        match self {
+            Self::Fixed | Self::Revolute => "N m",
+            Self::Prismatic => "N",
+        }
+    }
+}
+
+/// A joint that follows another one: its position is `ratio * position of joint + offset` (`<mimic>` in URDF).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mimic {
+    /// Index of the joint that it follows, which is an independent one of the same kind.
+    pub joint: usize,
+    /// Its position per position of that joint.
+    pub ratio: f64,
+    /// Its position where that joint is at 0, rad or m.
+    pub offset: f64,
+}
+
+/// A joint. Positions are rad or m, forces along it N m or N, by its kind.
+///
+/// An independent joint that no actuator drives rigidly bears the force
+/// `-stiffness (position - spring_reference) - damping speed`, and outside its limits `stop_stiffness` times the way back to them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
     /// Name in the URDF.
     pub name: String,
+    /// How it moves.
+    pub kind: JointKind,
     /// Index of the parent link.
     pub parent: usize,
     /// Index of the child link.
     pub child: usize,
-    /// The joint's frame at angle 0.
+    /// The joint's frame at position 0.
     pub parent_from_joint: Isometry3<f64>,
     /// Axis in the joint's frame.
     pub axis: Unit<Vector3<f64>>,
-    /// Least and greatest angle, radians.
+    /// Least and greatest position; `[0, 0]` for a fixed joint.
     pub limits: [f64; 2],
-    /// True where the joint does not move.
-    pub fixed: bool,
+    /// The joint that it follows, if it is not independent.
+    pub mimic: Option<Mimic>,
+    /// Stiffness of its spring, N m/rad or N/m.
+    pub stiffness: f64,
+    /// Position at which that spring is at rest; it may be outside of the limits.
+    pub spring_reference: f64,
+    /// Damping, N m s/rad or N s/m.
+    pub damping: f64,
+    /// Armature: inertia of rotor and transmission, reflected to the joint, kg m2 or kg.
+    pub armature: f64,
+    /// Stiffness of the soft stops at its limits, N m/rad or N/m.
+    pub stop_stiffness: f64,
 }
 
-/// A tendon, unilateral and compliant. With the length that the joints take up, `l = r_p q_p + r_d q_d`,
-/// and the stretch `e = spool_radius * spool - l`, its tension is
-/// `T = clamp(stiffness e + damping de/dt, 0, max_tension)`, and 0 where it is slack (`e <= 0`).
-#[derive(Clone, Copy, Debug, PartialEq)]
+impl Joint {
+    /// True where the joint does not move.
+    #[must_use]
+    pub fn is_fixed(&self) -> bool {
+        self.kind == JointKind::Fixed
+    }
+
+    /// True for a joint that moves and follows no other: a coordinate of the hand.
+    #[must_use]
+    pub fn is_independent(&self) -> bool {
+        !self.is_fixed() && self.mimic.is_none()
+    }
+
+    /// The nearest position within the limits; NaN stays NaN.
+    #[must_use]
+    pub fn within_limits(&self, position: f64) -> f64 {
+        within(position, self.limits)
+    }
+
+    /// The motion of the child's frame at a position.
+    #[must_use]
+    pub fn motion(&self, position: f64) -> Isometry3<f64> {
+        match self.kind {
+            JointKind::Fixed => Isometry3::identity(),
+            JointKind::Revolute => {
+                Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&self.axis, position))
+            }
+            JointKind::Prismatic => Isometry3::from(Translation3::from(self.axis.into_inner() * position)),
+        }
+    }
+}
+
+/// The number of an interval nearest to `value`; NaN stays NaN.
+pub(crate) fn within(value: f64, [lower, upper]: [f64; 2]) -> f64 {
+    if value.is_nan() { value } else { value.max(lower).min(upper) }
+}
+
+/// Joints with the same numbers, by the name under which `hand.toml` gives these.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointGroup {
+    /// Name.
+    pub name: String,
+    /// Independent joints of one kind, in the order of the file.
+    pub joints: Vec<usize>,
+    /// True where each has an encoder.
+    pub encoder: bool,
+}
+
+/// A tendon, unilateral and compliant. The joints take up the length `l = sum of arm * position`; with the length `w` that a spool has
+/// wound, its stretch is `e = w - l`, and its tension `T = clamp(stiffness e + damping de/dt, 0, max_tension)`, and 0 where it is slack
+/// (`e <= 0`). It pulls joint `i` with `arm_i T`.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tendon {
-    /// Moment arm at the proximal joint, metres.
-    pub proximal_arm: f64,
-    /// Moment arm at the distal joint, metres.
-    pub distal_arm: f64,
-    /// Spool radius, metres: tendon length per radian of the spool.
-    pub spool_radius: f64,
+    /// Name.
+    pub name: String,
+    /// Joints that it spans, in the order of the joints, each with its moment arm: metres per radian, or metres per metre.
+    pub arms: Vec<(usize, f64)>,
     /// Stiffness, N/m.
     pub stiffness: f64,
     /// Damping, N s/m.
     pub damping: f64,
-    /// Tension at which the motor stops pulling, N.
+    /// Tension at which the actuator stops pulling, N.
     pub max_tension: f64,
 }
 
-/// The elastic distal joint, and friction losses in both joints.
+/// A joint that an actuator drives: it is led to `ratio * position of the actuator + offset`, within its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Flexure {
-    /// Stiffness of the distal flexure, N m/rad.
-    pub stiffness: f64,
-    /// Rest angle of the flexure, radians.
-    pub rest: f64,
-    /// Stiffness of the spring that opens the proximal joint, N m/rad.
-    pub proximal_stiffness: f64,
-    /// Rest angle of that spring, radians: below the joint's range, so that an idle finger stays open.
-    pub proximal_rest: f64,
-    /// Damping of the distal joint, N m s/rad.
-    pub distal_damping: f64,
-    /// Damping of the proximal joint, N m s/rad.
-    pub proximal_damping: f64,
-    /// Armature: rotor and transmission inertia reflected to each of the two joints, kg m2.
-    pub armature: f64,
-    /// Stiffness of the soft joint stops, N m/rad.
-    pub stop_stiffness: f64,
-}
-
-/// One finger: indices into the hand's joints and links.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Finger {
-    /// Name.
-    pub name: String,
-    /// Swivel joint that the preshape turns, and its sign.
-    pub swivel: Option<(usize, f64)>,
-    /// Proximal joint.
-    pub proximal: usize,
-    /// Distal joint.
-    pub distal: usize,
-    /// Its tendon.
-    pub tendon: Tendon,
-    /// Its flexure.
-    pub flexure: Flexure,
-    /// Index of its motor.
-    pub motor: usize,
-}
-
-/// What a motor drives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MotorKind {
-    /// The tendon of this finger.
-    Finger(usize),
-    /// The preshape of all swivels.
-    Preshape,
-}
-
-/// A motor; angles are on the joint's side of the gear.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Motor {
-    /// Name.
-    pub name: String,
-    /// What it drives.
-    pub kind: MotorKind,
-    /// Least and greatest position, radians.
-    pub travel: [f64; 2],
-    /// Speed of a position command, rad/s.
-    pub default_speed: f64,
-    /// Greatest speed, rad/s.
-    pub max_speed: f64,
-    /// Gear ratio: motor radians per radian on the joint's side.
+pub struct DrivenJoint {
+    /// Index of the joint, which is independent.
+    pub joint: usize,
+    /// Its position per position of the actuator.
     pub ratio: f64,
-    /// Load at which the motor stops pulling: tendon tension in N for a finger, torque in N m for the preshape.
+    /// Its position where the actuator is at 0, rad or m.
+    pub offset: f64,
+}
+
+/// How an actuator leads joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Drive {
+    /// By a self-locking gear: the joints are where the actuator says, whatever pushes.
+    Rigid,
+    /// By a spring and a damper whose force is limited to the actuator's `load_limit` in both directions.
+    Servo {
+        /// N m/rad or N/m.
+        stiffness: f64,
+        /// N m s/rad or N s/m.
+        damping: f64,
+    },
+}
+
+/// What an actuator moves.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Transmission {
+    /// A spool that winds a tendon; positions are radians of the spool.
+    Spool {
+        /// Index of the tendon.
+        tendon: usize,
+        /// Radius, metres: length wound per radian.
+        radius: f64,
+    },
+    /// Joints of one kind; positions are theirs at a ratio of 1, rad or m.
+    Joints {
+        /// The joints; at least one.
+        joints: Vec<DrivenJoint>,
+        /// How they are led.
+        drive: Drive,
+    },
+}
+
+/// An actuator. Its position is on the joint's side of the gear, and grows where the hand closes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Actuator {
+    /// Name.
+    pub name: String,
+    /// What it moves.
+    pub transmission: Transmission,
+    /// Least and greatest position, rad or m; an open hand is at the least.
+    pub travel: [f64; 2],
+    /// Speed of a position command, rad/s or m/s.
+    pub default_speed: f64,
+    /// Greatest speed, rad/s or m/s.
+    pub max_speed: f64,
+    /// Gear ratio: radians of the motor per rad or m on the joint's side.
+    pub ratio: f64,
+    /// Load at which it stops closing: tension of its tendon in N, or force on its joints in N m or N.
     pub load_limit: f64,
-    /// Speed of a force command per unit of load error: rad/s per N (per N m for the preshape).
+    /// Speed of a force command per unit of load error.
     pub force_gain: f64,
 }
 
 /// A pressure sensor on a link's surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TactileSensor {
-    /// Finger that it belongs to.
-    pub finger: usize,
     /// Link that it sits on.
     pub link: usize,
     /// Position in the link's frame, metres.
@@ -225,16 +323,18 @@ pub struct Hand {
     pub links: Vec<Link>,
     /// Joints, in the order of their child links (joint `i` moves link `i + 1`).
     pub joints: Vec<Joint>,
-    /// Fingers.
-    pub fingers: Vec<Finger>,
-    /// Motors.
-    pub motors: Vec<Motor>,
-    /// Tactile sensors, finger by finger, from the root to the tip.
+    /// Groups of independent joints, by name.
+    pub groups: Vec<JointGroup>,
+    /// Tendons, by name.
+    pub tendons: Vec<Tendon>,
+    /// Actuators, in the order of the file.
+    pub actuators: Vec<Actuator>,
+    /// Tactile sensors, in the order of their links: chain by chain, from the root to the tip.
     pub sensors: Vec<TactileSensor>,
     /// The grasp frame in the base's frame.
     pub base_from_hand: Isometry3<f64>,
-    /// Least and greatest preshape angle, radians.
-    pub preshape_limits: [f64; 2],
+    /// How the hand grasps.
+    pub grasp: Grasp,
     /// Friction factors of its surfaces.
     pub friction: Friction,
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct GraspPose {
     /// Hand (grasp) frame in the object's frame.
     pub object_from_hand: Isometry3<f64>,
-    /// Angle of the preshape joint, radians: 0 for power, pi/2 for pinch.
+    /// The preshape as one number: see [`crate::grasp`].
     pub preshape: f64,
 }
 

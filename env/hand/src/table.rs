@@ -7,6 +7,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 
 use crate::error::ProblemKind;
+use crate::grasp::Quarter;
 use crate::scan::Report;
 
 /// A number (or a list of them), its unit, and where it comes from.
@@ -21,6 +22,9 @@ pub(crate) struct Quantity<T> {
 /// A quantity with its position in the file.
 pub(crate) type Number<T> = Spanned<Quantity<T>>;
 
+/// Tables by name; the name keeps its position in the file.
+pub(crate) type Named<T> = BTreeMap<Spanned<String>, T>;
+
 /// The whole file.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -28,28 +32,15 @@ pub(crate) struct HandTable {
     pub name: Spanned<String>,
     #[serde(default)]
     pub pads: Vec<Spanned<String>>,
-    pub base_from_hand: PoseTable,
-    pub preshape: Option<PreshapeTable>,
     pub friction: FrictionTable,
-    pub tendons: BTreeMap<String, TendonTable>,
-    pub flexures: BTreeMap<String, FlexureTable>,
-    pub fingers: Vec<FingerTable>,
-    pub motors: Vec<MotorTable>,
+    #[serde(default)]
+    pub joints: Named<JointTable>,
+    #[serde(default)]
+    pub tendons: Named<TendonTable>,
+    pub actuators: Vec<ActuatorTable>,
+    pub grasp: GraspTable,
     #[serde(default)]
     pub sensors: Vec<SensorTable>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct PoseTable {
-    pub xyz: Number<[f64; 3]>,
-    pub rpy: Number<[f64; 3]>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct PreshapeTable {
-    pub limits: Number<[f64; 2]>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -59,12 +50,25 @@ pub(crate) struct FrictionTable {
     pub bare: Number<f64>,
 }
 
+/// Joints with the same numbers; without `names`, the joint of the table's own name.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JointTable {
+    pub names: Option<Vec<Spanned<String>>>,
+    #[serde(default)]
+    pub encoder: bool,
+    pub stiffness: Option<Number<f64>>,
+    pub spring_reference: Option<Number<f64>>,
+    pub damping: Number<f64>,
+    pub armature: Number<f64>,
+    pub stop_stiffness: Number<f64>,
+}
+
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TendonTable {
-    pub proximal_arm: Number<f64>,
-    pub distal_arm: Number<f64>,
-    pub spool_radius: Number<f64>,
+    /// Moment arms, by the name of the joint.
+    pub arms: Named<Number<f64>>,
     pub stiffness: Number<f64>,
     pub damping: Number<f64>,
     pub max_tension: Number<f64>,
@@ -72,47 +76,86 @@ pub(crate) struct TendonTable {
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct FlexureTable {
-    pub stiffness: Number<f64>,
-    pub rest: Number<f64>,
-    pub proximal_stiffness: Number<f64>,
-    pub proximal_rest: Number<f64>,
-    pub distal_damping: Number<f64>,
-    pub proximal_damping: Number<f64>,
-    pub armature: Number<f64>,
-    pub stop_stiffness: Number<f64>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SwivelTable {
-    pub joint: Spanned<String>,
-    pub sign: Number<f64>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct FingerTable {
+pub(crate) struct ActuatorTable {
     pub name: Spanned<String>,
-    pub swivel: Option<SwivelTable>,
-    pub proximal: Spanned<String>,
-    pub distal: Spanned<String>,
-    pub tendon: Spanned<String>,
-    pub flexure: Spanned<String>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct MotorTable {
-    pub name: Spanned<String>,
-    /// A finger's name, or `preshape`.
-    pub drives: Spanned<String>,
+    pub spool: Option<SpoolTable>,
+    pub rigid: Option<RigidTable>,
+    pub servo: Option<ServoTable>,
     pub travel: Number<[f64; 2]>,
     pub default_speed: Number<f64>,
     pub max_speed: Number<f64>,
     pub ratio: Number<f64>,
     pub load_limit: Number<f64>,
     pub force_gain: Number<f64>,
+}
+
+/// Winds a tendon.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SpoolTable {
+    pub tendon: Spanned<String>,
+    pub radius: Number<f64>,
+}
+
+/// Drives joints by a self-locking gear.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RigidTable {
+    pub joints: Named<DrivenTable>,
+}
+
+/// Drives joints by a spring and a damper of limited force.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ServoTable {
+    pub joints: Named<DrivenTable>,
+    pub stiffness: Number<f64>,
+    pub damping: Number<f64>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct DrivenTable {
+    pub ratio: Number<f64>,
+    pub offset: Option<Number<f64>>,
+}
+
+/// The grasp frame in the base's frame, and how the hand grasps.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct GraspTable {
+    pub xyz: Number<[f64; 3]>,
+    pub rpy: Number<[f64; 3]>,
+    pub center: Number<[f64; 3]>,
+    /// Names of the actuators that close the hand.
+    pub closing: Vec<Spanned<String>>,
+    pub coordinate: Option<CoordinateTable>,
+    #[serde(default)]
+    pub preshapes: Vec<PreshapeTable>,
+}
+
+/// The actuator whose position is the preshape.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CoordinateTable {
+    pub actuator: Spanned<String>,
+    pub limits: Number<[f64; 2]>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PreshapeTable {
+    pub name: Spanned<String>,
+    /// Positions of actuators, by name.
+    #[serde(default)]
+    pub positions: Named<Number<f64>>,
+    pub length: Option<Number<[f64; 2]>>,
+    pub width: Option<Number<[f64; 2]>>,
+    pub max_ratio: Option<Number<f64>>,
+    pub any_ratio_below: Option<Number<f64>>,
+    #[serde(default)]
+    pub quarter: Quarter,
+    pub preference: Option<Number<f64>>,
 }
 
 #[derive(Debug, Clone, Deserialize)]

@@ -1,26 +1,21 @@
-//! Tendon statics: one spool, two joints.
+//! Statics of tendons and springs.
 //!
-//! With the proximal and distal angles `q_p`, `q_d`, the joints take up `l = r_p q_p + r_d q_d` of tendon; the spool
-//! takes up `r_s s`. The difference is the stretch of the tendon.
+//! With joint positions `q_i` and moment arms `r_i`, the joints take up `l = sum of r_i q_i` of tendon; the stretch is what the spool has
+//! wound, less this length.
 
-use crate::model::{Flexure, Tendon};
+use crate::model::{Joint, Tendon};
 
 impl Tendon {
-    /// Tendon length that the joints take up, metres.
-    #[must_use]
-    pub fn take_up(&self, proximal: f64, distal: f64) -> f64 {
-        self.proximal_arm * proximal + self.distal_arm * distal
-    }
-
-    /// Stretch of the tendon, metres; negative where it is slack.
-    #[must_use]
-    pub fn stretch(&self, spool: f64, proximal: f64, distal: f64) -> f64 {
-        self.spool_radius * spool - self.take_up(proximal, distal)
+    /// Length that the joints take up, metres.
+    ///
+    /// * `position`: position of a joint by its index, rad or m.
+    pub fn take_up(&self, position: impl Fn(usize) -> f64) -> f64 {
+        self.arms.iter().map(|&(joint, arm)| arm * position(joint)).sum()
     }
 
     /// Tension, N: 0 where slack, never negative, at most `max_tension`.
     ///
-    /// * `stretch`: metres.
+    /// * `stretch`: metres; negative where the tendon is slack.
     /// * `stretch_rate`: m/s; a pulling spool adds to it, closing joints take from it.
     #[must_use]
     pub fn tension(&self, stretch: f64, stretch_rate: f64) -> f64 {
@@ -30,14 +25,17 @@ impl Tendon {
         (self.stiffness * stretch + self.damping * stretch_rate).clamp(0.0, self.max_tension)
     }
 
-    /// Torques on the proximal and the distal joint, N m: `r_p T` and `r_d T`, each less its spring `k (q - rest)`.
-    ///
-    /// Each is the torque of its own joint coordinate (virtual work of that angle alone).
+    /// Moment arm at a joint; 0 for joints that it does not span.
     #[must_use]
-    pub fn torques(&self, tension: f64, flexure: &Flexure, proximal: f64, distal: f64) -> [f64; 2] {
-        [
-            self.proximal_arm * tension - flexure.proximal_stiffness * (proximal - flexure.proximal_rest),
-            self.distal_arm * tension - flexure.stiffness * (distal - flexure.rest),
-        ]
+    pub fn arm(&self, joint: usize) -> f64 {
+        self.arms.iter().find(|(spanned, _)| *spanned == joint).map_or(0.0, |(_, arm)| *arm)
+    }
+}
+
+impl Joint {
+    /// Force of its spring at a position, N m or N.
+    #[must_use]
+    pub fn spring_force(&self, position: f64) -> f64 {
+        -self.stiffness * (position - self.spring_reference)
     }
 }

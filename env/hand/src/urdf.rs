@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, V
 use urdf_rs::{Geometry, JointType};
 
 use crate::error::ProblemKind;
-use crate::model::{Collider, Joint, Link, Material, Shape};
+use crate::model::{Collider, Joint, JointKind, Link, Material, Mimic, Shape};
 use crate::scan::{Report, Scan, one_line, scan};
 
 /// Largest number of links; the largest real hands have about 30.
@@ -121,7 +121,36 @@ fn build(robot: &urdf_rs::Robot, order: &[(usize, Option<usize>)], scan: &Scan, 
             tree.joint_lines.push(scan.joint_line(&joint.name));
         }
     }
+    set_mimics(robot, &mut tree, scan, report);
     tree
+}
+
+/// Resolves the joints that follow others; a joint follows an independent one of its own kind.
+fn set_mimics(robot: &urdf_rs::Robot, tree: &mut Tree, scan: &Scan, report: &mut Report<'_>) {
+    let followers = robot.joints.iter().filter_map(|joint| joint.mimic.as_ref().map(|mimic| (joint, mimic)));
+    for (joint, mimic) in followers {
+        let line = scan.child_line("joint", &joint.name, "mimic").unwrap_or_else(|| scan.joint_line(&joint.name));
+        let find = |name: &str| tree.joints.iter().position(|j| j.name == name);
+        let Some(own) = find(&joint.name) else { continue };
+        let Some(leader) = find(&mimic.joint) else {
+            let known = tree.joints.iter().map(|j| j.name.clone()).collect();
+            report.add(line, ProblemKind::Unknown { what: "joint", name: mimic.joint.clone(), known });
+            continue;
+        };
+        let follows = robot.joints.iter().any(|j| j.name == mimic.joint && j.mimic.is_some());
+        let why = match (tree.joints[own].kind, tree.joints[leader].kind) {
+            (JointKind::Fixed, _) => "a fixed joint cannot follow",
+            _ if follows || own == leader => "follows a joint itself; name the one that leads both",
+            (a, b) if a != b => "is of another kind",
+            _ => {
+                let (ratio, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
+                follow(tree, own, Mimic { joint: leader, ratio, offset }, line, report);
+                continue;
+            }
+        };
+        let (name, leader) = (joint.name.clone(), mimic.joint.clone());
+        report.add(line, ProblemKind::BadMimic { name, leader, why });
+    }
 }
 
 fn isometry(pose: &urdf_rs::Pose) -> Isometry3<f64> {
@@ -207,15 +236,17 @@ fn read_collider(
 fn read_joint(joint: &urdf_rs::Joint, parent: usize, child: usize, scan: &Scan, report: &mut Report<'_>) -> Joint {
     let line = scan.joint_line(&joint.name);
     let name = || joint.name.clone();
-    let fixed = match joint.joint_type {
-        JointType::Fixed => true,
-        JointType::Revolute => false,
+    let kind = match joint.joint_type {
+        JointType::Fixed => JointKind::Fixed,
+        JointType::Revolute => JointKind::Revolute,
+        JointType::Prismatic => JointKind::Prismatic,
         ref other => {
             let found = format!("{other:?}").to_lowercase();
             report.add(line, ProblemKind::JointType { name: name(), found });
-            true
+            JointKind::Fixed
         }
     };
+    let fixed = kind == JointKind::Fixed;
     let mut limits = [0.0; 2];
     if !fixed {
         limits = [joint.limit.lower, joint.limit.upper];
@@ -242,5 +273,33 @@ fn read_joint(joint: &urdf_rs::Joint, parent: usize, child: usize, scan: &Scan, 
         }
         Vector3::x_axis()
     });
-    Joint { name: name(), parent, child, parent_from_joint: isometry(&joint.origin), axis, limits, fixed }
+    Joint {
+        name: name(),
+        kind,
+        parent,
+        child,
+        parent_from_joint: isometry(&joint.origin),
+        axis,
+        limits,
+        mimic: None,
+        stiffness: 0.0,
+        spring_reference: 0.0,
+        damping: 0.0,
+        armature: 0.0,
+        stop_stiffness: 0.0,
+    }
+}
+
+/// Makes a joint follow another one, whose whole range it must reach.
+fn follow(tree: &mut Tree, own: usize, mimic: Mimic, line: usize, report: &mut Report<'_>) {
+    /// Rounding of limits that were written with few digits, rad or m.
+    const ROUNDING: f64 = 1e-9;
+    let [lower, upper] = tree.joints[own].limits;
+    let led = tree.joints[mimic.joint].limits.map(|limit| mimic.ratio * limit + mimic.offset);
+    if led.iter().any(|position| !(lower - ROUNDING..=upper + ROUNDING).contains(position)) {
+        let (name, quantity) = (tree.joints[own].name.clone(), "limit");
+        let must = "it must hold every position to which it follows";
+        report.add(line, ProblemKind::Interval { item: "joint", name, quantity, lower, upper, must });
+    }
+    tree.joints[own].mimic = Some(mimic);
 }

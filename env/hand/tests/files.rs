@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
+use graspbox_hand::assets::{ASSETS, asset};
 use graspbox_hand::load::MAX_FILE_BYTES;
-use graspbox_hand::reflex::{REFLEX_TOML, REFLEX_URDF};
-use graspbox_hand::{Hand, HandError, Material, MotorKind, Shape};
+use graspbox_hand::{Hand, HandError, Material, Shape};
 use nalgebra::{Point3, Vector3};
 
 const GRIPPER_URDF: &str = include_str!("fixtures/gripper.urdf");
@@ -39,12 +39,16 @@ fn another_hand_loads_from_its_own_two_files() {
     assert_eq!(hand, Hand::from_strs(GRIPPER_URDF, GRIPPER_TOML, ["a", "b"]).unwrap());
     let names: Vec<_> = hand.links.iter().map(|l| l.name.as_str()).collect();
     assert_eq!(names, ["palm", "left", "left_tip", "right", "right_tip", "label"], "parents before children");
-    assert_eq!((hand.preshape_limits, hand.preshape_motor()), ([0.0, 0.0], None));
-    // Motors keep the order of the file; fingers know theirs.
-    assert_eq!(hand.motors[0].kind, MotorKind::Finger(1));
-    assert_eq!((hand.fingers[0].motor, hand.fingers[1].motor), (1, 0));
+    assert_eq!((hand.preshape_limits(), hand.grasp.coordinate), ([0.0, 0.0], None));
+    // Actuators keep the order of the file, tendons that of their names, and arms that of the joints.
+    let actuators: Vec<_> = hand.actuators.iter().map(|actuator| actuator.name.as_str()).collect();
+    assert_eq!(actuators, ["right_motor", "left_motor"]);
+    assert_eq!(hand.tendons[0].arms, [(0, 0.008), (1, 0.005)]);
+    assert_eq!(hand.grasp.closing, [0, 1]);
+    let chains: Vec<_> = hand.chains().into_iter().map(|chain| (chain.name, chain.joints)).collect();
+    assert_eq!(chains, [("left".to_owned(), vec![0, 1]), ("right".to_owned(), vec![2, 3])]);
     assert!((hand.joints[0].axis.into_inner() + Vector3::y()).norm() < 1e-15, "axes are made unit vectors");
-    assert!(hand.joints[4].fixed);
+    assert!(hand.joints[4].is_fixed());
     // An inertial frame turned by a quarter about z exchanges the moments about x and y.
     assert!((hand.links[1].inertia.diagonal() - Vector3::new(2e-5, 3e-6, 1.8e-5)).norm() < 1e-12);
     let shapes: Vec<_> = hand.links.iter().flat_map(|l| &l.colliders).map(|c| (c.shape, c.material)).collect();
@@ -54,24 +58,27 @@ fn another_hand_loads_from_its_own_two_files() {
         (Shape::Sphere { radius: 0.01 }, Material::Pad),
     ];
     assert_eq!(shapes, expected);
-    // Sensors go finger by finger, whatever the order in the file.
-    assert_eq!(hand.sensors.iter().map(|s| (s.finger, s.link)).collect::<Vec<_>>(), [(0, 2), (1, 4)]);
-    let mut closed = hand.open_configuration(0.0);
-    closed.proximal = vec![std::f64::consts::FRAC_PI_2; 2];
-    let tip = hand.hand_from_links(&closed).unwrap()[4] * Point3::new(0.01, 0.0, 0.0);
+    // Sensors go chain by chain, whatever the order in the file.
+    assert_eq!(hand.sensors.iter().map(|s| s.link).collect::<Vec<_>>(), [2, 4]);
+    let up = std::f64::consts::FRAC_PI_2;
+    let tip = hand.hand_from_links(&[up, 0.0, up, 0.0]).unwrap()[4] * Point3::new(0.01, 0.0, 0.0);
     assert!((tip - Point3::new(-0.03, 0.0, 0.07)).norm() < 1e-12, "{tip}");
 }
 
 #[test]
 fn names_that_do_not_exist_are_named_with_those_that_do() {
     assert_eq!(
-        toml_with("proximal = \"left_root\"", "proximal = \"left_rot\""),
-        "hand.toml:32: there is no joint \"left_rot\"; \
+        toml_with("arms.left_root", "arms.left_rot"),
+        "hand.toml:31: there is no joint \"left_rot\"; \
          known: left_root, left_middle, right_root, right_middle, label_joint"
     );
     assert_eq!(
-        toml_with("tendon = \"cord\"", "tendon = \"rope\""),
-        "hand.toml:34: there is no tendon \"rope\"; known: cord"
+        toml_with("closing = [\"left_motor\"", "closing = [\"left_moto\""),
+        "hand.toml:69: there is no actuator \"left_moto\"; known: right_motor, left_motor"
+    );
+    assert_eq!(
+        toml_with("tendon = \"left\"", "tendon = \"rope\""),
+        "hand.toml:56: there is no tendon \"rope\"; known: left, right"
     );
     assert_eq!(
         toml_with("pads = [\"left_ball\"]", "pads = [\n\"left_ball\",\n\"ball\"]"),
@@ -79,70 +86,72 @@ fn names_that_do_not_exist_are_named_with_those_that_do() {
     );
     assert_eq!(
         toml_with("\"right_tip\", \"left_tip\"", "\"right_tip\", \"thumb\""),
-        "hand.toml:65: there is no link \"thumb\"; known: palm, left, left_tip, right, right_tip, label"
-    );
-    assert_eq!(
-        toml_with("\"right_tip\", \"left_tip\"", "\"palm\""),
-        "hand.toml:65: link \"palm\" belongs to no finger, so it can carry no finger's sensor"
+        "hand.toml:72: there is no link \"thumb\"; known: palm, left, left_tip, right, right_tip, label"
     );
     assert_eq!(
         urdf_with("<child link=\"left\"/>", "<child link=\"lefty\"/>"),
         "hand.urdf:54: there is no link \"lefty\"; known: palm, left, left_tip, right, right_tip, label"
     );
     assert_eq!(
-        toml_with("drives = \"left\"", "drives = \"right\""),
-        "hand.toml:31: \"left\" is driven by 0 motors; it needs exactly one\n\
-         hand.toml:38: \"right\" is driven by 2 motors; it needs exactly one"
+        toml_with("tendon = \"left\"", "tendon = \"right\""),
+        "hand.toml:29: tendon \"left\" is wound by 0 actuators; it needs exactly one\n\
+         hand.toml:36: tendon \"right\" is wound by 2 actuators; it needs exactly one"
+    );
+    assert_eq!(
+        asset("reflexx").unwrap_err().to_string(),
+        format!(
+            "there is no hand \"reflexx\"; known: {}; for another hand give the paths of its URDF and its hand.toml",
+            ASSETS.map(|asset| asset.name).join(", ")
+        )
     );
 }
 
 #[test]
 fn every_number_has_a_unit_and_a_source() {
-    let arm = "proximal_arm = { value = 0.008, unit = \"m\", source = \"made up for a test\" }";
+    let arm = "arms.left_root = { value = 0.008, unit = \"m\", source = \"made up for a test\" }";
     assert_eq!(
-        toml_with(arm, "proximal_arm = { value = 8.0, unit = \"mm\", source = \"x\" }"),
-        "hand.toml:13: proximal_arm is in \"mm\"; give it in \"m\""
+        toml_with(arm, "arms.left_root = { value = 8.0, unit = \"mm\", source = \"x\" }"),
+        "hand.toml:31: arm is in \"mm\"; give it in \"m\""
     );
     assert_eq!(
-        toml_with(arm, "proximal_arm = { value = 0.008, unit = \"m\", source = \" \" }"),
-        "hand.toml:13: proximal_arm has an empty source; say where the number comes from"
+        toml_with(arm, "arms.left_root = { value = 0.008, unit = \"m\", source = \" \" }"),
+        "hand.toml:31: arm has an empty source; say where the number comes from"
     );
     assert_eq!(
-        toml_with(arm, "proximal_arm = { value = 0.008, unit = \"m\" }"),
-        "hand.toml:13: missing field `source`"
+        toml_with(arm, "arms.left_root = { value = 0.008, unit = \"m\" }"),
+        "hand.toml:31: missing field `source`"
     );
     assert_eq!(
-        toml_with(arm, "proximal_arm = 0.008"),
-        "hand.toml:13: invalid type: floating point `0.008`, expected struct Quantity"
+        toml_with(arm, "arms.left_root = 0.008"),
+        "hand.toml:31: invalid type: floating point `0.008`, expected struct Quantity"
     );
     assert_eq!(
         toml_with(arm, &format!("{arm}\nspool_raduis = 3")),
-        "hand.toml:14: unknown field `spool_raduis`, expected one of `proximal_arm`, `distal_arm`, `spool_radius`, \
-         `stiffness`, `damping`, `max_tension`"
+        "hand.toml:32: unknown field `spool_raduis`, expected one of `arms`, `stiffness`, `damping`, `max_tension`"
     );
 }
 
 #[test]
 fn numbers_that_matter_cannot_have_are_refused() {
     assert_eq!(
-        toml_with("distal_arm = { value = 0.005", "distal_arm = { value = 0.0"),
-        "hand.toml:14: tendon \"cord\": distal_arm is 0; it must be greater than 0"
+        toml_with("spool.radius = { value = 0.01", "spool.radius = { value = 0.0"),
+        "hand.toml:46: actuator \"right_motor\": radius is 0; it must be greater than 0"
     );
     assert_eq!(
         toml_with("max_tension = { value = 20.0", "max_tension = { value = nan"),
-        "hand.toml:18: max_tension is not a finite number within +-1e7"
+        "hand.toml:34: max_tension is not a finite number within +-1e7"
     );
     assert_eq!(
         toml_with("default_speed = { value = 2.0", "default_speed = { value = 3.0"),
-        "hand.toml:48: motor \"right_motor\": default_speed is 3; it must be at most max_speed"
+        "hand.toml:48: actuator \"right_motor\": default_speed is 3; it must be at most max_speed"
     );
     assert_eq!(
         toml_with("travel = { value = [0.0, 2.0]", "travel = { value = [2.0, 0.0]"),
-        "hand.toml:47: motor \"right_motor\": travel is [2, 0]; the upper end must be greater"
+        "hand.toml:47: actuator \"right_motor\": travel is [2, 0]; the upper end must be greater"
     );
     assert_eq!(
         toml_with("value = [1.0, 0.0, 0.0]", "value = [1.0, 1.0, 0.0]"),
-        "hand.toml:67: sensor \"1\": length of the normal is 1.4142135623730951; it must be 1 within 1e-3"
+        "hand.toml:74: sensor \"1\": length of the normal is 1.4142135623730951; it must be 1 within 1e-3"
     );
     assert_eq!(
         urdf_with("<mass value=\"0.3\"/>", "<mass value=\"-0.3\"/>"),
@@ -172,7 +181,7 @@ fn numbers_that_matter_cannot_have_are_refused() {
 }
 
 #[test]
-fn joints_must_form_a_tree_of_fingers() {
+fn joints_must_form_a_tree() {
     assert_eq!(
         urdf_with(
             "<parent link=\"palm\"/>\n    <child link=\"right\"/>",
@@ -187,18 +196,12 @@ fn joints_must_form_a_tree_of_fingers() {
     );
     assert_eq!(
         urdf_with("name=\"label_joint\" type=\"fixed\"", "name=\"label_joint\" type=\"continuous\""),
-        "hand.urdf:82: joint \"label_joint\" is continuous; only revolute and fixed joints are supported"
+        "hand.urdf:82: joint \"label_joint\" is continuous; only revolute, prismatic and fixed joints are supported"
     );
     assert_eq!(
         urdf_with("name=\"left_root\" type=\"revolute\"", "name=\"left_root\" type=\"fixed\""),
-        "hand.toml:32: joint \"left_root\" is fixed; a finger needs a revolute one"
-    );
-    assert_eq!(
-        toml_with("distal = \"left_middle\"", "distal = \"right_middle\""),
-        "hand.urdf:61: joint \"left_middle\" moves but belongs to no finger; make it fixed or name it in a finger\n\
-         hand.toml:31: joint \"right_middle\" is not below joint \"left_root\"; \
-         a finger is swivel, proximal, distal, outward\n\
-         hand.toml:38: joint \"right_middle\" is used more than once by the fingers"
+        "hand.toml:9: joint \"left_root\" is fixed; name an independent joint instead\n\
+         hand.toml:31: joint \"left_root\" is fixed; name an independent joint instead"
     );
     assert_eq!(
         urdf_with("<link name=\"right\">", "<link name=\"left\">"),
@@ -210,14 +213,82 @@ fn joints_must_form_a_tree_of_fingers() {
     );
 }
 
+/// Nothing that moves is left without something that holds it, and nothing is held twice.
+#[test]
+fn joints_are_held_by_one_thing_each() {
+    let joint = "[joints.right_middle]";
+    assert_eq!(
+        toml_with("arms.right_middle", "arms.left_middle"),
+        "hand.urdf:75: joint \"right_middle\" moves, but no tendon, actuator or spring holds it; make it fixed, or name it in [joints], \
+         [tendons] or [[actuators]]"
+    );
+    assert_eq!(
+        toml_with(joint, "[joints.other]\nnames = [\"left_middle\"]"),
+        "hand.toml:25: joint \"left_middle\" is named more than once by [joints]"
+    );
+    assert_eq!(
+        toml_with("spring_reference = { value = 0.1, unit = \"rad\", source = \"made up for a test\" }\n", ""),
+        "hand.toml:17: table of joints \"left_middle\" has no spring_reference"
+    );
+    let radius = "spool.radius = { value = 0.01, unit = \"m\", source = \"made up for a test\" }\n";
+    let driven = "rigid.joints.right_root.ratio = { value = 1.0, unit = \"1\", source = \"x\" }\n";
+    assert_eq!(
+        toml_with(&format!("spool.tendon = \"right\"\n{radius}"), driven),
+        "hand.toml:36: tendon \"right\" is wound by 0 actuators; it needs exactly one\n\
+         hand.toml:44: joint \"right_root\" is driven rigidly by actuator \"right_motor\", so its table in [joints] has no effect on it; \
+         leave it out\n\
+         hand.toml:44: joint \"right_root\" is driven rigidly by actuator \"right_motor\", so a tendon has no effect on it; leave it out\n\
+         hand.toml:50: load_limit is in \"N\"; give it in \"N m\"\n\
+         hand.toml:51: force_gain is in \"rad/(s N)\"; give it in \"rad/(s N m)\""
+    );
+    assert_eq!(
+        toml_with(radius, &format!("{radius}{driven}")),
+        "hand.toml:44: actuator \"right_motor\" has 2 of the tables spool, rigid and servo; give exactly one of them"
+    );
+}
+
+/// A joint follows one that leads, of its own kind, and reaches wherever that goes.
+#[test]
+fn joints_follow_what_they_can_follow() {
+    let middle = "<axis xyz=\"0 -1 0\"/>\n    <limit lower=\"0\" upper=\"1.2\" effort=\"1\" velocity=\"5\"/>";
+    let following = |mimic: &str| urdf_with(middle, &format!("{middle}\n    {mimic}"));
+    assert_eq!(
+        following("<mimic joint=\"left_roots\"/>"),
+        "hand.urdf:67: there is no joint \"left_roots\"; known: left_root, left_middle, right_root, right_middle, label_joint"
+    );
+    assert_eq!(
+        following("<mimic joint=\"label_joint\"/>"),
+        "hand.urdf:67: joint \"left_middle\" mimics \"label_joint\", which is of another kind"
+    );
+    assert_eq!(
+        following("<mimic joint=\"left_middle\"/>"),
+        "hand.urdf:67: joint \"left_middle\" mimics \"left_middle\", which follows a joint itself; name the one that leads both"
+    );
+    assert_eq!(
+        following("<mimic joint=\"left_root\"/>"),
+        "hand.urdf:67: joint \"left_middle\": limit is [0, 1.2]; it must hold every position to which it follows\n\
+         hand.toml:17: joint \"left_middle\" follows joint \"left_root\"; name an independent joint instead\n\
+         hand.toml:30: joint \"left_middle\" follows joint \"left_root\"; name an independent joint instead"
+    );
+}
+
 /// A swivel that cannot take the whole preshape would tear the two fingers' mirror.
 #[test]
-fn a_swivel_must_reach_the_whole_preshape() {
-    let urdf = REFLEX_URDF.replacen("lower=\"-1.5707963267948966\"", "lower=\"-1.0\"", 1);
-    let text = complaint(&urdf, REFLEX_TOML);
+fn driven_joints_must_reach_the_whole_preshape() {
+    let reflex = asset("reflex").unwrap();
+    let told = |old: &str, new: &str| {
+        assert!(reflex.urdf.contains(old), "{old}");
+        let text = complaint(&reflex.urdf.replacen(old, new, 1), reflex.toml);
+        text.split_once(": ").unwrap().1.to_owned()
+    };
     assert_eq!(
-        text.split_once(": ").unwrap().1,
-        "joint \"preshape_2\": limit is [-1, 0]; it must hold sign times the preshape limits"
+        told("lower=\"-1.5707963267948966\"", "lower=\"-1.0\""),
+        "joint \"preshape_2\": limit is [-1, 0]; it must hold every position to which it follows"
+    );
+    let both = reflex.urdf.replace("1.5707963267948966", "1.0");
+    assert_eq!(
+        complaint(&both, reflex.toml).split_once(": ").unwrap().1,
+        "joint \"preshape_1\": limit is [0, 1]; it must hold the preshape limits, times the ratio, plus the offset"
     );
 }
 
@@ -230,8 +301,8 @@ fn problems_of_both_files_are_told_together() {
     assert_eq!(
         complaint(&urdf, &toml),
         "hand.urdf:5: link \"palm\": mass is 0; it must be greater than 0 kg\n\
-         hand.toml:5: position is in \"cm\"; give it in \"m\"\n\
-         hand.toml:16: stiffness is in \"N/mm\"; give it in \"N/m\""
+         hand.toml:30: arm is in \"cm\"; give it in \"m\"\n\
+         hand.toml:32: stiffness is in \"N/mm\"; give it in \"N/m\""
     );
 }
 

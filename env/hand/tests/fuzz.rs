@@ -1,7 +1,7 @@
 //! Mutated descriptions: never a panic, and a hand only where the numbers are a hand's.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_hand::reflex::{REFLEX_TOML, REFLEX_URDF};
+use graspbox_hand::assets::ASSETS;
 use graspbox_hand::{Hand, HandError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -67,8 +67,9 @@ fn mutated_files_never_panic_and_never_make_an_impossible_hand() {
     let (mut refused, mut accepted) = (0, 0);
     for round in 0..rounds() {
         let both = round % 3 == 0;
-        let urdf = if both || round % 3 == 1 { mutate(REFLEX_URDF, &mut rng) } else { REFLEX_URDF.to_owned() };
-        let toml = if both || round % 3 == 2 { mutate(REFLEX_TOML, &mut rng) } else { REFLEX_TOML.to_owned() };
+        let asset = &ASSETS[round % ASSETS.len()];
+        let urdf = if both || round % 3 == 1 { mutate(asset.urdf, &mut rng) } else { asset.urdf.to_owned() };
+        let toml = if both || round % 3 == 2 { mutate(asset.toml, &mut rng) } else { asset.toml.to_owned() };
         match Hand::from_strs(&urdf, &toml, ["hand.urdf", "hand.toml"]) {
             Ok(hand) => {
                 accepted += 1;
@@ -90,10 +91,21 @@ fn mutated_files_never_panic_and_never_make_an_impossible_hand() {
 }
 
 fn assert_sound(hand: &Hand) {
-    for pose in hand.forward_kinematics(&hand.open_configuration(0.5)).unwrap() {
-        assert!(pose.to_homogeneous().iter().all(|x| x.is_finite() && x.abs() < 1e3));
+    let limits = hand.preshape_limits();
+    for preshape in limits {
+        for pose in hand.forward_kinematics(&hand.open_configuration(preshape)).unwrap() {
+            assert!(pose.to_homogeneous().iter().all(|x| x.is_finite() && x.abs() < 1e3));
+        }
     }
     assert!(hand.links.iter().all(|l| l.mass > 0.0 && l.inertia.symmetric_eigenvalues().min() > 0.0));
-    assert!(hand.fingers.iter().all(|f| f.tendon.proximal_arm > 0.0 && f.tendon.max_tension > 0.0));
-    assert!(hand.sensors.iter().all(|s| s.link < hand.links.len() && s.finger < hand.fingers.len()));
+    assert!(
+        hand.tendons
+            .iter()
+            .all(|t| t.max_tension > 0.0 && t.arms.iter().all(|(j, _)| hand.joints[*j].is_independent()))
+    );
+    assert!(hand.sensors.iter().all(|s| s.link < hand.links.len()));
+    assert!(
+        hand.grasp.closing.iter().all(|actuator| *actuator < hand.actuators.len()) && !hand.grasp.closing.is_empty()
+    );
+    assert!(hand.preshapes().iter().all(|named| (limits[0]..=limits[1]).contains(&named.value)));
 }

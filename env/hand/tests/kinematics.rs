@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use graspbox_hand::{Hand, HandConfiguration, rigid_motion};
+use graspbox_hand::{Hand, rigid_motion};
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
@@ -11,13 +11,25 @@ fn reflex() -> &'static Hand {
     Hand::reflex().unwrap()
 }
 
+/// Positions of the independent joints: the swivel of finger 1, then proximal and distal joint of each finger.
+fn at(preshape: f64, proximal: &[f64], distal: &[f64]) -> Vec<f64> {
+    let mut configuration = vec![preshape];
+    configuration.extend(proximal.iter().zip(distal).flat_map(|(p, d)| [*p, *d]));
+    configuration
+}
+
+/// The last link of a finger.
+fn tip_link(finger: usize) -> usize {
+    reflex().joints[*reflex().chains()[finger].joints.last().unwrap()].child
+}
+
 prop_compose! {
     fn configurations()(
         preshape in 0.0..FRAC_PI_2,
         proximal in prop::collection::vec(0.0..2.83f64, 3),
         distal in prop::collection::vec(0.0..2.74f64, 3),
-    ) -> HandConfiguration {
-        HandConfiguration { preshape, proximal, distal }
+    ) -> Vec<f64> {
+        at(preshape, &proximal, &distal)
     }
 }
 
@@ -58,9 +70,8 @@ proptest! {
         theta in 0.0..FRAC_PI_2, p in 0.0..2.83f64, d in 0.0..2.74f64, x in 0.0..0.05f64, z in 0.0..0.02f64,
     ) {
         let hand = reflex();
-        let at = |theta| HandConfiguration { preshape: theta, proximal: vec![p; 3], distal: vec![d; 3] };
-        let [poses, straight] = [theta, 0.0].map(|t| hand.forward_kinematics(&at(t)).unwrap());
-        let tip = |poses: &[Isometry3<f64>], f: usize| poses[hand.joints[hand.fingers[f].distal].child] * Point3::new(x, 0.0, z);
+        let [poses, straight] = [theta, 0.0].map(|t| hand.forward_kinematics(&at(t, &[p; 3], &[d; 3])).unwrap());
+        let tip = |poses: &[Isometry3<f64>], f: usize| poses[tip_link(f)] * Point3::new(x, 0.0, z);
         let [one, two] = [tip(&poses, 0), tip(&poses, 1)];
         prop_assert!((Point3::new(one.x, -one.y, one.z) - two).norm() < 1e-12);
         prop_assert_eq!(tip(&poses, 2), tip(&straight, 2));
@@ -71,9 +82,10 @@ proptest! {
     fn fingers_move_alone(configuration in configurations(), f in 0..3usize, p in 0.0..2.0f64) {
         let hand = reflex();
         let mut other = configuration.clone();
-        other.proximal[f] = p;
+        // After the swivel's position there are two for each finger.
+        other[1 + 2 * f] = p;
         let [a, b] = [configuration, other].map(|c| hand.forward_kinematics(&c).unwrap());
-        for link in (0..hand.links.len()).filter(|&l| hand.finger_of_link(l) != Some(f)) {
+        for link in (0..hand.links.len()).filter(|&l| hand.chain_of_link(l) != Some(f)) {
             prop_assert_eq!(a[link], b[link]);
         }
     }
@@ -99,7 +111,7 @@ proptest! {
 fn a_pinch_preshape_points_finger_1_to_minus_y() {
     let hand = reflex();
     let poses = hand.forward_kinematics(&hand.open_configuration(FRAC_PI_2)).unwrap();
-    let heading = |f: usize| poses[hand.joints[hand.fingers[f].distal].child] * Vector3::x();
+    let heading = |f: usize| poses[tip_link(f)] * Vector3::x();
     for (f, expected) in [(0, -Vector3::y()), (1, Vector3::y()), (2, -Vector3::x())] {
         assert!((heading(f) - expected).norm() < 1e-12, "finger {f} points to {}", heading(f));
     }

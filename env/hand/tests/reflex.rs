@@ -3,22 +3,28 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use graspbox_hand::{Finger, Hand, HandConfiguration, Material, MotorKind, Shape};
+use graspbox_hand::{Drive, Hand, Joint, Material, Shape, Transmission};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 fn reflex() -> &'static Hand {
     Hand::reflex().unwrap()
 }
 
-fn at(preshape: f64, proximal: f64, distal: f64) -> HandConfiguration {
-    HandConfiguration { preshape, proximal: vec![proximal; 3], distal: vec![distal; 3] }
+/// Positions of the independent joints: the swivel of finger 1, then proximal and distal joint of each finger.
+fn at(preshape: f64, proximal: f64, distal: f64) -> Vec<f64> {
+    vec![preshape, proximal, distal, proximal, distal, proximal, distal]
+}
+
+/// Joints of the three fingers that bend: proximal, distal.
+fn bending() -> Vec<[&'static Joint; 2]> {
+    let joint = |name: String| reflex().joints.iter().find(|joint| joint.name == name).unwrap();
+    (1..=3).map(|i| ["proximal", "distal"].map(|kind| joint(format!("{kind}_joint_{i}")))).collect()
 }
 
 /// Distal joints of the three fingers in the base frame.
-fn distal_joints(configuration: &HandConfiguration) -> Vec<Point3<f64>> {
+fn distal_joints(configuration: &[f64]) -> Vec<Point3<f64>> {
     let poses = reflex().forward_kinematics(configuration).unwrap();
-    let child = |f: &Finger| reflex().joints[f.distal].child;
-    reflex().fingers.iter().map(|f| Point3::from(poses[child(f)].translation.vector)).collect()
+    bending().iter().map(|[_, distal]| Point3::from(poses[distal.child].translation.vector)).collect()
 }
 
 #[test]
@@ -42,7 +48,7 @@ fn distal_joints_stand_where_the_data_sheet_says() {
 fn kinematics_agree_with_the_closed_form_of_a_planar_finger() {
     for (theta, p, d) in [(0.0, 0.0, 0.0), (0.3, 0.7, 1.1), (FRAC_PI_2, 2.83, 0.2), (1.0, 0.0, 2.74)] {
         let poses = reflex().forward_kinematics(&at(theta, p, d)).unwrap();
-        for (i, finger) in reflex().fingers.iter().enumerate() {
+        for (i, [_, distal]) in bending().into_iter().enumerate() {
             let (root, heading) = match i {
                 0 => (Vector3::new(0.0504, -0.026, 0.0), -theta),
                 1 => (Vector3::new(0.0504, 0.026, 0.0), theta),
@@ -53,7 +59,7 @@ fn kinematics_agree_with_the_closed_form_of_a_planar_finger() {
             let joint = (offset + 0.066 * p.cos() + 0.005 * p.sin(), 0.0816 + 0.066 * p.sin() - 0.005 * p.cos());
             let tip = (joint.0 + 0.04 * (p + d).cos(), joint.1 + 0.04 * (p + d).sin());
             let expected = root + Vector3::new(tip.0 * heading.cos(), tip.0 * heading.sin(), tip.1);
-            let found = poses[reflex().joints[finger.distal].child] * Point3::new(0.04, 0.0, 0.0);
+            let found = poses[distal.child] * Point3::new(0.04, 0.0, 0.0);
             assert!((found.coords - expected).norm() < 1e-12, "finger {i}: {found} is not {expected}");
         }
     }
@@ -74,7 +80,9 @@ fn the_hand_frame_lies_on_the_palm_between_the_finger_roots() {
 #[test]
 fn parts_are_counted_as_in_the_data_sheet() {
     let hand = reflex();
-    assert_eq!((hand.name.as_str(), hand.fingers.len(), hand.motors.len()), ("reflex", 3, 4));
+    assert_eq!((hand.name.as_str(), hand.chain_count(), hand.actuators.len()), ("reflex", 3, 4));
+    let lengths: Vec<_> = hand.chains().iter().map(|chain| chain.joints.len()).collect();
+    assert_eq!((lengths, hand.coordinates().count()), (vec![3, 3, 2], 7), "swivel 2 follows swivel 1");
     // 8 of the 9 links move: 2 swivels and 2 links a finger.
     assert_eq!((hand.links.len(), hand.joints.len()), (9, 8));
     for (i, joint) in hand.joints.iter().enumerate() {
@@ -83,11 +91,20 @@ fn parts_are_counted_as_in_the_data_sheet() {
     }
     let grams: f64 = hand.links.iter().map(|l| l.mass).sum::<f64>() * 1e3;
     assert!((grams - 800.0).abs() < 1.0, "the hand weighs {grams} g");
-    for (f, finger) in hand.fingers.iter().enumerate() {
-        assert_eq!(hand.motors[finger.motor].kind, MotorKind::Finger(f));
+    for (f, actuator) in hand.actuators[..3].iter().enumerate() {
+        assert!(matches!(actuator.transmission, Transmission::Spool { tendon, .. } if tendon == f));
+        let spanned = hand.tendons[f].arms.iter().map(|(joint, _)| hand.chain_of_link(hand.joints[*joint].child));
+        assert!(spanned.eq([Some(f); 2]));
     }
-    assert_eq!(hand.motors[hand.preshape_motor().unwrap()].ratio, 1.5);
-    assert_eq!(hand.preshape_angle(1.75), FRAC_PI_2);
+    assert_eq!(hand.grasp.closing, [0, 1, 2]);
+    let preshape = &hand.actuators[hand.grasp.coordinate.unwrap().actuator];
+    assert_eq!(preshape.ratio, 1.5);
+    // The actuator travels further than the joints.
+    for (swivel, end) in [(0, FRAC_PI_2), (3, -FRAC_PI_2)] {
+        assert_eq!(hand.rigid_position(swivel, |_| preshape.travel[1]), Some(end), "{}", hand.joints[swivel].name);
+    }
+    assert!(matches!(hand.driver(0), Some((3, _, Drive::Rigid))) && hand.driver(1).is_none());
+    assert_eq!(hand.rigid_position(1, |_| 0.0), None, "the proximal joint moves under forces");
 }
 
 /// Links move their own masses: inertia is that of a uniform box over the link's colliders.
@@ -115,11 +132,11 @@ fn inertia_of_finger_links_is_that_of_their_boxes() {
 fn every_sensor_lies_on_rubber_and_looks_outward() {
     let hand = reflex();
     assert_eq!(hand.sensors.len(), 27);
-    for f in 0..3 {
-        let own: Vec<_> = hand.sensors.iter().filter(|s| s.finger == f).collect();
+    for (f, [proximal, distal]) in bending().into_iter().enumerate() {
+        let own: Vec<_> = hand.sensors.iter().filter(|s| hand.chain_of_link(s.link) == Some(f)).collect();
         assert_eq!(own.len(), 9);
-        assert!(own[..5].iter().all(|s| s.link == hand.joints[hand.fingers[f].proximal].child), "root first");
-        assert!(own[5..].iter().all(|s| s.link == hand.joints[hand.fingers[f].distal].child), "then the tip");
+        assert!(own[..5].iter().all(|s| s.link == proximal.child), "root first");
+        assert!(own[5..].iter().all(|s| s.link == distal.child), "then the tip");
         assert!(own[..5].is_sorted_by(|a, b| a.position.x < b.position.x));
         assert!(own[5..].is_sorted_by(|a, b| a.position.x < b.position.x));
     }
@@ -142,7 +159,7 @@ fn the_pads_of_an_open_finger_are_level() {
     let hand = reflex();
     let poses = hand.forward_kinematics(&hand.open_configuration(0.0)).unwrap();
     for f in 0..3 {
-        let own: Vec<_> = hand.sensors.iter().filter(|s| s.finger == f).collect();
+        let own: Vec<_> = hand.sensors.iter().filter(|s| hand.chain_of_link(s.link) == Some(f)).collect();
         let flat: Vec<f64> = own[..8].iter().map(|s| (poses[s.link] * s.position).z).collect();
         assert!(flat.iter().all(|z| (z - 0.097).abs() < 1e-4), "levels {flat:?}");
     }
@@ -162,10 +179,28 @@ fn shapes_stand_in_the_hand_frame() {
 #[test]
 fn a_configuration_that_does_not_fit_is_refused() {
     let hand = reflex();
-    let mut short = hand.open_configuration(0.0);
-    short.distal.pop();
-    let message = hand.forward_kinematics(&short).unwrap_err().to_string();
-    assert_eq!(message, "the configuration has 2 distal angles, but the hand has 3 fingers; give one angle a finger");
+    let message = hand.forward_kinematics(&hand.open_configuration(0.0)[1..]).unwrap_err().to_string();
+    assert_eq!(
+        message,
+        "the configuration has 6 positions, but the hand has 7 independent joints; give one position each"
+    );
     let message = hand.forward_kinematics(&hand.open_configuration(f64::NAN)).unwrap_err().to_string();
-    assert_eq!(message, "the preshape angle is NaN; give a finite number");
+    assert_eq!(message, "the joint position is NaN; give a finite number");
+}
+
+/// Preshapes are one number for the planner and the environments.
+#[test]
+fn the_preshapes_are_positions_of_one_actuator() {
+    let hand = reflex();
+    assert_eq!((hand.preshape_limits(), hand.preshape_unit()), ([0.0, FRAC_PI_2], "rad"));
+    let names: Vec<_> = hand.preshapes().iter().map(|named| (named.name.as_str(), named.value)).collect();
+    assert_eq!(names, [("power", 0.0), ("tripod", std::f64::consts::FRAC_PI_3), ("pinch", FRAC_PI_2)]);
+    assert_eq!(hand.open_positions(0.7), [0.0, 0.0, 0.0, 0.7]);
+    assert_eq!(hand.closed_positions(0.7), [3.6, 3.6, 3.6, 0.7]);
+    assert_eq!(hand.open_configuration(0.7), [0.7, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(hand.nearest_preshape(0.9).unwrap().name, "tripod");
+    let touch: Vec<_> = hand.touch_links().into_iter().map(|link| hand.links[link].name.as_str()).collect();
+    assert_eq!(touch, ["proximal_1", "distal_1", "proximal_2", "distal_2", "proximal_3", "distal_3"]);
+    let palm: Vec<_> = (0..hand.links.len()).filter(|link| hand.meets_palm(*link)).collect();
+    assert!(palm.iter().all(|link| hand.links[*link].name.starts_with("distal")) && palm.len() == 3, "{palm:?}");
 }

@@ -35,7 +35,7 @@ pub enum PlanError {
         limit: usize,
     },
     /// The hand cannot be planned for.
-    #[error("the hand {name:?} {reason}; the planner needs three fingers on a base, two of them on swivels or none")]
+    #[error("the hand {name:?} {reason}; see `[grasp]` in its hand.toml")]
     UnsupportedHand {
         /// Name of the hand.
         name: String,

@@ -5,7 +5,8 @@
 //! | [`boxes`] | minimum-volume box decomposition of a surface |
 //! | [`collision`] | the filter: open hand against object and table, at the pose and on the approach |
 //! | [`planner`] | [`plan`]: all of it, in order |
-//! | `poses`, `preshape` | candidate poses from boxes, and how the fingers are set for them |
+//! | `poses`, `preshape` | candidate poses from boxes, and the preshapes that suit a face |
+//! | `chain` | a chain of the hand that closes in its plane until it is blocked |
 //! | `open_hand` | the open hand as swept shapes |
 //! | `rank` | the score that orders feasible poses |
 //! | [`wrench`] | the epsilon quality of contacts, predicted or present |
@@ -33,6 +34,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod boxes;
+mod chain;
 pub mod collision;
 pub mod error;
 mod open_hand;
@@ -51,5 +53,5 @@ pub use error::PlanError;
 pub use open_hand::OpenHand;
 pub use planner::{Candidate, Plan, PlanObject, PlanParams, plan};
 pub use poses::{PoseParams, Variation};
-pub use rank::{Prediction, RANK_TERMS, rank_features, rank_weights};
+pub use rank::{Prediction, rank_features, rank_weights};
 pub use wrench::{Directions, WrenchSpace};

@@ -30,7 +30,7 @@ pub struct OpenHand {
 }
 
 impl OpenHand {
-    /// The hand with every finger flat, at `preshape` radians, its shapes grown by `clearance` metres on every side; it comes from
+    /// The open hand with `preshape`, its shapes grown by `clearance` metres on every side; it comes from
     /// `standoff` metres behind, along its -z.
     ///
     /// # Errors

@@ -35,7 +35,7 @@ pub struct PoseParams {
     /// The palm stands this far outside the box, metres (the study: 5 mm).
     pub offset: f64,
     /// Further distances that are tried, added to `offset`, metres; at most 1,000. Fingers need room to close above the table: a flat object is
-    /// grasped with the palm up to a finger's length (0.11 m) over it.
+    /// grasped with the palm up to a finger's length over it.
     pub standoffs: Vec<f64>,
     /// How poses vary.
     pub variation: Variation,
@@ -116,7 +116,7 @@ fn faces(bounds: &OrientedBox, up: &Vector3<f64>, outward: &Vector3<f64>) -> Vec
 /// All candidates: boxes outermost first (`boxes` is (index, box); `centroid` the object's, `up` away from the table; object frame).
 ///
 /// # Errors
-/// [`PlanError::TooMany`] beyond [`MOST_CANDIDATES`].
+/// [`PlanError::TooMany`] beyond [`MOST_CANDIDATES`], [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape.
 pub(crate) fn propose(
     boxes: &[(usize, OrientedBox)],
     centroid: &Point3<f64>,
@@ -129,6 +129,8 @@ pub(crate) fn propose(
     let distance = |bounds: &OrientedBox| (bounds.center - centroid).norm();
     order.sort_by(|a, b| distance(&b.1).total_cmp(&distance(&a.1)));
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let centers = hand.preshapes().iter().map(|named| Ok((named.value, closing_center(hand, named.value)?)));
+    let centers = centers.collect::<Result<Vec<_>, PlanError>>()?;
     let mut proposals = Vec::new();
     for (box_index, bounds) in order {
         for (axis, sign) in faces(bounds, up, &(bounds.center - centroid)) {
@@ -136,7 +138,8 @@ pub(crate) fn propose(
             for (quarter, long) in face.orientations() {
                 let size = face.size(bounds, long);
                 for preshape in preshapes(hand, size, quarter, params.square) {
-                    let center = closing_center(hand, preshape);
+                    let known = centers.iter().find(|(value, _)| *value == preshape);
+                    let center = known.map_or_else(Vector3::zeros, |(_, center)| *center);
                     let variations = variations(params, &mut rng);
                     if proposals.len() + variations.len() > MOST_CANDIDATES {
                         return Err(PlanError::TooMany {
@@ -201,7 +204,7 @@ impl Face {
         let long = bounds.axes.column(axis).into_owned();
         let normal = Rotation3::from_axis_angle(&Unit::new_unchecked(long), vary.tilt) * self.normal;
         let (z, along) = (-normal, long * sign);
-        // The fingers close along hand x, so hand y lies along the long side.
+        // The hand closes along its x, so hand y lies along the long side.
         let columns = [along.cross(&z), along, z];
         let rotation =
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns)));

@@ -1,13 +1,11 @@
-//! Ranking: geometry alone. Each feasible pose is closed on the surface (`finger`), described in numbers (`predict`), and
+//! Ranking: geometry alone. Each feasible pose is closed on the surface, described in numbers (`predict`), and
 //! scored by a fixed sum of these (`score`).
 
-mod finger;
-mod plane;
 mod predict;
 mod score;
 
 pub use predict::Prediction;
-pub use score::{RANK_TERMS, rank_features, rank_weights};
+pub use score::{rank_features, rank_weights};
 
 use crate::PlanError;
 use crate::collision::CollisionScene;
@@ -20,7 +18,7 @@ use rayon::prelude::*;
 use score::{REPEAT, score};
 use std::collections::BTreeMap;
 
-/// Distance of the surface points that fingers close on, metres: a third of a finger's width.
+/// Distance of the surface points that chains close on, metres: a third of a finger's width.
 const SPACING: f64 = 0.0045;
 /// Least and greatest number of these points.
 const SAMPLES: [usize; 2] = [400, 4000];
@@ -61,7 +59,7 @@ pub(crate) fn rank(
     }
     let describe = |(index, proposal): (usize, &Proposal)| {
         let prediction = predict(&target, &hands[chosen[index]], &proposal.grasp.object_from_hand);
-        Ranked { index, score: score(&prediction, proposal.grasp.preshape), prediction }
+        Ranked { index, score: score(hand, &prediction, proposal.grasp.preshape), prediction }
     };
     let mut ranked: Vec<Ranked> = proposals.par_iter().enumerate().map(describe).collect();
     sort_with_variety(&mut ranked, proposals);

@@ -139,8 +139,8 @@ impl Scene {
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
         let (outcome, samples) =
             interruptible(py, None, move || progress.stop(), move || trace_trial(&scene, &pose, config, &watched))?;
-        let fingers = self.core.template().hand().fingers.len();
-        Ok((outcome_arrays(py, &[outcome])?, sample_arrays(py, &samples, fingers)?))
+        let hand = self.core.template().hand();
+        Ok((outcome_arrays(py, &[outcome])?, sample_arrays(py, &samples, hand)?))
     }
 }
 
@@ -180,7 +180,7 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     Ok(dict)
 }
 
-fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], fingers: usize) -> PyResult<Bound<'py, PyDict>> {
+fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], hand: &graspbox_hand::Hand) -> PyResult<Bound<'py, PyDict>> {
     let n = samples.len();
     let numbers = |get: fn(&Sample) -> f64| array(py, samples.iter().map(get).collect(), &[n]);
     let dict = PyDict::new(py);
@@ -189,9 +189,13 @@ fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], fingers: usize) -> Py
     dict.set_item("hand_force", numbers(|s| s.hand_force)?)?;
     dict.set_item("world_from_hand", matrices(py, samples.iter().map(|s| s.world_from_hand))?)?;
     dict.set_item("world_from_object", matrices(py, samples.iter().map(|s| s.world_from_object))?)?;
-    let angles = samples.iter().flat_map(|s| s.fingers.iter().flatten().copied()).collect();
-    dict.set_item("fingers", array::<f64>(py, angles, &[n, fingers, 2])?)?;
-    let tensions = samples.iter().flat_map(|s| s.tensions.iter().copied()).collect();
-    dict.set_item("tensions", array::<f64>(py, tensions, &[n, fingers])?)?;
+    let rows = |name: &str, width: usize, get: fn(&Sample) -> &Vec<f64>| {
+        let values = samples.iter().flat_map(|s| get(s).iter().copied()).collect();
+        dict.set_item(name, array::<f64>(py, values, &[n, width])?)
+    };
+    rows("joints", hand.coordinates().count(), |s| &s.joints)?;
+    rows("actuators", hand.actuators.len(), |s| &s.actuators)?;
+    rows("loads", hand.actuators.len(), |s| &s.loads)?;
+    rows("tensions", hand.tendons.len(), |s| &s.tensions)?;
     Ok(dict)
 }

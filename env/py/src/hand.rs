@@ -2,16 +2,19 @@
 
 use crate::convert::{Array, Floats, array, matrices, table, vector};
 use crate::errors::CoreError;
-use graspbox_hand::reflex::{REFLEX_TOML, REFLEX_URDF};
-use graspbox_hand::{Hand as Core, HandConfiguration, Material, MotorKind};
-use nalgebra::UnitQuaternion;
+use graspbox_hand::assets::{ASSETS, asset};
+use graspbox_hand::{Hand as Core, JointKind, Material};
+use nalgebra::{UnitQuaternion, Vector3};
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Poses (n, 4, 4), half extents (n, 3), and which are pads (n,).
-type Shapes<'py> = (Array<'py, f64>, Array<'py, f64>, Array<'py, bool>);
+/// Poses (n, 4, 4), half extents (n, 3), which are pads (n,), and joints (n,).
+type Shapes<'py> = (Array<'py, f64>, Array<'py, f64>, Array<'py, bool>, Array<'py, i64>);
+/// Frames (j, 4, 4), chains (j,), and which are revolute (j,).
+type JointFrames<'py> = (Array<'py, f64>, Array<'py, i64>, Array<'py, bool>);
 
 /// A handle on a hand, with the text of its two files, by which it is pickled and compared.
 #[pyclass(frozen, eq, hash, module = "graspbox._core")]
@@ -40,17 +43,24 @@ impl Hand {
         Ok(Self(Arc::new(hand), Arc::new([urdf, toml])))
     }
 
-    /// The ReFlex.
+    /// A hand that comes with the package.
     #[staticmethod]
-    fn reflex() -> PyResult<Self> {
-        let hand = Core::reflex().map_err(CoreError::from)?.clone();
-        Ok(Self(Arc::new(hand), Arc::new([REFLEX_URDF.to_owned(), REFLEX_TOML.to_owned()])))
+    fn named(name: &str) -> PyResult<Self> {
+        let found = asset(name).map_err(CoreError::from)?;
+        let hand = found.read().map_err(CoreError::from)?;
+        Ok(Self(Arc::new(hand), Arc::new([found.urdf.to_owned(), found.toml.to_owned()])))
     }
 
-    /// The text of the ReFlex's URDF and `hand.toml`.
+    /// Names of the hands that come with the package.
     #[staticmethod]
-    fn reflex_files() -> (&'static str, &'static str) {
-        (REFLEX_URDF, REFLEX_TOML)
+    fn names() -> Vec<&'static str> {
+        ASSETS.iter().map(|asset| asset.name).collect()
+    }
+
+    /// The text of its URDF and of its `hand.toml`.
+    #[getter]
+    fn files(&self) -> (&str, &str) {
+        (&self.1[0], &self.1[1])
     }
 
     /// Reads a hand from its URDF and its `hand.toml`.
@@ -81,48 +91,129 @@ impl Hand {
         &self.0.name
     }
 
+    /// Names of the chains that leave the base: fingers, in most hands.
     #[getter]
-    fn fingers(&self) -> usize {
-        self.0.fingers.len()
+    fn chains(&self) -> Vec<String> {
+        self.0.chains().into_iter().map(|chain| chain.name).collect()
     }
 
-    /// Speed at which a trial closes each motor but the preshape's, rad/s, in the order of the motors.
+    /// Names of the independent joints, in the order of their positions.
+    #[getter]
+    fn joints(&self) -> Vec<&str> {
+        self.0.coordinates().map(|joint| self.0.joints[joint].name.as_str()).collect()
+    }
+
+    /// Index of the chain that each independent joint belongs to.
+    #[getter]
+    fn joint_chains(&self) -> Vec<usize> {
+        let chain = |joint: usize| self.0.chain_of_link(self.0.joints[joint].child);
+        self.0.coordinates().filter_map(chain).collect()
+    }
+
+    /// Least and greatest position of each independent joint, (c, 2), rad or m.
+    #[getter]
+    fn joint_limits<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
+        let limits: Vec<[f64; 2]> = self.0.coordinates().map(|joint| self.0.joints[joint].limits).collect();
+        table(py, limits.into_iter())
+    }
+
+    /// Names of the actuators.
+    #[getter]
+    fn actuators(&self) -> Vec<&str> {
+        self.0.actuators.iter().map(|actuator| actuator.name.as_str()).collect()
+    }
+
+    /// Names of the tendons.
+    #[getter]
+    fn tendons(&self) -> Vec<&str> {
+        self.0.tendons.iter().map(|tendon| tendon.name.as_str()).collect()
+    }
+
+    /// Speed at which a trial closes each actuator but the preshape's, rad/s or m/s; 0 for one that does not close.
     #[getter]
     fn closing_speeds(&self) -> Vec<f64> {
-        let spools = self.0.motors.iter().filter(|motor| motor.kind != MotorKind::Preshape);
-        spools.map(|motor| motor.default_speed).collect()
+        let hand = &self.0;
+        let speed = |index| if hand.grasp.closing.contains(&index) { hand.actuators[index].default_speed } else { 0.0 };
+        hand.grasp_actuators().map(speed).collect()
     }
 
     #[getter]
     fn preshape_limits(&self) -> (f64, f64) {
-        let [low, high] = self.0.preshape_limits;
+        let [low, high] = self.0.preshape_limits();
         (low, high)
     }
 
-    /// Collision shapes as boxes at the given angles: `hand_from_shape` (n, 4, 4), half extents (n, 3), and which are pads (n,).
-    fn shapes<'py>(
-        &self,
-        py: Python<'py>,
-        preshape: f64,
-        proximal: Floats<'_>,
-        distal: Floats<'_>,
-    ) -> PyResult<Shapes<'py>> {
-        let configuration = HandConfiguration {
-            preshape,
-            proximal: vector(&proximal, "proximal")?,
-            distal: vector(&distal, "distal")?,
-        };
-        let shapes = self.0.shapes_at(&configuration).map_err(CoreError::from)?;
+    #[getter]
+    fn preshape_unit(&self) -> &'static str {
+        self.0.preshape_unit()
+    }
+
+    /// Preshapes that the planner tries, by name.
+    #[getter]
+    fn preshapes(&self) -> BTreeMap<&str, f64> {
+        self.0.preshapes().iter().map(|named| (named.name.as_str(), named.value)).collect()
+    }
+
+    /// Positions (c,) of the independent joints of the open hand, rad or m.
+    fn open<'py>(&self, py: Python<'py>, preshape: f64) -> PyResult<Array<'py, f64>> {
+        let positions = self.0.open_configuration(preshape);
+        let count = positions.len();
+        array(py, positions, &[count])
+    }
+
+    /// Positions (c,) of the independent joints of the hand closed by a share of their way, 0 to 1, rad or m.
+    fn closed<'py>(&self, py: Python<'py>, preshape: f64, share: f64) -> PyResult<Array<'py, f64>> {
+        let positions = self.0.closed_configuration(preshape, share);
+        let count = positions.len();
+        array(py, positions, &[count])
+    }
+
+    /// Collision shapes as boxes with the independent joints at `positions` (c,): `hand_from_shape` (n, 4, 4), half extents (n, 3), which
+    /// are pads (n,), and the row of [`Hand::joint_frames`] of the joint that carries each, -1 for the palm (n,).
+    fn shapes<'py>(&self, py: Python<'py>, positions: Floats<'_>) -> PyResult<Shapes<'py>> {
+        let positions = vector(&positions, "positions")?;
+        let shapes = self.0.shapes_at(&positions).map_err(CoreError::from)?;
         let pads: Vec<bool> = shapes.iter().map(|s| s.collider.material == Material::Pad).collect();
+        let moving: Vec<usize> = self.0.chains().into_iter().flat_map(|chain| chain.joints).collect();
+        let carrier = |link: usize| {
+            let first = self.0.carrier(link);
+            moving.iter().position(|joint| joint + 1 == first).map_or(-1, |row| row as i64)
+        };
         let count = shapes.len();
         Ok((
             matrices(py, shapes.iter().map(|s| s.hand_from_shape))?,
             table(py, shapes.iter().map(|s| s.collider.shape.half_extents(&UnitQuaternion::identity()).into()))?,
             array(py, pads, &[count])?,
+            array(py, shapes.iter().map(|s| carrier(s.link)).collect(), &[count])?,
+        ))
+    }
+
+    /// Frames of all joints that move, chain by chain from root to tip, with the independent ones at `positions` (c,): hand_from_joint
+    /// (j, 4, 4) whose x axis is the joint's axis, the index of the chain of each (j,), and which are revolute (j,).
+    fn joint_frames<'py>(&self, py: Python<'py>, positions: Floats<'_>) -> PyResult<JointFrames<'py>> {
+        let links = self.0.hand_from_links(&vector(&positions, "positions")?).map_err(CoreError::from)?;
+        let frame = |joint: usize| {
+            let description = &self.0.joints[joint];
+            let turn = UnitQuaternion::rotation_between(&Vector3::x(), &description.axis)
+                .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
+            links[description.child] * turn
+        };
+        let chains = self.0.chains();
+        let joints = chains.iter().enumerate().flat_map(|(index, chain)| chain.joints.iter().map(move |j| (index, *j)));
+        let joints: Vec<(usize, usize)> = joints.collect();
+        Ok((
+            matrices(py, joints.iter().map(|(_, joint)| frame(*joint)))?,
+            array(py, joints.iter().map(|(chain, _)| *chain as i64).collect(), &[joints.len()])?,
+            array(
+                py,
+                joints.iter().map(|(_, j)| self.0.joints[*j].kind == JointKind::Revolute).collect(),
+                &[joints.len()],
+            )?,
         ))
     }
 
     fn __repr__(&self) -> String {
-        format!("Hand({:?}, {} fingers)", self.0.name, self.0.fingers.len())
+        let (joints, actuators) = (self.0.coordinates().count(), self.0.actuators.len());
+        format!("Hand({:?}, {joints} joints, {actuators} actuators)", self.0.name)
     }
 }

@@ -7,8 +7,8 @@ use crate::hand::Hand;
 use crate::mesh::Mesh;
 use graspbox_mesh::default_pose;
 use graspbox_plan::{
-    BoxNode, BoxTree, Candidate, DecomposeParams, Plan, PlanObject, PlanParams, RANK_TERMS, decompose as cut,
-    plan as plan_grasps, rank_features,
+    BoxNode, BoxTree, Candidate, DecomposeParams, Plan, PlanObject, PlanParams, decompose as cut, plan as plan_grasps,
+    rank_features, rank_weights as weights_of,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -55,6 +55,7 @@ pub fn plan<'py>(
     let params: PlanParams = config(params, "PlanConfig")?;
     let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
     let (data, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
+    let planned_for = Arc::clone(&hand);
     let plan = detached(py, num_threads, move || {
         let body = data.body(cache.as_deref())?;
         body.check_fits(&hand)?;
@@ -77,16 +78,21 @@ pub fn plan<'py>(
     })?;
     let dict = plan_arrays(py, &plan)?;
     if features {
-        let read = |c: &Candidate| c.prediction.map_or([f64::NAN; RANK_TERMS], |p| rank_features(&p, c.grasp.preshape));
-        dict.set_item("features", table(py, plan.candidates.iter().map(read))?)?;
+        let terms = weights_of(&planned_for).len();
+        let read = |c: &Candidate| match &c.prediction {
+            Some(prediction) => rank_features(&planned_for, prediction, c.grasp.preshape),
+            None => vec![f64::NAN; terms],
+        };
+        let rows: Vec<f64> = plan.candidates.iter().flat_map(read).collect();
+        dict.set_item("features", array(py, rows, &[plan.candidates.len(), terms])?)?;
     }
     Ok(dict)
 }
 
-/// Name and weight of each term of the ranking, in the order of the features' columns.
+/// Name and weight of each term of the ranking for a hand, in the order of the features' columns.
 #[pyfunction]
-pub fn rank_weights() -> Vec<(&'static str, f64)> {
-    graspbox_plan::rank_weights().to_vec()
+pub fn rank_weights(hand: &Hand) -> Vec<(String, f64)> {
+    weights_of(&hand.0)
 }
 
 fn plan_arrays<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {

@@ -6,7 +6,6 @@ use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
 use graspbox_camera::{Camera, Channels, Detail, Instance, Light, Renderer};
-use graspbox_hand::HandConfiguration;
 use graspbox_vision::VisualModels;
 use nalgebra::Isometry3;
 use pyo3::prelude::*;
@@ -35,8 +34,8 @@ struct Solid {
     casts_shadow: bool,
 }
 
-/// A hand of the picture: `world_from_hand` (4, 4), preshape, proximal and distal angles (f,), radians.
-type Posed<'py> = (PyRef<'py, Hand>, Floats<'py>, f64, Floats<'py>, Floats<'py>);
+/// A hand of the picture: `world_from_hand` (4, 4), and positions (c,) of its independent joints, rad or m.
+type Posed<'py> = (PyRef<'py, Hand>, Floats<'py>, Floats<'py>);
 
 /// A smooth picture (H, W, 3) uint8 of meshes and a hand, and the depth (H, W) float32 at the pixels' centres: metres
 /// along the optical axis, 0 where nothing is.
@@ -103,13 +102,9 @@ fn solids(
 }
 
 /// The hand's models, and where its links are in the world.
-fn posed(
-    (hand, world_from_hand, preshape, proximal, distal): Posed,
-) -> Result<(VisualModels, Vec<Isometry3<f64>>), CoreError> {
+fn posed((hand, world_from_hand, positions): Posed) -> Result<(VisualModels, Vec<Isometry3<f64>>), CoreError> {
     let frame = isometry(&world_from_hand, "world_from_hand")?;
-    let configuration =
-        HandConfiguration { preshape, proximal: vector(&proximal, "proximal")?, distal: vector(&distal, "distal")? };
-    let links = hand.0.hand_from_links(&configuration)?;
+    let links = hand.0.hand_from_links(&vector(&positions, "positions")?)?;
     Ok((VisualModels::new(&hand.0)?, links.into_iter().map(|link| frame * link).collect()))
 }
 

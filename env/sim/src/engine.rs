@@ -1,12 +1,12 @@
 //! The seam between a world and the engine that moves it: what a world asks of an engine, and what it gets back.
 //!
 //! An engine simulates one hand, one object and the scenery in the frame of the hand's base: the hand's root is fixed, table and ground
-//! move. Motors are no part of it; it sees where their spools are at the end of a step. Units are metres, kilograms, seconds,
+//! move. Actuators are no part of it; it sees where they are at the end of a step. Units are metres, kilograms, seconds,
 //! radians and newtons throughout. Equal calls on equal engines give equal bits, on any thread.
 
 use crate::SimError;
 use crate::motion::FrameMotion;
-use graspbox_hand::MotorState;
+use graspbox_hand::ActuatorState;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// A part of the world that touches and is touched.
@@ -41,8 +41,8 @@ pub(crate) struct StepInput<'a> {
     pub base_from_world_after: Isometry3<f64>,
     /// Gravity and motion of the base during the step, axes of the base before the step.
     pub frame: FrameMotion,
-    /// State of every motor at the end of the step, in the order of the hand's motors.
-    pub motors: &'a [MotorState],
+    /// State of every actuator at the end of the step, in the order of the hand's actuators.
+    pub actuators: &'a [ActuatorState],
 }
 
 /// One of the two sides of a contact point.
@@ -71,10 +71,12 @@ pub(crate) struct Contact {
     pub friction: f64,
 }
 
-/// Angle (rad) and speed (rad/s) of one joint.
+/// Position (rad or m) and speed (rad/s or m/s) of one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct JointState {
-    pub angle: f64,
+pub struct JointState {
+    /// Position.
+    pub position: f64,
+    /// Speed.
     pub speed: f64,
 }
 
@@ -83,14 +85,14 @@ pub(crate) trait Engine: Send + Sync {
     /// A copy that goes on with the same bits.
     fn duplicate(&self) -> Box<dyn Engine>;
 
-    /// Poses an engine that has not stepped yet: the hand open with its preshape (rad), the object at rest.
-    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, preshape: f64);
+    /// Poses an engine that has not stepped yet: every joint of the hand at its position in `joints` (rad or m), the object at rest.
+    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, joints: &[f64]);
 
     /// Advances by one time step.
     fn step(&mut self, input: &StepInput);
 
-    /// Tension of finger `finger`'s tendon in the last step, N; 0 before the first.
-    fn tension(&self, finger: usize) -> f64;
+    /// Tension of tendon `tendon` in the last step, N; 0 before the first.
+    fn tension(&self, tendon: usize) -> f64;
 
     /// State of the hand's joint `joint`; zero for a fixed one.
     fn joint(&self, joint: usize) -> JointState;

@@ -26,27 +26,21 @@ pub enum SimError {
         /// What was given.
         value: f64,
     },
-    /// A finger of the hand cannot be simulated.
-    #[error("finger `{finger}` cannot be simulated: {why}")]
-    BadFinger {
-        /// Name of the finger.
-        finger: String,
-        /// The reason.
-        why: &'static str,
-    },
-    /// The hand's tree of joints cannot be simulated.
-    #[error("hand `{hand}` cannot be simulated: {why}")]
+    /// An engine cannot simulate the hand.
+    #[error("the engine `{engine}` cannot simulate the hand `{hand}`: {why}; choose another engine")]
     BadHand {
         /// Name of the hand.
         hand: String,
+        /// Name of the engine.
+        engine: &'static str,
         /// The reason.
         why: String,
     },
-    /// A motor command is NaN or infinite.
-    #[error("the command to motor {motor} is not a finite number")]
+    /// An actuator command is NaN or infinite.
+    #[error("the command to actuator {actuator} is not a finite number")]
     BadCommand {
-        /// Index of the motor.
-        motor: usize,
+        /// Index of the actuator.
+        actuator: usize,
     },
     /// The snapshot is not one of this version, or is damaged.
     #[error("the snapshot cannot be restored: {why}")]

@@ -31,7 +31,7 @@
 //! let hand = Isometry3::translation(0.0, 0.0, 1.5);
 //! let mut world = template.spawn(&hand, &Isometry3::translation(0.0, 0.0, 0.5), 0.0);
 //! while world.time() < 1.5 {
-//!     world.step(&hand, &[])?; // the hand stays, its motors are off
+//!     world.step(&hand, &[])?; // the hand stays, its actuators are off
 //! }
 //! assert!((world.object_center().z - 0.03).abs() < 5e-4);
 //! # Ok(())
@@ -59,4 +59,4 @@ pub use contacts::{Contacts, LinkContact, Tactile};
 pub use error::SimError;
 pub use load::{HandContact, HandLoad};
 pub use object::{Geometry, ObjectModel};
-pub use world::{FingerState, Template, World};
+pub use world::{JointState, Template, World};

@@ -40,7 +40,7 @@ impl Native {
         let model = solver::Model::new(tree, object, scenery, config.solver).map_err(|error| match error {
             solver::ModelError::FlatPart { part } => SimError::FlatPart { part },
             error @ solver::ModelError::BadTree { .. } => {
-                SimError::BadHand { hand: hand.name.clone(), why: error.to_string() }
+                SimError::BadHand { hand: hand.name.clone(), engine: "graspbox", why: error.to_string() }
             }
         })?;
         let driven = vec![0.0; model.tree().driven];
@@ -84,16 +84,17 @@ impl Engine for Native {
         Box::new(self.clone())
     }
 
-    fn pose(&mut self, _base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, preshape: f64) {
-        let free = self.solver.model().tree().coordinates.len();
+    fn pose(&mut self, _base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, joints: &[f64]) {
+        let Shared { hand, translation, .. } = &*self.shared;
+        let positions = translation.positions(hand, joints);
         let state = self.solver.state_mut();
         state.base_from_object = *base_from_object;
-        state.positions[free..].fill(preshape);
+        state.positions.copy_from_slice(&positions);
     }
 
     fn step(&mut self, input: &StepInput) {
         let hand = &self.shared.hand;
-        self.shared.translation.drive(hand, input.motors, &mut self.driven, &mut self.given);
+        self.shared.translation.drive(hand, input.actuators, &mut self.driven, &mut self.given);
         self.solver.step(&solver::StepInput {
             dt: self.shared.dt,
             base_from_world: input.base_from_world,
@@ -108,18 +109,18 @@ impl Engine for Native {
         });
     }
 
-    fn tension(&self, finger: usize) -> f64 {
-        self.solver.state().cable_forces[finger]
+    fn tension(&self, tendon: usize) -> f64 {
+        self.solver.state().cable_forces[tendon]
     }
 
     fn joint(&self, joint: usize) -> JointState {
         let state = self.solver.state();
         match self.shared.translation.joints[joint] {
             Some((coordinate, ratio, offset)) => JointState {
-                angle: ratio * state.positions[coordinate] + offset,
+                position: ratio * state.positions[coordinate] + offset,
                 speed: ratio * state.rates[coordinate],
             },
-            None => JointState { angle: 0.0, speed: 0.0 },
+            None => JointState { position: 0.0, speed: 0.0 },
         }
     }
 

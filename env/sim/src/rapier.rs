@@ -1,19 +1,19 @@
-//! The engine on [`rapier3d`]: reduced-coordinate fingers, contacts solved by sub-steps of projected Gauss-Seidel.
+//! The engine on [`rapier3d`]: reduced-coordinate chains, contacts solved by sub-steps of projected Gauss-Seidel.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | `build` | assembly of bodies, joints and colliders |
 //! | `shape` | collision shapes of the object and of the hand's links |
-//! | `finger` | the tendon law, written into the engine's joint springs |
+//! | `joints` | forces along the joints, written into the engine's joint springs |
 //! | `forces` | fictitious forces of the moving frame |
 //! | `contacts` | contact points, in the words of the seam |
 //! | `frames` | conversions of units and types |
 
 mod build;
 mod contacts;
-mod finger;
 mod forces;
 mod frames;
+mod joints;
 mod shape;
 
 use crate::SimError;
@@ -21,14 +21,14 @@ use crate::config::PhysicsConfig;
 use crate::engine::{Contact, Engine, JointState, Part, StepInput};
 use crate::object::ObjectModel;
 use build::Handles;
-use graspbox_solver::dispatch::Dispatcher;
 use forces::FrameForces;
 use graspbox_hand::Hand;
+use graspbox_solver::dispatch::Dispatcher;
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::prelude::*;
 use std::sync::Arc;
 
-/// A joint below this speed is still, rad/s: it sways in its flexure when the hand is moved.
+/// A joint below this speed is still, rad/s: it sways in its spring when the hand is moved.
 const STILL: f64 = 0.2;
 
 /// An object that turns faster than this tumbles, rad/s.
@@ -37,7 +37,7 @@ const TUMBLING: f64 = 1.0;
 /// One world of rapier, its unit of length a centimetre.
 pub(crate) struct Rapier {
     physics: PhysicsWorld,
-    /// Tension of every finger's tendon, N.
+    /// Tension of every tendon, N.
     tensions: Vec<f64>,
     shared: Arc<Shared>,
 }
@@ -56,7 +56,7 @@ impl Rapier {
     /// An object or a hand that cannot be simulated.
     pub(crate) fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
         let (physics, handles) = build::build(&hand, object, &config)?;
-        let tensions = vec![0.0; hand.fingers.len()];
+        let tensions = vec![0.0; hand.tendons.len()];
         Ok(Self { physics, tensions, shared: Arc::new(Shared { hand, handles, config }) })
     }
 
@@ -68,38 +68,22 @@ impl Rapier {
         self.body(self.shared.handles.object)
     }
 
-    fn drive_fingers(&mut self, input: &StepInput) {
+    fn drive_joints(&mut self, input: &StepInput) {
         let Shared { hand, handles, config } = &*self.shared;
-        let dt = config.dt;
-        let preshape = hand.preshape_motor();
-        for (i, finger) in hand.fingers.iter().enumerate() {
-            let handles = &handles.fingers[i];
-            let motor = input.motors[finger.motor];
-            let joints = [&hand.joints[finger.proximal], &hand.joints[finger.distal]];
-            let spool = JointState { angle: motor.position, speed: motor.velocity };
-            self.tensions[i] = finger::actuate(&mut self.physics, finger, joints, handles, spool, dt);
-            if let (Some((_, sign)), Some(handle), Some(motor)) = (finger.swivel, handles.swivel, preshape) {
-                let goal = sign * hand.preshape_angle(input.motors[motor].position);
-                let speed = (goal - finger::joint_state(&self.physics, handle).angle) / dt;
-                if let Some((multibody, link)) = self.physics.multibody_joints.get_mut(handle)
-                    && let Some(id) = multibody.link(link).map(|l| l.assembly_id())
-                {
-                    multibody.generalized_velocity_mut()[id] = speed as f32;
-                }
-            }
-        }
+        joints::actuate(&mut self.physics, hand, handles, input, config.dt, &mut self.tensions);
+        joints::drive_rigid(&mut self.physics, hand, handles, input, config.dt);
     }
 
     /// True while the hand is in contact with nothing, nothing in it moves and the object does not tumble: what is left to solve
     /// is at most an object on the table.
     fn idles(&self, input: &StepInput) -> bool {
-        let still = |handle| finger::joint_state(&self.physics, handle).speed.abs() < STILL;
+        let still = |joint| joints::joint_state(&self.physics, joint).speed.abs() < STILL;
         let spin = frames::vector64(self.object().angvel());
         let spin_in_world = input.base_from_world_after.rotation.inverse() * spin
             + input.base_from_world.rotation.inverse() * input.frame.omega;
-        input.motors.iter().all(|m| m.velocity == 0.0)
+        input.actuators.iter().all(|actuator| actuator.velocity == 0.0)
             && spin_in_world.norm() < TUMBLING
-            && self.shared.handles.fingers.iter().all(|f| still(f.proximal) && still(f.distal))
+            && self.shared.handles.free_joints().all(still)
             && !contacts::hand_in_contact(&self.physics)
     }
 
@@ -121,19 +105,19 @@ impl Engine for Rapier {
         })
     }
 
-    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, preshape: f64) {
+    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, joints: &[f64]) {
         let Shared { hand, handles, .. } = &*self.shared;
         for (body, pose) in [(handles.scenery, base_from_world), (handles.object, base_from_object)] {
             if let Some(body) = self.physics.bodies.get_mut(body) {
                 body.set_position(frames::pose(pose), true);
             }
         }
-        finger::set_swivels(&mut self.physics, hand, &handles.fingers, preshape);
-        build::place_links(&mut self.physics, handles);
+        joints::set_positions(&mut self.physics, handles, joints);
+        build::place_links(&mut self.physics, hand, handles);
     }
 
     fn step(&mut self, input: &StepInput) {
-        self.drive_fingers(input);
+        self.drive_joints(input);
         let forces = FrameForces::new(&input.frame);
         self.physics.gravity = forces.gravity;
         if forces.turning() || self.bears_frame_forces() {
@@ -152,14 +136,14 @@ impl Engine for Rapier {
         self.physics.step();
     }
 
-    fn tension(&self, finger: usize) -> f64 {
-        self.tensions[finger]
+    fn tension(&self, tendon: usize) -> f64 {
+        self.tensions[tendon]
     }
 
     fn joint(&self, joint: usize) -> JointState {
-        match self.shared.handles.joints[joint] {
-            Some(handle) => finger::joint_state(&self.physics, handle),
-            None => JointState { angle: 0.0, speed: 0.0 },
+        match &self.shared.handles.joints[joint] {
+            Some(handle) => joints::joint_state(&self.physics, handle),
+            None => JointState { position: 0.0, speed: 0.0 },
         }
     }
 

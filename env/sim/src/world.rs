@@ -8,14 +8,14 @@ use crate::motion::BaseMotion;
 use crate::native::Native;
 use crate::object::ObjectModel;
 use crate::rapier::Rapier;
-use graspbox_hand::{Hand, MotorCommand, MotorKind, MotorState};
+use graspbox_hand::{ActuatorCommand, ActuatorState, Hand};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 mod observe;
 
-pub use observe::FingerState;
+pub use crate::engine::JointState;
 
 /// What changes from step to step, beside the engine's own state.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -23,7 +23,7 @@ pub(crate) struct State {
     motion: BaseMotion,
     /// Gravity in the world's frame, m/s2.
     gravity: Vector3<f64>,
-    motors: Vec<MotorState>,
+    actuators: Vec<ActuatorState>,
     steps: u64,
 }
 
@@ -76,13 +76,16 @@ impl Template {
         let world_from_base = world_from_hand * hand.base_from_hand.inverse();
         let base_from_world = world_from_base.inverse();
         let mut engine = self.engine.duplicate();
-        engine.pose(&base_from_world, &(base_from_world * world_from_object), preshape);
-        let start = |m: &graspbox_hand::Motor| if m.kind == MotorKind::Preshape { preshape } else { 0.0 };
-        let motors = hand.motors.iter().map(|m| MotorState::new(m, start(m))).collect();
+        // A preshape that is no number gives joints that are none, which the checks of every step find.
+        let joints = hand.joint_positions(&hand.open_configuration(preshape));
+        let joints = joints.unwrap_or_else(|_| vec![f64::NAN; hand.joints.len()]);
+        engine.pose(&base_from_world, &(base_from_world * world_from_object), &joints);
+        let start = hand.actuators.iter().zip(hand.open_positions(preshape));
+        let actuators = start.map(|(actuator, position)| ActuatorState::new(actuator, position)).collect();
         let state = State {
             gravity: Vector3::new(0.0, 0.0, -self.shared.config.gravity),
             motion: BaseMotion::at_rest(world_from_base),
-            motors,
+            actuators,
             steps: 0,
         };
         World { engine, shared: Arc::clone(&self.shared), state }
@@ -90,7 +93,7 @@ impl Template {
 
     /// A world from a saved state, if that state is of an equal template.
     pub(crate) fn resume(&self, identity: &Identity, state: State, engine_state: &[u8]) -> Result<World, SimError> {
-        if *identity != self.shared.identity || state.motors.len() != self.shared.hand.motors.len() {
+        if *identity != self.shared.identity || state.actuators.len() != self.shared.hand.actuators.len() {
             let why = "it was taken with another hand, object or physics setting".to_owned();
             return Err(SimError::BadSnapshot { why });
         }
@@ -122,34 +125,35 @@ impl Clone for World {
 }
 
 impl World {
-    /// Advances by one time step: the hand reaches `world_from_hand` at its end, the motors follow their commands.
+    /// Advances by one time step: the hand reaches `world_from_hand` at its end, the actuators follow their commands.
     ///
-    /// `commands` has one entry per motor, in the order of the hand's motors; missing ones hold still.
+    /// `commands` has one entry per actuator, in the order of the hand's actuators; missing ones hold still.
     ///
     /// # Errors
     /// [`SimError::BadCommand`] for a command that is not finite; nothing moves then.
-    pub fn step(&mut self, world_from_hand: &Isometry3<f64>, commands: &[MotorCommand]) -> Result<(), SimError> {
+    pub fn step(&mut self, world_from_hand: &Isometry3<f64>, commands: &[ActuatorCommand]) -> Result<(), SimError> {
         let dt = self.shared.config.dt;
-        self.drive_motors(commands, dt)?;
+        self.drive_actuators(commands, dt)?;
         let base_from_world = self.state.motion.world_from_base.inverse();
         let target = world_from_hand * self.shared.hand.base_from_hand.inverse();
         let frame = self.state.motion.advance(target, dt, &self.state.gravity);
         let base_from_world_after = target.inverse();
-        self.engine.step(&StepInput { base_from_world, base_from_world_after, frame, motors: &self.state.motors });
+        self.engine.step(&StepInput {
+            base_from_world,
+            base_from_world_after,
+            frame,
+            actuators: &self.state.actuators,
+        });
         self.state.steps += 1;
         Ok(())
     }
 
-    fn drive_motors(&mut self, commands: &[MotorCommand], dt: f64) -> Result<(), SimError> {
-        for (i, motor) in self.shared.hand.motors.iter().enumerate() {
-            let Some(command) = commands.get(i) else { continue };
-            let load = match motor.kind {
-                MotorKind::Finger(finger) => self.engine.tension(finger),
-                // The swivel's gear holds against any load of a grasp.
-                MotorKind::Preshape => 0.0,
-            };
-            let motor_state = &mut self.state.motors[i];
-            motor_state.step(motor, *command, load, dt).map_err(|_| SimError::BadCommand { motor: i })?;
+    fn drive_actuators(&mut self, commands: &[ActuatorCommand], dt: f64) -> Result<(), SimError> {
+        let hand = &self.shared.hand;
+        for (index, (actuator, command)) in hand.actuators.iter().zip(commands).enumerate() {
+            let load = self.load(index);
+            let state = &mut self.state.actuators[index];
+            state.step(actuator, *command, load, dt).map_err(|_| SimError::BadCommand { actuator: index })?;
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use crate::VisionError;
 use graspbox_camera::{CameraError, Instance, Model, shapes};
-use graspbox_hand::{Collider, Hand, HandConfiguration, Material, Shape};
+use graspbox_hand::{Collider, Hand, JointKind, Material, Shape};
 use graspbox_mesh::{TriMesh, in_range};
 use graspbox_sim::World;
 use graspbox_sim::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
@@ -32,9 +32,9 @@ const TABLE_COLOR: [f32; 3] = [0.80, 0.75, 0.68];
 const GROUND_COLOR: [f32; 3] = [0.78, 0.79, 0.81];
 const BASE_COLOR: [f32; 3] = [0.36, 0.39, 0.44];
 const PALM_COLOR: [f32; 3] = [0.13, 0.36, 0.46];
-const PROXIMAL_COLOR: [f32; 3] = [0.80, 0.82, 0.85];
+const LINK_COLOR: [f32; 3] = [0.80, 0.82, 0.85];
 const KNUCKLE_COLOR: [f32; 3] = [0.30, 0.32, 0.36];
-const DISTAL_COLOR: [f32; 3] = [0.66, 0.69, 0.74];
+const TIP_COLOR: [f32; 3] = [0.66, 0.69, 0.74];
 const PAD_COLOR: [f32; 3] = [0.15, 0.48, 0.60];
 /// Colours of objects.
 const OBJECT_COLORS: [[f32; 3]; 8] = [
@@ -91,14 +91,8 @@ impl<'a> ScenePose<'a> {
     #[must_use]
     pub fn of(world: &World, object: &'a Model, color: [f32; 3]) -> Self {
         let hand = world.hand();
-        let fingers = || (0..hand.fingers.len()).map(|i| world.finger(i));
-        let configuration = HandConfiguration {
-            preshape: world.preshape(),
-            proximal: fingers().map(|f| f.proximal).collect(),
-            distal: fingers().map(|f| f.distal).collect(),
-        };
         let world_from_hand = world.world_from_hand();
-        let links = hand.hand_from_links(&configuration).unwrap_or_default();
+        let links = hand.hand_from_links(&world.configuration()).unwrap_or_default();
         Self {
             object,
             color,
@@ -218,7 +212,7 @@ fn part(hand: &Hand, link: usize, material: Material) -> Result<Option<Part>, Ca
 
 /// A cylinder about the joint axis of a finger link. It fills the gap between the collision shapes in images; it has no collision shape.
 fn knuckle(hand: &Hand, link: usize) -> Result<Option<Part>, CameraError> {
-    let Some(joint) = hand.joints.iter().find(|j| j.child == link && !j.fixed) else {
+    let Some(joint) = hand.joints.iter().find(|j| j.child == link && j.kind == JointKind::Revolute) else {
         return Ok(None);
     };
     let least = |collider: &Collider| match collider.shape {
@@ -247,13 +241,11 @@ fn solid(collider: &Collider) -> Result<TriMesh, CameraError> {
 }
 
 fn color(hand: &Hand, link: usize, material: Material) -> [f32; 3] {
-    let finger = hand.finger_of_link(link);
-    let distal = finger.is_some_and(|f| hand.joints[hand.fingers[f].distal].child == link);
-    match (finger, material) {
+    match (hand.chain_of_link(link), material) {
         (None, Material::Bare) => BASE_COLOR,
         (None, Material::Pad) => PALM_COLOR,
         (Some(_), Material::Pad) => PAD_COLOR,
-        (Some(_), Material::Bare) if distal => DISTAL_COLOR,
-        (Some(_), Material::Bare) => PROXIMAL_COLOR,
+        (Some(_), Material::Bare) if hand.is_tip(hand.carrier(link)) => TIP_COLOR,
+        (Some(_), Material::Bare) => LINK_COLOR,
     }
 }

@@ -11,6 +11,7 @@ from rich.table import Table
 from graspbox import object_sets
 from graspbox.errors import ObjectSetError
 from graspbox.files import dumps
+from graspbox.hands import Hand, load_hand
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of all random numbers.")]
@@ -19,6 +20,10 @@ Threads = Annotated[
     typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),
 ]
 Split = Annotated[str | None, typer.Option("--split", help="Use only this split: train, validation or test.")]
+HandName = Annotated[
+    str,
+    typer.Option("--hand", help="A hand by its name, or its two files with a comma between: hand.urdf,hand.toml."),
+]
 Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
 
 #: Progress and remarks go to standard error; standard output holds results alone.
@@ -49,6 +54,12 @@ def print_table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]
 def find(objects: list[str], split: str | None, scale: float) -> object_sets.ObjectSet:
     """Load the object sets that the command line names."""
     return object_sets.load(objects, split=split, scale=scale)  # type: ignore[arg-type]
+
+
+def find_hand(name: str) -> Hand:
+    """Load the hand that the command line names, by its name or its two files."""
+    urdf, comma, toml = name.partition(",")
+    return load_hand((urdf, toml) if comma else name)
 
 
 def find_one(mesh: str, scale: float) -> object_sets.ObjectSpec:

@@ -5,7 +5,20 @@ from typing import Annotated, Any
 
 import typer
 
-from graspbox.cli.common import Json, Scale, Seed, Split, Threads, console, find, print_json, print_table, progress
+from graspbox.cli.common import (
+    HandName,
+    Json,
+    Scale,
+    Seed,
+    Split,
+    Threads,
+    console,
+    find,
+    find_hand,
+    print_json,
+    print_table,
+    progress,
+)
 from graspbox.configs import TrialConfig
 from graspbox.files import check_output, dumps, write_text
 from graspbox.object_sets import ObjectSet
@@ -57,6 +70,7 @@ def grasp(
     legacy: Annotated[
         bool, typer.Option(help="Also take the reference study's measures (failed grasps then run for 2.5 s).")
     ] = True,
+    hand: HandName = "reflex",
     split: Split = None,
     scale: Scale = 1.0,
     seed: Seed = 0,
@@ -74,8 +88,8 @@ def grasp(
         raise typer.BadParameter("it needs --json; --out always writes the details", param_hint="--details")
     if out is not None:
         check_output(out)
-    found = find(objects or ["procedural"], split, scale)
-    result = run(found, poses=poses, seed=seed, trial=TrialConfig(legacy=legacy), num_threads=threads)
+    found, loaded = find(objects or ["procedural"], split, scale), find_hand(hand)
+    result = run(found, hand=loaded, poses=poses, seed=seed, trial=TrialConfig(legacy=legacy), num_threads=threads)
     table = result.table()
     if as_json:
         print_json(result.table(details=True) if details else table)

@@ -7,7 +7,18 @@ from typing import Annotated, Any
 import typer
 
 import graspbox
-from graspbox.cli.common import Json, Scale, Seed, Threads, console, find_one, print_json, print_table
+from graspbox.cli.common import (
+    HandName,
+    Json,
+    Scale,
+    Seed,
+    Threads,
+    console,
+    find_hand,
+    find_one,
+    print_json,
+    print_table,
+)
 from graspbox.files import check_output
 from graspbox.plan_files import grasp_rows
 from graspbox.planning import Box, Plan
@@ -62,6 +73,7 @@ def plan(
         Path | None, typer.Option(help="Write a picture of boxes and best poses into this file.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Save the plan here, for graspbox.Plan.load.")] = None,
+    hand: HandName = "reflex",
     seed: Seed = 0,
     scale: Scale = 1.0,
     threads: Threads = None,
@@ -76,13 +88,15 @@ def plan(
         if not picture.is_dir():
             check_output(picture)
         picture = pictures.check_path(picture)
-    spec = find_one(mesh, scale)
+    spec, with_hand = find_one(mesh, scale), find_hand(hand)
     decompose = graspbox.DecomposeConfig(fit=fit, max_boxes=max_boxes)  # type: ignore[arg-type]
     with console.status("planning"):
         loaded = spec.load()
         rest = graspbox.Scene(loaded).world_from_object if settle else None
         started = time.perf_counter()
-        planned = graspbox.plan(loaded, seed=seed, world_from_object=rest, decompose=decompose, num_threads=threads)
+        planned = graspbox.plan(
+            loaded, hand=with_hand, seed=seed, world_from_object=rest, decompose=decompose, num_threads=threads
+        )
         table = plan_table(planned, time.perf_counter() - started)
     if as_json:
         print_json(table)
@@ -92,5 +106,5 @@ def plan(
         planned.save(out)
         console.print(f"wrote {out}")
     if picture is not None:
-        pictures.save_plan(picture, loaded, planned)
+        pictures.save_plan(picture, loaded, planned, hand=with_hand)
         console.print(f"wrote {picture}")

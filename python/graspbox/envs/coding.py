@@ -124,7 +124,7 @@ class Codec:
         world_from_hand: ArrayLike,
         preshape: float,
         *,
-        spool_speed: ArrayLike = 0.0,
+        actuator_speed: ArrayLike = 0.0,
         world_from_start: ArrayLike | None = None,
         frame_skip: int = 1,
     ) -> NDArray[np.float32]:
@@ -134,11 +134,13 @@ class Codec:
         for name, pose in (("world_from_hand", goal), ("world_from_start", start)):
             if pose is not None and pose.shape != (4, 4):
                 raise ConfigError(f"{name} has shape {pose.shape}; give a pose (4, 4)")
-        motors = sum(row["name"] == "spool" for row in self._actions)
-        given = np.asarray(spool_speed, dtype=np.float64)
-        if given.shape not in ((), (motors,)):
-            raise ConfigError(f"spool_speed has shape {given.shape}; give a number, or one for each of {motors} motors")
-        speeds = iter(np.broadcast_to(given, motors))
+        count = sum(row["name"] == "actuator" for row in self._actions)
+        given = np.asarray(actuator_speed, dtype=np.float64)
+        if given.shape not in ((), (count,)) and count:
+            raise ConfigError(
+                f"actuator_speed has shape {given.shape}; give a number, or one for each of {count} actuators"
+            )
+        speeds = iter(np.broadcast_to(given, count) if count else np.zeros(0))
         values: list[ArrayLike] = []
         for row in self._actions:
             name, low, high = row["name"], row["low"], row["high"]
@@ -148,7 +150,7 @@ class Codec:
                 values.append(goal[:3, :2].T.ravel())
             elif name == "preshape":
                 values.append([(preshape - low) / (high - low) * 2 - 1])
-            elif name == "spool":
+            elif name == "actuator":
                 values.append([next(speeds) / high])
             else:
                 values.append(self._motion(name, start, goal, high, frame_skip))
@@ -237,7 +239,7 @@ def encode_action(
     *,
     control: str = "grasp_pose",
     hand: HandArgument = "reflex",
-    spool_speed: ArrayLike = 0.0,
+    actuator_speed: ArrayLike = 0.0,
     world_from_start: ArrayLike | None = None,
     frame_skip: int = 1,
 ) -> NDArray[np.float32]:
@@ -248,13 +250,13 @@ def encode_action(
     world_from_hand : (4, 4) array_like
         Pose of the grasp frame that the hand is to reach. What lies beyond the limits of the action space is clipped.
     preshape : float
-        Radians.
+        See `graspbox.Hand.preshape_limits`; a hand without preshapes needs none.
     control : {"grasp_pose", "twist", "delta_pose", "target_pose"}
         The control mode; by default that of ``GraspPose-v0``.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
-    spool_speed : float or (motors,) array_like
-        Speed of the fingers' spools, rad/s; positive closes. ``grasp_pose`` does without.
+    actuator_speed : float or (k,) array_like
+        Speed of each actuator but the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` does without.
     world_from_start : (4, 4) array_like, optional
         Where the motion of ``twist`` (where the hand is) or of ``delta_pose`` (where the last action led) begins.
     frame_skip : int
@@ -271,5 +273,9 @@ def encode_action(
         For a pose of another shape, or a motion without its start.
     """
     return codec(control, hand).encode_action(
-        world_from_hand, preshape, spool_speed=spool_speed, world_from_start=world_from_start, frame_skip=frame_skip
+        world_from_hand,
+        preshape,
+        actuator_speed=actuator_speed,
+        world_from_start=world_from_start,
+        frame_skip=frame_skip,
     )

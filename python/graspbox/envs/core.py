@@ -177,10 +177,15 @@ class GraspCore:
 
     @property
     def idle_action(self) -> NDArray[np.float32]:
-        """The action that moves nothing, and keeps the fingers' preshape at its lower limit; of motions alone."""
+        """The action that moves nothing, and keeps the preshape at its lower limit; of motions alone."""
         action = np.zeros(self.action_size, dtype=np.float32)
-        action[-1] = -1.0
+        action[self.action_places("preshape")] = -1.0
         return action
+
+    def action_places(self, name: str) -> NDArray[np.bool_]:
+        """Mask (n,) of the entries of an action whose column has this name."""
+        columns, _ = spaces.columns_of(self.control, spaces.tables(self.hand))
+        return np.repeat([row["name"] == name for row in columns], [row["size"] for row in columns])
 
     def close(self) -> None:
         """Give the memory of the environments back and close the window; a second time does nothing."""
@@ -203,7 +208,7 @@ class GraspCore:
         out: dict[str, Any] | None = None,
     ) -> "_core.EnvArrays":
         """Begin episodes where the mask says so; `options` are for all, or one for each environment."""
-        texts = [options_json(one) for one in options]
+        texts = [options_json(one) or "{}" for one in options]
         arrays = self.pool.reset(seeds, mask, texts, out)
         self.begun |= True if mask is None else mask
         self.show()

@@ -40,7 +40,7 @@ Pose = NDArray[np.float64]
 
 #: A motion's peak speed, as a share of the hand's limit; the arm's controller needs the rest to catch up.
 _SPEED_SHARE = 0.9
-#: Height of the hand above the object's highest point on the way, metres: longer than a finger (0.105).
+#: Height of the hand above the object's highest point on the way, metres: longer than the fingers of any hand here.
 _CLEARANCE = 0.20
 
 
@@ -81,7 +81,7 @@ class Expert:
     object_from_hand : (4, 4) array_like
         Grasp pose.
     preshape : float
-        Radians.
+        See `graspbox.Hand.preshape_limits`.
     control : {"twist", "delta_pose", "target_pose"}
         The control mode of the environment.
     hand : str, Hand or pair of paths
@@ -118,7 +118,7 @@ class Expert:
         self._limits = twist["linear"], twist["angular"]
         self._codec = Codec(control, loaded)
         self._preshape = float(preshape)
-        self._closing_speeds = loaded.closing_speeds
+        self._close_speeds = np.array(loaded.closing_speeds)
         self._steps = 0
         start = self._codec.pose(state, "hand")
         goal = self._codec.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
@@ -184,7 +184,7 @@ class Expert:
         return self._codec.encode_action(
             wanted,
             self._preshape,
-            spool_speed=self._closing_speeds if now >= self._closes_at - 1e-9 else 0.0,
+            actuator_speed=self._close_speeds if now >= self._closes_at - 1e-9 else 0.0,
             world_from_start=start,
             frame_skip=self._frame_skip,
         )

@@ -47,8 +47,8 @@ Action
 ------
 ``Box(-1, 1, float32)``; numbers beyond are clipped. Accelerations are limited to 5 m/s2 and 20 rad/s2, speeds to what
 ``twist`` allows; the goal of ``delta_pose`` is at most 5 cm and 0.2 rad ahead of the hand. The palm cannot be driven
-into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. Closed fingers keep
-their preshape, since turning the swivels under load releases the object.
+into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. A closed hand keeps
+its preshape, since changing it under load releases the object.
 
 ``control="twist"``, a velocity in the hand's axes:
 
@@ -58,10 +58,10 @@ their preshape, since turning the swivels under load releases the object.
 |---|---|---|---|---|---|
 | 0-2 | linear | -0.5 | 0.5 | m/s | velocity in the hand's axes; its length is cut to the upper limit |
 | 3-5 | angular | -2 | 2 | rad/s | angular velocity in the hand's axes; its length is cut to the upper limit |
-| 6 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 7 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
+| 6 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_1`; positive closes |
+| 7 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_2`; positive closes |
+| 8 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_3`; positive closes |
+| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
 
 <!-- end -->
 
@@ -73,10 +73,10 @@ their preshape, since turning the swivels under load releases the object.
 |---|---|---|---|---|---|
 | 0-2 | step | -0.025 | 0.025 | m | change of position in the hand's axes |
 | 3-5 | turn | -0.1 | 0.1 | rad | rotation vector in the hand's axes |
-| 6 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 7 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 8 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
+| 6 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_1`; positive closes |
+| 7 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_2`; positive closes |
+| 8 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_3`; positive closes |
+| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
 
 <!-- end -->
 
@@ -90,10 +90,10 @@ their preshape, since turning the swivels under load releases the object.
 | 1 | y | -0.35 | 0.35 | m | hand position, world |
 | 2 | z | 0 | 0.75 | m | hand position, world |
 | 3-8 | rotation | -1 | 1 | 1 | first two columns of world_from_hand, any length; degenerate ones hold the last one |
-| 9 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 10 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 11 | spool | -3.5 | 3.5 | rad/s | speed of a finger's spool; positive closes |
-| 12 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no spool is beyond 0.5 rad |
+| 9 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_1`; positive closes |
+| 10 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_2`; positive closes |
+| 11 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_3`; positive closes |
+| 12 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
 
 <!-- end -->
 
@@ -122,12 +122,12 @@ action. Values beyond their range are clipped. ``state`` is **privileged**: no s
 | hand_rotation | 3-8 | 3-8 |  | -1 | 1 | 1 | first two columns of world_from_hand |
 | hand_velocity | 9-11 | 9-11 |  | -1 | 1 | m/s | of the grasp frame, hand axes |
 | hand_spin | 12-14 | 12-14 |  | -4 | 4 | rad/s | angular velocity, hand axes |
-| proximal | 15-17 | 15-17 |  | -0.5 | 3.2 | rad | proximal encoder of each finger |
-| spool | 18-20 | 18-20 |  | 0 | 3.6 | rad | spool encoder of each finger |
-| spool_speed | 21-23 | 21-23 |  | -3.5 | 3.5 | rad/s | speed of each finger's spool |
-| load | 24-26 | 24-26 |  | 0 | 50 | N | load of each finger's motor: the tension of its tendon |
-| preshape | 27 | 27 |  | 0 | pi/2 | rad | preshape angle |
-| distal |  | 28-30 |  | -0.5 | 3.2 | rad | distal angle of each finger |
+| proximal | 15-17 | 15-17 |  | -0.5 | 3.33 | rad | position of proximal_joint_1, proximal_joint_2, proximal_joint_3 |
+| actuator | 18-20 | 18-20 |  | 0 | 3.6 | rad | position of each actuator but the preshape's |
+| actuator_speed | 21-23 | 21-23 |  | -3.5 | 3.5 | rad/s | its speed |
+| load | 24-26 | 24-26 |  | 0 | 50 | N | its load: the tension of its tendon, or the force on its joints |
+| preshape | 27 | 27 |  | 0 | pi/2 | rad | position of the preshape's actuator |
+| distal |  | 28-30 |  | -0.5 | 3.24889 | rad | position of distal_joint_1, distal_joint_2, distal_joint_3 |
 | object_position |  | 31-33 |  | -1 | 1 | m | origin of the object's frame, world |
 | object_rotation |  | 34-39 |  | -1 | 1 | 1 | first two columns of world_from_object |
 | object_in_hand_position |  | 40-42 |  | -1.5 | 1.5 | m | origin of the object's frame, true hand frame |
@@ -138,7 +138,7 @@ action. Values beyond their range are clipped. ``state`` is **privileged**: no s
 | bounds_center |  | 58-60 |  | -1.5 | 1.5 | m | middle of the bounds along the object's axes, hand frame |
 | half_extents |  | 61-63 |  | 0 | 1 | m | half sides of these bounds |
 | mass |  | 64 |  | 0 | 10 | kg | of the object |
-| contact |  | 65-71 |  | 0 | 1 | 1 | 1 where the object touches: proximal and distal link of each finger, palm |
+| contact |  | 65-71 |  | 0 | 1 | 1 | 1 where the object touches: each moving link with collision shapes, chain by chain from the root to the tip, then the palm |
 | on_table |  | 72 |  | 0 | 1 | 1 | 1 while the object touches table or ground |
 | lift |  | 73 |  | -1 | 1 | m | rise of the centre of mass above its resting height |
 | held |  | 74 |  | 0 | 1 | 1 | share of the hold time for which the object has been held |
@@ -188,7 +188,7 @@ The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; 
 | hold | -1 | 1 | change of the share of the hold time |
 | success | 0 | 1 | 1 at success |
 | failure | -1 | 0 | -1 when the object is lost for good |
-| effort | -1 | 0 | minus the mean square of hand and spool speeds as shares of their limits |
+| effort | -1 | 0 | minus the mean square of the speeds of hand and actuators as shares of their limits |
 | push | -1 | 1 | minus the change of how far the object was moved sideways, up to 0.2 m, as a share |
 | table | -1 | 0 | -1 while the hand touches the table |
 | stop | -1 | 0 | -1 while the protective stop holds the hand |
@@ -356,7 +356,7 @@ class GraspEnv(SingleEnv):
         ConfigError
             In the control mode ``target_pose``, whose actions are no motions.
         """
-        idle = self.idle_action
+        idle, fingers = self.idle_action, self._core.action_places("actuator")
         actions = {}
         for motion, finger in itertools.product(["", *_MOTION_KEYS], ["", *_FINGER_KEYS]):
             action = idle.copy()
@@ -364,7 +364,7 @@ class GraspEnv(SingleEnv):
                 index, direction = _MOTION_KEYS[motion]
                 action[index] = direction
             if finger:
-                action[6:-1] = _FINGER_KEYS[finger]
+                action[fingers] = _FINGER_KEYS[finger]
             if motion or finger:
                 actions[motion + finger] = action
         return actions

@@ -80,11 +80,11 @@ in `graspbox.envs.grasp`. ``state`` is **privileged** and describes the object a
 | hand_rotation | 3-8 |  |  | -1 | 1 | 1 | first two columns of world_from_hand |
 | hand_velocity | 9-11 |  |  | -1 | 1 | m/s | of the grasp frame, hand axes |
 | hand_spin | 12-14 |  |  | -4 | 4 | rad/s | angular velocity, hand axes |
-| proximal | 15-17 |  |  | -0.5 | 3.2 | rad | proximal encoder of each finger |
-| spool | 18-20 |  |  | 0 | 3.6 | rad | spool encoder of each finger |
-| spool_speed | 21-23 |  |  | -3.5 | 3.5 | rad/s | speed of each finger's spool |
-| load | 24-26 |  |  | 0 | 50 | N | load of each finger's motor: the tension of its tendon |
-| preshape | 27 |  |  | 0 | pi/2 | rad | preshape angle |
+| proximal | 15-17 |  |  | -0.5 | 3.33 | rad | position of proximal_joint_1, proximal_joint_2, proximal_joint_3 |
+| actuator | 18-20 |  |  | 0 | 3.6 | rad | position of each actuator but the preshape's |
+| actuator_speed | 21-23 |  |  | -3.5 | 3.5 | rad/s | its speed |
+| load | 24-26 |  |  | 0 | 50 | N | its load: the tension of its tendon, or the force on its joints |
+| preshape | 27 |  |  | 0 | pi/2 | rad | position of the preshape's actuator |
 | object_position |  | 0-2 |  | -1 | 1 | m | origin of the object's frame, world |
 | object_rotation |  | 3-8 |  | -1 | 1 | 1 | first two columns of world_from_object |
 | center_of_mass |  | 9-11 |  | -1 | 1 | m | of the object, world |

@@ -32,11 +32,11 @@ def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: Ph
     cache = cache_folder()
     # A forked process has neither the thread nor the locks of its parent's handles.
     key = (objects.objects, hand, physics, cache, os.getpid())
-    found = _handles.get(key) if hand == "reflex" else None
+    found = _handles.get(key) if isinstance(hand, str) else None
     loaded = load_hand(hand)
     if found is None:
         found = Objects([_describe(spec) for spec in objects], loaded, to_json(physics), cache)
-        if hand == "reflex":
+        if isinstance(hand, str):
             _handles[key] = found
     return found, loaded
 

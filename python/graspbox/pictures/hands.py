@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspbox.pictures.solids import Floats, Solid, box_mesh, cylinder_mesh, frame_along, place
 from graspbox.planning import Box
@@ -16,35 +16,34 @@ _JOINT = "#4d525c"
 _HINGE = (1.2, 1.6)
 #: Half sides of the neck between a finger's links, as a share of the least half side of its first link.
 _NECK = 0.62
-#: Angle by which joints are turned to find their axes, radians.
-_TURN = 0.1
-#: Size of a glyph relative to the hand, length of its stem in metres, and its fingers' angles in radians.
+#: Size of a glyph relative to the hand, length of its stem in metres, and the share by which its fingers are closed.
 _GLYPH_SCALE, _STEM = 0.36, 0.03
-_GLYPH_ANGLES = (0.95, 0.45)
+_GLYPH_CLOSED = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Finger:
-    """A finger's joints and its tip, hand frame, metres.
+    """A chain's joints and its tip, hand frame, metres. Joints whose links have no collision shape are left out.
 
     Attributes
     ----------
-    root, knuckle : (3,) float64
-        Points on the axes of the proximal and of the distal joint, each nearest to the centre of the link that it
-        carries.
-    root_axis : (3,) float64
-        Unit direction of the proximal axis.
+    points : (k, 3) float64
+        Points on the axes of its joints, each nearest to the centre of the link that the joint carries.
+    axes : (k, 3) float64
+        Unit directions of these axes.
+    revolute : (k,) bool
+        Which of the joints turn.
+    links : tuple of Box
+        The largest collision shape of each of these links.
     tip : (3,) float64
-        The far end of the distal link.
-    link : Box
-        The largest collision shape of the proximal link.
+        The far end of the last link.
     """
 
-    root: Floats
-    root_axis: Floats
-    knuckle: Floats
+    points: Floats
+    axes: Floats
+    revolute: NDArray[np.bool_]
+    links: tuple[Box, ...]
     tip: Floats
-    link: Box
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,87 +56,73 @@ class PosedHand:
         The hand.
     world_from_hand : (4, 4) float64
         Pose of the grasp frame.
-    preshape : float
-        Radians.
-    fingers : (f, 2), optional
-        Proximal and distal angle of each finger, radians; all 0, the open hand, by default.
+    joints : (c,) float64
+        Positions of its independent joints, rad or m.
     """
 
     hand: Hand
     world_from_hand: Floats
-    preshape: float
-    fingers: Floats | None = None
+    joints: Floats
 
-    def angles(self) -> tuple[Floats, Floats]:
-        """Proximal and distal angles (f,), radians."""
-        angles = np.zeros((self.hand.fingers, 2)) if self.fingers is None else self.fingers
-        return np.ascontiguousarray(angles[:, 0]), np.ascontiguousarray(angles[:, 1])
+    @classmethod
+    def open(cls, hand: Hand, world_from_hand: Floats, preshape: float) -> "PosedHand":
+        """Take the open hand with a preshape."""
+        return cls(hand, world_from_hand, hand.open(preshape))
 
     def corners(self) -> Floats:
         """Corners (n, 3) of its collision shapes' boxes, world frame, metres."""
-        shapes, halves, _ = self.hand.shapes(self.preshape, *self.angles())
+        shapes, halves, _, _ = self._shapes()
         frames = self.world_from_hand @ shapes
         boxes = [Box(frame[:3, 3], frame[:3, :3], half) for frame, half in zip(frames, halves, strict=True)]
         return np.concatenate([box.corners() for box in boxes])
 
+    def _shapes(self) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.int64]]:
+        return self.hand.shapes(np.ascontiguousarray(self.joints, dtype=np.float64))
+
     def skeleton(self) -> list[Finger]:
-        """Find the joints of every finger that has a collision shape on each of its two links."""
-        proximal, distal = self.angles()
-        frames, halves, _ = self.hand.shapes(self.preshape, proximal, distal)
+        """Find the joints and the tip of every chain with a collision shape."""
+        frames, halves, _, carriers = self._shapes()
+        joints, chains, revolute = self.hand.joint_frames(np.ascontiguousarray(self.joints, dtype=np.float64))
         fingers = []
-        for index in range(self.hand.fingers):
-            turn = np.where(np.arange(self.hand.fingers) == index, _TURN, 0.0)
-            root_turned, _, _ = self.hand.shapes(self.preshape, proximal + turn, distal)
-            knuckle_turned, _, _ = self.hand.shapes(self.preshape, proximal, distal + turn)
-            in_distal = ~np.isclose(knuckle_turned, frames).all(axis=(1, 2))
-            in_proximal = ~np.isclose(root_turned, frames).all(axis=(1, 2)) & ~in_distal
-            if not in_distal.any() or not in_proximal.any():
+        for chain in range(len(self.hand.chains)):
+            rows = [row for row in np.flatnonzero(chains == chain) if (carriers == row).any()]
+            if not rows:
                 continue
-            first, last = _largest(in_proximal, halves), _largest(in_distal, halves)
-            root, axis = _joint(frames[first], root_turned[first])
-            knuckle, _ = _joint(frames[last], knuckle_turned[last])
-            ends = Box(frames[last, :3, 3], frames[last, :3, :3], halves[last]).corners()
-            along = frames[last, :3, 3] - knuckle
-            along /= np.linalg.norm(along)
-            tip = knuckle + along * np.max((ends - knuckle) @ along)
-            link = Box(frames[first, :3, 3], frames[first, :3, :3], halves[first])
-            fingers.append(Finger(root, axis, knuckle, tip, link))
+            largest = [int(np.where(carriers == row, halves.prod(axis=1), -1.0).argmax()) for row in rows]
+            links = tuple(Box(frames[i, :3, 3], frames[i, :3, :3], halves[i]) for i in largest)
+            axes = joints[rows, :3, 0]
+            centers = np.array([link.center for link in links])
+            ahead = np.sum((centers - joints[rows, :3, 3]) * axes, axis=1, keepdims=True)
+            points = joints[rows, :3, 3] + axes * ahead
+            along = links[-1].center - points[-1]
+            along /= max(float(np.linalg.norm(along)), 1e-9)
+            tip = points[-1] + along * np.max((links[-1].corners() - points[-1]) @ along)
+            fingers.append(Finger(points, axes, revolute[rows], links, tip))
         return fingers
 
-    def joints(self) -> list[Solid]:
-        """Make a hinge at each finger's root and a neck between its links, which collision shapes lack; world frame."""
+    def hinges(self) -> list[Solid]:
+        """Make a hinge at each finger's root and necks between its links, which collision shapes lack; world frame."""
         solids = []
         for finger in self.skeleton():
-            least, middle, _ = np.sort(finger.link.half_extents)
-            hinge = cylinder_mesh(finger.root, finger.root_axis, _HINGE[0] * middle, _HINGE[1] * least)
-            way = finger.knuckle - finger.link.center
-            axes = frame_along(way).T
-            half = np.array([np.linalg.norm(way) / 2, _NECK * least, _NECK * least])
-            neck = box_mesh(Box((finger.knuckle + finger.link.center) / 2, axes, half))
-            solids += [Solid(mesh, _JOINT, self.world_from_hand) for mesh in (hinge, neck)]
+            if not finger.revolute[0]:
+                continue
+            least, middle, _ = np.sort(finger.links[0].half_extents)
+            meshes = [cylinder_mesh(finger.points[0], finger.axes[0], _HINGE[0] * middle, _HINGE[1] * least)]
+            for link, knuckle, turns in zip(finger.links[:-1], finger.points[1:], finger.revolute[1:], strict=True):
+                if turns:
+                    way = knuckle - link.center
+                    side = _NECK * float(np.min(link.half_extents))
+                    half = np.array([np.linalg.norm(way) / 2, side, side])
+                    meshes.append(box_mesh(Box((knuckle + link.center) / 2, frame_along(way).T, half)))
+            solids += [Solid(mesh, _JOINT, self.world_from_hand) for mesh in meshes]
         return solids
-
-
-def _largest(chosen: Any, halves: Floats) -> int:
-    """Find the shape of greatest volume among those chosen."""
-    return int(np.where(chosen, halves.prod(axis=1), -1.0).argmax())
-
-
-def _joint(before: Floats, after: Floats) -> tuple[Floats, Floats]:
-    """Find the axis about which a shape's frame (4, 4) turned: its point nearest to the shape, and its direction."""
-    moved = after @ np.linalg.inv(before)
-    rotation = moved[:3, :3]
-    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    axis /= np.linalg.norm(axis)
-    point = np.linalg.lstsq(np.eye(3) - rotation, moved[:3, 3], rcond=1e-6)[0]
-    return point + axis * ((before[:3, 3] - point) @ axis), axis
 
 
 def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
     """Make a small hand with half-closed fingers for each grasp pose.
 
-    A stem along the approach ends at the palm's centre; from there lines lead to the root, knuckle and tip of each
-    finger, which show roll and preshape.
+    A stem along the approach ends at the palm's centre; from there lines lead along the joints of each finger to its
+    tip, which show roll and preshape.
 
     Parameters
     ----------
@@ -146,21 +131,21 @@ def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
     poses : (n, 4, 4) float64
         Of the grasp frame.
     preshape : (n,) float64
-        Radians.
+        See `graspbox.Hand.preshape_limits`.
 
     Returns
     -------
     (n, s, 2, 3) float64
-        Segments, in the frame of the poses, metres; s is 1 plus 3 per finger.
+        Segments, in the frame of the poses, metres.
     """
-    angles = np.tile(_GLYPH_ANGLES, (hand.fingers, 1))
-    shapes: dict[float, Floats] = {}
-    for value in np.unique(preshape):
+
+    def shape(value: float) -> Floats:
         palm = np.zeros(3)
         segments = [(np.array([0.0, 0.0, -_STEM]) / _GLYPH_SCALE, palm)]
-        for finger in PosedHand(hand, np.eye(4), float(value), angles).skeleton():
-            chain = [palm, finger.root, finger.knuckle, finger.tip]
-            segments += pairwise(chain)
-        shapes[float(value)] = _GLYPH_SCALE * np.array(segments)
+        for finger in PosedHand(hand, np.eye(4), hand.closed(value, _GLYPH_CLOSED)).skeleton():
+            segments += pairwise([palm, *finger.points, finger.tip])
+        return _GLYPH_SCALE * np.array(segments)
+
+    shapes = {float(value): shape(float(value)) for value in np.unique(preshape)}
     lines = [place(shapes[float(value)], pose) for pose, value in zip(poses, preshape, strict=True)]
-    return np.array(lines) if lines else np.zeros((0, 1 + 3 * hand.fingers, 2, 3))
+    return np.array(lines) if lines else np.zeros((0, *shape(hand.preshape_limits[0]).shape))

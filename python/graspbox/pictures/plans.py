@@ -219,7 +219,7 @@ def _grasp(example: GraspExample, poses: Floats, preshape: Floats, hand: Hand) -
     if trial is not None and len(trial.trace.time):
         return trial.posed(hand, -1), trial.trace.world_from_object[-1]
     at_rest = example.plan.world_from_object
-    return (PosedHand(hand, poses[0], float(preshape[0])) if len(poses) else None), at_rest
+    return (PosedHand.open(hand, poses[0], float(preshape[0])) if len(poses) else None), at_rest
 
 
 def _inks(count: int, outcomes: Outcomes | None) -> list[str]:

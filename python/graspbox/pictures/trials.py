@@ -34,7 +34,7 @@ class Trial:
     index : int
         Index of its pose in the plan.
     preshape : float
-        Radians.
+        As in the plan.
     outcome : Outcomes
         Of length one.
     trace : Trace
@@ -55,7 +55,7 @@ class Trial:
 
     def posed(self, hand: Hand, sample: int) -> PosedHand:
         """Take the hand as it is at a sample of the trace."""
-        return PosedHand(hand, self.trace.world_from_hand[sample], self.preshape, self.trace.fingers[sample])
+        return PosedHand(hand, self.trace.world_from_hand[sample], self.trace.joints[sample])
 
 
 def speeds(trace: Trace) -> tuple[Floats, Floats]:

@@ -171,7 +171,7 @@ class View:
         self, solids: Sequence[Solid], lamp: Floats, hand: PosedHand | None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         columns, rows = self.lens.size
-        solids = solids if hand is None else [*solids, *hand.joints()]
+        solids = solids if hand is None else [*solids, *hand.hinges()]
         config = {
             "image_size": (rows, columns),
             "samples": _SAMPLES,
@@ -184,7 +184,7 @@ class View:
             np.array([s.world_from_mesh for s in solids], dtype=np.float64).reshape(-1, 4, 4),
             np.array([to_rgb(s.color) for s in solids], dtype=np.float64).reshape(-1, 3),
             [s.casts_shadow for s in solids],
-            None if hand is None else (hand.hand, hand.world_from_hand, hand.preshape, *hand.angles()),
+            None if hand is None else (hand.hand, hand.world_from_hand, hand.joints),
             self.lens.intrinsics,
             self.lens.world_from_camera,
             json.dumps(config),

@@ -1,8 +1,8 @@
-//! What a grasp would look like: fingers closed on the object's surface, contacts, and numbers that describe them.
+//! What a grasp would look like: chains (fingers) closed on the object's surface, contacts, and numbers that describe them.
 
-use super::finger::{ClosedFinger, FingerModel};
-use super::plane::{PlanePoint, PlaneTable};
+use crate::chain::{ChainModel, ClosedChain, PlanePoint, PlaneTable};
 use crate::collision::CollisionScene;
+use crate::preshape::closing_center;
 use crate::wrench::{Directions, WrenchSpace};
 use graspbox_hand::Hand;
 use graspbox_mesh::SurfaceSample;
@@ -27,11 +27,11 @@ pub struct Prediction {
     pub depth: f64,
     /// Distance of the centre of mass from the closing centre in the palm's plane, metres.
     pub offset: f64,
-    /// Mean turn of the distal links (proximal plus distal angle) of fingers that touch, radians; beyond pi/2 they reach behind.
+    /// Mean turn of the last links of fingers that touch, radians; beyond pi/2 they reach behind.
     pub wrap: f64,
     /// Least of these turns.
     pub least_wrap: f64,
-    /// Greatest difference of proximal angles of fingers that touch, radians.
+    /// Greatest difference of the first joints of fingers that touch, radians or metres.
     pub uneven: f64,
     /// Fingers that met the table while closing.
     pub on_table: f64,
@@ -61,7 +61,7 @@ pub(crate) struct Target<'a> {
 /// A hand at one preshape, ready to close.
 pub(crate) struct ClosingHand {
     pub preshape: f64,
-    pub fingers: Vec<FingerModel>,
+    pub fingers: Vec<ChainModel>,
     pub center: Vector3<f64>,
     pub friction: [f64; 2],
 }
@@ -72,7 +72,7 @@ const LINK_CONTACTS: usize = 4;
 /// Closes the hand at `object_from_hand` and describes what it holds.
 pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand: &Isometry3<f64>) -> Prediction {
     let hand_from_object = object_from_hand.inverse();
-    let closed: Vec<ClosedFinger> =
+    let closed: Vec<ClosedChain> =
         hand.fingers.iter().map(|finger| close_one(target, finger, &hand_from_object, object_from_hand)).collect();
     let contacts = contacts(target, hand, &closed);
     let com = hand_from_object * target.center_of_mass;
@@ -90,16 +90,16 @@ pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand:
     p
 }
 
-fn touches(finger: &ClosedFinger) -> bool {
+fn touches(finger: &ClosedChain) -> bool {
     finger.touched.iter().any(|link| !link.is_empty())
 }
 
 fn close_one(
     target: &Target<'_>,
-    finger: &FingerModel,
+    finger: &ChainModel,
     hand_from_object: &Isometry3<f64>,
     object_from_hand: &Isometry3<f64>,
-) -> ClosedFinger {
+) -> ClosedChain {
     /// A point this far beside the finger still counts, metres: samples are about 5 mm apart.
     const BESIDE: f64 = 0.002;
     /// Rounding between two frames, metres, and far more.
@@ -132,7 +132,7 @@ fn close_one(
     finger.close(&points, &PlaneTable { normal: [up.x, up.z], offset })
 }
 
-fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedFinger]) -> Vec<Contact> {
+fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedChain]) -> Vec<Contact> {
     let mut contacts = Vec::new();
     for (finger, state) in closed.iter().enumerate() {
         for link in &state.touched {
@@ -151,15 +151,15 @@ fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedFinger]) ->
     contacts
 }
 
-fn describe_fingers(closed: &[ClosedFinger], p: &mut Prediction) {
-    let touching: Vec<&ClosedFinger> = closed.iter().filter(|f| touches(f)).collect();
+fn describe_fingers(closed: &[ClosedChain], p: &mut Prediction) {
+    let touching: Vec<&ClosedChain> = closed.iter().filter(|f| touches(f)).collect();
     if touching.is_empty() {
         return;
     }
-    let turns = touching.iter().map(|f| f.proximal + f.distal);
+    let turns = touching.iter().map(|f| f.turn);
     p.wrap = turns.clone().sum::<f64>() / touching.len() as f64;
     p.least_wrap = turns.fold(f64::INFINITY, f64::min);
-    let angles = touching.iter().map(|f| f.proximal);
+    let angles = touching.iter().map(|f| f.root);
     p.uneven = angles.clone().fold(f64::NEG_INFINITY, f64::max) - angles.fold(f64::INFINITY, f64::min);
 }
 
@@ -201,8 +201,8 @@ fn describe_contacts(
 pub(crate) fn closing_hand(hand: &Hand, preshape: f64) -> Result<ClosingHand, crate::PlanError> {
     Ok(ClosingHand {
         preshape,
-        fingers: FingerModel::all(hand, preshape)?,
-        center: crate::preshape::closing_center(hand, preshape),
+        fingers: ChainModel::all(hand, preshape)?,
+        center: closing_center(hand, preshape)?,
         friction: [hand.friction.bare, hand.friction.pad],
     })
 }

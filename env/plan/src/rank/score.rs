@@ -7,11 +7,10 @@
 //! at the depth where the finger pads are; not over-closed on nothing.
 
 use super::predict::Prediction;
+use graspbox_hand::{Hand, Preshape};
 
 /// Lengths enter in units of this, metres.
 const UNIT: f64 = 0.05;
-/// Depth of the centre of mass at which grasps hold best, metres from the palm: about the height of the pads of a half-closed finger.
-const BEST_DEPTH: f64 = 0.06;
 /// Turn of the distal link beyond which a finger has closed past the object, radians.
 const OVER_CLOSED: f64 = 3.2;
 /// Epsilon above which a grasp counts as force closure: sampled directions alone are an upper bound.
@@ -19,50 +18,67 @@ const CLOSURE: f64 = 0.3;
 /// Each better pose of the same box, face and preshape lowers a pose by this: among the first twenty there should be different ideas.
 pub(crate) const REPEAT: f64 = 0.03;
 
+/// What a term is read from.
+struct Reading<'a> {
+    prediction: &'a Prediction,
+    /// Depth of the hand's grasp centre, metres from the palm: where grasps hold best.
+    best_depth: f64,
+}
+
 /// One row: its name, what it is worth, and how it is read.
-type Term = (&'static str, f64, fn(&Prediction, f64) -> f64);
+type Term = (&'static str, f64, fn(&Reading<'_>) -> f64);
 
-/// Preshape angles beyond these are a tripod and a pinch, radians.
-const TRIPOD: f64 = 0.5;
-const PINCH: f64 = 1.3;
-
-/// How many terms the score has.
-pub const RANK_TERMS: usize = 16;
-
-const TERMS: [Term; RANK_TERMS] = [
-    ("fingers", 0.51, |p, _| p.fingers),
-    ("pads", 0.13, |p, _| p.pads),
-    ("closure", 0.18, |p, _| indicator(p.epsilon > CLOSURE)),
-    ("balance", 0.64, |p, _| p.balance),
-    ("lever", -0.03, |p, _| p.lever.min(2.0 * UNIT) / UNIT),
-    ("depth", 0.54, |p, _| p.depth / UNIT),
-    ("off_depth", -1.49, |p, _| ((p.depth - BEST_DEPTH) / UNIT).powi(2)),
-    ("offset", -1.38, |p, _| p.offset.min(2.0 * UNIT) / UNIT),
-    ("least_wrap", 0.01, |p, _| p.least_wrap.min(3.0)),
-    ("over_closed", -0.77, |p, _| (p.wrap - OVER_CLOSED).max(0.0)),
-    ("uneven", -0.09, |p, _| p.uneven),
-    ("on_table", -0.02, |p, _| p.on_table),
-    ("span", -0.45, |p, _| p.span / UNIT),
-    ("tripod", 0.36, |_, preshape| indicator(preshape > TRIPOD && preshape < PINCH)),
-    ("pinch", 0.74, |_, preshape| indicator(preshape >= PINCH)),
-    ("down", -0.18, |p, _| p.down),
+/// Terms before those of the preshapes.
+const TERMS: [Term; 13] = [
+    ("fingers", 0.51, |r| r.prediction.fingers),
+    ("pads", 0.13, |r| r.prediction.pads),
+    ("closure", 0.18, |r| indicator(r.prediction.epsilon > CLOSURE)),
+    ("balance", 0.64, |r| r.prediction.balance),
+    ("lever", -0.03, |r| r.prediction.lever.min(2.0 * UNIT) / UNIT),
+    ("depth", 0.54, |r| r.prediction.depth / UNIT),
+    ("off_depth", -1.49, |r| ((r.prediction.depth - r.best_depth) / UNIT).powi(2)),
+    ("offset", -1.38, |r| r.prediction.offset.min(2.0 * UNIT) / UNIT),
+    ("least_wrap", 0.01, |r| r.prediction.least_wrap.min(3.0)),
+    ("over_closed", -0.77, |r| (r.prediction.wrap - OVER_CLOSED).max(0.0)),
+    ("uneven", -0.09, |r| r.prediction.uneven),
+    ("on_table", -0.02, |r| r.prediction.on_table),
+    ("span", -0.45, |r| r.prediction.span / UNIT),
 ];
+/// The term after them.
+const DOWN: Term = ("down", -0.18, |r| r.prediction.down);
 
 fn indicator(yes: bool) -> f64 {
     if yes { 1.0 } else { 0.0 }
 }
 
-/// Name and weight of each term of the score, in the order of [`rank_features`].
-pub fn rank_weights() -> [(&'static str, f64); RANK_TERMS] {
-    TERMS.map(|(name, weight, _)| (name, weight))
+/// Preshapes that have a term of their own: all but the first, with which they are compared.
+fn others(hand: &Hand) -> &[Preshape] {
+    hand.preshapes().get(1..).unwrap_or_default()
 }
 
-/// What the terms of the score read off a grasp at `preshape` radians; the score is their sum, weighted by [`rank_weights`].
-pub fn rank_features(prediction: &Prediction, preshape: f64) -> [f64; RANK_TERMS] {
-    TERMS.map(|(_, _, read)| read(prediction, preshape))
+/// Name and weight of each term of the score, in the order of [`rank_features`]: the hand's preshapes but the first have one each, which
+/// has their preference for a weight.
+pub fn rank_weights(hand: &Hand) -> Vec<(String, f64)> {
+    let fixed = |(name, weight, _): &Term| ((*name).to_owned(), *weight);
+    let preshapes = others(hand).iter().map(|preshape| (preshape.name.clone(), preshape.preference));
+    TERMS.iter().map(fixed).chain(preshapes).chain([fixed(&DOWN)]).collect()
 }
 
-/// The score of a grasp at `preshape` radians; higher is better, comparable within an object.
-pub(crate) fn score(prediction: &Prediction, preshape: f64) -> f64 {
-    TERMS.iter().map(|(_, weight, read)| weight * read(prediction, preshape)).sum()
+/// What the terms of the score read off a grasp with `preshape`; the score is their sum, weighted by [`rank_weights`].
+pub fn rank_features(hand: &Hand, prediction: &Prediction, preshape: f64) -> Vec<f64> {
+    let reading = Reading { prediction, best_depth: hand.grasp.center.z };
+    let fixed = |(_, _, read): &Term| read(&reading);
+    let taken = hand.nearest_preshape(preshape).map(|named| &named.name);
+    let preshapes = others(hand).iter().map(|named| indicator(taken == Some(&named.name)));
+    TERMS.iter().map(fixed).chain(preshapes).chain([fixed(&DOWN)]).collect()
+}
+
+/// The score of a grasp with `preshape`; higher is better, comparable within an object.
+pub(crate) fn score(hand: &Hand, prediction: &Prediction, preshape: f64) -> f64 {
+    let reading = Reading { prediction, best_depth: hand.grasp.center.z };
+    let worth = |(_, weight, read): &Term| weight * read(&reading);
+    let first = hand.preshapes().first().map(|named| &named.name);
+    let taken = hand.nearest_preshape(preshape).filter(|named| first != Some(&named.name));
+    let preference = taken.map_or(0.0, |named| named.preference);
+    TERMS.iter().map(worth).chain([preference, worth(&DOWN)]).sum()
 }

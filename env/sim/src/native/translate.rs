@@ -2,11 +2,11 @@
 
 use crate::object::{Geometry, ObjectModel};
 use crate::scenery::{TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
-use graspbox_hand::{Finger, Hand, Link, MotorKind, MotorState, Shape};
+use graspbox_hand::{ActuatorState, Drive, Hand, JointKind, Link, Shape, Transmission};
 use graspbox_solver as solver;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-/// Where links and joints of the hand are in the solver's tree.
+/// Where links, joints and actuators of the hand are in the solver's tree.
 pub(crate) struct Translation {
     /// Body of each link.
     body: Vec<usize>,
@@ -16,6 +16,8 @@ pub(crate) struct Translation {
     shapes: Vec<Vec<(usize, usize)>>,
     /// Coordinate, ratio and offset of each joint; none for a fixed one.
     pub joints: Vec<Option<(usize, f64, f64)>>,
+    /// The joint of each driven coordinate.
+    rigid: Vec<usize>,
 }
 
 impl Translation {
@@ -24,75 +26,106 @@ impl Translation {
         self.shapes[body][shape]
     }
 
-    /// Where the motors put the driven coordinates and the tendons.
-    pub fn drive(&self, hand: &Hand, motors: &[MotorState], driven: &mut [f64], given: &mut [solver::Given]) {
-        for (motor, state) in hand.motors.iter().zip(motors) {
-            match motor.kind {
-                MotorKind::Preshape => driven.fill(hand.preshape_angle(state.position)),
-                MotorKind::Finger(finger) => {
-                    let radius = hand.fingers[finger].tendon.spool_radius;
-                    given[finger] = solver::Given { length: radius * state.position, rate: radius * state.velocity };
+    /// Where the actuators put the driven coordinates and the cables: tendons first, then a servo for each joint that has one.
+    pub fn drive(&self, hand: &Hand, actuators: &[ActuatorState], driven: &mut [f64], given: &mut [solver::Given]) {
+        for (driven, joint) in driven.iter_mut().zip(&self.rigid) {
+            *driven = hand.rigid_position(*joint, |actuator| actuators[actuator].position).unwrap_or(0.0);
+        }
+        let mut servo = hand.tendons.len();
+        for (actuator, state) in hand.actuators.iter().zip(actuators) {
+            match &actuator.transmission {
+                Transmission::Spool { tendon, radius } => {
+                    given[*tendon] = solver::Given { length: radius * state.position, rate: radius * state.velocity };
                 }
+                Transmission::Joints { joints, drive: Drive::Servo { .. } } => {
+                    for driven in joints {
+                        let (length, rate) = (hand.led(driven, state.position), driven.ratio * state.velocity);
+                        given[servo] = solver::Given { length, rate };
+                        servo += 1;
+                    }
+                }
+                Transmission::Joints { drive: Drive::Rigid, .. } => {}
             }
         }
     }
+
+    /// Positions of all coordinates, the driven ones last, with the joints of the hand at `joints` (one per joint, rad or m).
+    pub fn positions(&self, hand: &Hand, joints: &[f64]) -> Vec<f64> {
+        let rigid = |joint: &usize| self.rigid.contains(joint);
+        let free = hand.coordinates().filter(|joint| !rigid(joint)).map(|joint| joints[joint]);
+        free.chain(self.rigid.iter().map(|joint| joints[*joint])).collect()
+    }
 }
 
-/// The hand as a tree, with the coordinates of each finger one after the other.
+/// The hand as a tree; its free coordinates are those of the hand, chain by chain.
 pub(crate) fn hand(hand: &Hand) -> (solver::Tree, Translation) {
     let mut tree = solver::Tree::default();
+    let (rigid, free): (Vec<usize>, Vec<usize>) =
+        hand.coordinates().partition(|joint| hand.rigid_position(*joint, |_| 0.0).is_some());
+    tree.coordinates = free.iter().map(|joint| coordinate(hand, *joint)).collect();
+    tree.driven = rigid.len();
     let mut coordinate_of = vec![None; hand.joints.len()];
-    for finger in &hand.fingers {
-        for (joint, coordinate) in [(finger.proximal, proximal(hand, finger)), (finger.distal, distal(hand, finger))] {
-            coordinate_of[joint] = Some((tree.coordinates.len(), 1.0, 0.0));
-            tree.coordinates.push(coordinate);
+    for (coordinate, joint) in free.iter().chain(&rigid).enumerate() {
+        coordinate_of[*joint] = Some((coordinate, 1.0, 0.0));
+    }
+    for (index, joint) in hand.joints.iter().enumerate() {
+        if let Some(mimic) = joint.mimic {
+            coordinate_of[index] = coordinate_of[mimic.joint].map(|(c, _, _)| (c, mimic.ratio, mimic.offset));
         }
-        let tendon = &finger.tendon;
-        let first = tree.coordinates.len() - 2;
-        tree.cables.push(solver::Cable {
-            arms: vec![(first, tendon.proximal_arm), (first + 1, tendon.distal_arm)],
-            stiffness: tendon.stiffness,
-            damping: tendon.damping,
-            max_force: tendon.max_tension,
-            unilateral: true,
-        });
     }
-    let preshape = tree.coordinates.len();
-    for (joint, sign) in hand.fingers.iter().filter_map(|f| f.swivel) {
-        coordinate_of[joint] = Some((preshape, sign, 0.0));
-        tree.driven = 1;
-    }
-    let translation = bodies(hand, &mut tree, coordinate_of);
+    tree.cables = cables(hand, &coordinate_of);
+    let translation = bodies(hand, &mut tree, coordinate_of, rigid);
     tree.pairs = pairs(hand, &translation);
     (tree, translation)
 }
 
-fn proximal(hand: &Hand, finger: &Finger) -> solver::Coordinate {
-    let flexure = &finger.flexure;
+fn coordinate(hand: &Hand, joint: usize) -> solver::Coordinate {
+    let joint = &hand.joints[joint];
     solver::Coordinate {
-        armature: flexure.armature,
-        damping: flexure.proximal_damping,
-        stiffness: flexure.proximal_stiffness,
-        spring_reference: flexure.proximal_rest,
-        limits: hand.joints[finger.proximal].limits,
-        stop_stiffness: flexure.stop_stiffness,
+        armature: joint.armature,
+        damping: joint.damping,
+        stiffness: joint.stiffness,
+        spring_reference: joint.spring_reference,
+        limits: joint.limits,
+        stop_stiffness: joint.stop_stiffness,
     }
 }
 
-fn distal(hand: &Hand, finger: &Finger) -> solver::Coordinate {
-    let flexure = &finger.flexure;
-    solver::Coordinate {
-        armature: flexure.armature,
-        damping: flexure.distal_damping,
-        stiffness: flexure.stiffness,
-        spring_reference: flexure.rest,
-        limits: hand.joints[finger.distal].limits,
-        stop_stiffness: flexure.stop_stiffness,
-    }
+/// One cable per tendon, then one for each joint that a servo drives.
+fn cables(hand: &Hand, coordinate_of: &[Option<(usize, f64, f64)>]) -> Vec<solver::Cable> {
+    let coordinate = |joint: usize| coordinate_of[joint].map(|(c, _, _)| c);
+    let arms =
+        |arms: &[(usize, f64)]| arms.iter().filter_map(|(joint, arm)| Some((coordinate(*joint)?, *arm))).collect();
+    let tendons = hand.tendons.iter().map(|tendon| solver::Cable {
+        arms: arms(&tendon.arms),
+        stiffness: tendon.stiffness,
+        damping: tendon.damping,
+        max_force: tendon.max_tension,
+        unilateral: true,
+    });
+    let servos = hand.actuators.iter().flat_map(|actuator| match &actuator.transmission {
+        Transmission::Joints { joints, drive: Drive::Servo { stiffness, damping } } => joints
+            .iter()
+            .map(|driven| solver::Cable {
+                arms: arms(&[(driven.joint, 1.0)]),
+                stiffness: *stiffness,
+                damping: *damping,
+                max_force: actuator.load_limit,
+                unilateral: false,
+            })
+            .collect(),
+        _ => Vec::new(),
+    });
+    tendons.chain(servos).collect()
 }
 
 /// One body per link that moves by itself.
-fn bodies(hand: &Hand, tree: &mut solver::Tree, joints: Vec<Option<(usize, f64, f64)>>) -> Translation {
+fn bodies(
+    hand: &Hand,
+    tree: &mut solver::Tree,
+    joints: Vec<Option<(usize, f64, f64)>>,
+    rigid: Vec<usize>,
+) -> Translation {
     let mut body = vec![0];
     let mut body_from_link = vec![Isometry3::identity()];
     let mut shapes = vec![Vec::new()];
@@ -103,7 +136,10 @@ fn bodies(hand: &Hand, tree: &mut solver::Tree, joints: Vec<Option<(usize, f64, 
         if let Some((coordinate, ratio, offset)) = joints[index] {
             body.push(tree.bodies.len());
             body_from_link.push(Isometry3::identity());
-            let kind = solver::JointKind::Revolute;
+            let kind = match joint.kind {
+                JointKind::Prismatic => solver::JointKind::Prismatic,
+                JointKind::Fixed | JointKind::Revolute => solver::JointKind::Revolute,
+            };
             let own = solver::Joint { kind, parent_from_joint: place, axis: joint.axis, coordinate, ratio, offset };
             tree.bodies.push(bare_body(parent, Some(own)));
             shapes.push(Vec::new());
@@ -114,7 +150,7 @@ fn bodies(hand: &Hand, tree: &mut solver::Tree, joints: Vec<Option<(usize, f64, 
         let (own, place) = (body[joint.child], body_from_link[joint.child]);
         add_link(hand, &mut tree.bodies[own], &mut shapes[own], joint.child, &place);
     }
-    Translation { body, body_from_link, shapes, joints }
+    Translation { body, body_from_link, shapes, joints, rigid }
 }
 
 fn bare_body(parent: usize, joint: Option<solver::Joint>) -> solver::Body {
@@ -167,17 +203,17 @@ fn primitive(shape: &Shape) -> solver::Primitive {
     }
 }
 
-/// Links of different fingers may touch, and the last one of each may touch the palm.
+/// Links of different chains may touch each other, and those that are not next to the palm may touch it.
 fn pairs(hand: &Hand, translation: &Translation) -> Vec<(usize, usize)> {
-    let links =
-        |finger: &Finger| [finger.proximal, finger.distal].map(|joint| translation.body[hand.joints[joint].child]);
+    let links = hand.touch_links();
+    let chain = |number: usize| links.iter().copied().filter(move |link| hand.chain_of_link(*link) == Some(number));
+    let body = |link: usize| translation.body[link];
     let mut pairs = Vec::new();
-    for (index, finger) in hand.fingers.iter().enumerate() {
-        pairs.push((links(finger)[1], 0));
-        for other in &hand.fingers[index + 1..] {
-            for a in links(finger) {
-                pairs.extend(links(other).map(|b| (a, b)));
-            }
+    for number in 0..hand.chain_count() {
+        pairs.extend(chain(number).filter(|link| hand.meets_palm(*link)).map(|link| (body(link), 0)));
+        for other in number + 1..hand.chain_count() {
+            pairs
+                .extend(chain(number).flat_map(|a| chain(other).map(move |b| (a, b))).map(|(a, b)| (body(a), body(b))));
         }
     }
     pairs

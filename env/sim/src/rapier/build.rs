@@ -1,13 +1,13 @@
-//! Assembles the engine's world: a fixed hand root, one multibody a finger, the object, the moving table.
+//! Assembles the engine's world: a fixed hand root, one multibody per chain, the object, the moving table.
 
-use graspbox_solver::dispatch::Dispatcher;
 use super::{frames, shape};
 use crate::SimError;
 use crate::config::PhysicsConfig;
 use crate::engine::Part;
 use crate::object::ObjectModel;
 use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
-use graspbox_hand::Hand;
+use graspbox_hand::{Hand, JointKind};
+use graspbox_solver::dispatch::Dispatcher;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rapier3d::math::Vector;
 use rapier3d::prelude::*;
@@ -15,8 +15,10 @@ use rapier3d::prelude::*;
 const OBJECT: Group = Group::GROUP_1;
 const GROUND: Group = Group::GROUP_2;
 const PALM: Group = Group::GROUP_3;
-/// Groups of the fingers' proximal (and distal) links begin here; with two each, this leaves room for 13 fingers.
-const FIRST_FINGER_GROUP: u32 = 4;
+/// Groups of the chains begin here: one for the links next to the palm, which do not collide with it, and one for the others.
+const FIRST_CHAIN_GROUP: u32 = 4;
+/// The engine has 32 groups.
+const MAX_CHAINS: usize = 13;
 
 /// The number in a collider's user data that says which part it belongs to.
 fn tag(part: Part) -> u128 {
@@ -38,13 +40,12 @@ pub(crate) fn part_of(collider: &Collider) -> Part {
     }
 }
 
-/// Joints and bodies of one finger.
+/// The engine's joint and body for a joint of the hand.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct FingerHandles {
-    pub swivel: Option<MultibodyJointHandle>,
-    pub proximal: MultibodyJointHandle,
-    pub distal: MultibodyJointHandle,
-    pub bodies: [RigidBodyHandle; 2],
+pub(crate) struct JointHandle {
+    pub handle: MultibodyJointHandle,
+    pub kind: JointKind,
+    body: RigidBodyHandle,
 }
 
 /// Everything in the world that is looked up by name.
@@ -53,17 +54,25 @@ pub(crate) struct Handles {
     pub object: RigidBodyHandle,
     pub object_collider: ColliderHandle,
     pub scenery: RigidBodyHandle,
-    pub fingers: Vec<FingerHandles>,
     /// The engine's joint for each joint of the hand; none for a fixed one.
-    pub joints: Vec<Option<MultibodyJointHandle>>,
+    pub joints: Vec<Option<JointHandle>>,
+    /// Joints that move under forces.
+    pub free: Vec<usize>,
+    /// Joints that actuators drive rigidly, and those that follow them.
+    pub rigid: Vec<usize>,
     /// Pose of the engine's shape of every collider of every link, in the link.
     pub link_from_shape: Vec<Vec<Isometry3<f64>>>,
 }
 
 impl Handles {
-    /// The bodies that the frame's motion acts on: the fingers' links and the object.
+    /// The bodies that the frame's motion acts on: the links of free joints, and the object.
     pub(crate) fn moving_bodies(&self) -> impl Iterator<Item = RigidBodyHandle> {
-        self.fingers.iter().flat_map(|finger| finger.bodies).chain([self.object])
+        self.free_joints().map(|joint| joint.body).chain([self.object])
+    }
+
+    /// Handles of the free joints.
+    pub(crate) fn free_joints(&self) -> impl Iterator<Item = &JointHandle> {
+        self.free.iter().filter_map(|joint| self.joints[*joint].as_ref())
     }
 }
 
@@ -131,24 +140,19 @@ pub(crate) fn build(
     let collider = surface(SharedShape::clone(&shape), config.friction.object, Part::Object, OBJECT, Group::ALL);
     let object_collider = world.colliders.insert_with_parent(collider, object_body, &mut world.bodies);
     insert_base(&mut world, hand);
-    let fingers =
-        (0..hand.fingers.len()).map(|finger| insert_finger(&mut world, hand, finger)).collect::<Result<Vec<_>, _>>()?;
     let link_from_shape =
         hand.links.iter().map(|link| link.colliders.iter().map(shape::link_from_engine).collect()).collect();
-    let joints = joint_handles(hand, &fingers);
-    Ok((world, Handles { object: object_body, object_collider, scenery, fingers, joints, link_from_shape }))
-}
-
-fn joint_handles(hand: &Hand, fingers: &[FingerHandles]) -> Vec<Option<MultibodyJointHandle>> {
-    let mut joints = vec![None; hand.joints.len()];
-    for (finger, handles) in hand.fingers.iter().zip(fingers) {
-        joints[finger.proximal] = Some(handles.proximal);
-        joints[finger.distal] = Some(handles.distal);
-        if let Some((swivel, _)) = finger.swivel {
-            joints[swivel] = handles.swivel;
-        }
-    }
-    joints
+    let mut handles = Handles {
+        object: object_body,
+        object_collider,
+        scenery,
+        joints: vec![None; hand.joints.len()],
+        free: Vec::new(),
+        rigid: Vec::new(),
+        link_from_shape,
+    };
+    insert_chains(&mut world, hand, &mut handles)?;
+    Ok((world, handles))
 }
 
 /// Table and ground on one kinematic body, since both move alike in the hand's frame.
@@ -186,7 +190,7 @@ fn carrier(hand: &Hand, root: usize) -> Carrier {
     let mut next = 0;
     while next < links.len() {
         let (link, pose) = links[next];
-        for joint in hand.joints.iter().filter(|j| j.fixed && j.parent == link) {
+        for joint in hand.joints.iter().filter(|j| j.is_fixed() && j.parent == link) {
             links.push((joint.child, pose * joint.parent_from_joint));
         }
         next += 1;
@@ -219,45 +223,56 @@ fn insert_colliders(
     }
 }
 
-/// Group of a finger's links; `distal` links may also meet the palm.
-fn finger_group(finger: usize, distal: bool) -> Group {
-    Group::from_bits_truncate(1 << (FIRST_FINGER_GROUP + 2 * finger as u32 + u32::from(distal)))
+/// Group of a chain's links; those that are not next to the palm may also meet it.
+fn chain_group(chain: usize, next_to_palm: bool) -> Group {
+    Group::from_bits_truncate(1 << (FIRST_CHAIN_GROUP + 2 * chain as u32 + u32::from(!next_to_palm)))
 }
 
-fn insert_finger(world: &mut PhysicsWorld, hand: &Hand, finger: usize) -> Result<FingerHandles, SimError> {
-    let f = &hand.fingers[finger];
-    let bad = |why| SimError::BadFinger { finger: f.name.clone(), why };
-    if finger > 12 {
-        return Err(bad("a hand may have 13 fingers at most"));
+fn insert_chains(world: &mut PhysicsWorld, hand: &Hand, handles: &mut Handles) -> Result<(), SimError> {
+    let chains = hand.chains();
+    let bad = |why: String| SimError::BadHand { hand: hand.name.clone(), engine: "rapier", why };
+    if chains.len() > MAX_CHAINS {
+        return Err(bad(format!("{} chains leave its base; at most {MAX_CHAINS} may", chains.len())));
     }
-    let others = (0..hand.fingers.len())
-        .filter(|i| *i != finger)
-        .fold(Group::NONE, |g, i| g | finger_group(i, false) | finger_group(i, true));
-    let mut parent = world.bodies.insert(RigidBodyBuilder::fixed());
-    let mut swivel = None;
-    if let Some((joint, _)) = f.swivel {
-        if hand.joints[joint].parent != 0 {
-            return Err(bad("its swivel does not hang on the base"));
+    for (number, chain) in chains.iter().enumerate() {
+        let others = (0..chains.len())
+            .filter(|other| *other != number)
+            .fold(Group::NONE, |groups, other| groups | chain_group(other, true) | chain_group(other, false));
+        let root = world.bodies.insert(RigidBodyBuilder::fixed());
+        for &joint in &chain.joints {
+            let description = &hand.joints[joint];
+            let (name, carrier) = (&description.name, hand.carrier(description.parent));
+            let parent = match carrier.checked_sub(1).and_then(|above| handles.joints[above]) {
+                Some(above) => above.body,
+                None => root,
+            };
+            let rigid = hand.rigid_position(joint, |_| 0.0).is_some();
+            if description.mimic.is_some() && !rigid {
+                return Err(bad(format!("joint `{name}` follows another one that moves under forces")));
+            }
+            if rigid && carrier != 0 {
+                return Err(bad(format!("joint `{name}` is driven rigidly, but does not hang on the base")));
+            }
+            let palm = if hand.meets_palm(description.child) { PALM } else { Group::NONE };
+            let member = chain_group(number, palm == Group::NONE);
+            let groups = if rigid { (PALM, OBJECT | GROUND) } else { (member, OBJECT | GROUND | others | palm) };
+            let body = insert_link(world, hand, joint, groups);
+            let built = engine_joint(hand, joint);
+            let handle = if rigid {
+                world.multibody_joints.insert_kinematic(parent, body, built, true)
+            } else {
+                world.multibody_joints.insert(parent, body, built, true)
+            };
+            let handle = handle.ok_or_else(|| bad(format!("joint `{name}` closes a loop")))?;
+            handles.joints[joint] = Some(JointHandle { handle, kind: description.kind, body });
+            if rigid { &mut handles.rigid } else { &mut handles.free }.push(joint);
         }
-        let body = insert_link(world, hand, joint, (PALM, OBJECT | GROUND));
-        let handle = world.multibody_joints.insert_kinematic(parent, body, revolute(hand, joint), true);
-        swivel = Some(handle.ok_or_else(|| bad("its swivel closes a loop"))?);
-        parent = body;
+        // Inserting a joint may renumber the coordinates of its multibody, so losses come last.
+        chain.joints.iter().filter(|joint| handles.free.contains(joint)).for_each(|&joint| {
+            set_losses(world, hand, joint, handles);
+        });
     }
-    let mut handles = Vec::with_capacity(2);
-    let mut bodies = Vec::with_capacity(2);
-    for (joint, distal) in [(f.proximal, false), (f.distal, true)] {
-        let palm = if distal { PALM } else { Group::NONE };
-        let groups = (finger_group(finger, distal), OBJECT | GROUND | others | palm);
-        let body = insert_link(world, hand, joint, groups);
-        let handle = world.multibody_joints.insert(parent, body, revolute(hand, joint), true);
-        handles.push(handle.ok_or_else(|| bad("its joints close a loop"))?);
-        bodies.push(body);
-        parent = body;
-    }
-    let found = FingerHandles { swivel, proximal: handles[0], distal: handles[1], bodies: [bodies[0], bodies[1]] };
-    set_losses(world, hand, finger, &found);
-    Ok(found)
+    Ok(())
 }
 
 fn insert_link(
@@ -282,37 +297,57 @@ fn link_mass(hand: &Hand, link: usize, carrier_from_link: &Isometry3<f64>) -> Ma
     MassProperties::with_inertia_matrix(frames::point(&center), link.mass as f32, frames::inertia(&inertia))
 }
 
-/// A revolute joint about the hand's axis: the engine turns about its local x.
-fn revolute(hand: &Hand, joint: usize) -> GenericJoint {
+/// A joint about or along the hand's axis: the engine's is its local x.
+fn engine_joint(hand: &Hand, joint: usize) -> GenericJoint {
     let joint = &hand.joints[joint];
     let turn = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
     let axis_frame = Isometry3::from_parts(nalgebra::Translation3::identity(), turn);
-    GenericJointBuilder::new(JointAxesMask::LOCKED_REVOLUTE_AXES)
-        .local_frame1(frames::pose(&(joint.parent_from_joint * axis_frame)))
+    let locked = match joint.kind {
+        JointKind::Prismatic => JointAxesMask::LOCKED_PRISMATIC_AXES,
+        JointKind::Fixed | JointKind::Revolute => JointAxesMask::LOCKED_REVOLUTE_AXES,
+    };
+    GenericJointBuilder::new(locked)
+        .local_frame1(frames::pose(&(carrier_from_link(hand, joint.parent) * joint.parent_from_joint * axis_frame)))
         .local_frame2(frames::pose(&axis_frame))
         .contacts_enabled(false)
         .build()
 }
 
-/// Damping and armature of both joints, which the engine integrates implicitly.
-fn set_losses(world: &mut PhysicsWorld, hand: &Hand, finger: usize, handles: &FingerHandles) {
-    let flexure = &hand.fingers[finger].flexure;
-    for (handle, damping) in [(handles.proximal, flexure.proximal_damping), (handles.distal, flexure.distal_damping)] {
-        if let Some((multibody, link)) = world.multibody_joints.get_mut(handle) {
-            let Some(id) = multibody.link(link).map(|l| l.assembly_id()) else {
-                continue;
-            };
-            multibody.damping_mut()[id] = (damping * frames::TORQUE_UNIT) as f32;
-            multibody.armature_mut()[id] = (flexure.armature * frames::TORQUE_UNIT) as f32;
-        }
+/// Pose of a link in the frame of its carrier.
+fn carrier_from_link(hand: &Hand, link: usize) -> Isometry3<f64> {
+    let first = hand.carrier(link);
+    let (mut pose, mut at) = (Isometry3::identity(), link);
+    while at != first {
+        let joint = &hand.joints[at - 1];
+        pose = joint.parent_from_joint * pose;
+        at = joint.parent;
+    }
+    pose
+}
+
+/// Damping and armature of a joint, which the engine integrates implicitly.
+fn set_losses(world: &mut PhysicsWorld, hand: &Hand, joint: usize, handles: &Handles) {
+    let (description, Some(handle)) = (&hand.joints[joint], &handles.joints[joint]) else { return };
+    let unit = match description.kind {
+        JointKind::Prismatic => 1.0,
+        JointKind::Fixed | JointKind::Revolute => frames::TORQUE_UNIT,
+    };
+    if let Some((multibody, link)) = world.multibody_joints.get_mut(handle.handle)
+        && let Some(id) = multibody.link(link).map(|l| l.assembly_id())
+    {
+        multibody.damping_mut()[id] = (description.damping * unit) as f32;
+        multibody.armature_mut()[id] = (description.armature * unit) as f32;
     }
 }
 
-/// Places every link where its joint angles say; to be called once after [`build`] and whenever angles were displaced.
-pub(crate) fn place_links(world: &mut PhysicsWorld, handles: &Handles) {
-    for finger in &handles.fingers {
-        if let Some((multibody, _)) = world.multibody_joints.get_mut(finger.proximal) {
+/// Places every link where its joint positions say; to be called once after [`build`] and whenever joints were displaced.
+pub(crate) fn place_links(world: &mut PhysicsWorld, hand: &Hand, handles: &Handles) {
+    for (joint, handle) in hand.joints.iter().zip(&handles.joints) {
+        let root = hand.carrier(joint.parent) == 0;
+        if let Some(handle) = handle.as_ref().filter(|_| root)
+            && let Some((multibody, _)) = world.multibody_joints.get_mut(handle.handle)
+        {
             multibody.forward_kinematics(&world.bodies, true);
             multibody.update_rigid_bodies(&mut world.bodies, true);
         }

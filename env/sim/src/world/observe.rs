@@ -1,34 +1,20 @@
-//! What can be read off a world: poses, velocities, fingers, motors, and whether it went wrong.
+//! What can be read off a world: poses, velocities, joints, actuators, and whether it went wrong.
 
 use super::World;
+use crate::engine::JointState;
 use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT};
-use graspbox_hand::{Hand, MotorState};
+use graspbox_hand::{ActuatorState, Drive, DrivenJoint, Hand, JointKind, Transmission};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
-
-/// One finger as an outside observer knows it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FingerState {
-    /// Proximal angle, rad.
-    pub proximal: f64,
-    /// Distal angle, rad.
-    pub distal: f64,
-    /// Proximal speed, rad/s.
-    pub proximal_speed: f64,
-    /// Distal speed, rad/s.
-    pub distal_speed: f64,
-    /// Spool angle, rad.
-    pub spool: f64,
-    /// Tendon tension, N.
-    pub tension: f64,
-}
 
 /// No object rises higher than this above the table, metres: an arm's reach over the highest lift.
 const HIGHEST: f64 = 3.0;
 /// No object moves faster than this in the hand's frame, m/s: a fall from [`HIGHEST`], seen from the fastest lift (19 m/s).
 const FASTEST: f64 = 30.0;
-/// No finger's joint is bent further beyond its stop than this, radians.
+/// No joint is further beyond its stop than this, radians.
 const BEYOND_STOP: f64 = 1.0;
+/// The same for a prismatic joint, metres.
+const BEYOND_STOP_METRES: f64 = 0.05;
 
 impl World {
     /// Seconds since the world was spawned.
@@ -78,48 +64,69 @@ impl World {
         (hand_from_base * linear, hand_from_base * angular)
     }
 
-    /// State of every motor, in the order of the hand's motors.
-    pub fn motors(&self) -> &[MotorState] {
-        &self.state.motors
+    /// State of every actuator, in the order of the hand's actuators.
+    pub fn actuators(&self) -> &[ActuatorState] {
+        &self.state.actuators
     }
 
-    /// State of finger `finger`.
-    pub fn finger(&self, finger: usize) -> FingerState {
-        let description = &self.shared.hand.fingers[finger];
-        let (proximal, distal) = (self.engine.joint(description.proximal), self.engine.joint(description.distal));
-        FingerState {
-            proximal: proximal.angle,
-            distal: distal.angle,
-            proximal_speed: proximal.speed,
-            distal_speed: distal.speed,
-            spool: self.state.motors[description.motor].position,
-            tension: self.engine.tension(finger),
+    /// State of joint `joint` of the hand; zero for a fixed one.
+    pub fn joint(&self, joint: usize) -> JointState {
+        self.engine.joint(joint)
+    }
+
+    /// Positions of the independent joints, in the order of [`Hand::coordinates`], rad or m: those of the actuators for joints that these
+    /// drive rigidly.
+    pub fn configuration(&self) -> Vec<f64> {
+        let hand = &self.shared.hand;
+        let rigid = |joint| hand.rigid_position(joint, |actuator| self.state.actuators[actuator].position);
+        hand.coordinates().map(|joint| rigid(joint).unwrap_or_else(|| self.engine.joint(joint).position)).collect()
+    }
+
+    /// Tension of tendon `tendon` in the last step, N.
+    pub fn tension(&self, tendon: usize) -> f64 {
+        self.engine.tension(tendon)
+    }
+
+    /// What an actuator pulls against now: tension of its tendon, N, or the greatest force on one of its joints towards closing, N m or N.
+    /// A gear that drives joints rigidly holds against any load of a grasp: 0.
+    pub fn load(&self, actuator: usize) -> f64 {
+        let hand = &self.shared.hand;
+        let (description, position) = (&hand.actuators[actuator], self.state.actuators[actuator].position);
+        match &description.transmission {
+            Transmission::Spool { tendon, .. } => self.engine.tension(*tendon),
+            Transmission::Joints { drive: Drive::Rigid, .. } => 0.0,
+            Transmission::Joints { joints, drive: Drive::Servo { stiffness, damping } } => {
+                let force = |driven: &DrivenJoint| {
+                    let joint = self.engine.joint(driven.joint);
+                    let force = stiffness * (hand.led(driven, position) - joint.position) - damping * joint.speed;
+                    force.clamp(-description.load_limit, description.load_limit) * driven.ratio.signum()
+                };
+                joints.iter().map(force).fold(0.0, f64::max)
+            }
         }
     }
 
-    /// Angle of the preshape motor, rad.
+    /// Position of the actuator that is the preshape coordinate, rad or m; 0 for a hand without one.
     pub fn preshape(&self) -> f64 {
-        self.shared.hand.preshape_motor().map_or(0.0, |motor| self.state.motors[motor].position)
+        self.shared.hand.grasp.coordinate.map_or(0.0, |coordinate| self.state.actuators[coordinate.actuator].position)
     }
 
     /// True once the simulation went wrong: a number that is not finite, or a motion that no table-top scene can have.
     ///
     /// The bounds leave ample room: the object's centre of mass falls no deeper than the ground under the table, rises no higher than
     /// `HIGHEST`, leaves the table's middle by no more than half the ground, moves slower than `FASTEST` in the hand's frame, and
-    /// no finger's joint is further beyond its stop than `BEYOND_STOP`.
+    /// no joint is further beyond its stop than `BEYOND_STOP`.
     pub fn has_diverged(&self) -> bool {
         let center = self.object_center();
         let away = center.coords.xy().norm() > GROUND_SIDE / 2.0 || !(-TABLE_HEIGHT..=HIGHEST).contains(&center.z);
         let fast = self.object_velocity_in_hand().0.norm() > FASTEST;
         let hand = &self.shared.hand;
-        let bent = |index: usize| {
-            let (finger, state) = (&hand.fingers[index], self.finger(index));
-            [(finger.proximal, state.proximal), (finger.distal, state.distal)].into_iter().any(|(joint, angle)| {
-                let [lower, upper] = hand.joints[joint].limits;
-                !(lower - BEYOND_STOP..=upper + BEYOND_STOP).contains(&angle)
-            })
+        let bent = |joint: usize| {
+            let [lower, upper] = hand.joints[joint].limits;
+            let beyond = if hand.joints[joint].kind == JointKind::Prismatic { BEYOND_STOP_METRES } else { BEYOND_STOP };
+            !(lower - beyond..=upper + beyond).contains(&self.engine.joint(joint).position)
         };
-        !self.is_finite() || away || fast || (0..hand.fingers.len()).any(bent)
+        !self.is_finite() || away || fast || hand.coordinates().any(bent)
     }
 
     /// False once anything in the world is no longer a finite number.

@@ -25,7 +25,7 @@ except ModuleNotFoundError as error:
         "graspbox.validation.mujoco needs the package mujoco, from the extra 'dev': pip install 'graspbox[dev]'"
     ) from None
 
-from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, Report, Row, compare, object_data, random_pose, reflex
+from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, Report, Row, compare, describe, object_data, random_pose
 from graspbox.validation.mujoco.description import HandDescription, read_hand
 from graspbox.validation.mujoco.replay import Outcome, TrialTimes, replay
 from graspbox.validation.mujoco.scene import Numerics, ObjectData, Scene, build, mjcf
@@ -42,10 +42,10 @@ __all__ = [
     "TrialTimes",
     "build",
     "compare",
+    "describe",
     "mjcf",
     "object_data",
     "random_pose",
     "read_hand",
-    "reflex",
     "replay",
 ]

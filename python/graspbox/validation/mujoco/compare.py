@@ -23,6 +23,7 @@ import graspbox
 from graspbox import _core
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
+from graspbox.hands import HandLike, load_hand
 from graspbox.validation.mujoco.description import Array, HandDescription, read_hand
 from graspbox.validation.mujoco.replay import Outcome, replay
 from graspbox.validation.mujoco.scene import Numerics, ObjectData, build
@@ -150,9 +151,9 @@ def object_data(scene: graspbox.Scene) -> ObjectData:
     )
 
 
-def reflex() -> HandDescription:
-    """Read the ReFlex from the two files that the core embeds."""
-    return read_hand(*_core.Hand.reflex_files())
+def describe(hand: HandLike = "reflex") -> HandDescription:
+    """Read a hand from the two files that the core read."""
+    return read_hand(*load_hand(hand).files)
 
 
 def random_pose(random: np.random.Generator, points: Array, center: Array) -> tuple[Array, float]:
@@ -282,7 +283,7 @@ def compare(
     if not 0.0 < numerics.timestep <= 0.01:
         raise ConfigError(f"timestep is {numerics.timestep}; give at most 0.01 s")
     specs = graspbox.object_sets.load(list(objects))
-    hand = reflex()
+    hand = describe()
     report = Report(threads=threads or _core.num_threads())
     share, rest = divmod(trials, len(specs))
     done = 0

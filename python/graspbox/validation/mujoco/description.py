@@ -1,6 +1,7 @@
 """Reads the two files of a hand independently of the core, which shares only these files.
 
-The URDF (links, joints, boxes, masses) and the ``hand.toml`` (tendons, springs, motors, friction) become plain values.
+The URDF (links, joints, boxes, masses) and the ``hand.toml`` (springs, tendons, actuators, preshapes, friction) become
+plain values.
 Checks that the core makes are not repeated here.
 """
 
@@ -35,48 +36,67 @@ class Shape:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """Spring, losses and stops of a joint; SI units, by rad or m."""
+
+    stiffness: float = 0.0
+    reference: float = 0.0
+    damping: float = 0.0
+    armature: float = 0.0
+    stop_stiffness: float = 0.0
+
+
+@dataclass(frozen=True)
 class Link:
     """A rigid part of the hand, with the joint that carries it (none for the base)."""
 
     name: str
     parent: int
-    #: (4, 4), parent's frame at angle 0.
+    #: (4, 4), parent's frame at position 0.
     parent_from_link: Array
-    #: Joint's name, (3,) axis, and limits in rad.
+    #: Joint's name, kind (``fixed``, ``revolute`` or ``prismatic``), (3,) axis, and limits in rad or m.
     joint: str
+    kind: str
     axis: Array
     limits: tuple[float, float]
+    #: Name of the joint that it follows, ratio and offset.
+    mimic: tuple[str, float, float] | None
     mass: float
     #: (3,) metres, and (3, 3) kg m2 about it; link frame.
     center: Array
     inertia: Array
     shapes: tuple[Shape, ...]
+    spring: Spring = Spring()
 
 
 @dataclass(frozen=True)
-class Finger:
-    """Two joints on one tendon; SI units. A joint has the index of its child link."""
+class Tendon:
+    """A tendon over joints, each given by the index of its child link; SI units."""
 
     name: str
-    #: The link that the preshape turns, and its sign.
-    swivel: tuple[int, float] | None
-    proximal: int
-    distal: int
-    arms: tuple[float, float]
-    spool_radius: float
+    arms: tuple[tuple[int, float], ...]
     stiffness: float
     damping: float
     max_tension: float
-    #: Springs of the proximal and the distal joint: N m/rad, and rest angle in rad.
-    stiffnesses: tuple[float, float]
-    rests: tuple[float, float]
-    #: Proximal and distal, N m s/rad.
-    joint_damping: tuple[float, float]
-    armature: float
-    stop_stiffness: float
-    #: Spool: speed of a position command (rad/s) and travel (rad).
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """Winds a tendon or drives joints; SI units. A joint has the index of its child link."""
+
+    name: str
+    #: Index of the tendon and radius of its spool, or None.
+    spool: tuple[int, float] | None
+    #: Joints that it drives: link, ratio, offset.
+    joints: tuple[tuple[int, float, float], ...]
+    #: Stiffness and damping of a servo; None for joints that are driven rigidly, and for a spool.
+    servo: tuple[float, float] | None
+    #: Speed of a position command, travel, and load at which it stops closing.
     speed: float
     travel: tuple[float, float]
+    load_limit: float
+    #: Whether it closes the hand.
+    closes: bool
 
 
 @dataclass(frozen=True)
@@ -85,9 +105,50 @@ class HandDescription:
 
     name: str
     links: tuple[Link, ...]
-    fingers: tuple[Finger, ...]
+    tendons: tuple[Tendon, ...]
+    actuators: tuple[Actuator, ...]
+    #: Index of the actuator whose position is the preshape, if there is one, and the limits of that.
+    preshape: int | None
+    preshape_limits: tuple[float, float]
+    #: Positions of actuators, by index, in each named preshape.
+    named: tuple[dict[int, float], ...]
     #: (4, 4): the grasp frame in the base's frame.
     base_from_hand: Array
+
+    def open_positions(self, preshape: float) -> list[float]:
+        """Positions of the actuators of the open hand."""
+        positions = [actuator.travel[0] for actuator in self.actuators]
+        if self.preshape is not None:
+            positions[self.preshape] = preshape
+        elif self.named:
+            for index, position in self.named[round(preshape)].items():
+                positions[index] = position
+        return positions
+
+    def rigid_position(self, link: int, positions: list[float]) -> float | None:
+        """Position of the joint of a link that an actuator drives rigidly, at once or by a joint that it follows."""
+        mimic = self.links[link].mimic
+        if mimic is not None:
+            leader = self.rigid_position(self.index(mimic[0]), positions)
+            return None if leader is None else mimic[1] * leader + mimic[2]
+        for actuator, position in zip(self.actuators, positions, strict=True):
+            if actuator.servo is None:
+                for driven, ratio, offset in actuator.joints:
+                    if driven == link:
+                        low, high = self.links[link].limits
+                        return min(max(ratio * position + offset, low), high)
+        return None
+
+    def index(self, joint: str) -> int:
+        """Index of the child link of a joint."""
+        (found,) = [i for i, link in enumerate(self.links) if link.joint == joint]
+        return found
+
+    def free(self) -> list[int]:
+        """Links whose joints move under forces."""
+        positions = self.open_positions(self.preshape_limits[0])
+        moving = [i for i, link in enumerate(self.links) if link.joint and link.kind != "fixed"]
+        return [i for i in moving if self.rigid_position(i, positions) is None]
 
 
 def rotation_from_rpy(rpy: tuple[float, float, float]) -> Array:
@@ -156,7 +217,9 @@ def _inertial(element: ET.Element) -> tuple[float, Array, Array]:
     return float(mass.attrib["value"]), pose[:3, 3], turn @ inertia @ turn.T
 
 
-def _links(robot: ET.Element, pads: set[str], friction: dict[str, float]) -> tuple[Link, ...]:
+def _links(
+    robot: ET.Element, pads: set[str], friction: dict[str, float], springs: dict[str, Spring]
+) -> tuple[Link, ...]:
     """Order the links from the base outwards: parents before children."""
     elements = {element.attrib["name"]: element for element in robot.findall("link")}
     joints: dict[str, list[ET.Element]] = {}
@@ -174,14 +237,22 @@ def _links(robot: ET.Element, pads: set[str], friction: dict[str, float]) -> tup
         mass, center, inertia = _inertial(elements[name])
         shapes = tuple(_shape(e, pads, friction) for e in elements[name].findall("collision"))
         pose, axis, limits, joint_name = np.eye(4), np.array([1.0, 0.0, 0.0]), (0.0, 0.0), ""
+        kind, follows = "fixed", None
         if joint is not None:
-            pose, joint_name = _pose(joint.find("origin")), joint.attrib["name"]
+            pose, joint_name, kind = _pose(joint.find("origin")), joint.attrib["name"], joint.attrib["type"]
+            mimic = joint.find("mimic")
+            if mimic is not None:
+                ratio, offset = float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0))
+                follows = (mimic.attrib["joint"], ratio, offset)
             found, limit = joint.find("axis"), joint.find("limit")
             if found is not None:
                 axis = np.array(_triple(found.attrib["xyz"]))
             if limit is not None:
                 limits = (float(limit.attrib["lower"]), float(limit.attrib["upper"]))
-        links.append(Link(name, parent, pose, joint_name, axis, limits, mass, center, inertia, shapes))
+        spring = springs.get(joint_name, Spring())
+        links.append(
+            Link(name, parent, pose, joint_name, kind, axis, limits, follows, mass, center, inertia, shapes, spring)
+        )
         index = len(links) - 1
         for below in joints.get(name, []):
             child = below.find("child")
@@ -196,28 +267,38 @@ def _value(table: dict[str, Any], key: str) -> Any:
     return table[key]["value"]
 
 
-def _finger(entry: dict[str, Any], table: dict[str, Any], index: dict[str, int]) -> Finger:
-    tendon, flexure = table["tendons"][entry["tendon"]], table["flexures"][entry["flexure"]]
-    (motor,) = [m for m in table["motors"] if m["drives"] == entry["name"]]
-    swivel = entry.get("swivel")
-    low, high = _value(motor, "travel")
-    return Finger(
+def _springs(table: dict[str, Any]) -> dict[str, Spring]:
+    springs: dict[str, Spring] = {}
+    for name, group in table.get("joints", {}).items():
+        numbers = {key: float(_value(group, key)) for key in ("damping", "armature", "stop_stiffness")}
+        if "stiffness" in group:
+            numbers |= {"stiffness": _value(group, "stiffness"), "reference": _value(group, "spring_reference")}
+        springs |= {joint: Spring(**numbers) for joint in group.get("names", [name])}
+    return springs
+
+
+def _tendon(name: str, table: dict[str, Any], index: dict[str, int]) -> Tendon:
+    arms = sorted((index[joint], float(arm["value"])) for joint, arm in table["arms"].items())
+    numbers = [float(_value(table, key)) for key in ("stiffness", "damping", "max_tension")]
+    return Tendon(name, tuple(arms), *numbers)
+
+
+def _actuator(entry: dict[str, Any], tendons: list[str], index: dict[str, int], closing: list[str]) -> Actuator:
+    spool, rigid, servo = (entry.get(key) for key in ("spool", "rigid", "servo"))
+    driven = (rigid or servo or {"joints": {}})["joints"]
+    low, high = _value(entry, "travel")
+    return Actuator(
         name=entry["name"],
-        swivel=None if swivel is None else (index[swivel["joint"]], float(_value(swivel, "sign"))),
-        proximal=index[entry["proximal"]],
-        distal=index[entry["distal"]],
-        arms=(_value(tendon, "proximal_arm"), _value(tendon, "distal_arm")),
-        spool_radius=_value(tendon, "spool_radius"),
-        stiffness=_value(tendon, "stiffness"),
-        damping=_value(tendon, "damping"),
-        max_tension=_value(tendon, "max_tension"),
-        stiffnesses=(_value(flexure, "proximal_stiffness"), _value(flexure, "stiffness")),
-        rests=(_value(flexure, "proximal_rest"), _value(flexure, "rest")),
-        joint_damping=(_value(flexure, "proximal_damping"), _value(flexure, "distal_damping")),
-        armature=_value(flexure, "armature"),
-        stop_stiffness=_value(flexure, "stop_stiffness"),
-        speed=_value(motor, "default_speed"),
+        spool=None if spool is None else (tendons.index(spool["tendon"]), float(_value(spool, "radius"))),
+        joints=tuple(
+            (index[joint], float(_value(numbers, "ratio")), float(numbers.get("offset", {"value": 0.0})["value"]))
+            for joint, numbers in driven.items()
+        ),
+        servo=None if servo is None else (float(_value(servo, "stiffness")), float(_value(servo, "damping"))),
+        speed=float(_value(entry, "default_speed")),
         travel=(float(low), float(high)),
+        load_limit=float(_value(entry, "load_limit")),
+        closes=entry["name"] in closing,
     )
 
 
@@ -231,10 +312,23 @@ def read_hand(urdf: str, toml: str) -> HandDescription:
     """
     table = tomllib.loads(toml)
     friction = {key: float(_value(table["friction"], key)) for key in ("pad", "bare")}
-    links = _links(ET.fromstring(urdf), set(table["pads"]), friction)
+    links = _links(ET.fromstring(urdf), set(table.get("pads", [])), friction, _springs(table))
     index = {link.joint: i for i, link in enumerate(links)}
+    grasp, tendons = table["grasp"], sorted(table.get("tendons", {}))
     base_from_hand = np.eye(4)
-    base_from_hand[:3, 3] = _value(table["base_from_hand"], "xyz")
-    base_from_hand[:3, :3] = rotation_from_rpy(_value(table["base_from_hand"], "rpy"))
-    fingers = tuple(_finger(entry, table, index) for entry in table["fingers"])
-    return HandDescription(table["name"], links, fingers, base_from_hand)
+    base_from_hand[:3, 3] = _value(grasp, "xyz")
+    base_from_hand[:3, :3] = rotation_from_rpy(_value(grasp, "rpy"))
+    names = [entry["name"] for entry in table["actuators"]]
+    preshapes = [entry.get("positions", {}) for entry in grasp.get("preshapes", [])]
+    coordinate = grasp.get("coordinate")
+    low, high = (0.0, max(len(preshapes) - 1, 0)) if coordinate is None else _value(coordinate, "limits")
+    return HandDescription(
+        name=table["name"],
+        links=links,
+        tendons=tuple(_tendon(name, table["tendons"][name], index) for name in tendons),
+        actuators=tuple(_actuator(entry, tendons, index, grasp["closing"]) for entry in table["actuators"]),
+        preshape=None if coordinate is None else names.index(coordinate["actuator"]),
+        preshape_limits=(float(low), float(high)),
+        named=tuple({names.index(name): float(one["value"]) for name, one in found.items()} for found in preshapes),
+        base_from_hand=base_from_hand,
+    )

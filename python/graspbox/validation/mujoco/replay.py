@@ -1,7 +1,7 @@
 """One trial in MuJoCo: close, lift, hold, with the core's definition of success.
 
-Only MuJoCo steps the world. Between steps the spools turn (position command at full speed, stalled while the tension
-is at its maximum), the soft joint stops push, and the carriage follows the minimum-jerk lift.
+Only MuJoCo steps the world. Between steps the actuators move (position command at default speed, stalled while the
+load is at its limit), the soft joint stops push, and the carriage follows the minimum-jerk lift.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from graspbox._core import CLEAR_OF_TABLE
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
-from graspbox.validation.mujoco.description import Array, Finger
+from graspbox.validation.mujoco.description import Actuator, Array
 from graspbox.validation.mujoco.scene import CARRIAGE_INERTIA, Scene, quaternion
 
 #: Criterion of success: rise of the centre of mass (m), speed in the hand's frame (m/s), and hold time (s).
@@ -75,12 +75,11 @@ class Sample:
     """A row of the trace, every 10 ms."""
 
     time: float
-    #: (fingers, 2) angles, rad.
-    fingers: Array
-    #: (fingers,) N.
-    tensions: Array
-    #: (fingers,) rad.
-    spools: Array
+    #: Positions of the joints that move under forces, in the order of their links, rad or m.
+    joints: Array
+    #: Loads of the actuators, N or N m, and their positions, rad or m.
+    loads: Array
+    actuators: Array
     #: (4, 4).
     world_from_object: Array
 
@@ -96,7 +95,7 @@ class Replay:
         self.data = mujoco.MjData(self.model)
         self.dt = scene.numerics.timestep
         self.steps = 0
-        self.spools = [0.0] * len(scene.hand.fingers)
+        self.positions = scene.hand.open_positions(preshape)
         self._place(world_from_hand, preshape)
         mujoco.mj_forward(self.model, self.data)
         self.resting_height = float(self.data.xipos[scene.object_body, 2])
@@ -106,14 +105,18 @@ class Replay:
         world_from_base = world_from_hand @ np.linalg.inv(scene.hand.base_from_hand)
         model.body_pos[scene.base_body] = world_from_base[:3, 3]
         model.body_quat[scene.base_body] = quaternion(world_from_base[:3, :3])
-        for finger, body in zip(scene.hand.fingers, scene.swivels, strict=True):
-            if finger.swivel is None:
+        hand, turn, pose = scene.hand, np.empty(4), np.empty(4)
+        for index, link in enumerate(hand.links):
+            position = hand.rigid_position(index, self.positions) if link.joint else None
+            if position is None:
                 continue
-            index, sign = finger.swivel
-            turn, pose = np.empty(4), np.empty(4)
-            mujoco.mju_axisAngle2Quat(turn, scene.hand.links[index].axis, sign * preshape)
-            mujoco.mju_mulQuat(pose, quaternion(scene.hand.links[index].parent_from_link[:3, :3]), turn)
-            model.body_quat[body] = pose
+            body, frame = model.body(link.name).id, link.parent_from_link
+            if link.kind == "prismatic":
+                model.body_pos[body] = frame[:3, 3] + frame[:3, :3] @ link.axis * position
+            else:
+                mujoco.mju_axisAngle2Quat(turn, link.axis, position)
+                mujoco.mju_mulQuat(pose, quaternion(frame[:3, :3]), turn)
+                model.body_quat[body] = pose
         mujoco.mj_setConst(model, data)
         mujoco.mj_resetData(model, data)
         rest = scene.object.world_from_object
@@ -122,6 +125,7 @@ class Replay:
         # The core leaves a resting object up to half a millimetre deep in the table; here that would be a push upwards.
         data.qpos[start : start + 3] = rest[:3, 3] - [0.0, 0.0, min(lowest, 0.0)]
         data.qpos[start + 3 : start + 7] = quaternion(rest[:3, :3])
+        self._open_joints()
         self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
 
     def contacts(self) -> tuple[bool, int, float]:
@@ -146,18 +150,40 @@ class Replay:
         mixed = hand[:, 0] != hand[:, 1]
         return not bool((contact.dist[mixed] < -_START_DEPTH).any())
 
-    def angles(self, finger: int) -> tuple[float, float, float, float]:
-        """Give proximal and distal angle (rad) and speed (rad/s)."""
-        proximal, distal = self.scene.joints[finger]
-        adr = self.model.jnt_qposadr[self.model.dof_jntid[[proximal, distal]]]
-        q, v = self.data.qpos, self.data.qvel
-        return float(q[adr[0]]), float(q[adr[1]]), float(v[proximal]), float(v[distal])
+    def _open_joints(self) -> None:
+        """Put joints that servos drive, and those that follow others, where the open hand has them."""
+        hand, q = self.scene.hand, self.data.qpos
+        for actuator, position in zip(hand.actuators, self.positions, strict=True):
+            for link, ratio, offset in actuator.joints:
+                if link in self.scene.joints:
+                    q[self.scene.joints[link][0]] = ratio * position + offset
+        for link, (address, _) in self.scene.joints.items():
+            follows = hand.links[link].mimic
+            if follows is not None:
+                q[address] = follows[1] * q[self.scene.joints[hand.index(follows[0])][0]] + follows[2]
+
+    def joint(self, link: int) -> tuple[float, float]:
+        """Give position (rad or m) and speed of the joint of a link."""
+        address, dof = self.scene.joints[link]
+        return float(self.data.qpos[address]), float(self.data.qvel[dof])
+
+    def load(self, index: int) -> float:
+        """Give the load of an actuator: tension of its tendon, or the greatest force on its joints towards closing."""
+        actuator = self.scene.hand.actuators[index]
+        forces = [float(self.data.actuator_force[i]) for i in self.scene.actuators[index]]
+        if actuator.spool is None:
+            forces = [force * np.sign(ratio) for force, (_, ratio, _) in zip(forces, actuator.joints, strict=False)]
+        return max([0.0, *forces])
 
     def step(self) -> None:
         """Advance by one time step."""
         data, dt = self.data, self.dt
-        for i, finger in enumerate(self.scene.hand.fingers):
-            self._drive(i, finger)
+        for index, actuator in enumerate(self.scene.hand.actuators):
+            self._drive(index, actuator)
+        for link, (address, dof) in self.scene.joints.items():
+            low, high = self.scene.hand.links[link].limits
+            stop = self.scene.hand.links[link].spring.stop_stiffness
+            data.qfrc_applied[dof] = stop * (min(max(data.qpos[address], low), high) - data.qpos[address])
         now, dof = self._carriage
         rise, after = self.times.rise(self.steps * dt), self.times.rise((self.steps + 1) * dt)
         speed = (after - rise) / dt
@@ -166,26 +192,23 @@ class Replay:
         data.qpos[now], data.qvel[dof] = after, speed
         self.steps += 1
 
-    def _drive(self, index: int, finger: Finger) -> None:
-        """Turn the spool, and let the soft stops push."""
-        data = self.data
-        q_p, q_d, _, _ = self.angles(index)
-        actuator = self.scene.actuators[index]
-        spool = self.spools[index]
-        stalled = data.actuator_force[actuator] >= finger.max_tension
-        after = spool if stalled else min(spool + finger.speed * self.dt, finger.travel[1])
-        self.spools[index] = after
-        taken = finger.spool_radius * after
-        stretch = taken - finger.arms[0] * q_p - finger.arms[1] * q_d
-        rate = finger.spool_radius * (after - spool) / self.dt
+    def _drive(self, index: int, actuator: Actuator) -> None:
+        """Move an actuator towards closing, and tell MuJoCo where it is."""
+        data, before = self.data, self.positions[index]
+        after = before
+        if actuator.closes and self.load(index) < actuator.load_limit:
+            after = min(before + actuator.speed * self.dt, actuator.travel[1])
+        self.positions[index] = after
+        if actuator.spool is None:
+            for i, (_, ratio, offset) in zip(self.scene.actuators[index], actuator.joints, strict=False):
+                data.ctrl[i] = ratio * after + offset
+            return
+        (i,), (number, radius) = self.scene.actuators[index], actuator.spool
+        tendon, taken = self.scene.hand.tendons[number], radius * after
+        stretch = taken - sum(arm * self.joint(link)[0] for link, arm in tendon.arms)
+        rate = radius * (after - before) / self.dt
         # A slack tendon does not pull, however fast it is wound up: 0 is far below any length that could.
-        data.ctrl[actuator] = taken + finger.damping / finger.stiffness * rate if stretch > 0.0 else -1.0
-        hand = self.scene.hand
-        for dof, angle, link in zip(
-            self.scene.joints[index], (q_p, q_d), (finger.proximal, finger.distal), strict=True
-        ):
-            low, high = hand.links[link].limits
-            data.qfrc_applied[dof] = finger.stop_stiffness * (min(max(angle, low), high) - angle)
+        data.ctrl[i] = taken + tendon.damping / tendon.stiffness * rate if stretch > 0.0 else -1.0
 
     def object_speed(self) -> float:
         """Speed of the centre of mass in the hand's frame, which only translates, m/s."""
@@ -198,15 +221,14 @@ class Replay:
 
     def sample(self) -> Sample:
         """Take a row of the trace."""
-        fingers = range(len(self.spools))
         pose = np.eye(4)
         pose[:3, :3] = self.data.xmat[self.scene.object_body].reshape(3, 3)
         pose[:3, 3] = self.data.xpos[self.scene.object_body]
         return Sample(
             time=self.steps * self.dt,
-            fingers=np.array([self.angles(i)[:2] for i in fingers]),
-            tensions=np.array([self.data.actuator_force[a] for a in self.scene.actuators]),
-            spools=np.array(self.spools),
+            joints=np.array([self.joint(link)[0] for link in self.scene.joints]),
+            loads=np.array([self.load(index) for index in range(len(self.positions))]),
+            actuators=np.array(self.positions),
             world_from_object=pose,
         )
 
@@ -223,7 +245,7 @@ def replay(
     world_from_hand : (4, 4) float64
         The grasp frame when closing begins.
     preshape : float
-        rad.
+        See `graspbox.Hand.preshape_limits`.
     trace : bool
         Also return a row every 10 ms.
     """

@@ -2,12 +2,13 @@
 
 * The hand is mounted on a carriage that slides along the world's z; its armature is so large that contact forces do not
   move it. Its position and velocity are prescribed at every step, so that contacts see the true velocity of the palm.
-* Base pose and preshape are poses of bodies without joints, set when a trial begins.
-* A tendon is a fixed tendon with the two moment arms, pulled by an actuator whose affine law is ``k stretch + d
-  rate``, clamped to ``[0, max_tension]``; `replay` moves the spool.
+* Base pose and rigidly driven joints are poses of bodies without joints, set when a trial begins.
+* A tendon is a fixed tendon with the moment arms, pulled by an actuator whose affine law is ``k stretch + d rate``,
+  clamped to ``[0, max_tension]``; `replay` moves the spool. A servo is a position actuator of limited force, and a
+  joint that follows another one an equality constraint.
 * The coefficient of a pair is the product of its two factors. Contacts of the object take MuJoCo's maximum of the two
   with the object's own set to 0; all others are listed as explicit pairs, which also say which parts of the hand may
-  meet: distal links and the palm, and links of different fingers.
+  meet: links of different chains, and the palm with links that have another one between them.
 """
 
 from __future__ import annotations
@@ -80,10 +81,10 @@ class Scene:
     is_hand: NDArray[np.bool_]
     base_body: int
     object_body: int
-    #: Finger by finger: bodies of the swivels (-1 where there is none), degrees of freedom of both joints, actuators.
-    swivels: list[int] = field(default_factory=list)
-    joints: list[tuple[int, int]] = field(default_factory=list)
-    actuators: list[int] = field(default_factory=list)
+    #: By the index of its link: address in ``qpos`` and degree of freedom of each joint that moves under forces.
+    joints: dict[int, tuple[int, int]] = field(default_factory=dict)
+    #: MuJoCo's actuators of each actuator: one per tendon or driven joint, none where joints are driven rigidly.
+    actuators: list[list[int]] = field(default_factory=list)
 
 
 def quaternion(rotation: Array) -> Array:
@@ -108,24 +109,18 @@ def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) 
     ET.SubElement(body, "inertial", pos=_text(center), mass=_text([mass]), fullinertia=_text(full))
 
 
-def _is_fixed(hand: HandDescription, link: int) -> bool:
-    return not any(link in (finger.proximal, finger.distal) for finger in hand.fingers)
-
-
-def _add_link(parent: ET.Element, hand: HandDescription, index: int) -> ET.Element:
+def _add_link(parent: ET.Element, hand: HandDescription, index: int, free: Sequence[int]) -> ET.Element:
     link: Link = hand.links[index]
     body = ET.SubElement(parent, "body", name=link.name)
     _add_pose(body, link.parent_from_link)
     _add_inertial(body, link.mass, link.center, link.inertia)
-    for finger in hand.fingers:
-        if index not in (finger.proximal, finger.distal):
-            continue
-        distal = index == finger.distal
-        joint = ET.SubElement(body, "joint", name=link.joint, type="hinge", axis=_text(link.axis))
-        joint.set("damping", _text([finger.joint_damping[distal]]))
-        joint.set("armature", _text([finger.armature]))
-        joint.set("stiffness", _text([finger.stiffnesses[distal]]))
-        joint.set("springref", _text([finger.rests[distal]]))
+    if index in free:
+        kind = "slide" if link.kind == "prismatic" else "hinge"
+        joint = ET.SubElement(body, "joint", name=link.joint, type=kind, axis=_text(link.axis))
+        joint.set("damping", _text([link.spring.damping]))
+        joint.set("armature", _text([link.spring.armature]))
+        joint.set("stiffness", _text([link.spring.stiffness]))
+        joint.set("springref", _text([link.spring.reference]))
     for shape in link.shapes:
         geom = ET.SubElement(body, "geom", name=shape.name, type=shape.kind, size=_text(shape.size))
         geom.set("friction", _text([shape.friction, 0, 0]))
@@ -134,7 +129,7 @@ def _add_link(parent: ET.Element, hand: HandDescription, index: int) -> ET.Eleme
         _add_pose(geom, shape.link_from_shape)
     for child, below in enumerate(hand.links):
         if child != BASE and below.parent == index:
-            _add_link(body, hand, child)
+            _add_link(body, hand, child, free)
     return body
 
 
@@ -161,20 +156,19 @@ def _add_object(root: ET.Element, world: ET.Element, item: ObjectData) -> None:
         geom.set("friction", "0 0 0")
 
 
-def _groups(hand: HandDescription) -> list[tuple[str, int, str, float]]:
-    """Shapes of the hand as (part, finger, name, friction); a part is ``palm``, ``proximal`` or ``distal``."""
-    found = []
+def _groups(hand: HandDescription, free: Sequence[int]) -> list[tuple[str, int, str, float]]:
+    """Shapes of the hand as (part, chain, name, friction); a part is ``palm``, ``near`` (next to it) or ``far``."""
+    part_of, chain_of, shaped, found, chains = {BASE: "palm"}, {BASE: -1}, {BASE: False}, [], 0
     for index, link in enumerate(hand.links):
-        part, number = "palm", -1
-        above = index
-        while _is_fixed(hand, above) and above != BASE:
-            above = hand.links[above].parent
-        for i, finger in enumerate(hand.fingers):
-            if above == finger.proximal:
-                part, number = "proximal", i
-            elif above == finger.distal:
-                part, number = "distal", i
-        found += [(part, number, shape.name, shape.friction) for shape in link.shapes]
+        if index != BASE:
+            above = link.parent
+            part_of[index], chain_of[index], shaped[index] = part_of[above], chain_of[above], shaped[above]
+            if index in free:
+                if chain_of[above] < 0:
+                    chain_of[index], chains = chains, chains + 1
+                part_of[index] = "far" if shaped[above] else "near"
+            shaped[index] = shaped[index] or (part_of[index] != "palm" and bool(link.shapes))
+        found += [(part_of[index], chain_of[index], shape.name, shape.friction) for shape in link.shapes]
     return found
 
 
@@ -187,35 +181,55 @@ def _add_pairs(root: ET.Element, hand: HandDescription, physics: PhysicsConfig, 
         element.set("solref", _text(numerics.solref))
         element.set("solimp", _text(numerics.solimp))
 
-    groups = _groups(hand)
-    for (part, finger, name, friction), scenery in itertools.product(groups, ("table", "ground")):
+    groups = _groups(hand, hand.free())
+    for (part, chain, name, friction), scenery in itertools.product(groups, ("table", "ground")):
         if part != "palm":
             pair(name, scenery, friction * physics.friction.table)
-        del finger
-    for (part, finger, name, friction), (part2, finger2, name2, friction2) in itertools.combinations(groups, 2):
-        crosses = finger != finger2 and "palm" not in (part, part2)
-        if crosses or {part, part2} == {"palm", "distal"}:
+        del chain
+    for (part, chain, name, friction), (part2, chain2, name2, friction2) in itertools.combinations(groups, 2):
+        crosses = chain != chain2 and "palm" not in (part, part2)
+        if crosses or {part, part2} == {"palm", "far"}:
             pair(name, name2, friction * friction2)
 
 
-def _add_tendons(root: ET.Element, hand: HandDescription) -> None:
+def _add_actuator(
+    actuators: ET.Element, name: str, target: dict[str, str], law: tuple[float, float], force: tuple[float, float]
+) -> None:
+    """Add an actuator with force = k ctrl - k length - d length', limited to an interval."""
+    stiffness, damping = law
+    found = ET.SubElement(actuators, "general", {"name": name, **target}, biastype="affine", forcelimited="true")
+    found.set("gainprm", _text([stiffness]))
+    found.set("biasprm", _text([0, -stiffness, -damping]))
+    found.set("forcerange", _text(force))
+
+
+def _add_actuators(root: ET.Element, hand: HandDescription, numerics: Numerics) -> None:
     tendons, actuators = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
-    for finger in hand.fingers:
-        fixed = ET.SubElement(tendons, "fixed", name=finger.name)
-        for link, arm in zip((finger.proximal, finger.distal), finger.arms, strict=True):
+    for tendon in hand.tendons:
+        fixed = ET.SubElement(tendons, "fixed", name=tendon.name)
+        for link, arm in tendon.arms:
             ET.SubElement(fixed, "joint", joint=hand.links[link].joint, coef=_text([arm]))
-        # force = k ctrl - k length - d length', where ctrl is the tendon length that the spool has taken up.
-        ET.SubElement(
-            actuators,
-            "general",
-            name=finger.name,
-            tendon=finger.name,
-            gainprm=_text([finger.stiffness]),
-            biastype="affine",
-            biasprm=_text([0, -finger.stiffness, -finger.damping]),
-            forcelimited="true",
-            forcerange=_text([0, finger.max_tension]),
-        )
+    for actuator in hand.actuators:
+        if actuator.spool is not None:
+            # ctrl is the tendon length that the spool has taken up.
+            tendon = hand.tendons[actuator.spool[0]]
+            law, force = (tendon.stiffness, tendon.damping), (0.0, tendon.max_tension)
+            _add_actuator(actuators, actuator.name, {"tendon": tendon.name}, law, force)
+        elif actuator.servo is not None:
+            limit = (-actuator.load_limit, actuator.load_limit)
+            for link, _, _ in actuator.joints:
+                joint = hand.links[link].joint
+                _add_actuator(actuators, f"{actuator.name} {joint}", {"joint": joint}, actuator.servo, limit)
+    equality = ET.SubElement(root, "equality")
+    for link in hand.free():
+        follows = hand.links[link].mimic
+        if follows is not None:
+            leader, ratio, offset = follows
+            constraint = ET.SubElement(equality, "joint", joint1=hand.links[link].joint, joint2=leader)
+            constraint.set("polycoef", _text([offset, ratio, 0, 0, 0]))
+            # As stiff as the step allows: MuJoCo scales a constraint's stiffness by the small inertia of a link.
+            constraint.set("solref", _text([2.0 * numerics.timestep, 1.0]))
+            constraint.set("solimp", _text([0.99, 0.999, 0.001]))
 
 
 def mjcf(hand: HandDescription, item: ObjectData, physics: PhysicsConfig, numerics: Numerics) -> str:
@@ -237,9 +251,9 @@ def mjcf(hand: HandDescription, item: ObjectData, physics: PhysicsConfig, numeri
     _add_inertial(carriage, 1.0, np.zeros(3), np.eye(3))
     joint = ET.SubElement(carriage, "joint", name="carriage", type="slide", axis="0 0 1")
     joint.set("armature", _text([CARRIAGE_INERTIA]))
-    _add_link(carriage, hand, BASE)
+    _add_link(carriage, hand, BASE, hand.free())
     _add_pairs(root, hand, physics, numerics)
-    _add_tendons(root, hand)
+    _add_actuators(root, hand, numerics)
     return ET.tostring(root, encoding="unicode")
 
 
@@ -266,9 +280,12 @@ def build(
         base_body=model.body(hand.links[BASE].name).id,
         object_body=model.body("object").id,
     )
-    for finger in hand.fingers:
-        scene.swivels.append(-1 if finger.swivel is None else model.body(hand.links[finger.swivel[0]].name).id)
-        proximal, distal = (model.joint(hand.links[i].joint).dofadr[0] for i in (finger.proximal, finger.distal))
-        scene.joints.append((int(proximal), int(distal)))
-        scene.actuators.append(model.actuator(finger.name).id)
+    for link in hand.free():
+        joint = model.joint(hand.links[link].joint)
+        scene.joints[link] = (int(joint.qposadr[0]), int(joint.dofadr[0]))
+    for actuator in hand.actuators:
+        driven = actuator.joints if actuator.servo else ()
+        names = [f"{actuator.name} {hand.links[link].joint}" for link, _, _ in driven]
+        names = [actuator.name] if actuator.spool is not None else names
+        scene.actuators.append([model.actuator(name).id for name in names])
     return scene

@@ -1,6 +1,6 @@
-//! Geometry in a finger's plane: links as rectangles, their frames, and the object's points and the table that are in their way.
+//! Geometry in a chain's plane: links as rectangles, their frames, and the object's points and the table that are in their way.
 
-/// A rectangle of a link in the finger's plane; metres.
+/// A rectangle of a link in the chain's plane; metres.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rect {
     pub x: [f64; 2],
@@ -54,7 +54,7 @@ impl LinkShape {
     }
 }
 
-/// An object point in a finger's plane.
+/// An object point in a chain's plane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlanePoint {
     pub x: f64,
@@ -62,25 +62,26 @@ pub(crate) struct PlanePoint {
     pub index: u32,
 }
 
-/// The table in a finger's plane: free space is `normal . p >= offset`.
+/// The table in a chain's plane: free space is `normal . p >= offset`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneTable {
     pub normal: [f64; 2],
     pub offset: f64,
 }
 
-/// A link's frame in the finger's plane.
-#[derive(Clone, Copy)]
+/// A link's frame in the chain's plane.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub at: [f64; 2],
-    sin: f64,
-    cos: f64,
+    pub angle: f64,
+    pub sin: f64,
+    pub cos: f64,
 }
 
 impl Frame {
     pub fn new(at: [f64; 2], angle: f64) -> Self {
         let (sin, cos) = angle.sin_cos();
-        Self { at, sin, cos }
+        Self { at, angle, sin, cos }
     }
 
     pub fn outward(&self, x: f64, z: f64) -> [f64; 2] {
@@ -93,7 +94,7 @@ impl Frame {
     }
 }
 
-/// The object's points around one closing finger, in square cells, and what the last steps found out. Neither changes an answer.
+/// The object's points around one closing chain, in square cells, and what the last steps found out. Neither changes an answer.
 pub(crate) struct Obstacles {
     /// Row by row of cells, and cell by cell within a row.
     points: Vec<[f64; 2]>,
@@ -103,19 +104,20 @@ pub(crate) struct Obstacles {
     /// Cells along x and z.
     size: [usize; 2],
     /// The point that blocked each link last.
-    last: [[f64; 2]; 2],
-    /// The last angles of the proximal joint, and whether a point blocked the proximal link there: it does not depend on the distal joint.
+    last: Vec<[f64; 2]>,
+    /// The last positions of the first coordinate, and whether a point blocked the first link there: it depends on no other.
     known: [(f64, bool); Obstacles::KNOWN],
     next: usize,
 }
 
 impl Obstacles {
-    /// Proximal angles that are remembered: those that two steps try.
+    /// Positions that are remembered: those that two steps try.
     const KNOWN: usize = 8;
     /// Side of a cell, metres: a third of a link's thickness.
     const CELL: f64 = 0.01;
 
-    pub fn new(points: &[PlanePoint]) -> Self {
+    /// * `links`: how many links the chain has.
+    pub fn new(points: &[PlanePoint], links: usize) -> Self {
         let none = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let (low, high) = points
             .iter()
@@ -126,7 +128,7 @@ impl Obstacles {
             begins: vec![0; size[0] * size[1] + 1],
             origin: low,
             size,
-            last: [[f64::INFINITY; 2]; 2],
+            last: vec![[f64::INFINITY; 2]; links],
             known: [(f64::NAN, false); Self::KNOWN],
             next: 0,
         };
@@ -155,22 +157,24 @@ impl Obstacles {
         (((value - self.origin[axis]) / Self::CELL).max(0.0) as usize).min(self.size[axis] - 1)
     }
 
-    /// True where a point is inside one of the links (proximal, distal) at these frames.
+    /// True where a point is inside one of the links at these frames.
     ///
-    /// * `angle`: of the proximal joint.
-    pub fn block(&mut self, links: &[LinkShape; 2], frames: &[Frame; 2], angle: f64) -> bool {
+    /// * `first`: position of the first coordinate, on which alone the first link depends.
+    pub fn block<'a>(&mut self, links: impl Iterator<Item = (&'a LinkShape, &'a Frame)> + Clone, first: f64) -> bool {
         // The point that blocked a link last mostly does so again, and is asked first.
-        (0..2).any(|which| links[which].holds(&frames[which], self.last[which]))
-            || self.block_proximal(&links[0], &frames[0], angle)
-            || self.block_link(1, &links[1], &frames[1])
+        links.clone().zip(&self.last).any(|((link, frame), last)| link.holds(frame, *last))
+            || links.enumerate().any(|(which, (link, frame))| match which {
+                0 => self.block_first(link, frame, first),
+                _ => self.block_link(which, link, frame),
+            })
     }
 
-    fn block_proximal(&mut self, link: &LinkShape, frame: &Frame, angle: f64) -> bool {
-        if let Some(&(_, blocked)) = self.known.iter().find(|(known, _)| *known == angle) {
+    fn block_first(&mut self, link: &LinkShape, frame: &Frame, position: f64) -> bool {
+        if let Some(&(_, blocked)) = self.known.iter().find(|(known, _)| *known == position) {
             return blocked;
         }
         let blocked = self.block_link(0, link, frame);
-        self.known[self.next] = (angle, blocked);
+        self.known[self.next] = (position, blocked);
         self.next = (self.next + 1) % Self::KNOWN;
         blocked
     }

@@ -1,0 +1,115 @@
+//! The hands that come with the project, against the figures that their makers publish.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use graspbox_hand::assets::{ASSETS, asset};
+use graspbox_hand::{Drive, Hand, JointKind, Shape, Transmission};
+use nalgebra::{Point3, Vector3};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+fn hand(name: &str) -> Hand {
+    asset(name).unwrap().read().unwrap()
+}
+
+/// Joint positions by name; all others are at 0.
+fn configuration(hand: &Hand, positions: &[(&str, f64)]) -> Vec<f64> {
+    let position = |joint: usize| {
+        let name = &hand.joints[joint].name;
+        positions.iter().find(|(part, _)| name.contains(part)).map_or(0.0, |(_, position)| *position)
+    };
+    hand.coordinates().map(position).collect()
+}
+
+#[test]
+fn every_asset_is_a_hand_of_its_name() {
+    for asset in &ASSETS {
+        let hand = asset.read().unwrap();
+        assert_eq!(hand.name, asset.name);
+        // Tests of planner and environments take any of them: all close, and open where their actuators begin.
+        assert!(hand.coordinates().any(|joint| hand.closing_rate(joint) != 0.0));
+        let open = hand.open_configuration(hand.preshape_limits()[0]);
+        for (joint, position) in hand.coordinates().zip(open) {
+            let [lower, upper] = hand.joints[joint].limits;
+            assert!((lower..=upper).contains(&position), "{}", hand.joints[joint].name);
+        }
+    }
+}
+
+/// Both fingers move by 40 mm, so the pads are 80 mm apart in the open hand and meet in the closed one.
+#[test]
+fn the_gripper_opens_to_80_millimetres() {
+    let hand = hand("panda_gripper");
+    assert!(hand.joints.iter().all(|joint| joint.kind == JointKind::Prismatic));
+    assert_eq!((hand.chain_count(), hand.coordinates().count(), hand.sensors.len()), (2, 1, 0));
+    let gap = |configuration: &[f64]| {
+        let shapes = hand.shapes_at(configuration).unwrap();
+        let pads: Vec<_> = shapes.iter().filter(|s| s.collider.name.ends_with("pad")).collect();
+        let Shape::Cuboid(half) = pads[0].collider.shape else { panic!("pads are boxes") };
+        // The fingers close along the hand's x axis.
+        let [a, b] = [0, 1].map(|i| pads[i].hand_from_shape.translation.vector);
+        assert!((a - b).yz().norm() < 1e-12, "the pads face each other along x");
+        (a - b).norm() - 2.0 * half.y
+    };
+    let (open, closed) = (hand.open_configuration(0.0), hand.closed_configuration(0.0, 1.0));
+    assert!((gap(&open) - 0.08).abs() < 1e-12 && gap(&closed).abs() < 1e-12);
+    // The actuator closes from 0 to 0.04, the joint from 0.04 to 0.
+    assert_eq!((hand.open_positions(0.0), hand.closed_positions(0.0)), (vec![0.0], vec![0.04]));
+    let Transmission::Joints { joints, drive: Drive::Servo { .. } } = &hand.actuators[0].transmission else {
+        panic!("a servo drives the fingers")
+    };
+    assert_eq!([0.0, 0.01, 0.04, 0.05].map(|position| hand.led(&joints[0], position)), [0.04, 0.03, 0.0, 0.0]);
+    let mass: f64 = hand.links.iter().map(|link| link.mass).sum();
+    assert!((0.7..0.8).contains(&mass), "{mass} kg");
+}
+
+#[test]
+fn the_soft_hand_has_the_parts_of_its_paper() {
+    let hand = hand("soft_hand");
+    assert!(hand.joints.iter().all(|joint| joint.kind != JointKind::Prismatic));
+    let revolute = hand.joints.iter().filter(|joint| joint.kind == JointKind::Revolute).count();
+    let following = hand.joints.iter().filter(|joint| joint.mimic.is_some()).count();
+    assert_eq!((revolute, following, hand.coordinates().count()), (33, 14, 19));
+    assert_eq!((hand.chain_count(), hand.tendons.len(), hand.actuators.len()), (5, 1, 1));
+    let mass: f64 = hand.links.iter().map(|link| link.mass).sum();
+    assert!((mass - 0.48).abs() < 1e-9, "{mass} kg");
+    // R R^T on half angles, and R q at all limits: 15.93 and 13.27.
+    let ratios: Vec<(usize, f64)> = hand.tendons[0].arms.iter().map(|(joint, arm)| (*joint, arm / 0.007)).collect();
+    assert!((ratios.iter().map(|(_, r)| r * r).sum::<f64>() - 15.93).abs() < 0.01);
+    let most: f64 = hand.tendons[0].take_up(|joint| match hand.joints[joint].name.as_str() {
+        "index_abd" => -0.2,
+        "ring_abd" => 0.2,
+        "little_abd" => 0.4,
+        _ => hand.joints[joint].limits[1],
+    });
+    assert!((most / 0.007 - 13.27).abs() < 0.01, "{}", most / 0.007);
+    // A spool turn at default speed takes up all of it in the published 1.1 s.
+    let Transmission::Spool { radius, .. } = hand.actuators[0].transmission else { panic!("a spool") };
+    assert!((most / (radius * hand.actuators[0].default_speed) - 1.1).abs() < 0.02);
+}
+
+/// Fingertips (23.3 mm along the last link) of the published model, palm frame, mm: open, half closed, closed.
+#[test]
+fn fingertips_of_the_soft_hand_go_where_the_published_model_has_them() {
+    let hand = hand("soft_hand");
+    let half = [("thumb_abd", FRAC_PI_4), ("_abd", 0.0), ("", 0.3927)];
+    let full = [("thumb_abd", FRAC_PI_2), ("_abd", 0.0), ("", FRAC_PI_4)];
+    let figures: [(&[(&str, f64)], [[f64; 3]; 5]); 3] = [
+        (
+            &[],
+            [[9.0, 104.5, 85.6], [-3.3, 27.3, 182.7], [-3.3, 0.0, 190.0], [-3.3, -24.2, 182.9], [-3.3, -46.8, 172.7]],
+        ),
+        (
+            &half,
+            [[54.1, 28.9, 100.8], [57.5, 20.5, 104.6], [57.5, 0.0, 111.6], [57.5, -20.1, 104.6], [57.5, -40.0, 94.6]],
+        ),
+        (&full, [[4.9, 6.7, 72.9], [-8.4, 18.7, 84.5], [-8.4, 0.0, 91.5], [-8.4, -19.0, 84.5], [-8.4, -38.2, 74.5]]),
+    ];
+    for (positions, expected) in figures {
+        let poses = hand.forward_kinematics(&configuration(&hand, positions)).unwrap();
+        for (finger, expected) in ["thumb", "index", "middle", "ring", "little"].into_iter().zip(expected) {
+            let link = hand.links.iter().position(|link| link.name == format!("{finger}_distal")).unwrap();
+            let tip = (poses[link] * Point3::new(0.0233, 0.0, 0.0)).coords * 1e3;
+            let error = (tip - Vector3::from(expected)).amax();
+            assert!(error < 0.1, "{finger}: {tip} is {error} mm from {expected:?}");
+        }
+    }
+}

@@ -1,0 +1,294 @@
+//! A chain that closes in its plane until it is blocked: what an underactuated finger or a jaw does, without dynamics.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `model` | the chain of a hand as rectangles in the plane in which it closes |
+//! | `plane` | rectangles, frames, and the points and the table that are in their way |
+//!
+//! The chain moves in the plane across the axis of its last closing joint. Joints about other axes stay as they are in the open hand, or,
+//! where they close with the others, half-way.
+//! One tendon pulls all joints: it shortens by `sum of r_i dq_i`, and the chain moves wherever that is positive and nothing is in the way.
+//! First the root closes, then the joints behind it, each alone; and where only the tip is held, it curls further while a joint before
+//! it gives way.
+
+mod model;
+mod plane;
+
+use nalgebra::{Isometry3, Vector3};
+use plane::{Frame, LinkShape, Obstacles, Rect};
+
+pub(crate) use plane::{PlanePoint, PlaneTable};
+
+/// How a segment moves against the one before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Motion {
+    /// Turns about the plane's normal, from x towards z.
+    Turn,
+    /// Slides along a direction of the plane, unit.
+    Slide([f64; 2]),
+}
+
+/// What moves with one joint.
+#[derive(Clone, Debug)]
+struct Segment {
+    /// The joint in the frame of the segment before it.
+    at: [f64; 2],
+    motion: Motion,
+    /// The coordinate that moves it, and its position per position of that.
+    coordinate: usize,
+    ratio: f64,
+    shape: LinkShape,
+}
+
+/// An independent joint of the chain.
+#[derive(Clone, Copy, Debug)]
+struct Coordinate {
+    /// Least and greatest position from that of the open hand, towards closing: rad or m.
+    limits: [f64; 2],
+    /// Moment arm of the tendon that closes it; 0 where it is driven otherwise.
+    arm: f64,
+    /// Step per step of an angle: 1, or metres for a slide.
+    scale: f64,
+}
+
+/// A chain at one preshape.
+#[derive(Clone, Debug)]
+pub(crate) struct ChainModel {
+    /// Plane of the chain: origin on its first joint, x along the open chain, y across, z towards the closing side.
+    pub hand_from_plane: Isometry3<f64>,
+    segments: Vec<Segment>,
+    coordinates: Vec<Coordinate>,
+    /// Directions in which it moves, the first that is free first: one entry per coordinate.
+    moves: Vec<Vec<f64>>,
+    /// Half the width of the chain.
+    pub half_width: f64,
+    /// Furthest reach from the first joint.
+    pub reach: f64,
+    /// Its plane turns as it closes: a joint about another axis closes as well.
+    pub turns: bool,
+}
+
+/// A chain after closing.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ClosedChain {
+    /// How far its first coordinate has closed, rad or m.
+    pub root: f64,
+    /// How far its last segment has turned, radians.
+    pub turn: f64,
+    /// Points touched by each segment: index, on a pad.
+    pub touched: Vec<Vec<(u32, bool)>>,
+    /// The table stood in the way at some time.
+    pub met_table: bool,
+}
+
+/// What blocks a chain.
+#[derive(Clone, Copy, PartialEq)]
+enum Block {
+    Free,
+    Object,
+    Table,
+}
+
+/// Coarse step of a closing joint, radians: the tip moves by 11 mm, less than a link is thick.
+const STEP: f64 = 0.1;
+/// A step is halved this often: to 0.7 degrees.
+const HALVINGS: usize = 3;
+/// Most steps for each coordinate: a joint that closes by 2.8 rad takes 28.
+const MOST_STEPS: usize = 40;
+/// A point this near to a link is touched, metres: half the distance of surface samples on a hand-sized object.
+const TOUCH: f64 = 0.003;
+
+impl ChainModel {
+    /// Axes of the chain's plane in the hand frame.
+    pub fn axes(&self) -> [Vector3<f64>; 3] {
+        [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| self.hand_from_plane * axis)
+    }
+
+    /// Closes the chain on points (those in its width, and within reach) over a table.
+    pub fn close(&self, points: &[PlanePoint], table: &PlaneTable) -> ClosedChain {
+        let mut at = vec![0.0; self.coordinates.len()];
+        let (mut next, mut frames) = (at.clone(), self.frames(&at));
+        let mut obstacles = Obstacles::new(points, self.segments.len());
+        let mut met_table = false;
+        for _ in 0..MOST_STEPS * at.len() {
+            let mut moved = false;
+            for direction in &self.moves {
+                let (free, block) = self.advance((&at, &mut next), direction, &mut obstacles, table, &mut frames);
+                met_table |= block == Block::Table;
+                if free {
+                    std::mem::swap(&mut at, &mut next);
+                    moved = true;
+                    break;
+                }
+            }
+            if !moved {
+                break;
+            }
+        }
+        self.place(&at, &mut frames);
+        let touched = self.touched(&frames, points);
+        let root = at.first().copied().unwrap_or(0.0);
+        ClosedChain { root, turn: frames.last().map_or(0.0, |frame| frame.angle), touched, met_table }
+    }
+
+    /// One step along `direction` from `at` to `next`, shortened by halving until it is free; false if it never is.
+    fn advance(
+        &self,
+        (at, next): (&[f64], &mut [f64]),
+        direction: &[f64],
+        obstacles: &mut Obstacles,
+        table: &PlaneTable,
+        frames: &mut [Frame],
+    ) -> (bool, Block) {
+        let mut step = STEP;
+        let mut first = Block::Free;
+        for _ in 0..=HALVINGS {
+            for (to, (from, along)) in next.iter_mut().zip(at.iter().zip(direction)) {
+                *to = from + step * along;
+            }
+            let inside =
+                |(q, coordinate): (&f64, &Coordinate)| (coordinate.limits[0]..=coordinate.limits[1]).contains(q);
+            if next.iter().zip(&self.coordinates).all(inside) {
+                self.place(next, frames);
+                let block = self.block(frames, next[0], obstacles, table);
+                if block == Block::Free {
+                    return (true, first);
+                }
+                first = block;
+            }
+            step *= 0.5;
+        }
+        (false, first)
+    }
+
+    /// * `first`: position of the first coordinate.
+    fn block(&self, frames: &[Frame], first: f64, obstacles: &mut Obstacles, table: &PlaneTable) -> Block {
+        let links = self.segments.iter().map(|segment| &segment.shape).zip(frames);
+        if links.clone().any(|(link, frame)| link.hits_table(frame, table)) {
+            Block::Table
+        } else if obstacles.block(links, first) {
+            Block::Object
+        } else {
+            Block::Free
+        }
+    }
+
+    fn touched(&self, frames: &[Frame], points: &[PlanePoint]) -> Vec<Vec<(u32, bool)>> {
+        let of = |(segment, frame): (&Segment, &Frame)| {
+            let LinkShape { rects, bounds } = &segment.shape;
+            let touch = |p: &PlanePoint| {
+                let (x, z) = frame.inward(p.x, p.z);
+                if x <= bounds.x[0] || x >= bounds.x[1] + TOUCH || z <= bounds.z[0] || z >= bounds.z[1] + TOUCH {
+                    return None;
+                }
+                let near = |r: &&Rect| {
+                    x > r.x[0] && x < r.x[1] + TOUCH && z > r.z[0].max(r.z[1] - 2.0 * TOUCH) && z < r.z[1] + TOUCH
+                };
+                let rects = rects.iter().filter(near);
+                let pad = rects.clone().any(|r| r.pad);
+                rects.clone().next().map(|_| (p.index, pad))
+            };
+            points.iter().filter_map(touch).collect()
+        };
+        self.segments.iter().zip(frames).map(of).collect()
+    }
+
+    /// The frame of every segment with the coordinates at `at`.
+    fn frames(&self, at: &[f64]) -> Vec<Frame> {
+        let mut frames = vec![Frame::new([0.0, 0.0], 0.0); self.segments.len()];
+        self.place(at, &mut frames);
+        frames
+    }
+
+    fn place(&self, at: &[f64], frames: &mut [Frame]) {
+        let mut before = Frame::new([0.0, 0.0], 0.0);
+        for (segment, frame) in self.segments.iter().zip(frames) {
+            let moved = segment.ratio * at[segment.coordinate];
+            let [x, z] = segment.at;
+            *frame = match segment.motion {
+                Motion::Turn => Frame::new(before.outward(x, z), before.angle + moved),
+                Motion::Slide([dx, dz]) => Frame { at: before.outward(x + dx * moved, z + dz * moved), ..before },
+            };
+            before = *frame;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use graspbox_hand::Hand;
+
+    fn finger_3() -> ChainModel {
+        let mut fingers = ChainModel::all(Hand::reflex().unwrap(), 0.0).unwrap();
+        fingers.remove(2)
+    }
+
+    /// No table: far below.
+    const NO_TABLE: PlaneTable = PlaneTable { normal: [0.0, 1.0], offset: -10.0 };
+
+    #[test]
+    fn a_free_finger_closes_to_its_stops() {
+        let finger = finger_3();
+        let closed = finger.close(&[], &NO_TABLE);
+        assert!((closed.root - finger.coordinates[0].limits[1]).abs() < 0.02, "{closed:?}");
+        assert!((closed.turn - closed.root - finger.coordinates[1].limits[1]).abs() < 0.02, "{closed:?}");
+        assert!(closed.touched.iter().all(Vec::is_empty) && !closed.met_table);
+    }
+
+    #[test]
+    fn a_post_stops_the_proximal_link_and_the_distal_link_wraps_on() {
+        let finger = finger_3();
+        // A point above the middle of the proximal pad (its surface 15.4 mm over the joint): met at asin(z / r) - asin(h / r).
+        let (x, z) = (0.0, 0.040);
+        let closed = finger.close(&[PlanePoint { x, z, index: 7 }], &NO_TABLE);
+        let expected = std::f64::consts::FRAC_PI_2 - (0.0154_f64 / z).asin();
+        assert!((closed.root - expected).abs() < 0.02, "{} against {expected}", closed.root);
+        assert!(closed.turn - closed.root > 1.0, "the tip goes on: {closed:?}");
+        assert_eq!(closed.touched[0], vec![(7, true)]);
+    }
+
+    #[test]
+    fn the_table_makes_a_finger_curl() {
+        let finger = finger_3();
+        // The closing side points down, at a table 6 cm below the joint.
+        let closed = finger.close(&[], &PlaneTable { normal: [0.0, -1.0], offset: -0.06 });
+        assert!(closed.met_table);
+        for frame in finger.frames(&[closed.root, closed.turn - closed.root]) {
+            assert!(frame.at[1] < 0.06);
+        }
+        assert!(closed.turn > 1.5, "{closed:?}");
+    }
+
+    /// Both jaws of a gripper slide in until a point is in their way.
+    #[test]
+    fn jaws_close_on_what_is_between_them() {
+        let hand = graspbox_hand::assets::asset("panda_gripper").unwrap().read().unwrap();
+        let jaws = ChainModel::all(&hand, 0.0).unwrap();
+        assert_eq!(jaws.len(), 2, "the second follows the first");
+        for jaw in &jaws {
+            let [x, y, z] = jaw.axes();
+            assert!((x - nalgebra::Vector3::z()).norm() < 1e-12, "along the approach");
+            assert!(y.x.abs() < 1e-12 && z.x.abs() > 1.0 - 1e-12, "they slide along hand x");
+            // The pads are 40 mm from the middle: free, they meet there; on a point 10 mm before it, they stop.
+            let free = jaw.close(&[], &NO_TABLE);
+            assert!((free.root - 0.04).abs() < 1e-3 && free.turn == 0.0, "{free:?}");
+            let middle = -jaw.hand_from_plane.translation.vector.dot(&z);
+            let held = jaw.close(&[PlanePoint { x: 0.045, z: middle - 0.01, index: 3 }], &NO_TABLE);
+            assert!((held.root - 0.03).abs() < 1e-3, "{held:?}");
+            assert_eq!(held.touched, vec![vec![(3, true)]]);
+        }
+    }
+
+    /// The thumb of the SoftHand comes round as it closes, so its plane does not say where the hand closes.
+    #[test]
+    fn a_thumb_that_comes_round_turns_its_plane() {
+        let hand = graspbox_hand::assets::asset("soft_hand").unwrap().read().unwrap();
+        let chains = ChainModel::all(&hand, 0.0).unwrap();
+        assert_eq!(chains.iter().map(|chain| chain.turns).collect::<Vec<_>>(), [true, false, false, false, false]);
+        assert!(chains[1..].iter().all(|chain| chain.segments.len() == 6 && chain.coordinates.len() == 3));
+        // A free finger closes to 90 degrees at each of its three joints.
+        let free = chains[2].close(&[], &NO_TABLE);
+        assert!((free.turn - 3.0 * std::f64::consts::FRAC_PI_2).abs() < 0.1, "{free:?}");
+    }
+}

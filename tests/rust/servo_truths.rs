@@ -1,0 +1,129 @@
+//! Slides and servos against closed forms: the force at the limit, the speed, and the stops.
+#![allow(clippy::unwrap_used)]
+
+use graspbox_hand::assets::asset;
+use graspbox_hand::{ActuatorCommand, Hand};
+use graspbox_sim::{EngineKind, Geometry, PhysicsConfig, SimError, Template, World};
+use graspbox_tests::bench::{at, away, closing, palm_down, run, template};
+use nalgebra::Vector3;
+use std::sync::Arc;
+
+/// The shipped gripper with a servo for each finger, which any engine can simulate.
+fn two_servos() -> Hand {
+    let panda = asset("panda_gripper").unwrap();
+    let urdf = panda.urdf.replace("<mimic joint=\"finger_joint1\"/>", "");
+    let from = panda.toml.find("[[actuators]]").unwrap();
+    let to = panda.toml.find("# The grasp frame").unwrap();
+    let second = panda.toml[from..to].replace("finger_joint1", "finger_joint2").replace("\"fingers\"", "\"second\"");
+    let toml = format!("{}{second}{}", &panda.toml[..to], &panda.toml[to..]);
+    let toml = toml
+        .replace("closing = [\"fingers\"]", "closing = [\"fingers\", \"second\"]")
+        .replace("[joints.finger_joint1]", "[joints.fingers]\nnames = [\"finger_joint1\", \"finger_joint2\"]");
+    Hand::from_strs(&urdf, &toml, ["gripper.urdf", "hand.toml"]).unwrap()
+}
+
+/// A heavy block between the fingers, whose pads are 80 mm apart; it is as wide as `width`.
+fn around(width: f64, engine: EngineKind) -> World {
+    let block = Geometry::Cuboid(Vector3::new(width / 2.0, width / 2.0, 0.05));
+    let template = template(two_servos(), &block, 100.0, PhysicsConfig { engine, ..PhysicsConfig::default() });
+    template.spawn(&palm_down(0.0, 0.0, 0.13), &at(0.0, 0.0, 0.05), 0.0)
+}
+
+const ENGINES: [EngineKind; 2] = [EngineKind::Graspbox, EngineKind::Rapier];
+
+fn positions(world: &World) -> Vec<f64> {
+    world.hand().coordinates().map(|joint| world.joint(joint).position).collect()
+}
+
+/// A bug here: a limit in engine units, a damper that adds to a saturated force, a finger that pushes the wrong way.
+#[test]
+fn each_finger_presses_with_the_limit_of_its_servo() {
+    for engine in ENGINES {
+        presses(engine);
+    }
+}
+
+fn presses(engine: EngineKind) {
+    let mut world = around(0.05, engine);
+    let close = closing(world.hand(), 0.0);
+    run(&mut world, &palm_down(0.0, 0.0, 0.13), &close, 1.5);
+    for (chain, joint) in [(0, 0), (1, 1)] {
+        let link = world.hand().joints[joint].child;
+        let force: f64 = world.link_contacts().iter().filter(|c| c.link == link).map(|c| c.force).sum();
+        println!("{engine:?}, finger {chain}: presses with {force:.2} N, load {:.2} N", world.load(chain));
+        assert!((force / 140.0 - 1.0).abs() < 0.02 && (world.load(chain) - 140.0).abs() < 1e-9);
+    }
+    for position in positions(&world) {
+        assert!((position - 0.025).abs() < 1e-3, "the fingers stand at the sides of the block: {position}");
+    }
+}
+
+/// A bug here: positions in centimetres, or a speed that is not the actuator's.
+#[test]
+fn free_fingers_close_at_their_speed_and_stop_at_their_limits() {
+    for engine in ENGINES {
+        closes(engine);
+    }
+}
+
+fn closes(engine: EngineKind) {
+    let mut world = around(0.02, engine);
+    let hand = away();
+    let open = positions(&world);
+    assert!(open.iter().all(|position| (position - 0.04).abs() < 1e-6), "{open:?}");
+    let close = closing(world.hand(), 0.0);
+    let mut last = open;
+    for step in 1..=600 {
+        world.step(&hand, &close).unwrap();
+        if step == 300 {
+            // 0.6 s at 0.05 m/s; the servo lags by damping / stiffness of that, 0.15 mm, and the armature.
+            for position in positions(&world) {
+                assert!((position - 0.01).abs() < 0.5e-3, "{position}");
+            }
+        }
+        let now = positions(&world);
+        assert!(now.iter().zip(&last).all(|(now, last)| *now <= last + 1e-5), "a finger moved back at step {step}");
+        last = now;
+    }
+    assert!(last.iter().all(|position| position.abs() < 1e-4), "{last:?}");
+    let half: Vec<_> = (0..2).map(|_| ActuatorCommand::Position { target: 0.02, speed: None }).collect();
+    run(&mut world, &hand, &half, 1.0);
+    assert!(positions(&world).iter().all(|position| (position - 0.02).abs() < 1e-4));
+}
+
+/// The shipped gripper moves both fingers with one servo: each presses with half of its force, 70 N, wherever the block is.
+#[test]
+fn coupled_fingers_share_the_force_of_their_servo() {
+    let panda = asset("panda_gripper").unwrap().read().unwrap();
+    let block = Geometry::Cuboid(Vector3::new(0.02, 0.02, 0.05));
+    let template = template(panda, &block, 100.0, PhysicsConfig::default());
+    let hand = palm_down(0.0, 0.0, 0.13);
+    let mut world = template.spawn(&hand, &at(0.0, 0.0, 0.05), 0.0);
+    let close = closing(world.hand(), 0.0);
+    run(&mut world, &hand, &close, 1.5);
+    assert!((world.load(0) - 140.0).abs() < 1e-9, "{} N", world.load(0));
+    for joint in 0..2 {
+        let link = world.hand().joints[joint].child;
+        let force: f64 = world.link_contacts().iter().filter(|c| c.link == link).map(|c| c.force).sum();
+        assert!((force / 70.0 - 1.0).abs() < 0.02, "finger {joint}: {force} N");
+        assert!((world.joint(joint).position - 0.02).abs() < 1e-3);
+    }
+    assert_eq!(world.joint(0).position, world.joint(1).position, "the second follows the first");
+}
+
+/// Joints that follow others under forces are beyond this engine: it says so, and names itself.
+#[test]
+fn a_hand_that_the_engine_cannot_simulate_is_refused() {
+    let config = PhysicsConfig { engine: EngineKind::Rapier, ..PhysicsConfig::default() };
+    let block = graspbox_sim::ObjectModel::solid(&Geometry::Ball { radius: 0.03 }, 0.1).unwrap();
+    for (name, joint) in [("panda_gripper", "finger_joint2"), ("soft_hand", "thumb_inner_mimic")] {
+        let hand = Arc::new(asset(name).unwrap().read().unwrap());
+        let error = Template::new(hand, &block, config).err().unwrap();
+        assert!(matches!(error, SimError::BadHand { engine: "rapier", .. }), "{error}");
+        let told = format!(
+            "the engine `rapier` cannot simulate the hand `{name}`: joint `{joint}` follows another one that moves under forces; \
+             choose another engine"
+        );
+        assert_eq!(error.to_string(), told);
+    }
+}
