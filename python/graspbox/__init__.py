@@ -28,6 +28,7 @@ from graspbox.configs import (
     PoseConfig,
     Randomization,
     RapierConfig,
+    SolverConfig,
     SuccessCriterion,
     TrialConfig,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "Randomization",
     "RapierConfig",
     "Scene",
+    "SolverConfig",
     "SuccessCriterion",
     "Trace",
     "TrialConfig",

@@ -149,7 +149,7 @@ def test_there_are_cases_for_every_field() -> None:
         ),
         (
             configs.PhysicsConfig(engine="mujoco"),  # type: ignore[arg-type]
-            "PhysicsConfig.engine is 'mujoco' (str); give 'rapier'",
+            "PhysicsConfig.engine is 'mujoco' (str); give 'graspbox' or 'rapier'",
         ),
         (
             configs.CameraConfig(eye=(0.0, 1.0)),  # type: ignore[arg-type]

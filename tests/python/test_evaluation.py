@@ -279,10 +279,13 @@ def test_an_object_that_cannot_be_used_fails_the_command(tmp_path: Path) -> None
 def test_ctrl_c_ends_the_command() -> None:
     long = ("planner", "--env", LOOP, "--objects", "procedural:can:0-4", "--trials", "100000", "--json")
     with subprocess.Popen([*COMMAND, *long], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
-        time.sleep(4.0)
-        child.send_signal(signal.SIGINT)
-        began = time.monotonic()
-        output, errors = child.communicate(timeout=30)
+        try:
+            time.sleep(4.0)
+            child.send_signal(signal.SIGINT)
+            began = time.monotonic()
+            output, errors = child.communicate(timeout=30)
+        finally:
+            child.kill()
     assert child.returncode == 130
     assert time.monotonic() - began < 5.0
     assert output == ""

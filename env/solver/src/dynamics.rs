@@ -44,6 +44,26 @@ struct Wrench {
     moment: Vector3<f64>,
 }
 
+impl Acceleration {
+    /// That of a body whose origin is at `arm` from this one's, on a joint that moves at `rate` and is accelerated by `given`.
+    fn carried(&self, kind: JointKind, arm: &Vector3<f64>, rate: &Vector3<f64>, given: &Vector3<f64>) -> Self {
+        let linear = self.linear + self.alpha.cross(arm) + self.omega.cross(&self.omega.cross(arm));
+        match kind {
+            JointKind::Revolute => {
+                Self { omega: self.omega + rate, alpha: self.alpha + self.omega.cross(rate) + given, linear }
+            }
+            JointKind::Prismatic => Self { linear: linear + 2.0 * self.omega.cross(rate) + given, ..*self },
+        }
+    }
+
+    /// What moves a body so, with its centre of mass at `arm` from its origin and at `center` from the base's.
+    fn wrench(&self, mass: f64, inertia: &Matrix3<f64>, arm: &Vector3<f64>, center: &Vector3<f64>) -> Wrench {
+        let force = mass * (self.linear + self.alpha.cross(arm) + self.omega.cross(&self.omega.cross(arm)));
+        let couple = inertia * self.alpha + self.omega.cross(&(inertia * self.omega));
+        Wrench { force, moment: couple + center.cross(&force) }
+    }
+}
+
 /// Buffers of one world.
 #[derive(Clone, Default)]
 pub(crate) struct Dynamics {
@@ -100,17 +120,7 @@ impl Dynamics {
             let rate = kinematics.axis[index] * (joint.ratio * velocity[joint.coordinate]);
             let given = if joint.coordinate < free { 0.0 } else { acceleration[joint.coordinate] };
             let given = kinematics.axis[index] * (joint.ratio * given);
-            let carried = above.linear + above.alpha.cross(&arm) + above.omega.cross(&above.omega.cross(&arm));
-            let own = match joint.kind {
-                JointKind::Revolute => Acceleration {
-                    omega: above.omega + rate,
-                    alpha: above.alpha + above.omega.cross(&rate) + given,
-                    linear: carried,
-                },
-                JointKind::Prismatic => {
-                    Acceleration { linear: carried + 2.0 * above.omega.cross(&rate) + given, ..above }
-                }
-            };
+            let own = above.carried(joint.kind, &arm, &rate, &given);
             self.accelerations.push(own);
             if model.columns[index].is_empty() {
                 // Carried by driven joints alone: no free coordinate feels it.
@@ -119,12 +129,10 @@ impl Dynamics {
                 continue;
             }
             let turn = &kinematics.turn[index];
+            let inertia = turn * body.inertia * turn.transpose();
             let arm = turn * body.center.coords;
             let center = at + arm;
-            let inertia = turn * body.inertia * turn.transpose();
-            let force = body.mass * (own.linear + own.alpha.cross(&arm) + own.omega.cross(&own.omega.cross(&arm)));
-            let couple = inertia * own.alpha + own.omega.cross(&(inertia * own.omega));
-            self.wrenches.push(Wrench { force, moment: couple + center.cross(&force) });
+            self.wrenches.push(own.wrench(body.mass, &inertia, &arm, &center));
             self.composites.push(Composite {
                 mass: body.mass,
                 moment: body.mass * center,

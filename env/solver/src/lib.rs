@@ -9,13 +9,40 @@
 //! | [`solver`] | a world's state, and a step of it |
 //! | `kinematics`, `dynamics` | poses and Jacobians; mass matrix and bias forces |
 //! | `search` | which points may touch |
-//! | `contacts` | the contact points of the last step |
 //! | `rows`, `laws`, `problem`, `newton` | the equations of a step, and Newton's method for them |
 //! | `matrix`, `units` | dense matrices; parry's lengths |
 //! | [`dispatch`] | faster searches for contacts |
 //!
 //! Everything is in f64, metres, and in the frame of the hand's base, which stands still: the table moves, and gravity carries the fictitious
 //! accelerations.
+//!
+//! A ball falls on the table and comes to rest:
+//!
+//! ```
+//! use graspbox_solver::{Body, FrameMotion, Model, Object, ObjectPart, Primitive, Scenery, Solver, StepInput, Tree};
+//! use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+//!
+//! let base = Body { center: Point3::origin(), inertia: Matrix3::zeros(), mass: 0.0, parent: 0, joint: None, shapes: vec![] };
+//! let hand = Tree { bodies: vec![base], ..Tree::default() };
+//! let ball = Object {
+//!     parts: vec![ObjectPart::Primitive(Primitive::Sphere { radius: 0.03 })],
+//!     mass: 0.2,
+//!     center: Point3::origin(),
+//!     inertia: Matrix3::identity() * (0.4 * 0.2 * 0.03 * 0.03),
+//!     friction: 1.0,
+//! };
+//! let table = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
+//! let mut solver = Solver::new(Model::new(hand, ball, table, Default::default())?.into());
+//! let world = Isometry3::translation(0.0, 0.0, -1.0); // the base is 1 m above the table
+//! solver.state_mut().base_from_object = Isometry3::translation(0.0, 0.0, -0.9);
+//! let frame = FrameMotion { gravity: Vector3::new(0.0, 0.0, -9.81), omega: Vector3::zeros(), alpha: Vector3::zeros() };
+//! for _ in 0..500 {
+//!     let (base_from_world, base_from_world_after) = (world, world);
+//!     solver.step(&StepInput { dt: 0.002, base_from_world, base_from_world_after, frame, driven: &[], cables: &[] });
+//! }
+//! assert!((solver.object_center().z + 0.97).abs() < 5e-4);
+//! # Ok::<(), graspbox_solver::ModelError>(())
+//! ```
 //!
 //! Why our own: general engines iterate over contacts one by one (rapier) or solve a world of any size (MuJoCo). This world has 6 unknowns
 //! of the object and some 6 to 20 of the hand, whatever its number of contacts, so that Newton's method with a dense matrix solves all of
@@ -24,7 +51,6 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod config;
-mod contacts;
 pub mod dispatch;
 mod dynamics;
 mod error;
@@ -43,11 +69,10 @@ pub mod tree;
 mod units;
 
 pub use config::SolverConfig;
-pub use contacts::{Contact, Side};
 pub use dynamics::FrameMotion;
 pub use error::ModelError;
 pub use model::{BASE, BodyIndex, Model, OBJECT};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface};
-pub use solver::{Given, Saved, Solver, State, StepInput};
+pub use solver::{Contact, Given, Side, Saved, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

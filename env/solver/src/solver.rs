@@ -1,10 +1,13 @@
-//! The solver of one world: its state, and a step of it.
+//! The solver of one world: its state, and a step of it; `contacts` makes the contact points of the last step when they are asked for.
+
+mod contacts;
+
+pub use contacts::{Contact, Side};
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use crate::contacts::Contact;
 use crate::dynamics::{Dynamics, FrameMotion};
 use crate::kinematics::{Kinematics, Twist};
 use crate::model::{BASE, Model, OBJECT};

@@ -1,4 +1,4 @@
-"""``python -m graspbox.validation CHECK``: compare graspbox with MuJoCo, its engines with each other, or it with the reference study.
+"""``python -m graspbox.validation CHECK``: compare graspbox with MuJoCo and the reference study, and its two engines.
 
 | check       | what it prints |
 |---|---|

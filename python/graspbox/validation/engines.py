@@ -1,7 +1,7 @@
 """The physics engines compared: labels and speed on the same planner poses.
 
-Every object's best poses are tried with each engine, and with each at half its time step, one object after the other, so
-that a change of the machine's speed meets all of them. Rates are trials per second of CPU time.
+Every object's best poses are tried with each engine, and with each at half its time step, one object after the other,
+so that a change of the machine's speed meets all of them. Rates are trials per second of CPU time.
 """
 
 import argparse

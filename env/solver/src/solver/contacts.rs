@@ -1,5 +1,6 @@
 //! The contact points of the last step, made when they are asked for.
 
+use super::Solver;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +8,6 @@ use crate::model::{BodyIndex, OBJECT};
 use crate::rows::Origin;
 use crate::scenery::Surface;
 use crate::search::Opposite;
-use crate::solver::Solver;
 
 /// One side of a contact point, in its body's frame (the world's for the scenery).
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
