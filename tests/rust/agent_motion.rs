@@ -201,7 +201,8 @@ fn an_object_under_the_palm_is_not_crushed() {
         assert!(stopped > 10, "the stop was never needed: the hand missed the object");
         // A collision at full speed takes the object's momentum within a step or two; after that, nothing above the limit.
         assert!(peak < 15.0 * STOP_FORCE && pressed <= 3 && late < STOP_FORCE, "{peak} N, {pressed} steps, {late} N");
-        assert!(deepest < 0.002, "{deepest} m");
+        // The arm brakes over some 4 mm, which palm and table share.
+        assert!(deepest < 0.0025, "{deepest} m");
         for _ in 0..10 {
             pool.step(&vertical(&pool, 1.0)).unwrap();
         }

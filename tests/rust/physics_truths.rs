@@ -268,7 +268,7 @@ fn contacts_of_a_cylinder_are_on_its_surface() {
     let shape = Shape::Cylinder { radius, half_length };
     hand.links[0].colliders = vec![Collider { name: "puck".into(), shape, link_from_shape, material: Material::Bare }];
     // Small enough to touch no finger.
-    let geometry = Geometry::Cuboid(Vector3::new(0.03, 0.02, 0.015));
+    let geometry = Geometry::Cuboid(Vector3::new(0.03, 0.015, 0.015));
     let template = template(hand, &geometry, 0.5, PhysicsConfig::default());
     let mut world = template.spawn(&palm_up(), &at(0.015, 0.0, 0.5151), 0.0);
     run(&mut world, &palm_up(), &[], 0.8);

@@ -120,7 +120,7 @@ fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &Measured, frictio
 }
 
 /// Share of a penetration beyond the cap that pushes back too: enough to carry any load, too little to throw what starts overlapped.
-const BEYOND_CAP: f64 = 0.5;
+const BEYOND_CAP: f64 = 0.2;
 
 /// The depth that pushes back, metres; negative while the bodies are apart.
 fn pushing_depth(depth: f64, cap: f64) -> f64 {
