@@ -78,7 +78,7 @@ def test_files_read_back(tmp_path: Path) -> None:
 
 def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     mesh = corner_box()
-    for wrong, complaint in (({"resolution": 0}, "1 to 1024"), ({"resolution": 1025}, "1 to 1024"),
+    for wrong, complaint in (({"resolution": 0}, "between 1 and 1024"), ({"resolution": 1025}, "between 1 and 1024"),
                              ({"mode": "hollow"}, "solid or surface"), ({"down": 6}, "halved"),
                              ({"down": 32}, "halved"), ({"down": -1}, r"down is -1 \(int\); .* not negative"),
                              ({"down": 10**30}, r"down is 10.* below 2\^32"), ({"resolution": 8.5}, "an integer"),
