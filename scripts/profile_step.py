@@ -113,7 +113,7 @@ def main() -> None:
         ("searches for contacts", whole(SEARCH)),
         ("contact constraints and integration", whole(SOLVE) - inside),
         ("candidates, islands and the rest of the engine", whole(ENGINE) - whole(SEARCH) - whole(SOLVE) - before),
-        ("tendons, motors and the moving frame", whole(WORLD) - whole(ENGINE)),
+        ("tendons, actuators and the moving frame", whole(WORLD) - whole(ENGINE)),
         ("judge, arm, protective stop, reward", whole(EPISODE) - whole(WORLD)),
     ]
     each = whole(EPISODE) / (bench._ENVS * bench._STEPS) / 1e6

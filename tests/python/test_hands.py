@@ -52,13 +52,13 @@ def test_a_hand_tells_what_it_is(name: str) -> None:
     assert len(glyphs(hand, np.eye(4)[None], np.array([low]))[0]) == 1 + sum(len(f.points) + 1 for f in fingers)
 
 
-def can() -> Any:
-    return object_sets.load("procedural:can:0")[0].load()
+def bottle() -> Any:
+    return object_sets.load("procedural:bottle:0")[0].load()
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_first_pose_holds_a_can(name: str) -> None:
-    scene = graspbox.Scene(can(), hand=name)
+def test_the_first_pose_holds_a_bottle(name: str) -> None:
+    scene = graspbox.Scene(bottle(), hand=name)
     plan = graspbox.plan(scene.mesh, hand=name, world_from_object=scene.world_from_object)
     outcomes = scene.simulate(plan.best(5))
     assert outcomes.success[0], outcomes
@@ -73,7 +73,7 @@ def test_mujoco_agrees_on_the_first_pose(name: str) -> None:
     pytest.importorskip("mujoco", reason="the comparison needs mujoco, from the extra 'dev'")
     from graspbox.validation import mujoco as judge
 
-    scene = graspbox.Scene(can(), hand=name)
+    scene = graspbox.Scene(bottle(), hand=name)
     plan = graspbox.plan(scene.mesh, hand=name, world_from_object=scene.world_from_object).best(1)
     built = judge.build(judge.describe(name), judge.object_data(scene))
     outcome = judge.replay(built, scene.world_from_object @ plan.poses[0], float(plan.preshape[0]))
@@ -83,13 +83,13 @@ def test_mujoco_agrees_on_the_first_pose(name: str) -> None:
 @pytest.mark.parametrize("name", OTHERS)
 @pytest.mark.parametrize("env_id", ["graspbox/Grasp-v0", "graspbox/GraspPose-v0"])
 def test_environments_take_the_hand(name: str, env_id: str) -> None:
-    env = gymnasium.make(env_id, objects="procedural:can:0", hand=name, obs=("state", "depth"), cameras=CAMERAS)
+    env = gymnasium.make(env_id, objects="procedural:bottle:0", hand=name, obs=("state", "depth"), cameras=CAMERAS)
     check_env(env.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_expert_grasps_with_it(name: str) -> None:
-    env: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0", hand=name).unwrapped
+    env: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:bottle:0", hand=name).unwrapped
     state, info = env.reset(seed=1)
     plan = planned(env.objects[0].load(), state, hand=name)
     expert, done = Expert(state, plan.poses[0], plan.preshape[0], hand=name), False
@@ -119,4 +119,4 @@ def test_tables_follow_the_hand() -> None:
 def test_rapier_names_itself_where_it_cannot() -> None:
     physics = graspbox.PhysicsConfig(engine="rapier")
     with pytest.raises(errors.SimulationError, match=r"the engine `rapier` cannot simulate the hand `panda_gripper`"):
-        graspbox.Scene(can(), hand="panda_gripper", physics=physics)
+        graspbox.Scene(bottle(), hand="panda_gripper", physics=physics)

@@ -74,5 +74,5 @@ pub use error::ModelError;
 pub use model::{BASE, BodyIndex, Model, OBJECT};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface};
-pub use solver::{Contact, Given, Side, Saved, Solver, State, StepInput};
+pub use solver::{Contact, Given, Saved, Side, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

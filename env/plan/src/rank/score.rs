@@ -11,7 +11,7 @@ use graspbox_hand::{Hand, Preshape};
 
 /// Lengths enter in units of this, metres.
 const UNIT: f64 = 0.05;
-/// Turn of the distal link beyond which a finger has closed past the object, radians.
+/// Turn of the last link beyond which a finger has closed past the object, radians.
 const OVER_CLOSED: f64 = 3.2;
 /// Epsilon above which a grasp counts as force closure: sampled directions alone are an upper bound.
 const CLOSURE: f64 = 0.3;

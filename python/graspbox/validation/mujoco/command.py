@@ -23,6 +23,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--trials", type=int, default=200, help="feasible grasps to judge (200)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the poses (0)")
     parser.add_argument("--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="SET", help="object sets")
+    parser.add_argument("--hand", default="reflex", help="a hand by its name (reflex)")
     parser.add_argument("--threads", type=int, default=None, help="threads for both engines; all by default")
     parser.add_argument("--timestep", type=float, default=Numerics().timestep, help="MuJoCo's time step, s (0.001)")
     parser.add_argument(
@@ -84,6 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
                 args.objects,
                 args.trials,
                 args.seed,
+                hand=args.hand,
                 threads=args.threads,
                 numerics=replace(Numerics(), timestep=args.timestep),
                 explain=not args.no_explain,

@@ -156,7 +156,18 @@ def describe(hand: HandLike = "reflex") -> HandDescription:
     return read_hand(*load_hand(hand).files)
 
 
-def random_pose(random: np.random.Generator, points: Array, center: Array) -> tuple[Array, float]:
+def random_preshape(random: np.random.Generator, hand: graspbox.Hand) -> float:
+    """Sample a preshape: the greatest with probability 0.3, else one of the lower 38 % of the range.
+
+    The greatest is a pinch of the ReFlex. Of named preshapes all are as likely.
+    """
+    low, high = hand.preshape_limits
+    if hand.preshape_unit == "1":
+        return float(random.integers(round(high) + 1))
+    return high if random.random() < 0.3 else random.uniform(low, low + 0.6 / (0.5 * np.pi) * (high - low))
+
+
+def random_pose(random: np.random.Generator, points: Array, center: Array, hand: graspbox.Hand) -> tuple[Array, float]:
     """Sample a hand pose from above or from a side, and a preshape.
 
     Parameters
@@ -165,12 +176,14 @@ def random_pose(random: np.random.Generator, points: Array, center: Array) -> tu
         Corners of the object's parts, world frame.
     center : (3,)
         Centre of mass, world frame.
+    hand : Hand
+        For its preshapes.
 
     Returns
     -------
     world_from_hand : (4, 4)
     preshape : float
-        rad: pi/2 (a pinch) with probability 0.3, else uniform between 0 and 0.6.
+        See `random_preshape`.
     """
     yaw = random.uniform(0.0, 2.0 * np.pi)
     side = np.array([np.cos(yaw), np.sin(yaw), 0.0])
@@ -178,7 +191,7 @@ def random_pose(random: np.random.Generator, points: Array, center: Array) -> tu
     pose = np.eye(4)
     if random.random() < 0.5:
         pose[:3, :3] = np.column_stack([side, np.cross([0.0, 0.0, -1.0], side), [0.0, 0.0, -1.0]])
-        # Straight fingers are 0.105 long below the palm: nearer to the table they must fold on the way.
+        # Straight fingers of the ReFlex end 0.105 below the palm: nearer to the table they must fold on the way.
         height = max(points[:, 2].max() + gap, random.uniform(0.08, 0.115))
         pose[:3, 3] = [*(center[:2] + random.uniform(-0.015, 0.015, 2)), height]
     else:
@@ -189,8 +202,7 @@ def random_pose(random: np.random.Generator, points: Array, center: Array) -> tu
         pose[:3, 3] = center - side * (reach + gap)
         # Half of the hand's base, and a little, above the table.
         pose[2, 3] = max(center[2], 0.075) + random.uniform(-0.01, 0.03)
-    preshape = 0.5 * np.pi if random.random() < 0.3 else random.uniform(0.0, 0.6)
-    return pose, float(preshape)
+    return pose, random_preshape(random, hand)
 
 
 def sample_trials(scene: graspbox.Scene, count: int, random: np.random.Generator) -> tuple[Array, Array] | None:
@@ -205,7 +217,7 @@ def sample_trials(scene: graspbox.Scene, count: int, random: np.random.Generator
     # A short trial suffices to find out whether a pose is feasible.
     check = TrialConfig(close_time=0.1, lift_time=0.1, hold_time=0.5)
     for _ in range(_MAX_ROUNDS):
-        sampled = [random_pose(random, points, center) for _ in range(count)]
+        sampled = [random_pose(random, points, center, scene.hand) for _ in range(count)]
         candidates = np.stack([world_to_object @ pose for pose, _ in sampled])
         found = scene.simulate(candidates, np.array([p for _, p in sampled]), config=check)
         for pose, (_, preshape), failure in zip(candidates, sampled, found.failure, strict=True):
@@ -226,10 +238,10 @@ def _replay_all(
         yield from pool.map(lambda pair: replay(scene, pair[0], float(pair[1])), zip(poses, preshapes, strict=True))
 
 
-def _why(mesh: graspbox.Mesh, hand: HandDescription, row: Row, numerics: Numerics) -> Why:
+def _why(scene: graspbox.Scene, hand: HandDescription, row: Row, numerics: Numerics) -> Why:
     """Run both engines at half their time step."""
     physics = PhysicsConfig()
-    half = graspbox.Scene(mesh, physics=replace(physics, dt=0.5 * physics.dt))
+    half = graspbox.Scene(scene.mesh, hand=scene.hand, physics=replace(physics, dt=0.5 * physics.dt))
     again = half.simulate(row.object_from_hand[None], np.array([row.preshape]))
     # The same object at rest: only the time step differs.
     item = object_data(half)
@@ -248,6 +260,7 @@ def compare(
     trials: int = 200,
     seed: int = 0,
     *,
+    hand: HandLike = "reflex",
     threads: int | None = None,
     numerics: Numerics | None = None,
     explain: bool = True,
@@ -263,6 +276,8 @@ def compare(
         Number of trials, at least one.
     seed : int
         Seed of the poses.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
     threads : int, optional
         For both engines; by default as many as the core would use.
     numerics : Numerics, optional
@@ -283,7 +298,8 @@ def compare(
     if not 0.0 < numerics.timestep <= 0.01:
         raise ConfigError(f"timestep is {numerics.timestep}; give at most 0.01 s")
     specs = graspbox.object_sets.load(list(objects))
-    hand = describe()
+    loaded = load_hand(hand)
+    described = describe(loaded)
     report = Report(threads=threads or _core.num_threads())
     share, rest = divmod(trials, len(specs))
     done = 0
@@ -291,16 +307,15 @@ def compare(
         count = share + (number < rest)
         if count == 0:
             continue
-        mesh = spec.load()
-        scene = graspbox.Scene(mesh)
+        scene = graspbox.Scene(spec.load(), hand=loaded)
         sampled = sample_trials(scene, count, np.random.default_rng([seed, number]))
         done += count
         if sampled is None:
             report.left_out.append(spec.name)
         else:
-            rows = _judge(report, scene, hand, sampled, numerics)
+            rows = _judge(report, scene, described, sampled, numerics)
             if explain:
-                rows = [row if row.equal else replace(row, why=_why(mesh, hand, row, numerics)) for row in rows]
+                rows = [row if row.equal else replace(row, why=_why(scene, described, row, numerics)) for row in rows]
             report.rows += rows
         if progress is not None:
             progress(done)

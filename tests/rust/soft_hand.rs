@@ -1,0 +1,83 @@
+//! The SoftHand against what its authors measured: how long it takes to close, and how hard it holds. Of the published holding torque of a
+//! disk there is no test: the disk does not stay in the hand while it closes on it, so how it was put there matters.
+#![allow(clippy::unwrap_used)]
+
+use graspbox_hand::Hand;
+use graspbox_hand::assets::asset;
+use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template, World};
+use graspbox_tests::bench::{at, closing, run, template};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
+
+fn hand() -> Hand {
+    asset("soft_hand").unwrap().read().unwrap()
+}
+
+/// The hand 1 m above the table, its palm up, so that nothing but the object touches it.
+fn palm_up() -> Isometry3<f64> {
+    at(0.0, 0.0, 1.0)
+}
+
+/// A hand that closed about `object`, which lay on its palm at `hand_from_object`.
+fn closed_about(object: &ObjectModel, hand_from_object: &Isometry3<f64>) -> World {
+    let template = Template::new(Arc::new(hand()), object, PhysicsConfig::default()).unwrap();
+    let mut world = template.spawn(&palm_up(), &(palm_up() * hand_from_object), 0.0);
+    let close = closing(world.hand(), 0.0);
+    run(&mut world, &palm_up(), &close, 2.0);
+    world
+}
+
+/// From open to fist in 1.1 s, give or take 0.2.
+#[test]
+fn the_hand_closes_in_the_published_time() {
+    let template = template(hand(), &Geometry::Ball { radius: 0.02 }, 0.1, PhysicsConfig::default());
+    let mut world = template.spawn(&palm_up(), &at(0.3, 0.0, 0.02), 0.0);
+    let close = closing(world.hand(), 0.0);
+    let flexed = |world: &World| -> f64 {
+        let joints = world.hand().coordinates().filter(|j| !world.hand().joints[*j].name.ends_with("abd"));
+        joints.map(|joint| world.joint(joint).position).sum()
+    };
+    let mut history = Vec::new();
+    for _ in 0..1000 {
+        world.step(&palm_up(), &close).unwrap();
+        history.push(flexed(&world));
+    }
+    let end = history[history.len() - 1];
+    let time = history.iter().position(|flexed| *flexed > 0.95 * end).unwrap() as f64 * world.dt();
+    println!(
+        "14 flexions end at {:.2} rad on average, after {time:.2} s, tension {:.1} N",
+        end / 14.0,
+        world.tension(0)
+    );
+    assert!((time - 1.1).abs() < 0.2, "{time} s");
+}
+
+/// A cylinder of 45 mm is pulled along its axis until it slips: 20 N, give or take a quarter.
+#[test]
+fn a_cylinder_is_held_with_the_published_force() {
+    const MASS: f64 = 2.0;
+    let turned = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
+    let cylinder = ObjectModel::solid(&Geometry::Cylinder { radius: 0.0225, half_length: 0.06 }, MASS).unwrap();
+    let mut forces = Vec::new();
+    for x in [0.0, 0.01, 0.02] {
+        for direction in [1.0, -1.0] {
+            let place = Isometry3::from_parts(Translation3::new(x, 0.01, 0.0255), turned);
+            let mut world = closed_about(&cylinder, &place);
+            let close = closing(world.hand(), 0.0);
+            let held = world.hand_from_object() * Point3::origin();
+            let mut force = 0.0;
+            // 5 N per second along the axis.
+            while force < 80.0 && (world.hand_from_object() * Point3::origin() - held).y.abs() < 0.005 {
+                force += 5.0 * world.dt();
+                world.set_gravity(&Vector3::new(0.0, direction * force / MASS, 0.0));
+                world.step(&palm_up(), &close).unwrap();
+            }
+            println!("at x = {x}: held at {held}, slips at {force:.1} N, tension {:.1} N", world.tension(0));
+            forces.push(force);
+        }
+    }
+    let mean = forces.iter().sum::<f64>() / forces.len() as f64;
+    println!("mean {mean:.1} N");
+    assert!((mean / 20.0 - 1.0).abs() < 0.25, "{forces:?}");
+}
