@@ -42,8 +42,7 @@ impl Matrix {
                     (best, most) = (k, value.abs());
                 }
             }
-            // Also false for NaN.
-            if !(most > 0.0) {
+            if most.is_nan() || most <= 0.0 {
                 return false;
             }
             if best != i {
@@ -85,7 +84,7 @@ impl Matrix {
         let n = self.n;
         for i in 0..n {
             let pivot = self.values[i * n + i];
-            if !(pivot > 0.0) {
+            if pivot.is_nan() || pivot <= 0.0 {
                 return false;
             }
             let inverse = 1.0 / pivot.sqrt();

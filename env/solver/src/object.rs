@@ -88,7 +88,7 @@ pub(crate) fn corners(shape: &SharedShape) -> (Vec<Vector3<f64>>, f64) {
         let (half, radius) = (units::metres(cylinder.half_height), units::metres(cylinder.radius));
         let corner = |i: usize| {
             let angle = (i / 2) as f64 / RIM_CORNERS as f64 * std::f64::consts::TAU;
-            Vector3::new(radius * angle.cos(), if i % 2 == 0 { -half } else { half }, radius * angle.sin())
+            Vector3::new(radius * angle.cos(), if i.is_multiple_of(2) { -half } else { half }, radius * angle.sin())
         };
         return ((0..2 * RIM_CORNERS).map(corner).collect(), 0.0);
     }

@@ -16,8 +16,8 @@ pub(super) fn chosen(manifold: &ContactManifold<(), ()>, reach: f32) -> ([usize;
     let twin = |i: usize| (0..i).any(|j| (points[j].local_p1 - points[i].local_p1).length_squared() < TWIN);
     let mut near = [0_usize; 32];
     let mut count = 0;
-    for i in 0..points.len() {
-        if count < near.len() && points[i].dist <= reach && !twin(i) {
+    for (i, point) in points.iter().enumerate() {
+        if count < near.len() && point.dist <= reach && !twin(i) {
             near[count] = i;
             count += 1;
         }
