@@ -21,7 +21,7 @@ from test_pictures import check_picture
 def _result(name: str, success: list[bool]) -> ObjectResult:
     n = len(success)
     zeros, won = np.zeros(n), np.array(success)
-    outcomes = graspbox.Outcomes(won, won, np.full(n, ""), zeros, zeros, won, zeros, zeros)
+    outcomes = graspbox.Outcomes(won, won, np.full(n, ""), zeros, zeros, won, zeros, zeros, np.zeros(n, dtype=np.int64))
     return ObjectResult(name, outcomes=outcomes)
 
 
