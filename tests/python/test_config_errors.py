@@ -100,6 +100,8 @@ def numpy_cases() -> Iterator[Any]:
 def test_numpy_values_cross(config: Any, name: str, maker: Callable[[Any], Any], value: Any) -> None:
     if isinstance(value, int) and not isinstance(value, bool):
         value = min(value, 100)
+    if isinstance(value, float):
+        value = min(value, 6e4)  # half precision ends at 65,504
     given = read(replace(config(), **{name: maker(value)}))[name]
     plain = read(replace(config(), **{name: value}))[name]
     # Half precision rounds 5e-7 to 4.8e-7.

@@ -128,7 +128,7 @@ def test_an_episode_shows_what_happens(tmp_path: Path, figures: list[Figure]) ->
         assert len(ticks) >= 2
         assert all(low <= tick <= high for tick in ticks)
     with pytest.raises(errors.ConfigError, match="choose another seed"):
-        episodes.play("procedural:plate:0", seed=0, image_size=32, picture=small, observed="held")
+        episodes.play("procedural:fork:1", seed=0, image_size=32, picture=small, observed="held")
     with pytest.raises(errors.ConfigError, match="observed is 'later'; use one of start, approach"):
         pictures.save_episode(tmp_path / "later.png", "procedural:mug:3", observed="later")
 
@@ -149,7 +149,7 @@ def test_depth_colours_belong_to_the_bar() -> None:
 @pytest.fixture(scope="module")
 def bottle() -> tuple[graspbox.Scene, graspbox.Plan]:
     """Prepare a scene with poses of both kinds: those that are ranked last fail."""
-    scene = graspbox.Scene(object_sets.load("procedural:bottle:0")[0].load())
+    scene = graspbox.Scene(object_sets.load("procedural:bottle:1")[0].load())
     ranked = graspbox.plan(scene.mesh, seed=0, world_from_object=scene.world_from_object).best()
     return scene, _rows(ranked, [*range(3), *range(len(ranked) - 40, len(ranked))])
 

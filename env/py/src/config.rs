@@ -6,6 +6,7 @@ use graspbox_agent::{AgentConfig, Randomization, ResetOptions};
 use graspbox_episode::{SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
+use graspbox_sim::config::SolverConfig;
 use graspbox_sim::{Friction, PhysicsConfig, RapierConfig};
 use graspbox_vision::{CameraConfig, CamerasConfig, PictureConfig};
 use pyo3::prelude::*;
@@ -31,6 +32,7 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "FrictionConfig" => json(&config::<Friction>(text, name)?),
         "Randomization" => json(&config::<Randomization>(text, name)?),
         "RapierConfig" => json(&config::<RapierConfig>(text, name)?),
+        "SolverConfig" => json(&config::<SolverConfig>(text, name)?),
         "PhysicsConfig" => json(&config::<PhysicsConfig>(text, name)?),
         "SuccessCriterion" => json(&config::<SuccessCriterion>(text, name)?),
         "TrialConfig" => json(&config::<TrialConfig>(text, name)?),

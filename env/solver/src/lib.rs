@@ -5,6 +5,7 @@
 //! | [`tree`] | the hand: bodies, joints, coordinates, cables |
 //! | [`object`], [`scenery`] | the object; table and ground |
 //! | [`config`] | settings, with the reason for each number |
+//! | `contact` | contact points, as they are reported |
 //! | [`model`] | what all worlds of one template share |
 //! | [`solver`] | a world's state, and a step of it |
 //! | `kinematics`, `dynamics` | poses and Jacobians; mass matrix and bias forces |
@@ -51,6 +52,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod config;
+mod contact;
 pub mod dispatch;
 mod dynamics;
 mod error;
@@ -69,10 +71,11 @@ pub mod tree;
 mod units;
 
 pub use config::SolverConfig;
+pub use contact::{Contact, Side};
 pub use dynamics::FrameMotion;
 pub use error::ModelError;
 pub use model::{BASE, BodyIndex, Model, OBJECT};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface};
-pub use solver::{Contact, Given, Saved, Side, Solver, State, StepInput};
+pub use solver::{Given, Saved, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

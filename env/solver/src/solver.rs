@@ -2,12 +2,11 @@
 
 mod contacts;
 
-pub use contacts::{Contact, Side};
-
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+use crate::contact::Contact;
 use crate::dynamics::{Dynamics, FrameMotion};
 use crate::kinematics::{Kinematics, Twist};
 use crate::model::{BASE, Model, OBJECT};
