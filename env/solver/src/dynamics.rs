@@ -199,3 +199,6 @@ fn axis_at_origin(kinematics: &Kinematics, body: usize, kind: JointKind) -> (Vec
 fn steiner(mass: f64, at: &Vector3<f64>) -> Matrix3<f64> {
     mass * (Matrix3::identity() * at.norm_squared() - at * at.transpose())
 }
+
+#[cfg(test)]
+mod tests;
