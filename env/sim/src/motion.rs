@@ -1,5 +1,6 @@
 //! The moving frame: where the hand's base is in the world, how it moves, and the accelerations that its frame adds.
 
+pub(crate) use graspbox_solver::FrameMotion;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -14,17 +15,6 @@ pub(crate) struct BaseMotion {
     pub linear: Vector3<f64>,
     /// Angular velocity, world axes, rad/s.
     pub angular: Vector3<f64>,
-}
-
-/// Motion of the base's frame during one step, in the axes of the base before the step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct FrameMotion {
-    /// Gravity less the acceleration of the base's origin, m/s2.
-    pub gravity: Vector3<f64>,
-    /// Angular velocity of the frame, rad/s.
-    pub omega: Vector3<f64>,
-    /// Angular acceleration of the frame, rad/s2.
-    pub alpha: Vector3<f64>,
 }
 
 impl BaseMotion {

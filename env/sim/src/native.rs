@@ -99,11 +99,7 @@ impl Engine for Native {
             dt: self.shared.dt,
             base_from_world: input.base_from_world,
             base_from_world_after: input.base_from_world_after,
-            frame: solver::FrameMotion {
-                gravity: input.frame.gravity,
-                omega: input.frame.omega,
-                alpha: input.frame.alpha,
-            },
+            frame: input.frame,
             driven: &self.driven,
             cables: &self.given,
         });

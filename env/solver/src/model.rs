@@ -157,12 +157,6 @@ impl Model {
         &self.tree
     }
 
-    /// The object.
-    #[must_use]
-    pub fn object(&self) -> &Object {
-        &self.object
-    }
-
     /// Height of the object's lowest point when it is posed so, along z of that frame, metres.
     #[must_use]
     pub fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {

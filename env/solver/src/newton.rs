@@ -4,11 +4,8 @@ use crate::kinematics::Kinematics;
 use crate::model::Model;
 use crate::problem::{Bounds, Problem};
 
-/// A step is taken if the residual falls by this share of the step.
-const DESCENT: f64 = 0.1;
-/// A step that does not descend is shortened by this factor, so many times.
-const SHORTER: f64 = 0.4;
-const SHORTENINGS: usize = 1;
+/// Newton's step is taken if the residual falls by this share.
+const DESCENT: f64 = 0.04;
 /// Convex steps at most before the iteration is given up.
 const CROSSINGS: usize = 12;
 /// Iterations of the convex problem in which friction's bounds still follow: in the first fallback, and in the last.
@@ -17,52 +14,36 @@ const BOUND_UPDATES: [usize; 2] = [3, 6];
 const FLAT: f64 = 0.1;
 const LINE_EVALUATIONS: usize = 20;
 
-/// What it took to solve a step.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Effort {
-    pub iterations: u32,
-    pub evaluations: u32,
-    /// False where the velocities do not balance: Newton's method did not end even after the fallback.
-    pub converged: bool,
-    pub fallbacks: u32,
-    pub crossings: u32,
-}
-
 /// Buffers of the iteration.
 #[derive(Clone, Default)]
 pub(crate) struct Newton {
     direction: Vec<f64>,
     from: Vec<f64>,
-    pub effort: Effort,
+    /// Solution of the convex problem, kept while Newton's method tries again.
+    convex: Vec<f64>,
 }
 
 impl Newton {
     pub fn new(model: &Model) -> Self {
         let n = model.unknowns();
-        Self { direction: vec![0.0; n], from: vec![0.0; n], effort: Effort::default() }
+        Self { direction: vec![0.0; n], from: vec![0.0; n], convex: vec![0.0; n] }
     }
 
     /// Solves for `problem.v`, beginning where it is; impulses and cable forces are those of the velocities found.
-    pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
-        self.effort = Effort::default();
-        self.effort.converged = self.coulomb(model, kinematics, problem);
-        if self.effort.converged {
-            return;
+    ///
+    /// False where the velocities do not balance: Newton's method did not end even after the fallback.
+    pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
+        if self.coulomb(model, kinematics, problem) {
+            return true;
         }
-        self.effort.fallbacks += 1;
         self.convex(model, kinematics, problem, BOUND_UPDATES[0]);
-        self.from.copy_from_slice(&problem.v);
-        let convex = self.from.clone();
-        self.effort.converged = self.coulomb(model, kinematics, problem);
-        if !self.effort.converged {
-            problem.v.copy_from_slice(&convex);
-            self.convex(model, kinematics, problem, BOUND_UPDATES[1]);
+        self.convex.copy_from_slice(&problem.v);
+        if self.coulomb(model, kinematics, problem) {
+            return true;
         }
-    }
-
-    fn evaluate(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, bounds: Bounds) -> f64 {
-        self.effort.evaluations += 1;
-        problem.evaluate(model, kinematics, bounds)
+        problem.v.copy_from_slice(&self.convex);
+        self.convex(model, kinematics, problem, BOUND_UPDATES[1]);
+        false
     }
 
     /// Newton's method on the true balance, bounds and all; false where it does not get on.
@@ -71,31 +52,22 @@ impl Newton {
     /// friction's bounds as they are, crosses these kinks.
     fn coulomb(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
         let tolerance = model.solver.tolerance;
-        let mut now = self.evaluate(model, kinematics, problem, Bounds::Follow);
+        let mut now = problem.evaluate(model, kinematics, Bounds::Follow);
         let mut crossings = 0;
         for _ in 0..model.solver.max_iterations {
             problem.differentiate(model, kinematics, Bounds::Follow);
-            self.effort.iterations += 1;
             self.descend(problem);
             if !problem.derivative.solve(&mut self.direction) {
                 return false;
             }
             let length = self.length(model);
             self.from.copy_from_slice(&problem.v);
-            let mut step = 1.0;
-            let mut then = now;
-            for _ in 0..SHORTENINGS {
-                self.move_by(problem, step);
-                then = self.evaluate(model, kinematics, problem, Bounds::Follow);
-                if then <= now * (1.0 - DESCENT * step) || length <= tolerance {
-                    break;
-                }
-                step *= SHORTER;
-            }
+            self.move_by(problem, 1.0);
+            let then = problem.evaluate(model, kinematics, Bounds::Follow);
             if length <= tolerance {
                 return true;
             }
-            if then <= now * (1.0 - DESCENT * step) {
+            if then <= now * (1.0 - DESCENT) {
                 // The next step would be as much shorter as the residual is smaller.
                 if length * (then / now).sqrt() <= 0.5 * tolerance {
                     return true;
@@ -108,18 +80,17 @@ impl Newton {
                 return false;
             }
             problem.v.copy_from_slice(&self.from);
-            self.evaluate(model, kinematics, problem, Bounds::Follow);
+            problem.evaluate(model, kinematics, Bounds::Follow);
             if !self.convex_step(model, kinematics, problem) {
                 return false;
             }
-            now = self.evaluate(model, kinematics, problem, Bounds::Follow);
+            now = problem.evaluate(model, kinematics, Bounds::Follow);
         }
         false
     }
 
     /// One step of the convex problem from where it was evaluated last; false where there is no direction.
     fn convex_step(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
-        self.effort.crossings += 1;
         problem.differentiate(model, kinematics, Bounds::Frozen);
         self.descend(problem);
         if !problem.derivative.solve_definite(&mut self.direction) {
@@ -134,11 +105,10 @@ impl Newton {
     fn convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, updates: usize) {
         for iteration in 0..model.solver.max_iterations {
             if iteration < updates {
-                self.evaluate(model, kinematics, problem, Bounds::Follow);
+                problem.evaluate(model, kinematics, Bounds::Follow);
             }
-            self.evaluate(model, kinematics, problem, Bounds::Frozen);
+            problem.evaluate(model, kinematics, Bounds::Frozen);
             problem.differentiate(model, kinematics, Bounds::Frozen);
-            self.effort.iterations += 1;
             self.descend(problem);
             if !problem.derivative.solve_definite(&mut self.direction) {
                 return;
@@ -146,7 +116,7 @@ impl Newton {
             self.from.copy_from_slice(&problem.v);
             if self.length(model) <= model.solver.tolerance {
                 self.move_by(problem, 1.0);
-                self.evaluate(model, kinematics, problem, Bounds::Frozen);
+                problem.evaluate(model, kinematics, Bounds::Frozen);
                 return;
             }
             self.line_search(model, kinematics, problem);
@@ -157,7 +127,7 @@ impl Newton {
     fn line_search(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
         let slope = |this: &mut Self, problem: &mut Problem, step: f64| {
             this.move_by(problem, step);
-            this.evaluate(model, kinematics, problem, Bounds::Frozen);
+            problem.evaluate(model, kinematics, Bounds::Frozen);
             problem.residual.iter().zip(&this.direction).map(|(r, d)| r * d).sum::<f64>()
         };
         let start: f64 = problem.residual.iter().zip(&self.direction).map(|(r, d)| r * d).sum();

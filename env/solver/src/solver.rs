@@ -188,15 +188,9 @@ impl Solver {
         self.object_momentum(&model, input, &center);
         self.hand_momentum(&model, input);
         self.find_contacts(&model, input, &center);
-        self.newton.solve(&model, &self.kinematics, &mut self.problem);
+        let balanced = self.newton.solve(&model, &self.kinematics, &mut self.problem);
+        self.state.unconverged_steps += u64::from(!balanced);
         self.integrate(&model, input, &center);
-    }
-
-    /// Iterations, evaluations and fallbacks of the last step.
-    #[must_use]
-    pub fn effort(&self) -> [u32; 3] {
-        let effort = &self.newton.effort;
-        [effort.iterations, effort.evaluations, effort.fallbacks]
     }
 
     /// Centre of mass of the object, base's frame.
@@ -329,7 +323,6 @@ impl Solver {
         for (force, cable) in state.cable_forces.iter_mut().zip(&problem.cables) {
             *force = cable.force;
         }
-        state.unconverged_steps += u64::from(!self.newton.effort.converged);
     }
 }
 
