@@ -30,6 +30,7 @@ from graspbox.configs import (
     RapierConfig,
     SolverConfig,
     SuccessCriterion,
+    ShakeConfig,
     TrialConfig,
 )
 from graspbox.envs import register
@@ -66,6 +67,7 @@ __all__ = [
     "SolverConfig",
     "SuccessCriterion",
     "Trace",
+    "ShakeConfig",
     "TrialConfig",
     "ViewPlan",
     "Views",

@@ -74,6 +74,8 @@ class OutcomeArrays(TypedDict):
     legacy_success: NDArray[np.bool_]
     kindness: NDArray[np.float64]
     kindness_rate: NDArray[np.float64]
+    survives_shake: NDArray[np.bool_]
+    shake_shift: NDArray[np.float64]
     lift: NDArray[np.float64]
     time: NDArray[np.float64]
     unconverged_steps: NDArray[np.int64]

@@ -27,6 +27,7 @@ __all__ = [
     "PoseConfig",
     "Randomization",
     "RapierConfig",
+    "ShakeConfig",
     "SolverConfig",
     "SuccessCriterion",
     "TrialConfig",
@@ -184,8 +185,36 @@ class SuccessCriterion:
 
 
 @dataclass(frozen=True)
+class ShakeConfig:
+    """How the hand shakes what it holds: along, then about, the axes of the hand frame, one after the other.
+
+    Every motion is a sine that grows and fades over two cycles each. The turns are about the grasp centre. The default
+    is 2 g with strokes of 20 mm and 0.2 rad, 7.2 s for all axes.
+
+    Attributes
+    ----------
+    acceleration : float
+        Amplitude of the acceleration along each axis, m/s2, 0.1 to 100.
+    lever : float
+        Turning about an axis accelerates points at this distance from it with the same amplitude, metres: the angular
+        acceleration is ``acceleration / lever``, 196 rad/s2 by default. At most 1, and at least what keeps the turn
+        below 0.5 rad.
+    frequency : float
+        Cycles per second, Hz: at least what keeps the stroke, ``acceleration / (2 pi frequency)**2``, below half of the
+        height of lifting, and at most one cycle per 20 time steps.
+    cycles : int
+        Cycles at full amplitude on each axis, 1 to 1000.
+    """
+
+    acceleration: float = 2.0 * 9.80665
+    lever: float = 0.1
+    frequency: float = 5.0
+    cycles: int = 2
+
+
+@dataclass(frozen=True)
 class TrialConfig:
-    """A grasp trial: approach, close, lift, hold.
+    """A grasp trial: approach, close, lift, hold, and a shake if one is asked for.
 
     Attributes
     ----------
@@ -199,6 +228,9 @@ class TrialConfig:
         Stop as soon as success is out of reach.
     legacy : bool
         Also take the reference study's own measures; early stops then wait until these are taken.
+    shake : ShakeConfig or None
+        If given, a success ends with a shake and another hold, for ``survives_shake``. The other labels stay those of
+        the first hold.
     success : SuccessCriterion
         What counts as success.
     """
@@ -210,6 +242,7 @@ class TrialConfig:
     hold_time: float = 1.0
     early_stop: bool = True
     legacy: bool = False
+    shake: ShakeConfig | None = None
     success: SuccessCriterion = field(default_factory=SuccessCriterion)
 
 

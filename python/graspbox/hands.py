@@ -44,5 +44,9 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
         return Hand.load(Path(urdf), Path(toml))
     if isinstance(hand, str) and hand in Hand.names():
         return Hand.named(hand)
+    if isinstance(hand, str) and hand.endswith((".urdf", ".toml")):
+        raise ConfigError(
+            f"{hand!r} is one file, but a hand has two: give (URDF, hand.toml), or 'hand.urdf,hand.toml' on the command line"
+        )
     known = ", ".join(repr(name) for name in Hand.names())
     raise ConfigError(f"there is no hand {hand!r}; choose from {known}, or give the paths of a URDF and a hand.toml")

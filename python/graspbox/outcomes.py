@@ -34,6 +34,10 @@ class Outcome:
         The study's success.
     kindness : float
         The study's kindness, or NaN.
+    survives_shake : bool
+        Whether the object was still in the hand after the shake.
+    shake_shift : float
+        Metres, or NaN.
     time : float
         Simulated seconds.
     unconverged_steps : int
@@ -47,6 +51,8 @@ class Outcome:
     kindness_rate: float
     legacy_success: bool
     kindness: float
+    survives_shake: bool
+    shake_shift: float
     time: float
     unconverged_steps: int
 
@@ -72,8 +78,14 @@ class Outcomes(ByValue):
         The study's success; False where it was not measured (see `kindness`).
     kindness : (n,) float64
         The study's kindness; NaN where an early stop prevented it (``TrialConfig(legacy=True)`` always measures it).
+    survives_shake : (n,) bool
+        Whether the object was still in the hand after the shake: success, judged again; False where nothing was shaken
+        (see `shake_shift`).
+    shake_shift : (n,) float64
+        Shift of the object's centre of mass in the hand's frame over the shake, metres; NaN where nothing was shaken:
+        without ``TrialConfig(shake=...)``, or because the grasp had failed before.
     time : (n,) float64
-        Simulated seconds.
+        Simulated seconds, those of the shake included.
     unconverged_steps : (n,) int64
         Steps in which the solver found no balance of forces; 0 for rapier, which does not measure it.
     """
@@ -85,6 +97,8 @@ class Outcomes(ByValue):
     kindness_rate: NDArray[np.float64]
     legacy_success: NDArray[np.bool_]
     kindness: NDArray[np.float64]
+    survives_shake: NDArray[np.bool_]
+    shake_shift: NDArray[np.float64]
     time: NDArray[np.float64]
     unconverged_steps: NDArray[np.int64]
 

@@ -33,6 +33,8 @@ class ObjectResult:
         Outcome of each trial.
     seconds : float
         Wall time of the trials alone.
+    shaken : bool
+        Successes were shaken.
     error : str
         Why the object could not be prepared, planned for or simulated; empty if it could.
     """
@@ -41,6 +43,7 @@ class ObjectResult:
     plan: Plan | None = None
     outcomes: Outcomes | None = None
     seconds: float = 0.0
+    shaken: bool = False
     error: str = ""
 
     def row(self) -> dict[str, Any]:
@@ -54,6 +57,7 @@ class ObjectResult:
             "tried": 0 if out is None else len(out),
             "succeeded": 0 if out is None else int(out.success.sum()),
             "secure": 0 if out is None else int(out.secure.sum()),
+            "survived_shake": (0 if out is None else int(out.survives_shake.sum())) if self.shaken else None,
             "legacy_succeeded": None if cut_off else legacy,
             "first_succeeded": out is not None and len(out) > 0 and bool(out.success[0]),
         }
@@ -142,8 +146,8 @@ def try_object(
     except (ConfigError, InternalError):
         raise
     except GraspboxError as error:
-        return ObjectResult(spec.name, error=f"{type(error).__name__}: {error}")
-    return ObjectResult(spec.name, best, outcomes, seconds)
+        return ObjectResult(spec.name, shaken=trial.shake is not None, error=f"{type(error).__name__}: {error}")
+    return ObjectResult(spec.name, best, outcomes, seconds, shaken=trial.shake is not None)
 
 
 def try_set(objects: ObjectSet, *, done: Callable[[ObjectResult], None] = lambda _: None, **settings: Any) -> SetResult:

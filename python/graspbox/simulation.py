@@ -1,10 +1,13 @@
 """Grasp trials: an object at rest on a table, hand poses, and the outcome of each.
 
-The trial: the open hand starts at the pose, closes, lifts, and holds. One judge decides:
+The trial: the open hand starts at the pose, closes, lifts, and holds; with ``TrialConfig(shake=ShakeConfig())`` a success
+is then shaken. One judge decides:
 
 - ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
   touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s (`SuccessCriterion`).
 - ``secure``: success, and since it left the table it has moved less than 5 cm and 15 degrees in the hand's frame.
+- ``survives_shake``: success, and success again after the hand has shaken the object along and about its axes, with 2 g
+  by default, and held it still for another second. False where there was no shake.
 - ``legacy_success``, ``kindness``: the reference study's measures, read 2.5 s after closing starts.
 """
 

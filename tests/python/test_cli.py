@@ -80,7 +80,7 @@ def test_grasp_counts_what_the_package_counts(tmp_path: Path) -> None:
     details = json.loads(out.read_text())
     keys = {"objects", "tried", "succeeded", "rate", "objects_with_success", "first_rate", "trials_per_s"}
     assert set(table) == keys
-    keys = {"name", "tried", "succeeded", "secure", "legacy_succeeded", "first_succeeded"}
+    keys = {"name", "tried", "succeeded", "secure", "survived_shake", "legacy_succeeded", "first_succeeded"}
     assert all(set(row) == keys for row in table["objects"])
     assert [row["name"] for row in table["objects"]] == ["ball-000000", "can-000000"]
     assert table["tried"] == sum(row["tried"] for row in table["objects"]) == 6

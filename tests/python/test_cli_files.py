@@ -219,5 +219,5 @@ def test_details_print_what_out_writes(tmp_path: Path) -> None:
     assert found == json.loads(out.read_text())
     keys = {"object_from_hand", "preshape", "feasible", "score", "box", "face"}
     keys |= {"success", "secure", "failure", "lift", "kindness_rate", "legacy_success", "kindness", "time"}
-    keys |= {"unconverged_steps"}
+    keys |= {"unconverged_steps", "survives_shake", "shake_shift"}
     assert all(set(grasp) == keys for grasp in found["objects"][0]["grasps"])

@@ -12,6 +12,9 @@ from graspbox.arguments import to_json
 CONFIGS: list[Any] = [kind for name in configs.__all__ if isinstance(kind := getattr(configs, name), type)]
 
 
+SHAKE = json.loads(to_json(configs.ShakeConfig(acceleration=1.0)))
+
+
 def changed(value: Any) -> Any:
     """Give another value of the same type."""
     if isinstance(value, bool):
@@ -21,7 +24,8 @@ def changed(value: Any) -> Any:
     if isinstance(value, list):
         return [changed(inner) for inner in value] or ["rgb"]
     if isinstance(value, dict):
-        return {key: changed(inner) for key, inner in value.items()}
+        # A shake is a config, and none by default.
+        return {key: SHAKE if key == "shake" else changed(inner) for key, inner in value.items()}
     other = {"minimum": "pca", "share": "area", "random": "grid"}
     other |= {"twist": "delta_pose", "next_step": "same_step"}
     other |= {"proprio": "tactile", "tactile": "state", "state": "proprio"}
@@ -38,7 +42,7 @@ def test_defaults_are_those_of_the_core(config: Any) -> None:
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda c: c.__name__)
 def test_every_field_crosses(config: Any) -> None:
-    sent = {name: changed(value) for name, value in json.loads(to_json(config())).items()}
+    sent = changed(json.loads(to_json(config())))
     assert json.loads(_core._config(config.__name__, json.dumps(sent))) == sent
     assert all(sent[name] != value for name, value in json.loads(to_json(config())).items())
 

@@ -85,7 +85,10 @@ fn expected(name: &str, episode: &AgentEpisode, spec: &EnvSpec) -> Vec<f64> {
         "center_of_mass" => point(&(frame * episode.episode().scene().center_of_mass())),
         "bounds_center" => point(&(frame * episode.bounds_center())),
         "half_extents" => episode.half_extents().as_slice().to_vec(),
-        "mass" => vec![world.object_mass() * episode.view(spec).record.mass],
+        "mass" => {
+            let fresh = episode.episode().scene().template().spawn(&world.world_from_hand(), &object, 0.0);
+            vec![fresh.object_mass() * episode.view(spec).record.mass]
+        }
         "contact" => contact_flags(episode),
         "on_table" => vec![flag(world.contacts().scenery)],
         "lift" => vec![world.object_center().z - episode.judge().resting_height()],
@@ -272,12 +275,14 @@ fn infos_hold_what_their_names_say() {
         (false, false, true, true, Some(FailureKind::Dropped)),
         (false, true, false, false, Some(FailureKind::Infeasible)),
     ];
+    let survives = |i: usize| i == 1;
     let mut seen = Vec::new();
     for (i, (success, secure, touches, stopped, failure)) in cases.into_iter().enumerate() {
         let mut view = episode.view(pool.spec());
         let mut record = view.record.clone();
         (record.success, record.failure, record.stopped) = (success, failure, stopped);
         (record.object, record.resting, record.dropped) = (i + 7, i + 20, i == 3);
+        record.survives_shake = survives(i);
         (view.verdict.secure, view.verdict.lift) = (secure, 0.1 * i as f64);
         view.touching = if touches { vec![1] } else { Vec::new() };
         let view = View { record: &record, ..view };
@@ -295,6 +300,7 @@ fn infos_hold_what_their_names_say() {
                 "resting" => InfoValue::Index(if i == 3 { -1 } else { i as i64 + 20 }),
                 "touches" => InfoValue::Flag(touches),
                 "protective_stop" => InfoValue::Flag(stopped),
+                "survives_shake" => InfoValue::Flag(survives(i)),
                 "infeasible" => InfoValue::Flag(failure == Some(FailureKind::Infeasible)),
                 other => panic!("no expected value for the entry {other}: add one"),
             };

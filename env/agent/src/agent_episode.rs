@@ -54,6 +54,7 @@ impl AgentEpisode {
             lifting: false,
             success: false,
             failure: None,
+            survives_shake: false,
             stopped: false,
             potentials: Potentials::of(&episode, &initial.prepared, &first_center),
             viewpoint: initial.viewpoint.clone(),
@@ -150,6 +151,7 @@ impl AgentEpisode {
         self.arm.sync(&self.episode.world().world_from_hand());
         self.record.success = outcome.attempt.success;
         self.record.failure = outcome.failure;
+        self.record.survives_shake = outcome.survives_shake;
         self.record.touched = outcome.touched;
         self.record.potentials = outcome.attempt.potentials;
         Ok(outcome.attempt)

@@ -34,10 +34,12 @@ pub struct Outcome {
     pub failure: Option<FailureKind>,
     /// The hand touched the object.
     pub touched: bool,
+    /// The object was in the hand after the shake; false where the trial has none.
+    pub survives_shake: bool,
 }
 
 impl Decision<'_> {
-    /// Tries a grasp: the hand opens at `world_from_hand` with `preshape`, closes, lifts and holds.
+    /// Tries a grasp: the hand opens at `world_from_hand` with `preshape`, closes, lifts, holds and, where the trial says so, shakes.
     ///
     /// * `episode`: the episode before the decision.
     ///
@@ -58,7 +60,7 @@ impl Decision<'_> {
         }
         let failure = Some(if feasible { FailureKind::NoContact } else { FailureKind::Infeasible });
         let attempt = Attempt { potentials: before, success: false, infeasible: !feasible };
-        Ok(Outcome { episode, attempt, failure, touched: false })
+        Ok(Outcome { episode, attempt, failure, touched: false, survives_shake: false })
     }
 
     /// * `before`: potentials before the hand closes, of which the nearness counts.
@@ -73,6 +75,7 @@ impl Decision<'_> {
         trial.close(&|| false)?;
         let closed = self.potentials(trial.episode());
         trial.lift(&|| false)?;
+        trial.shake(&|| false)?;
         let outcome = trial.outcome();
         let episode = trial.into_episode();
         let lifted = self.potentials(&episode);
@@ -88,6 +91,7 @@ impl Decision<'_> {
             attempt: Attempt { potentials, success: outcome.success, infeasible: false },
             failure: outcome.failure,
             touched: outcome.failure != Some(FailureKind::NoContact),
+            survives_shake: outcome.survives_shake == Some(true),
         })
     }
 

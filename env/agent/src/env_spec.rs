@@ -43,10 +43,17 @@ impl EnvSpec {
     /// Checks a config against objects and hand.
     ///
     /// # Errors
-    /// A setting out of range, a time step that does not divide the control period, or a hand whose kinematics fail.
+    /// A setting out of range, a time step that does not divide the control period, [`AgentError::NothingToObserve`], or a hand whose
+    /// kinematics fail.
     pub fn new(objects: Arc<Objects>, config: AgentConfig) -> Result<Self, AgentError> {
         config.validate()?;
+        if config.control.decides() {
+            config.trial().check_time_step(objects.physics().dt)?;
+        }
         let hand = Arc::clone(objects.hand());
+        if let Some(observation) = config.observations.iter().find(|o| !o.exists(&hand, config.control)) {
+            return Err(AgentError::NothingToObserve { name: observation.name(), hand: hand.name.clone() });
+        }
         let action = config.control.size(&hand);
         let observations =
             config.observations.iter().map(|o| ObservationSpec::new(*o, &hand, config.control)).collect();

@@ -28,6 +28,14 @@ pub enum AgentError {
         /// Its name.
         name: String,
     },
+    /// An observation of sensors that the hand does not have.
+    #[error("the hand `{hand}` has no sensors for the observation `{name}`; leave it out")]
+    NothingToObserve {
+        /// Name of the observation.
+        name: &'static str,
+        /// Name of the hand.
+        hand: String,
+    },
     /// An object cannot be rendered.
     #[error("object `{object}`: {source}")]
     NotRenderable {

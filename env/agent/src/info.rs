@@ -113,6 +113,13 @@ pub const INFO: &[InfoRow] = &[
         decision_only: true,
         read: Reader::Flag(|view| view.record.failure == Some(FailureKind::Infeasible)),
     },
+    InfoRow {
+        name: "survives_shake",
+        unit: "",
+        meaning: "the object was still in the hand after the shake; False without `trial=TrialConfig(shake=...)`",
+        decision_only: true,
+        read: Reader::Flag(|view| view.record.survives_shake),
+    },
 ];
 
 /// The kind of failure if the episode ended now; none for a success, and before the first step.

@@ -62,6 +62,11 @@ impl Observation {
         self.readings(hand, control).iter().map(|reading| reading.column(hand, control)).collect()
     }
 
+    /// True if a hand has anything to say in it: one without tactile sensors has no tactile observation.
+    pub fn exists(self, hand: &Hand, control: Control) -> bool {
+        total_size(&self.table(hand, control)) > 0
+    }
+
     /// True if no sensor of a real robot measures some part of it.
     pub fn privileged(self) -> bool {
         self == Self::State

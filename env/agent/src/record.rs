@@ -35,6 +35,8 @@ pub struct Record {
     pub success: bool,
     /// The kind of failure, if it is known before the judge is asked.
     pub failure: Option<FailureKind>,
+    /// The object was in the hand after the shake of a trial.
+    pub survives_shake: bool,
     /// The protective stop has held the hand since the last action began.
     pub stopped: bool,
     /// Potentials of the reward's shaping terms.

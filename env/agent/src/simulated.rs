@@ -41,7 +41,7 @@ const MASS: Row = Row {
     unit: |_| "kg",
     meaning: "of the object",
     privileged: true,
-    read: |view, out| out.put([view.world().object_mass() * view.record.mass]),
+    read: |view, out| out.put([view.world().object_mass()]),
 };
 
 /// The object as it rests before a decision.

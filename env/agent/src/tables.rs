@@ -45,6 +45,8 @@ pub struct Tables {
     pub terms: Vec<TermRow>,
     /// Entries of the info.
     pub info: Vec<InfoTableRow>,
+    /// Observations of sensors that the hand does not have.
+    pub absent: Vec<&'static str>,
     /// Names of the failure codes.
     pub failures: Vec<&'static str>,
     /// Seconds between two actions.
@@ -86,6 +88,7 @@ impl Tables {
                 info: info_table(Control::GraspPose),
             },
             privileged: Observation::ALL.iter().filter(|o| o.privileged()).map(|o| o.name()).collect(),
+            absent: Observation::ALL.iter().filter(|o| !o.exists(hand, Control::default())).map(|o| o.name()).collect(),
             terms: term_table(Control::default()),
             info: info_table(Control::default()),
             failures: failure_names(),
@@ -98,7 +101,8 @@ impl Tables {
 }
 
 fn observations(hand: &Hand, control: Control) -> ObservationTables {
-    Observation::ALL.iter().map(|o| (o.name(), o.table(hand, control))).collect()
+    let there = Observation::ALL.iter().filter(|o| o.exists(hand, control));
+    there.map(|o| (o.name(), o.table(hand, control))).collect()
 }
 
 /// The rows of the images that `cameras` asks for.

@@ -1,6 +1,7 @@
 //! Trials with their feasibility check: many on rayon, results in the order of the poses, whatever the number of threads; or one, traced.
 
-use crate::trial::{Finished, Sample, Trial, TrialConfig, TrialOutcome};
+use crate::sample::Sample;
+use crate::trial::{Finished, Trial, TrialConfig, TrialOutcome};
 use crate::{EpisodeError, Scene};
 use graspbox_hand::{GraspPose, Hand};
 use rayon::prelude::*;
@@ -50,7 +51,7 @@ pub fn run_trials(
     config: TrialConfig,
     progress: &Progress,
 ) -> Result<Vec<TrialOutcome>, EpisodeError> {
-    config.validate()?;
+    check_config(scene, &config)?;
     check_poses(scene.template().hand(), poses)?;
     let one = |pose: &GraspPose| -> Result<Option<TrialOutcome>, EpisodeError> {
         if progress.stopped() {
@@ -80,11 +81,20 @@ pub fn trace_trial(
     config: TrialConfig,
     progress: &Progress,
 ) -> Result<(TrialOutcome, Vec<Sample>), EpisodeError> {
-    config.validate()?;
+    check_config(scene, &config)?;
     check_poses(scene.template().hand(), std::slice::from_ref(pose))?;
     let finished = attempt(scene, pose, config, true, progress)?;
     let (outcome, trace) = finished.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })?;
     Ok((outcome, trace.unwrap_or_default()))
+}
+
+/// Refuses settings that cannot be, or that the time step of the scene does not resolve.
+///
+/// # Errors
+/// [`EpisodeError::OutOfRange`], naming the first setting that is out of range.
+fn check_config(scene: &Scene, config: &TrialConfig) -> Result<(), EpisodeError> {
+    config.validate()?;
+    config.check_time_step(scene.template().config().dt)
 }
 
 /// Refuses poses that no trial can mean.
@@ -119,6 +129,6 @@ fn attempt(
     if scene.reachable(pose, config.standoff)? {
         Trial::new(scene, pose, config, trace).run(&|| progress.stopped())
     } else {
-        Ok(Some((TrialOutcome::infeasible(), None)))
+        Ok(Some((TrialOutcome::infeasible(config.shake.is_some()), None)))
     }
 }

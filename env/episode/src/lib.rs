@@ -7,7 +7,9 @@
 //! | [`episode`] | the state machine: reset, advance, observe, verdict |
 //! | [`judge`] | the one definition of success, and the numbers that describe a grasp |
 //! | [`study`] | the reference study's own measures, for trials that are asked for them |
-//! | [`trial`] | the scripted driver: close, lift, hold |
+//! | [`sample`] | what a trial records of itself, every 10 ms |
+//! | [`shake`] | how a hand shakes what it holds, along and about its axes |
+//! | [`trial`] | the scripted driver: close, lift, hold, shake |
 //! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one traced |
 //!
 //! A block, planned for and grasped:
@@ -39,7 +41,9 @@ pub mod body;
 pub mod episode;
 mod error;
 pub mod judge;
+pub mod sample;
 pub mod scene;
+pub mod shake;
 pub mod study;
 pub mod trial;
 
@@ -48,5 +52,7 @@ pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;
 pub use judge::{FailureKind, Judge, SuccessCriterion, Verdict};
+pub use sample::Sample;
 pub use scene::Scene;
-pub use trial::{Sample, Trial, TrialConfig, TrialOutcome};
+pub use shake::ShakeConfig;
+pub use trial::{Trial, TrialConfig, TrialOutcome};

@@ -1,8 +1,10 @@
-//! The scripted driver: approach, close, lift, hold. It drives the same [`Episode`] as an agent does.
+//! The scripted driver: approach, close, lift, hold, and shake where it is asked to. It drives the same [`Episode`] as an agent does.
 
 use crate::episode::Episode;
 use crate::judge::{FailureKind, SuccessCriterion};
-use crate::study::{READ_TIME, Reading, SAMPLE_PERIOD, Study, distance};
+use crate::sample::Sample;
+use crate::shake::ShakeConfig;
+use crate::study::{READ_TIME, Reading, SAMPLE_PERIOD, Study};
 use crate::{EpisodeError, Scene};
 use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_mesh::in_range;
@@ -28,6 +30,8 @@ pub struct TrialConfig {
     pub early_stop: bool,
     /// Read the study's own measures as well; early stops then wait until these are read.
     pub legacy: bool,
+    /// Shakes what was grasped at the end of a success; none: no shake.
+    pub shake: Option<ShakeConfig>,
     /// What counts as success.
     pub success: SuccessCriterion,
 }
@@ -42,6 +46,7 @@ impl Default for TrialConfig {
             hold_time: 1.0,
             early_stop: true,
             legacy: false,
+            shake: None,
             success: SuccessCriterion::default(),
         }
     }
@@ -58,11 +63,20 @@ impl TrialConfig {
         in_range("close_time", self.close_time, 0.1..=10.0, "s")?;
         in_range("lift_height", self.lift_height, self.success.lift_height..=1.0, "m")?;
         in_range("lift_time", self.lift_time, 0.1..=10.0, "s")?;
-        Ok(in_range("hold_time", self.hold_time, self.success.hold_time..=60.0, "s")?)
+        in_range("hold_time", self.hold_time, self.success.hold_time..=60.0, "s")?;
+        self.shake.map_or(Ok(()), |shake| shake.validate(self.lift_height))
+    }
+
+    /// Checks that time steps of `dt` seconds resolve every motion.
+    ///
+    /// # Errors
+    /// As [`ShakeConfig::check_time_step`].
+    pub fn check_time_step(&self, dt: f64) -> Result<(), EpisodeError> {
+        self.shake.map_or(Ok(()), |shake| shake.check_time_step(dt))
     }
 }
 
-/// What came of a trial.
+/// What came of a trial. All but the shake's measures, the time and the steps describe the end of the hold, with or without a shake.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialOutcome {
     /// Held high, free and still at the end.
@@ -79,33 +93,15 @@ pub struct TrialOutcome {
     pub legacy_success: Option<bool>,
     /// The study's kindness; none where an early stop cut it off.
     pub kindness: Option<f64>,
-    /// Simulated seconds.
+    /// The object is in the hand after the shake: success, judged anew. None where the trial has no shake; false where the grasp failed
+    /// before.
+    pub survives_shake: Option<bool>,
+    /// Shift of the object's centre of mass in the hand's frame from before the shake to its end, metres; none where nothing was shaken.
+    pub shake_shift: Option<f64>,
+    /// Simulated seconds, those of the shake included.
     pub time: f64,
     /// Steps in which the solver found no balance of forces; 0 for an engine that does not measure it.
     pub unconverged_steps: u64,
-}
-
-/// One row of a trial's trace, every 10 ms.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Sample {
-    /// Seconds since closing began.
-    pub time: f64,
-    /// Distance between hand frame and object frame, metres.
-    pub distance: f64,
-    /// Grasp frame in the world.
-    pub world_from_hand: Isometry3<f64>,
-    /// Object in the world.
-    pub world_from_object: Isometry3<f64>,
-    /// Positions of the hand's independent joints, rad or m.
-    pub joints: Vec<f64>,
-    /// Positions of its actuators, rad or m.
-    pub actuators: Vec<f64>,
-    /// Loads on its actuators, N or N m.
-    pub loads: Vec<f64>,
-    /// Tension of every tendon, N.
-    pub tensions: Vec<f64>,
-    /// Sum of the normal forces between hand and object, N.
-    pub hand_force: f64,
 }
 
 /// What a trial leaves: its outcome, and its trace if one was asked for.
@@ -118,6 +114,8 @@ pub struct Trial {
     start: Isometry3<f64>,
     close: Vec<ActuatorCommand>,
     step: u64,
+    /// Steps from one sample of the trace to the next.
+    sample_every: u64,
     contact_lost: u64,
     /// The hand touched the object at some time since lifting began.
     touched: bool,
@@ -126,6 +124,8 @@ pub struct Trial {
     /// The study's measures, where they are asked for, and what they said.
     study: Option<Study>,
     reading: Option<Reading>,
+    /// The episode after the shake.
+    shaken: Option<Episode>,
     trace: Option<Vec<Sample>>,
 }
 
@@ -153,17 +153,20 @@ impl Trial {
         let close = hand.closed_positions(preshape).into_iter();
         let close = close.map(|target| ActuatorCommand::Position { target, speed: None }).collect();
         let trace = trace.then(Vec::new);
+        let sample_every = ((SAMPLE_PERIOD / episode.world().dt()).round() as u64).max(1);
         Self {
             episode,
             config,
             start: *start,
             close,
             step: 0,
+            sample_every,
             contact_lost: 0,
             touched: false,
             over: None,
             study: None,
             reading: None,
+            shaken: None,
             trace,
         }
     }
@@ -173,7 +176,7 @@ impl Trial {
     /// # Errors
     /// An actuator command that is not finite, which a finite pose never gives.
     pub fn run(mut self, stop: &dyn Fn() -> bool) -> Result<Option<Finished>, EpisodeError> {
-        let finished = self.close(stop)? && self.lift(stop)?;
+        let finished = self.close(stop)? && self.lift(stop)? && self.shake(stop)?;
         Ok(finished.then(|| (self.outcome(), self.trace)))
     }
 
@@ -182,7 +185,9 @@ impl Trial {
     /// # Errors
     /// As [`Trial::run`].
     pub fn close(&mut self, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
-        self.sample();
+        if let Some(trace) = &mut self.trace {
+            trace.push(Sample::of(&self.episode));
+        }
         self.until(self.steps(self.config.close_time), stop)
     }
 
@@ -200,12 +205,43 @@ impl Trial {
         self.until(phases.iter().map(|time| self.steps(*time)).sum(), stop)
     }
 
-    /// The episode as it stands.
+    /// Shakes a success where the config asks for it, after [`Trial::lift`], and holds for the hold time again; false if `stop` said so.
+    ///
+    /// A copy of the world is shaken, so that episode and labels stay those of the end of the hold.
+    ///
+    /// # Errors
+    /// As [`Trial::run`].
+    pub fn shake(&mut self, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
+        let Some(config) = self.config.shake.filter(|_| self.outcome().success) else { return Ok(true) };
+        let mut episode = self.episode.clone();
+        let (start, dt) = (episode.world().world_from_hand(), episode.world().dt());
+        let center = episode.world().hand().grasp.center;
+        for step in 1..=self.steps(config.time() + self.config.hold_time) {
+            if step.is_multiple_of(64) && stop() {
+                return Ok(false);
+            }
+            episode.advance(&(start * config.offset(step as f64 * dt, &center)), &self.close)?;
+            if let Some(trace) = &mut self.trace
+                && step.is_multiple_of(self.sample_every)
+            {
+                trace.push(Sample::of(&episode));
+            }
+            let fell = || episode.judge().on_scenery() && episode.world().contacts().links.is_empty();
+            let lost = self.config.early_stop && step.is_multiple_of(LOOK_EVERY) && fell();
+            if lost || step.is_multiple_of(64) && episode.world().has_diverged() {
+                break;
+            }
+        }
+        self.shaken = Some(episode);
+        Ok(true)
+    }
+
+    /// The episode as it stands; after a shake, as it stood before.
     pub fn episode(&self) -> &Episode {
         &self.episode
     }
 
-    /// The episode as the trial leaves it.
+    /// The episode as the trial leaves it, without the shake.
     pub fn into_episode(self) -> Episode {
         self.episode
     }
@@ -218,7 +254,6 @@ impl Trial {
     fn until(&mut self, end: u64, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
         let dt = self.episode.world().dt();
         let (close, read_at) = (self.steps(self.config.close_time), self.steps(READ_TIME));
-        let sample_every = self.steps(SAMPLE_PERIOD).max(1);
         while self.step < end && self.over.is_none() {
             if self.step.is_multiple_of(64) && stop() {
                 return Ok(false);
@@ -229,8 +264,10 @@ impl Trial {
             if let Some(study) = &mut self.study {
                 study.observe(self.episode.world());
             }
-            if self.step.is_multiple_of(sample_every) {
-                self.sample();
+            if let Some(trace) = &mut self.trace
+                && self.step.is_multiple_of(self.sample_every)
+            {
+                trace.push(Sample::of(&self.episode));
             }
             if self.step == read_at {
                 self.reading = self.study.as_ref().map(|study| study.read(&self.episode));
@@ -278,22 +315,6 @@ impl Trial {
         lost || reach < self.episode.judge().criterion().lift_height
     }
 
-    fn sample(&mut self) {
-        let Some(trace) = &mut self.trace else { return };
-        let world = self.episode.world();
-        trace.push(Sample {
-            time: world.time(),
-            distance: distance(world, &self.episode.scene().base_point()),
-            world_from_hand: world.world_from_hand(),
-            world_from_object: world.world_from_object(),
-            joints: world.configuration(),
-            actuators: world.actuators().iter().map(|actuator| actuator.position).collect(),
-            loads: (0..world.actuators().len()).map(|actuator| world.load(actuator)).collect(),
-            tensions: (0..world.hand().tendons.len()).map(|tendon| world.tension(tendon)).collect(),
-            hand_force: world.contacts().hand_force,
-        });
-    }
-
     /// What came of it, once it is over.
     pub fn outcome(&self) -> TrialOutcome {
         let (world, failure) = (self.episode.world(), self.over.flatten());
@@ -303,6 +324,11 @@ impl Trial {
         let judged = || self.episode.judge().failure(world, self.touches());
         let diverged = world.has_diverged().then_some(FailureKind::Unstable);
         let why = failure.or(diverged).or(missed).unwrap_or_else(judged);
+        let end = self.shaken.as_ref().unwrap_or(&self.episode).world();
+        let survives = |shaken: &Episode| shaken.verdict().success && !shaken.world().has_diverged();
+        let center = self.episode.scene().center_of_mass();
+        let shift =
+            |shaken: &Episode| (shaken.world().hand_from_object() * center - world.hand_from_object() * center).norm();
         TrialOutcome {
             success,
             secure: success && verdict.secure,
@@ -311,8 +337,10 @@ impl Trial {
             kindness_rate: self.study.as_ref().map(|study| study.kindness_rate(world)),
             legacy_success: self.reading.map(|reading| reading.success),
             kindness: self.reading.map(|reading| reading.kindness),
-            time: world.time(),
-            unconverged_steps: world.unconverged_steps(),
+            survives_shake: self.config.shake.map(|_| self.shaken.as_ref().is_some_and(survives)),
+            shake_shift: self.shaken.as_ref().map(shift),
+            time: end.time(),
+            unconverged_steps: end.unconverged_steps(),
         }
     }
 }
@@ -327,7 +355,9 @@ pub fn minimum_jerk(time: f64) -> f64 {
 
 impl TrialOutcome {
     /// The outcome of a pose that collides before anything moves.
-    pub fn infeasible() -> Self {
+    ///
+    /// * `shake`: the trial would have ended with one.
+    pub fn infeasible(shake: bool) -> Self {
         Self {
             success: false,
             secure: false,
@@ -336,6 +366,8 @@ impl TrialOutcome {
             kindness_rate: Some(0.0),
             legacy_success: None,
             kindness: None,
+            survives_shake: shake.then_some(false),
+            shake_shift: None,
             time: 0.0,
             unconverged_steps: 0,
         }

@@ -25,6 +25,20 @@ pub enum ActuatorCommand {
     Force(f64),
 }
 
+impl ActuatorCommand {
+    /// False for a command that holds NaN or infinity.
+    pub fn is_finite(&self) -> bool {
+        self.numbers().iter().all(|x| x.is_finite())
+    }
+
+    fn numbers(&self) -> [f64; 2] {
+        match *self {
+            Self::Position { target, speed } => [target, speed.unwrap_or(0.0)],
+            Self::Velocity(value) | Self::Force(value) => [value, 0.0],
+        }
+    }
+}
+
 /// Why a commanded actuator does not move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -100,11 +114,8 @@ impl ActuatorState {
 }
 
 fn check(command: ActuatorCommand, load: f64, dt: f64) -> Result<(), HandError> {
-    let numbers = match command {
-        ActuatorCommand::Position { target, speed } => [target, speed.unwrap_or(0.0), load],
-        ActuatorCommand::Velocity(value) | ActuatorCommand::Force(value) => [value, 0.0, load],
-    };
-    if let Some(&value) = numbers.iter().find(|x| !x.is_finite()) {
+    let [first, second] = command.numbers();
+    if let Some(value) = [first, second, load].into_iter().find(|x| !x.is_finite()) {
         return Err(HandError::NotFinite { what: "actuator command or load", value });
     }
     if !(dt.is_finite() && dt > 0.0) {

@@ -12,7 +12,7 @@ use crate::scan::Report;
 
 /// A number (or a list of them), its unit, and where it comes from.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table { value = ..., unit = \"...\", source = \"...\" }")]
 pub(crate) struct Quantity<T> {
     value: T,
     unit: String,
@@ -187,6 +187,9 @@ impl<const N: usize> Numbers for [f64; N] {
 /// Largest number of any kind in `hand.toml`; the largest real one is a tendon's stiffness (5e4 N/m).
 const MAX_NUMBER: f64 = 1e7;
 
+/// What helps whoever left a field out: the reader stops at the first one.
+const MISSING: &str = " in the table that begins here; docs/hands.md lists the fields of every table";
+
 /// A `hand.toml` and its problems.
 pub(crate) struct Reader<'a, 'r> {
     text: &'a str,
@@ -206,7 +209,9 @@ impl<'a, 'r> Reader<'a, 'r> {
             Ok(table) => Some(table),
             Err(error) => {
                 let line = self.line(error.span().map_or(0, |s| s.start));
-                self.report.add(line, ProblemKind::Toml(error.message().to_owned()));
+                let said = error.message();
+                let hint = if said.starts_with("missing field") { MISSING } else { "" };
+                self.report.add(line, ProblemKind::Toml(format!("{said}{hint}")));
                 None
             }
         }

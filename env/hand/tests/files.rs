@@ -119,11 +119,11 @@ fn every_number_has_a_unit_and_a_source() {
     );
     assert_eq!(
         toml_with(arm, "arms.left_root = { value = 0.008, unit = \"m\" }"),
-        "hand.toml:31: missing field `source`"
+        "hand.toml:31: missing field `source` in the table that begins here; docs/hands.md lists the fields of every table"
     );
     assert_eq!(
         toml_with(arm, "arms.left_root = 0.008"),
-        "hand.toml:31: invalid type: floating point `0.008`, expected struct Quantity"
+        "hand.toml:31: invalid type: floating point `0.008`, expected a table { value = ..., unit = \"...\", source = \"...\" }"
     );
     assert_eq!(
         toml_with(arm, &format!("{arm}\nspool_raduis = 3")),

@@ -3,7 +3,7 @@
 use crate::convert::{config, json};
 use crate::errors::CoreError;
 use graspbox_agent::{AgentConfig, Randomization, ResetOptions};
-use graspbox_episode::{SuccessCriterion, TrialConfig};
+use graspbox_episode::{ShakeConfig, SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
 use graspbox_sim::config::SolverConfig;
@@ -34,6 +34,7 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "RapierConfig" => json(&config::<RapierConfig>(text, name)?),
         "SolverConfig" => json(&config::<SolverConfig>(text, name)?),
         "PhysicsConfig" => json(&config::<PhysicsConfig>(text, name)?),
+        "ShakeConfig" => json(&config::<ShakeConfig>(text, name)?),
         "SuccessCriterion" => json(&config::<SuccessCriterion>(text, name)?),
         "TrialConfig" => json(&config::<TrialConfig>(text, name)?),
         _ => Err(CoreError::Config(format!("there is no config {name:?}"))),

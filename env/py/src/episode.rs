@@ -171,6 +171,8 @@ fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<B
     dict.set_item("legacy_success", flags(|o| o.legacy_success.unwrap_or(false))?)?;
     dict.set_item("kindness", numbers(|o| o.kindness.unwrap_or(f64::NAN))?)?;
     dict.set_item("kindness_rate", numbers(|o| o.kindness_rate.unwrap_or(f64::NAN))?)?;
+    dict.set_item("survives_shake", flags(|o| o.survives_shake.unwrap_or(false))?)?;
+    dict.set_item("shake_shift", numbers(|o| o.shake_shift.unwrap_or(f64::NAN))?)?;
     dict.set_item("lift", numbers(|o| o.lift)?)?;
     dict.set_item("time", numbers(|o| o.time)?)?;
     let counts = outcomes.iter().map(|o| o.unconverged_steps as i64).collect::<Vec<i64>>();

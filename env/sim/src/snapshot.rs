@@ -6,7 +6,7 @@ use crate::world::{State, Template, World};
 use graspbox_mesh::checksum;
 
 /// Leads every snapshot; the number changes with the layout: identity and state by postcard, then the engine's bytes.
-const MAGIC: &[u8; 8] = b"gbworld4";
+const MAGIC: &[u8; 8] = b"gbworld5";
 
 impl World {
     /// The whole state as bytes, to be given to [`Template::restore`] of an equal template.

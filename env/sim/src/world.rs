@@ -23,6 +23,8 @@ pub(crate) struct State {
     motion: BaseMotion,
     /// Gravity in the world's frame, m/s2.
     gravity: Vector3<f64>,
+    /// Factor on the object's mass.
+    mass_factor: f64,
     actuators: Vec<ActuatorState>,
     steps: u64,
 }
@@ -85,6 +87,7 @@ impl Template {
         let state = State {
             gravity: Vector3::new(0.0, 0.0, -self.shared.config.gravity),
             motion: BaseMotion::at_rest(world_from_base),
+            mass_factor: 1.0,
             actuators,
             steps: 0,
         };
@@ -150,8 +153,16 @@ impl World {
 
     fn drive_actuators(&mut self, commands: &[ActuatorCommand], dt: f64) -> Result<(), SimError> {
         let hand = &self.shared.hand;
+        // All are checked before the first moves.
+        if let Some(actuator) = commands.iter().take(hand.actuators.len()).position(|command| !command.is_finite()) {
+            return Err(SimError::BadCommand { actuator });
+        }
         for (index, (actuator, command)) in hand.actuators.iter().zip(commands).enumerate() {
             let load = self.load(index);
+            if !load.is_finite() {
+                // The simulation diverged, which `has_diverged` says; no command is to blame.
+                continue;
+            }
             let state = &mut self.state.actuators[index];
             state.step(actuator, *command, load, dt).map_err(|_| SimError::BadCommand { actuator: index })?;
         }
@@ -178,7 +189,9 @@ impl World {
     /// * `friction`, `mass`: positive factors; another value counts as 1.
     pub fn scale_object(&mut self, friction: f64, mass: f64) {
         let factor = |factor: f64| if factor.is_finite() && factor > 0.0 { factor } else { 1.0 };
-        self.engine.scale_object(factor(friction), factor(mass));
+        let (friction, mass) = (factor(friction), factor(mass));
+        self.engine.scale_object(friction, mass);
+        self.state.mass_factor *= mass;
     }
 
     pub(crate) fn engine(&self) -> &dyn Engine {

@@ -171,7 +171,8 @@ impl Solver {
         let state = &self.state;
         let place = state.base_from_object.translation.vector;
         let vectors = [&state.linear, &state.angular, &place];
-        vectors.iter().flat_map(|v| v.iter()).chain(&state.rates).chain(&state.positions).all(|x| x.is_finite())
+        let coordinates = state.rates.iter().chain(&state.positions).chain(&state.cable_forces);
+        vectors.iter().flat_map(|v| v.iter()).chain(coordinates).all(|x| x.is_finite())
     }
 
     /// Advances by one step.

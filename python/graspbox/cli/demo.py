@@ -7,7 +7,7 @@ import typer
 
 from graspbox import Scene, object_sets, plan
 from graspbox.cli.common import Json, Seed, Threads, console, print_json, print_table
-from graspbox.cli.grasp import COLUMNS, run, summary, table_rows
+from graspbox.cli.grasp import run, summary, table_rows
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError, MissingExtraError
 from graspbox.files import check_output, dumps, write_text
@@ -66,7 +66,8 @@ def demo(
     if as_json:
         print_json(table)
     else:
-        print_table(f"{poses} poses each, seed {seed}", COLUMNS, table_rows(table))
+        head, *rows = table_rows(table)
+        print_table(f"{poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
         if known:
             print_table("table 3.1 of the study, and graspbox", study.COLUMNS, comparison.rows())
@@ -97,6 +98,7 @@ def plot_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:
 
 
 def markdown(rows: list[tuple[str, ...]]) -> str:
-    """Write the table as Markdown."""
-    lines = [COLUMNS, ("---",) + ("--:",) * (len(COLUMNS) - 1), *rows]
+    """Write a table, whose first row is its head, as Markdown."""
+    head, *rest = rows
+    lines = [head, ("---",) + ("--:",) * (len(head) - 1), *rest]
     return "".join(f"| {' | '.join(row)} |\n" for row in lines)

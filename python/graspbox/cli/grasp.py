@@ -19,7 +19,7 @@ from graspbox.cli.common import (
     print_table,
     progress,
 )
-from graspbox.configs import TrialConfig
+from graspbox.configs import ShakeConfig, TrialConfig
 from graspbox.files import check_output, dumps, write_text
 from graspbox.object_sets import ObjectSet
 from graspbox.planner_trials import ObjectResult, SetResult, try_set
@@ -38,27 +38,39 @@ def run(objects: ObjectSet, **settings: Any) -> SetResult:
         return try_set(objects, done=done, **settings)
 
 
+#: Columns of the table, and the key of each in a row. The shake's is left out where nothing was shaken.
+COLUMNS = {
+    "tried": "tried",
+    "succeeded": "succeeded",
+    "secure": "secure",
+    "shake": "survived_shake",
+    "legacy": "legacy_succeeded",
+    "first": "first_succeeded",
+}
+
+
 def table_rows(table: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Lay the table out for reading."""
-    keys = ("tried", "succeeded", "secure", "legacy_succeeded", "first_succeeded")
+    """Lay the table out for reading: its head, a row per object, and the sums."""
+    shaken = any(row["survived_shake"] is not None for row in table["objects"])
+    columns = {name: key for name, key in COLUMNS.items() if shaken or key != "survived_shake"}
+    keys = tuple(columns.values())
 
     def word(value: object) -> str:
         return {True: "yes", False: "no", None: "-"}[value] if value is None or isinstance(value, bool) else str(value)
 
     rows = [(row["name"], *(word(row[k]) for k in keys)) for row in table["objects"]]
     sums = [str(sum(row[k] or 0 for row in table["objects"])) for k in keys]
-    return [*rows, ("total", *sums)]
-
-
-COLUMNS = ("object", "tried", "succeeded", "secure", "legacy", "first")
+    return [("object", *columns), *rows, ("total", *sums)]
 
 
 def summary(table: dict[str, Any]) -> str:
     """Sum the table up in a line."""
+    survived = [row["survived_shake"] for row in table["objects"] if row["survived_shake"] is not None]
+    shaken = f"{sum(survived)} survive the shake; " if survived else ""
     return (
         f"{table['succeeded']} of {table['tried']} poses succeed ({table['rate']:.1%}); "
         f"{table['objects_with_success']} of {len(table['objects'])} objects have a success; "
-        f"first-ranked pose {table['first_rate']:.1%}; {table['trials_per_s']:.1f} trials/s"
+        f"first-ranked pose {table['first_rate']:.1%}; {shaken}{table['trials_per_s']:.1f} trials/s"
     )
 
 
@@ -70,6 +82,9 @@ def grasp(
     legacy: Annotated[
         bool, typer.Option(help="Also take the reference study's measures (failed grasps then run for 2.5 s).")
     ] = True,
+    shake: Annotated[
+        bool, typer.Option("--shake", help="Shake every success on six axes with 2 g; the table counts what is still held.")
+    ] = False,
     hand: HandName = "reflex",
     split: Split = None,
     scale: Scale = 1.0,
@@ -89,12 +104,14 @@ def grasp(
     if out is not None:
         check_output(out)
     found, loaded = find(objects or ["procedural"], split, scale), find_hand(hand)
-    result = run(found, hand=loaded, poses=poses, seed=seed, trial=TrialConfig(legacy=legacy), num_threads=threads)
+    trial = TrialConfig(legacy=legacy, shake=ShakeConfig() if shake else None)
+    result = run(found, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
     table = result.table()
     if as_json:
         print_json(result.table(details=True) if details else table)
     else:
-        print_table(f"{found.name}: {poses} poses each, seed {seed}", COLUMNS, table_rows(table))
+        head, *rows = table_rows(table)
+        print_table(f"{found.name}: {poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
     if out is not None:
         write_text(out, dumps(result.table(details=True)) + "\n")

@@ -92,7 +92,7 @@ def plan(
     decompose = graspbox.DecomposeConfig(fit=fit, max_boxes=max_boxes)  # type: ignore[arg-type]
     with console.status("planning"):
         loaded = spec.load()
-        rest = graspbox.Scene(loaded).world_from_object if settle else None
+        rest = graspbox.Scene(loaded, hand=with_hand).world_from_object if settle else None
         started = time.perf_counter()
         planned = graspbox.plan(
             loaded, hand=with_hand, seed=seed, world_from_object=rest, decompose=decompose, num_threads=threads

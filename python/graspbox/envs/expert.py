@@ -32,6 +32,7 @@ from graspbox.configs import TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.coding import Codec, object_pose
 from graspbox.envs.motion import Motion
+from graspbox.errors import ConfigError
 from graspbox.simulation import load_hand
 
 __all__ = ["Expert", "planned"]
@@ -89,12 +90,13 @@ class Expert:
     frame_skip : int
         That of the environment.
     trial : TrialConfig
-        Standoff, times of closing, lifting and holding, and lift height.
+        Standoff, times of closing, lifting and holding, and lift height; without a shake, which no action can
+        command.
 
     Raises
     ------
     ConfigError
-        If the state is not one of that control mode and hand.
+        If the state is not one of that control mode and hand, or the trial ends with a shake.
     """
 
     def __init__(
@@ -108,6 +110,8 @@ class Expert:
         frame_skip: int = 1,
         trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
     ) -> None:
+        if trial.shake is not None:
+            raise ConfigError("trial.shake is given, but an expert does not shake; give a TrialConfig without it")
         loaded = load_hand(hand)
         found = spaces.tables(loaded)
         self._control, self._frame_skip = control, frame_skip

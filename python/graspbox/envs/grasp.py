@@ -102,7 +102,8 @@ Observation
 ``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The second
 table lists the indices of each column in each vector, for the control mode ``twist``; ``last_action`` is as long as an
 action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot measures it.
-``proprio``, ``tactile`` and the images do not contain the object's pose.
+``proprio``, ``tactile`` and the images do not contain the object's pose. A hand without tactile sensors has no
+``tactile``: asking for it is an error (``graspbox.envs.spaces.tables(hand)["absent"]`` names what a hand lacks).
 
 <!-- generated: vectors of Grasp-v0 -->
 

@@ -147,6 +147,9 @@ As in `graspbox.envs.grasp`:
 
 <!-- end -->
 
+``trial=graspbox.TrialConfig(shake=graspbox.ShakeConfig())`` shakes what an attempt holds, for ``survives_shake``. The shake
+happens in a copy of the world: reward, other infos and the last observation are those of the end of the hold.
+
 Options of a reset
 ------------------
 As in `graspbox.envs.grasp`; but an object that is dropped at ``world_from_object`` comes to rest before it is observed,

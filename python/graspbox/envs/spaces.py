@@ -103,12 +103,16 @@ class Decision(TypedDict):
 
 
 class Tables(TypedDict):
-    """What a hand's environments take and return; observations are by control mode, then by name."""
+    """What a hand's environments take and return; observations are by control mode, then by name.
+
+    ``absent`` names the observations of sensors that the hand does not have; they are in no space.
+    """
 
     actions: dict[str, list[Column]]
     observations: dict[str, dict[str, list[Column]]]
     decision: Decision
     privileged: list[str]
+    absent: list[str]
     terms: list[Term]
     info: list[Entry]
     failures: list[str]
@@ -213,8 +217,11 @@ def observation_space(
     Raises
     ------
     ConfigError
-        As `observation_names`.
+        As `observation_names`, and for an observation of sensors that the hand does not have.
     """
+    for name in (obs,) if isinstance(obs, str) else (obs := tuple(obs)):
+        if name in found["absent"]:
+            raise ConfigError(f"this hand has no {name} sensors, so there is no observation {name!r}; leave it out")
     _, vectors = columns_of(control, found)
     pictures = {row["name"]: row for row in image_rows}
     names = observation_names(obs, dict.fromkeys([*vectors, *IMAGES, *pictures]))

@@ -195,6 +195,7 @@ fn add_mass(body: &mut solver::Body, link: &Link, body_from_link: &Isometry3<f64
     (body.mass, body.center) = (total, common);
 }
 
+/// The solver uses no other crate, so its enum is its own; this is the one place that knows both.
 fn primitive(shape: &Shape) -> solver::Primitive {
     match *shape {
         Shape::Cuboid(half) => solver::Primitive::Cuboid(half),

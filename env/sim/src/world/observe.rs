@@ -32,9 +32,9 @@ impl World {
         &self.shared.hand
     }
 
-    /// Mass of the object, kg.
+    /// Mass of the object as it is simulated, with the factors of [`World::scale_object`], kg.
     pub fn object_mass(&self) -> f64 {
-        self.shared.mass
+        self.shared.mass * self.state.mass_factor
     }
 
     /// Grasp frame in the world.

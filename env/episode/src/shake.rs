@@ -1,0 +1,171 @@
+//! The shake at the end of a trial: the hand moves to and fro along, then about, each of its axes.
+//!
+//! On every axis the displacement is `A e(u) sin(2 pi u)` with `u` in cycles. The envelope `e` grows over [`RAMP`] cycles, is 1 for
+//! [`ShakeConfig::cycles`], and fades over [`RAMP`] cycles again, as `sin^2(pi u / (2 RAMP))`. Position, velocity and acceleration are
+//! continuous, and the hand is back where it began when the next axis begins.
+
+use crate::EpisodeError;
+use graspbox_mesh::in_range;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// Cycles over which the motion grows, and fades. Over two, the acceleration never exceeds that of the cycles between by more than 0.1 %;
+/// over one, it would by 5 %.
+const RAMP: f64 = 2.0;
+/// Axes: along x, y, z, then about them.
+const AXES: f64 = 6.0;
+/// The hand moves by at most this share of the height to which the trial lifts: it stays clear of the table.
+const STROKE_SHARE: f64 = 0.5;
+/// The hand turns by at most this, radians (29 degrees): an object that sticks out of it stays clear of the table, too.
+const MAX_ANGLE: f64 = 0.5;
+/// A cycle has at least this many time steps: with fewer, finite differences miss the peaks of the acceleration.
+const STEPS_PER_CYCLE: f64 = 20.0;
+
+/// How a hand shakes what it holds: along and about the axes of the hand frame, one after the other. The turns are about the grasp centre.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShakeConfig {
+    /// Amplitude of the acceleration along each axis, m/s2.
+    pub acceleration: f64,
+    /// Turning about an axis accelerates points at this distance from it with the same amplitude, metres: the amplitude of the angular
+    /// acceleration is `acceleration / lever`.
+    pub lever: f64,
+    /// Cycles per second, Hz.
+    pub frequency: f64,
+    /// Cycles at full amplitude on each axis; two cycles before them grow and two after them fade.
+    pub cycles: u32,
+}
+
+/// The default is 2 g (standard gravity, 9.80665 m/s2) with strokes of 20 mm and 0.2 rad, as a robot arm can move a hand.
+impl Default for ShakeConfig {
+    fn default() -> Self {
+        Self { acceleration: 2.0 * 9.80665, lever: 0.1, frequency: 5.0, cycles: 2 }
+    }
+}
+
+impl ShakeConfig {
+    /// Checks every setting.
+    ///
+    /// * `lift_height`: how high the hand is above where it grasped, metres.
+    ///
+    /// # Errors
+    /// [`EpisodeError::OutOfRange`], naming the first setting that is out of range. The least frequency, and the least lever, are those
+    /// that keep the hand clear of the table.
+    pub fn validate(&self, lift_height: f64) -> Result<(), EpisodeError> {
+        in_range("shake.acceleration", self.acceleration, 0.1..=100.0, "m/s2")?;
+        let slowest = (self.acceleration / (STROKE_SHARE * lift_height)).sqrt() / TAU;
+        in_range("shake.frequency", self.frequency, slowest..=50.0, "Hz")?;
+        in_range("shake.lever", self.lever, self.stroke() / MAX_ANGLE..=1.0, "m")?;
+        Ok(in_range("shake.cycles", f64::from(self.cycles), 1.0..=1000.0, "")?)
+    }
+
+    /// Checks that time steps of `dt` seconds resolve the motion.
+    ///
+    /// # Errors
+    /// [`EpisodeError::OutOfRange`] for a frequency that is too high.
+    pub fn check_time_step(&self, dt: f64) -> Result<(), EpisodeError> {
+        Ok(in_range("shake.frequency", self.frequency, 0.0..=1.0 / (STEPS_PER_CYCLE * dt), "Hz")?)
+    }
+
+    /// Seconds for all axes.
+    pub fn time(&self) -> f64 {
+        AXES * self.cycles_per_axis() / self.frequency
+    }
+
+    /// Amplitude of the motion along an axis, metres.
+    pub fn stroke(&self) -> f64 {
+        self.acceleration / (TAU * self.frequency).powi(2)
+    }
+
+    /// Where the hand is `time` seconds after shaking began, in the hand frame of that moment.
+    ///
+    /// * `center`: the grasp centre, hand frame, metres.
+    pub fn offset(&self, time: f64, center: &Point3<f64>) -> Isometry3<f64> {
+        let (total, cycle) = (self.cycles_per_axis(), time.max(0.0) * self.frequency);
+        let axis = (cycle / total).floor();
+        if axis >= AXES {
+            return Isometry3::identity();
+        }
+        let (axis, share) = (axis as usize, wave(cycle - axis * total, total));
+        let along = Vector3::ith(axis % 3, self.stroke() * share);
+        if axis < 3 {
+            return Translation3::from(along).into();
+        }
+        let turn = UnitQuaternion::from_scaled_axis(along / self.lever);
+        Isometry3::from_parts(Translation3::from(center.coords - turn * center.coords), turn)
+    }
+
+    fn cycles_per_axis(&self) -> f64 {
+        f64::from(self.cycles) + 2.0 * RAMP
+    }
+}
+
+/// Displacement `u` cycles after an axis began, of `total`, as a share of the amplitude.
+fn wave(u: f64, total: f64) -> f64 {
+    let ramp = (u.min(total - u) / RAMP).clamp(0.0, 1.0);
+    (FRAC_PI_2 * ramp).sin().powi(2) * (TAU * u).sin()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bug here: a jump of position or velocity, an acceleration beyond the setting or short of it, an axis left out, a turn about another
+    /// point, or a hand that does not come back.
+    #[test]
+    fn the_hand_moves_smoothly_and_as_hard_as_it_says() {
+        let (shake, dt, center) = (ShakeConfig::default(), 1e-4, Point3::new(0.01, -0.02, 0.05));
+        let steps = (shake.time() / dt).round() as usize;
+        let path: Vec<_> = (0..=steps + 2).map(|i| shake.offset(i as f64 * dt, &center)).collect();
+        // Six numbers per sample: the grasp centre, and the turn.
+        let numbers = |pose: &Isometry3<f64>| {
+            let moved = pose * center - center;
+            let turn = pose.rotation.scaled_axis();
+            [moved.x, moved.y, moved.z, turn.x, turn.y, turn.z]
+        };
+        let samples: Vec<_> = path.iter().map(numbers).collect();
+        let angular = shake.acceleration / shake.lever;
+        for axis in 0..6 {
+            let limit = if axis < 3 { shake.acceleration } else { angular };
+            let at = |i: usize| samples[i][axis];
+            let accelerations: Vec<f64> =
+                (1..=steps).map(|i| (at(i + 1) - 2.0 * at(i) + at(i - 1)) / (dt * dt)).collect();
+            let most = accelerations.iter().copied().map(f64::abs).fold(0.0, f64::max);
+            assert!((most / limit - 1.0).abs() < 2e-3, "axis {axis}: {most} of {limit}");
+            let jump = accelerations.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+            assert!(jump < 0.01 * limit, "axis {axis}: the acceleration jumps by {jump}");
+            let moving: Vec<usize> = (0..=steps).filter(|i| at(*i).abs() > 1e-9).collect();
+            let share = steps / 6;
+            assert!(
+                moving[0] >= axis * share && moving[moving.len() - 1] <= (axis + 1) * share,
+                "axis {axis} moves at {} to {}",
+                moving[0],
+                moving[moving.len() - 1]
+            );
+        }
+        assert_eq!(shake.offset(shake.time() + 1e-9, &center), Isometry3::identity());
+        assert!((shake.stroke() - 0.01987).abs() < 1e-5);
+    }
+
+    /// A bug here: settings that nobody can mean, or errors that do not name them.
+    #[test]
+    fn settings_are_checked() {
+        let fine = ShakeConfig::default();
+        fine.validate(0.2).unwrap_or_else(|error| panic!("{error}"));
+        let told = |shake: ShakeConfig, lift: f64| {
+            shake.validate(lift).and_then(|()| shake.check_time_step(0.002)).err().map(|error| error.to_string())
+        };
+        let says = |shake: ShakeConfig, lift: f64, what: &str| {
+            let told = told(shake, lift);
+            assert!(told.as_deref().is_some_and(|text| text.starts_with(what)), "{told:?}, not {what}");
+        };
+        says(ShakeConfig { acceleration: 0.0, ..fine }, 0.2, "`shake.acceleration` is 0, but it must be between 0.1");
+        says(ShakeConfig { frequency: 1.0, ..fine }, 0.2, "`shake.frequency` is 1, but it must be between 2.22");
+        says(fine, 0.03, "`shake.frequency` is 5, but it must be between 5.75");
+        says(ShakeConfig { frequency: 26.0, ..fine }, 0.2, "`shake.frequency` is 26, but it must be between 0 and 25");
+        says(ShakeConfig { lever: 0.01, ..fine }, 0.2, "`shake.lever` is 0.01, but it must be between 0.039");
+        says(ShakeConfig { cycles: 0, ..fine }, 0.2, "`shake.cycles` is 0, but it must be between 1 and 1000");
+        says(ShakeConfig { frequency: f64::NAN, ..fine }, 0.2, "`shake.frequency` is NaN");
+    }
+}
