@@ -28,9 +28,9 @@ from graspbox.configs import (
     PoseConfig,
     Randomization,
     RapierConfig,
+    ShakeConfig,
     SolverConfig,
     SuccessCriterion,
-    ShakeConfig,
     TrialConfig,
 )
 from graspbox.envs import register
@@ -64,10 +64,10 @@ __all__ = [
     "Randomization",
     "RapierConfig",
     "Scene",
+    "ShakeConfig",
     "SolverConfig",
     "SuccessCriterion",
     "Trace",
-    "ShakeConfig",
     "TrialConfig",
     "ViewPlan",
     "Views",

@@ -46,7 +46,7 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
         return Hand.named(hand)
     if isinstance(hand, str) and hand.endswith((".urdf", ".toml")):
         raise ConfigError(
-            f"{hand!r} is one file, but a hand has two: give (URDF, hand.toml), or 'hand.urdf,hand.toml' on the command line"
+            f"{hand!r} is one file, but a hand has two: give (URDF, hand.toml), or 'hand.urdf,hand.toml' in a shell"
         )
     known = ", ".join(repr(name) for name in Hand.names())
     raise ConfigError(f"there is no hand {hand!r}; choose from {known}, or give the paths of a URDF and a hand.toml")

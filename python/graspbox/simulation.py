@@ -1,7 +1,7 @@
 """Grasp trials: an object at rest on a table, hand poses, and the outcome of each.
 
-The trial: the open hand starts at the pose, closes, lifts, and holds; with ``TrialConfig(shake=ShakeConfig())`` a success
-is then shaken. One judge decides:
+The trial: the open hand starts at the pose, closes, lifts, and holds; with ``TrialConfig(shake=ShakeConfig())`` it then
+shakes what it holds. One judge decides:
 
 - ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
   touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s (`SuccessCriterion`).

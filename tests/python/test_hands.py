@@ -120,3 +120,17 @@ def test_rapier_names_itself_where_it_cannot() -> None:
     physics = graspbox.PhysicsConfig(engine="rapier")
     with pytest.raises(errors.SimulationError, match=r"the engine `rapier` cannot simulate the hand `panda_gripper`"):
         graspbox.Scene(bottle(), hand="panda_gripper", physics=physics)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_observations_have_entries_or_do_not_exist(name: str) -> None:
+    """A bug here: a space without entries, or an error that does not say what the hand lacks."""
+    hand = graspbox.load_hand(name)
+    tables = spaces.tables(hand)
+    for vectors in (*tables["observations"].values(), tables["decision"]["observations"]):
+        assert all(spaces.size(columns) > 0 for columns in vectors.values())
+        assert sorted([*vectors, *tables["absent"]]) == ["proprio", "state", "tactile"]
+    assert tables["absent"] == ([] if name == "reflex" else ["tactile"])
+    for env_id in ("graspbox/Grasp-v0", "graspbox/GraspPose-v0") if tables["absent"] else ():
+        with pytest.raises(errors.ConfigError, match="this hand has no tactile sensors, so there is no observation"):
+            gymnasium.make(env_id, objects="procedural:bottle:0", hand=name, obs=("proprio", "tactile"))

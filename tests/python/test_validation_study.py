@@ -21,7 +21,19 @@ from test_pictures import check_picture
 def _result(name: str, success: list[bool]) -> ObjectResult:
     n = len(success)
     zeros, won = np.zeros(n), np.array(success)
-    outcomes = graspbox.Outcomes(won, won, np.full(n, ""), zeros, zeros, won, zeros, zeros, np.zeros(n, dtype=np.int64))
+    outcomes = graspbox.Outcomes(
+        success=won,
+        secure=won,
+        failure=np.full(n, ""),
+        lift=zeros,
+        kindness_rate=zeros,
+        legacy_success=won,
+        kindness=zeros,
+        survives_shake=np.zeros(n, dtype=np.bool_),
+        shake_shift=np.full(n, np.nan),
+        time=zeros,
+        unconverged_steps=np.zeros(n, dtype=np.int64),
+    )
     return ObjectResult(name, outcomes=outcomes)
 
 

@@ -185,6 +185,7 @@ fn can(engine: EngineKind, friction: f64) -> (Arc<Scene>, Vec<GraspPose>) {
     (scene, poses)
 }
 
+/// With a third of the friction the same grasps lift the can and lose it.
 /// A bug here: an engine that does not feel turning or shaking frames, or one that throws what is held firmly.
 #[test]
 fn a_power_grasp_of_a_can_survives_in_both_engines() {
@@ -194,13 +195,13 @@ fn a_power_grasp_of_a_can_survives_in_both_engines() {
             let (scene, poses) = can(engine, friction);
             run_trials(&scene, &poses, config, &Progress::default()).unwrap()
         };
-        let (rough, smooth) = (tried(1.0), tried(0.15));
+        let (rough, smooth) = (tried(1.0), tried(0.3));
         for outcome in rough.iter().chain(&smooth) {
             println!("{engine:?}: {outcome:?}");
         }
-        let survive = |outcomes: &[TrialOutcome]| outcomes.iter().filter(|o| o.survives_shake == Some(true)).count();
         assert!(rough.iter().any(|o| o.secure && o.survives_shake == Some(true)), "{engine:?}");
-        assert!(survive(&smooth) < survive(&rough), "{engine:?}: friction does not matter");
+        assert!(smooth.iter().any(|o| o.success && o.survives_shake == Some(false)), "{engine:?}");
+        assert!(!smooth.iter().any(|o| o.survives_shake == Some(true)), "{engine:?}: friction does not matter");
     }
 }
 

@@ -125,9 +125,8 @@ mod tests {
             [moved.x, moved.y, moved.z, turn.x, turn.y, turn.z]
         };
         let samples: Vec<_> = path.iter().map(numbers).collect();
-        let angular = shake.acceleration / shake.lever;
-        for axis in 0..6 {
-            let limit = if axis < 3 { shake.acceleration } else { angular };
+        let (linear, angular) = (shake.acceleration, shake.acceleration / shake.lever);
+        for (axis, limit) in [linear, linear, linear, angular, angular, angular].into_iter().enumerate() {
             let at = |i: usize| samples[i][axis];
             let accelerations: Vec<f64> =
                 (1..=steps).map(|i| (at(i + 1) - 2.0 * at(i) + at(i - 1)) / (dt * dt)).collect();
@@ -152,7 +151,7 @@ mod tests {
     #[test]
     fn settings_are_checked() {
         let fine = ShakeConfig::default();
-        fine.validate(0.2).unwrap_or_else(|error| panic!("{error}"));
+        assert!(fine.validate(0.2).is_ok());
         let told = |shake: ShakeConfig, lift: f64| {
             shake.validate(lift).and_then(|()| shake.check_time_step(0.002)).err().map(|error| error.to_string())
         };

@@ -83,7 +83,8 @@ def grasp(
         bool, typer.Option(help="Also take the reference study's measures (failed grasps then run for 2.5 s).")
     ] = True,
     shake: Annotated[
-        bool, typer.Option("--shake", help="Shake every success on six axes with 2 g; the table counts what is still held.")
+        bool,
+        typer.Option("--shake", help="Shake every success on six axes with 2 g; the table counts what is still held."),
     ] = False,
     hand: HandName = "reflex",
     split: Split = None,

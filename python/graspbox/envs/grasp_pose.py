@@ -143,6 +143,7 @@ As in `graspbox.envs.grasp`:
 | touches | bool |  | the hand touches the object |
 | protective_stop | bool |  | the protective stop held the hand at some time in the last step |
 | infeasible | bool |  | the hand could not reach its pose |
+| survives_shake | bool |  | the object was still in the hand after the shake; False without `trial=TrialConfig(shake=...)` |
 | reward_terms | dict |  | reward terms of the last step (float) by name; zeros after a reset |
 
 <!-- end -->
