@@ -184,8 +184,12 @@ def _hints(kind: type) -> dict[str, Any]:
 
 def _check_class(value: Any, name: str, kind: Any) -> None:
     """Refuse what is not the config that a field holds: serde would take a list for one, field by field."""
-    if isinstance(kind, type) and is_dataclass(kind) and not isinstance(value, kind | Mapping):
-        raise ConfigError(f"{name} is {shown(value)}; give a {kind.__name__}")
+    optional = type(None) in get_args(kind)
+    config = config_in(kind) if optional else kind
+    if (optional and value is None) or not (isinstance(config, type) and is_dataclass(config)):
+        return
+    if not isinstance(value, config | Mapping):
+        raise ConfigError(f"{name} is {shown(value)}; give a {config.__name__}{' or None' if optional else ''}")
 
 
 def _number(value: int | float, name: str) -> int | float:
