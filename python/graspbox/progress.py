@@ -1,6 +1,7 @@
 """A progress bar on standard error that needs no library."""
 
 import sys
+import time
 from types import TracebackType
 
 __all__ = ["ProgressBar"]
@@ -20,16 +21,20 @@ class ProgressBar:
         Number of steps.
     shown : bool
         Whether anything is written at all.
+    delay : float
+        Seconds before which nothing is written.
     """
 
-    def __init__(self, task: str, total: int, shown: bool = True) -> None:
+    def __init__(self, task: str, total: int, shown: bool = True, delay: float = 0.0) -> None:
         self._task, self._total, self._shown = task, total, shown
-        self._tenth = 0
+        self._written = False
+        self._tenth, self._begins = 0, time.monotonic() + delay
 
     def update(self, done: int) -> None:
         """Show that `done` steps are done."""
-        if not self._shown:
+        if not self._shown or time.monotonic() < self._begins:
             return
+        self._written = True
         share = done / max(1, self._total)
         bar = "#" * int(share * _WIDTH)
         line = f"{self._task} [{bar:<{_WIDTH}}] {done}/{self._total}"
@@ -47,5 +52,5 @@ class ProgressBar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._shown and sys.stderr.isatty():
+        if self._written and sys.stderr.isatty():
             sys.stderr.write("\n")

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -56,11 +57,46 @@ def test_an_object_that_cannot_be_prepared_is_an_error(tmp_path: Path) -> None:
         env.unwrapped.prepare()  # type: ignore[attr-defined]
 
 
+def write_mesh(path: Path, name: str) -> None:
+    """Write a procedural object as an OBJ file."""
+    made = graspbox.object_sets.load(name)[0].load()
+    lines = [f"v {x} {y} {z}" for x, y, z in made.vertices] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in made.faces]
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("settings", "entries"), [({}, 3), ({"prepare_files": 2}, 1), ({"autoreset_mode": "Disabled"}, 1)]
+)
+def test_the_first_reset_prepares_mesh_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: dict[str, Any], entries: int
+) -> None:
+    cache = tmp_path / "cache"
+    monkeypatch.setenv("GRASPBOX_CACHE", str(cache))
+    files = [tmp_path / f"can{seed}.obj" for seed in range(3)]
+    for seed, file in enumerate(files):
+        write_mesh(file, f"procedural:can:{seed}")
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n")
+    objects = [str(file) for file in files]
+    if not settings:
+        # One that cannot be prepared is left to the episode that uses it.
+        objects.append(str(tmp_path / "flat.obj"))
+    env = gym.make_vec("graspbox/Grasp-v0", num_envs=1, objects=objects, **settings)
+    # Nothing is prepared ahead here: with seeds for every episode, or before the background thread has begun.
+    env.reset(seed=0, options={"object": "can0"})
+    found = len([*cache.glob("*.parts")])
+    assert found == entries if entries == 3 else found >= entries
+    env.close()
+
+
+@pytest.mark.parametrize("wrong", [-1, 2.5, "all"])
+def test_a_number_of_files_that_makes_no_sense_is_refused(wrong: Any) -> None:
+    with pytest.raises(graspbox.errors.ConfigError, match="prepare_files"):
+        gym.make_vec("graspbox/Grasp-v0", num_envs=1, objects=OBJECTS, prepare_files=wrong)
+
+
 def test_the_command_fills_the_cache_of_other_processes(tmp_path: Path) -> None:
     mesh = tmp_path / "mug.obj"
-    made = graspbox.object_sets.load("procedural:mug:2")[0].load()
-    lines = [f"v {x} {y} {z}" for x, y, z in made.vertices] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in made.faces]
-    mesh.write_text("\n".join(lines) + "\n")
+    write_mesh(mesh, "procedural:mug:2")
     cache = tmp_path / "cache"
     command = [sys.executable, "-m", "graspbox", "prepare", str(mesh)]
     done = subprocess.run(
@@ -72,6 +108,12 @@ def test_the_command_fills_the_cache_of_other_processes(tmp_path: Path) -> None:
     graspbox.Scene(graspbox.load_mesh(mesh), cache=cache)
     assert [*cache.glob("*.parts")] == [entry]
     assert entry.stat().st_mtime_ns == before
+
+
+def test_a_bar_waits_for_its_delay(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar("work", 2, delay=3600.0) as bar:
+        bar.update(2)
+    assert capsys.readouterr().err == ""
 
 
 def test_a_bar_in_a_log_file_has_at_most_ten_lines(capsys: pytest.CaptureFixture[str]) -> None:

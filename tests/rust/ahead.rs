@@ -7,6 +7,7 @@ use graspbox_agent::random_stream::RandomStream;
 use graspbox_agent::{AgentConfig, Autoreset, Batch, EnvPool, Objects, ResetOptions};
 use graspbox_objects::Family;
 use graspbox_tests::agent::objects;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -36,24 +37,26 @@ fn preparing_first_changes_nothing() {
 }
 
 #[test]
-fn the_object_of_the_next_episode_is_prepared_during_this_one() {
+fn the_objects_of_the_next_three_episodes_are_prepared_during_this_one() {
     let objects = objects(&FAMILIES);
     let pool = pool(&objects);
     let sample = |stream: &mut RandomStream| InitialSamples::new(stream, objects.len()).object;
-    // The next episode has another object than this one.
-    let differs = |&seed: &u64| {
+    // Four episodes with four objects.
+    let differ = |&seed: &u64| {
         let mut stream = RandomStream::new(seed);
-        sample(&mut stream) != sample(&mut stream)
+        BTreeSet::from([(); 4].map(|()| sample(&mut stream))).len() == 4
     };
-    let seed = (0..100).find(differs).unwrap();
+    let seed = (0..1000).find(differ).unwrap();
     pool.reset(&[Some(seed); ENVS], None, &ResetOptions::default()).unwrap();
     let mut stream = RandomStream::new(seed);
-    sample(&mut stream);
-    let next = InitialState::need(pool.spec(), &stream, &ResetOptions::default()).unwrap();
-    // No bound on its time: without the thread it would never be ready.
-    let begun = Instant::now();
-    while !objects.is_ready(&next) {
-        assert!(begun.elapsed() < Duration::from_secs(120), "nobody prepares {next:?}");
-        std::thread::sleep(Duration::from_millis(5));
+    for _ in 0..3 {
+        sample(&mut stream);
+        let next = InitialState::need(pool.spec(), &stream, &ResetOptions::default()).unwrap();
+        // No bound on its time: without the thread it would never be ready.
+        let begun = Instant::now();
+        while !objects.is_ready(&next) {
+            assert!(begun.elapsed() < Duration::from_secs(120), "nobody prepares {next:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 }

@@ -4,6 +4,7 @@ use crate::AgentError;
 use crate::agent_episode::AgentEpisode;
 use crate::config::Autoreset;
 use crate::env_spec::EnvSpec;
+use crate::initial_samples::InitialSamples;
 use crate::initial_state::InitialState;
 use crate::objects::Need;
 use crate::random_stream::RandomStream;
@@ -11,6 +12,10 @@ use crate::reset_options::ResetOptions;
 use crate::reward::TERM_COUNT;
 use crate::saved_state::SavedState;
 use crate::step_result::StepResult;
+
+/// Episodes whose objects are prepared in the background. Each environment asks in the order of its episodes, so that those of the next
+/// ones come first; more than one, because environments whose episodes end together would need as many objects at once.
+const EPISODES_AHEAD: usize = 3;
 
 /// One environment.
 #[derive(Default)]
@@ -50,7 +55,11 @@ impl Env {
         };
         // Where each episode gets a seed of its own, the stream does not tell which object comes next.
         if seed.is_none() || spec.config.autoreset != Autoreset::Disabled {
-            spec.objects.ensure_ahead(InitialState::need(spec, &stream, &ResetOptions::default())?);
+            let mut later = stream.clone();
+            for _ in 0..EPISODES_AHEAD {
+                spec.objects.ensure_ahead(InitialState::need(spec, &later, &ResetOptions::default())?);
+                InitialSamples::new(&mut later, spec.objects.len());
+            }
         }
         self.stream = Some(stream);
         self.result = result;

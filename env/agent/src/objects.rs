@@ -2,8 +2,8 @@
 //!
 //! Preparing an object (reading, convex parts, mass), settling it in a resting pose and making its levels of detail take up to a second; the
 //! result depends on the object alone. It is kept in a cache, and removing it costs time, never a different result. No lock is held while
-//! an object is prepared: threads that need the same one at the same time do the work twice and keep the first. What the next episode of
-//! an environment needs is prepared in the background ([`crate::ahead`]).
+//! an object is prepared: threads that need the same one at the same time do the work twice and keep the first. What the next episodes of
+//! an environment need is prepared in the background ([`crate::ahead`]).
 
 use crate::AgentError;
 use crate::ahead::Ahead;
@@ -17,7 +17,7 @@ use graspbox_sim::PhysicsConfig;
 use graspbox_vision::VisualModels;
 use nalgebra::{Isometry3, Point3};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Objects in the cache; one takes 1 to 4 MB with its resting poses. Larger sets prepare an object again in many resets.
@@ -55,6 +55,8 @@ pub struct Prepared {
     bounds: [Point3<f64>; 2],
     /// Its model for the renderer, made at its first use.
     model: OnceLock<Model>,
+    /// Where convex parts and levels of detail are kept.
+    cache: Option<PathBuf>,
 }
 
 /// One resting pose on the table; settled at its first use.
@@ -66,11 +68,11 @@ struct RestingPose {
 }
 
 impl Prepared {
-    /// Prepares an object; convex parts are kept in the folder `cache`, if given.
+    /// Prepares an object; convex parts and levels of detail are kept in the folder `cache`, if given.
     ///
     /// # Errors
     /// As [`Body::prepare`], or a mesh without a resting pose.
-    pub(crate) fn new(spec: &ObjectSpec, cache: Option<&std::path::Path>) -> Result<Self, AgentError> {
+    pub(crate) fn new(spec: &ObjectSpec, cache: Option<&Path>) -> Result<Self, AgentError> {
         let body = Body::prepare(spec, cache)?;
         let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
         let hull: TriMesh = convex_hull(body.mesh().vertices()).map_err(mesh_error)?;
@@ -88,6 +90,7 @@ impl Prepared {
             bounds: [nalgebra::center(&aabb.min, &aabb.max), Point3::from((aabb.max - aabb.min) / 2.0)],
             body,
             model: OnceLock::new(),
+            cache: cache.map(Path::to_path_buf),
         })
     }
 
@@ -104,7 +107,7 @@ impl Prepared {
         if let Some(model) = self.model.get() {
             return Ok(model);
         }
-        let made = Model::new(self.body.mesh())
+        let made = Model::cached(self.body.mesh(), self.cache.as_deref())
             .map_err(|source| AgentError::NotRenderable { object: self.body.name().to_owned(), source })?;
         Ok(self.model.get_or_init(|| made))
     }
@@ -152,7 +155,7 @@ struct Cache {
 }
 
 impl Objects {
-    /// Takes a list of objects; convex parts are kept in the folder `cache`, if given.
+    /// Takes a list of objects; convex parts and levels of detail are kept in the folder `cache`, if given.
     ///
     /// # Errors
     /// [`AgentError::NoObjects`] for an empty list.

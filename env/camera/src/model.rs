@@ -5,6 +5,7 @@ use crate::normals::corner_normals;
 use graspbox_mesh::clean::components;
 use graspbox_mesh::{TriMesh, check_watertight, decimate_levels, in_range};
 use nalgebra::{Point3, Vector3};
+use std::path::Path;
 
 /// Faces below which a mesh is cheap enough as it is.
 const FEW_FACES: usize = 12;
@@ -61,9 +62,17 @@ impl Model {
     /// # Errors
     /// [`CameraError::OutOfRange`] for a mesh that reaches farther than 10 km from its origin.
     pub fn new(mesh: &TriMesh) -> Result<Self, CameraError> {
+        Self::cached(mesh, None)
+    }
+
+    /// As [`Model::new`], with the levels of detail kept in the folder `cache`, if given: see [`graspbox_mesh::cache`].
+    ///
+    /// # Errors
+    /// Those of [`Model::new`].
+    pub fn cached(mesh: &TriMesh, cache: Option<&Path>) -> Result<Self, CameraError> {
         let mut model = Self::without_levels(mesh)?;
         if mesh.faces().len() > FEW_FACES {
-            let coarser = decimate_levels(mesh, &LEVELS)?;
+            let coarser = decimate_levels(mesh, &LEVELS, cache)?;
             let coarser = coarser.iter().map(|c| Level::new(&c.mesh, c.hausdorff.max));
             model.levels.extend(coarser);
         }

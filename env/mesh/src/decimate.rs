@@ -21,6 +21,7 @@
 //!
 //! `cargo run --release -p graspbox-objects --features compare --example compare_decimation -- FOLDER_OF_YCB_STL_FILES`
 
+mod cache;
 mod distance;
 mod quadric;
 
@@ -38,6 +39,7 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
+use std::path::Path;
 
 /// Samples on either surface by which the Hausdorff distance is measured.
 const SAMPLES: usize = 10_000;
@@ -80,9 +82,24 @@ pub fn decimate(mesh: &TriMesh, target_faces: usize) -> Result<Decimated, MeshEr
 /// Of a mesh with more than 120,000 faces, vertices that lie in a common cell are merged first where no level has more than 15,000 faces.
 /// Targets that the mesh does not exceed, and those that topology lets it come no nearer to, are left out.
 ///
+/// * `cache`: a folder where results are kept by mesh and targets; `None` keeps nothing: see [`crate::cache`].
+///
 /// # Errors
 /// Those of [`decimate`].
-pub fn decimate_levels(mesh: &TriMesh, targets: &[usize]) -> Result<Vec<Decimated>, MeshError> {
+pub fn decimate_levels(mesh: &TriMesh, targets: &[usize], cache: Option<&Path>) -> Result<Vec<Decimated>, MeshError> {
+    targets.iter().try_for_each(|target| check_target(*target))?;
+    let entry = cache.map(|folder| cache::entry(folder, mesh, targets));
+    if let Some(levels) = entry.as_ref().and_then(cache::read) {
+        return Ok(levels);
+    }
+    let levels = make_levels(mesh, targets)?;
+    if let Some(entry) = &entry {
+        entry.write(&cache::encode(&levels));
+    }
+    Ok(levels)
+}
+
+fn make_levels(mesh: &TriMesh, targets: &[usize]) -> Result<Vec<Decimated>, MeshError> {
     /// Meshes of more faces are made coarser in linear time first, where all levels have far fewer.
     const MOST_FACES: usize = 120_000;
     let few = targets.iter().all(|&target| target <= MOST_FACES / 8);
@@ -90,7 +107,6 @@ pub fn decimate_levels(mesh: &TriMesh, targets: &[usize]) -> Result<Vec<Decimate
     let mut collapse = Collapse::new(&start);
     let (mut levels, mut faces) = (Vec::new(), start.faces().len());
     for &target in targets {
-        check_target(target)?;
         if faces > target {
             collapse.run(target);
             let level = collapse.mesh()?;

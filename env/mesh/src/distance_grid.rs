@@ -8,10 +8,12 @@
 //! Own code: the sign of `parry3d`'s point queries needs a closed, oriented mesh.
 
 mod lines;
+mod scan;
 
 use crate::trimesh::TriMesh;
 use lines::Lines;
 use nalgebra::{Point3, Vector3};
+use scan::Known;
 
 /// Nodes around the bounds, so that points just outside are on the grid.
 const PAD: usize = 3;
@@ -26,13 +28,24 @@ pub struct DistanceGrid<'a> {
     origin: Point3<f64>,
     step: f64,
     size: [usize; 3],
-    /// Closest face of each node.
-    face: Vec<u32>,
-    /// Closest point of that face; given back once `signed` is known.
-    closest: Vec<[f32; 3]>,
+    nodes: Vec<Node>,
+    faces: Vec<Face>,
     inside: Vec<bool>,
-    /// Distance of that point, negative inside, metres.
-    signed: Vec<f32>,
+}
+
+/// What a node knows: one read of memory, which a query has eight of.
+#[derive(Clone, Copy)]
+struct Node {
+    /// Distance of the closest face, negative inside, metres.
+    signed: f32,
+    face: u32,
+}
+
+/// A face, with everything that a query needs of it in one place.
+struct Face {
+    corners: [Point3<f64>; 3],
+    /// Outward unit normal; 0 without area.
+    normal: Vector3<f64>,
 }
 
 impl<'a> DistanceGrid<'a> {
@@ -47,25 +60,32 @@ impl<'a> DistanceGrid<'a> {
         let size = [0, 1, 2].map(|k| (sides[k] / step).ceil() as usize + 1 + 2 * PAD);
         let origin = aabb.min - Vector3::repeat(PAD as f64 * step);
         let nodes = size.iter().product();
+        let face = |face| Face {
+            corners: mesh.triangle(face),
+            normal: mesh.face_area_vector(face).try_normalize(0.0).unwrap_or_default(),
+        };
         let mut grid = Self {
             mesh,
             origin,
             step,
             size,
-            face: vec![u32::MAX; nodes],
-            closest: vec![[f32::INFINITY; 3]; nodes],
+            nodes: Vec::new(),
             inside: Vec::new(),
-            signed: Vec::new(),
+            faces: (0..mesh.faces().len()).map(face).collect(),
         };
-        let (inside, ()) = rayon::join(
+        let places = [0, 1, 2].map(|k| (0..size[k]).map(|i| (origin[k] + i as f64 * step) as f32).collect());
+        let (inside, known) = rayon::join(
             || Lines { mesh, origin, step, size }.vote(),
             || {
-                grid.rasterize();
-                grid.propagate();
+                let mut known = Known::new(nodes);
+                grid.rasterize(&mut known);
+                // Nodes beside a face are right already.
+                known.scan(&places, (step * step) as f32);
+                known
             },
         );
+        grid.nodes = grid.measure(&known, &inside);
         grid.inside = inside;
-        grid.measure();
         grid
     }
 
@@ -105,9 +125,9 @@ impl<'a> DistanceGrid<'a> {
         for (corner, face) in faces.iter_mut().enumerate() {
             let offset = [corner & 1, (corner >> 1) & 1, corner >> 2];
             let weight: f64 = (0..3).map(|k| if offset[k] == 1 { fraction[k] } else { 1.0 - fraction[k] }).product();
-            let i = self.index([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]]);
-            signed += weight * f64::from(self.signed[i]);
-            *face = self.face[i];
+            let node = self.nodes[self.index([base[0] + offset[0], base[1] + offset[1], base[2] + offset[2]])];
+            signed += weight * f64::from(node.signed);
+            *face = node.face;
         }
         if signed < -2.0 * self.step {
             return 0.0;
@@ -120,16 +140,20 @@ impl<'a> DistanceGrid<'a> {
 
     /// Distance to the nearest of `faces`; the sign is the grid's beyond half a step and that of the face within.
     fn near(&self, p: &Point3<f64>, signed: f64, faces: &mut [u32; 8]) -> f64 {
-        faces.sort_unstable();
+        sort(faces);
         let (mut best, mut side, mut last) = (f64::INFINITY, 1.0_f64, u32::MAX);
         for &face in faces.iter() {
             if face == last || face == u32::MAX {
                 continue;
             }
             last = face;
-            let corners = self.mesh.triangle(face as usize);
-            let d = p - closest_point(p, &corners);
-            let s = d.dot(&self.mesh.face_area_vector(face as usize).try_normalize(0.0).unwrap_or_default());
+            let Face { corners, normal } = &self.faces[face as usize];
+            // A face is no nearer than its plane; twice the tolerance below leaves room for rounding.
+            if (p - corners[0]).dot(normal).abs() > best + 2e-9 {
+                continue;
+            }
+            let d = p - closest_point(p, corners);
+            let s = d.dot(normal);
             let distance = d.norm();
             // At an edge two faces are equally near; the one that faces the point more decides.
             let tie = distance < best + 1e-9 && s.abs() > side.abs();
@@ -143,14 +167,13 @@ impl<'a> DistanceGrid<'a> {
     }
 
     /// Distances of all nodes: a query needs eight, and asks for them in no order.
-    fn measure(&mut self) {
-        let closest = std::mem::take(&mut self.closest);
-        let distance = |(i, (closest, inside)): (usize, (&[f32; 3], &bool))| {
+    fn measure(&self, known: &Known, inside: &[bool]) -> Vec<Node> {
+        let distance = |(i, inside): (usize, &bool)| {
             let at = [i % self.size[0], i / self.size[0] % self.size[1], i / (self.size[0] * self.size[1])];
-            let distance = (self.node(at).map(|x| x as f32) - Point3::from(*closest)).norm();
-            if *inside { -distance } else { distance }
+            let distance = known.squared(i, &self.node(at).map(|x| x as f32).into()).sqrt();
+            Node { signed: if *inside { -distance } else { distance }, face: known.face[i] }
         };
-        self.signed = closest.iter().zip(&self.inside).enumerate().map(distance).collect();
+        inside.iter().enumerate().map(distance).collect()
     }
 
     fn index(&self, at: [usize; 3]) -> usize {
@@ -161,17 +184,18 @@ impl<'a> DistanceGrid<'a> {
         self.origin + Vector3::new(at[0] as f64, at[1] as f64, at[2] as f64) * self.step
     }
 
-    /// Squared distance that node `i` at `p` knows so far.
-    fn known(&self, i: usize, p: &Point3<f32>) -> f32 {
-        (p - Point3::from(self.closest[i])).norm_squared()
-    }
-
     /// Tells the nodes around each face about it. Large faces are cut up, so that only nodes near them are visited.
-    fn rasterize(&mut self) {
+    fn rasterize(&self, known: &mut Known) {
+        let aabb = self.mesh.aabb();
+        let reach = aabb.min.coords.amax().max(aabb.max.coords.amax());
+        // Distances are compared in f32: eight times its rounding.
+        let slack = 8.0 * f64::from(f32::EPSILON) * reach;
         let mut stack = Vec::new();
-        for face in 0..self.mesh.faces().len() {
-            let whole = self.mesh.triangle(face);
-            stack.push(whole);
+        for (face, &Face { corners, normal }) in self.faces.iter().enumerate() {
+            let center = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
+            let radius = corners.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
+            let whole = Whole { face: face as u32, corners, center, radius, normal };
+            stack.push(corners);
             while let Some(piece) = stack.pop() {
                 let [a, b, c] = piece;
                 let edges = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
@@ -182,79 +206,85 @@ impl<'a> DistanceGrid<'a> {
                     stack.push([piece[i], middle, piece[k]]);
                     stack.push([middle, piece[j], piece[k]]);
                 } else {
-                    self.tell(face as u32, &whole, &piece);
+                    self.tell(known, &whole, &piece, slack);
                 }
             }
         }
     }
 
-    fn tell(&mut self, face: u32, whole: &[Point3<f64>; 3], [a, b, c]: &[Point3<f64>; 3]) {
+    /// * `slack`: greatest error of a distance in f32, metres.
+    fn tell(&self, known: &mut Known, whole: &Whole, [a, b, c]: &[Point3<f64>; 3], slack: f64) {
         let (least, greatest) = (a.inf(b).inf(c), a.sup(b).sup(c));
         let low = [0, 1, 2].map(|k| (((least[k] - self.origin[k]) / self.step) - 1.0).floor().max(0.0) as usize);
         let high = [0, 1, 2]
             .map(|k| ((((greatest[k] - self.origin[k]) / self.step) + 1.0).ceil() as usize).min(self.size[k] - 1));
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
+                let row = self.index([0, y, z]);
                 for x in low[0]..=high[0] {
-                    let i = self.index([x, y, z]);
-                    let node = self.node([x, y, z]);
-                    let closest = closest_point(&node, whole);
-                    let node = node.map(|x| x as f32);
-                    let closest = closest.map(|x| x as f32);
-                    if (node - closest).norm_squared() < self.known(i, &node) {
-                        self.closest[i] = closest.into();
-                        self.face[i] = face;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Two scans, there and back, in which every node asks the 13 neighbours that it has passed.
-    fn propagate(&mut self) {
-        let before: Vec<[isize; 3]> = (-1..=1)
-            .flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [x, y, z])))
-            .filter(|&[x, y, z]| (z, y, x) < (0, 0, 0))
-            .collect();
-        let nodes = self.face.len();
-        let stride = [1, self.size[0] as isize, (self.size[0] * self.size[1]) as isize];
-        for back in [false, true] {
-            for k in 0..nodes {
-                let i = if back { nodes - 1 - k } else { k };
-                let at = [i % self.size[0], i / self.size[0] % self.size[1], i / (self.size[0] * self.size[1])];
-                let p = self.node(at).map(|x| x as f32);
-                let mut best = self.known(i, &p);
-                // Rasterised nodes are right already.
-                if best <= (self.step * self.step) as f32 {
-                    continue;
-                }
-                let inner = (0..3).all(|k| at[k] > 0 && at[k] + 1 < self.size[k]);
-                for d in &before {
-                    let turned = if back { d.map(|x| -x) } else { *d };
-                    let other = if inner {
-                        i.wrapping_add_signed(turned[0] * stride[0] + turned[1] * stride[1] + turned[2] * stride[2])
-                    } else if let Some(other) = self.neighbor(at, turned) {
-                        other
-                    } else {
+                    let (i, at) = (row + x, self.node([x, y, z]));
+                    let node = at.map(|x| x as f32);
+                    let squared = known.squared(i, &node.into());
+                    // Most nodes know a face that is nearer than this one can be. (k + s)^2 <= k^2 (1 + e) + s^2 (1 + 1 / e), e = 1e-4.
+                    if whole.least_squared(&at) > f64::from(squared) * 1.0001 + slack * slack * 10_001.0 {
                         continue;
-                    };
-                    let distance = self.known(other, &p);
-                    if distance < best {
-                        best = distance;
-                        self.closest[i] = self.closest[other];
-                        self.face[i] = self.face[other];
+                    }
+                    let closest = closest_point(&at, &whole.corners).map(|x| x as f32);
+                    if (node - closest).norm_squared() < squared {
+                        known.set(i, whole.face, closest.into());
                     }
                 }
             }
         }
     }
+}
 
-    fn neighbor(&self, at: [usize; 3], d: [isize; 3]) -> Option<usize> {
-        let mut to = [0; 3];
-        for k in 0..3 {
-            to[k] = at[k].checked_add_signed(d[k]).filter(|&v| v < self.size[k])?;
-        }
-        Some(self.index(to))
+/// A face, and what bounds its distance from below.
+struct Whole {
+    face: u32,
+    corners: [Point3<f64>; 3],
+    /// Of a ball around it.
+    center: Point3<f64>,
+    radius: f64,
+    /// Unit normal; 0 without area.
+    normal: Vector3<f64>,
+}
+
+impl Whole {
+    /// The square of a distance that `p` keeps from the face at least: from the disk that the ball cuts from the plane.
+    fn least_squared(&self, p: &Point3<f64>) -> f64 {
+        let d = p - self.center;
+        let height = d.dot(&self.normal);
+        let beside = ((d.norm_squared() - height * height).max(0.0).sqrt() - self.radius).max(0.0);
+        height * height + beside * beside
+    }
+}
+
+/// Sorts eight numbers by 19 exchanges without branches (Batcher's odd-even merge sort).
+fn sort(x: &mut [u32; 8]) {
+    const EXCHANGES: [[usize; 2]; 19] = [
+        [0, 1],
+        [2, 3],
+        [4, 5],
+        [6, 7],
+        [0, 2],
+        [1, 3],
+        [4, 6],
+        [5, 7],
+        [1, 2],
+        [5, 6],
+        [0, 4],
+        [1, 5],
+        [2, 6],
+        [3, 7],
+        [2, 4],
+        [3, 5],
+        [1, 2],
+        [3, 4],
+        [5, 6],
+    ];
+    for [i, j] in EXCHANGES {
+        (x[i], x[j]) = (x[i].min(x[j]), x[i].max(x[j]));
     }
 }
 

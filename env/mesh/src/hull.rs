@@ -53,13 +53,18 @@ pub(crate) type Indexed = (Vec<Point3<f64>>, Vec<[u32; 3]>);
 /// Corners and outward faces of the hull; `None` when the points are flat.
 pub(crate) fn hull_indexed(points: &[Point3<f64>]) -> Option<Indexed> {
     let mut faces = quickhull(points)?;
-    let mut corners: Vec<u32> = faces.iter().flatten().copied().collect();
-    corners.sort_unstable();
-    corners.dedup();
-    for v in faces.iter_mut().flatten() {
-        *v = corners.partition_point(|c| c < v) as u32;
+    // Which points are corners, and then their places among the corners.
+    let mut places = vec![0_u32; points.len()];
+    faces.iter().flatten().for_each(|&v| places[v as usize] = 1);
+    let mut corners = Vec::with_capacity(faces.len() / 2 + 2);
+    for (place, point) in places.iter_mut().zip(points) {
+        if *place == 1 {
+            *place = corners.len() as u32;
+            corners.push(*point);
+        }
     }
-    Some((corners.iter().map(|&c| points[c as usize]).collect(), faces))
+    faces.iter_mut().flatten().for_each(|v| *v = places[*v as usize]);
+    Some((corners, faces))
 }
 
 /// Outward unit normals and offsets of the faces of a convex mesh: inside, `normal . x <= offset` for each.

@@ -16,6 +16,7 @@
 //! | [`voxel`] | solid and surface voxels, binvox files |
 //! | [`range`] | range checks of settings, for every crate |
 //! | `fast_hash` | maps and sets of small keys |
+//! | [`cache`] | results on disk: convex parts, levels of detail |
 //! | [`checksum`] | bytes with a magic number and a checksum: cache entries, snapshots |
 //! | [`error`] | every way an input can be wrong, one sentence each |
 //!
@@ -38,6 +39,7 @@
 //! # Ok::<(), graspbox_mesh::MeshError>(())
 //! ```
 
+pub mod cache;
 pub mod checksum;
 pub mod clean;
 mod cluster;

@@ -5,12 +5,12 @@
 //! | `params` | parameters, parts and how well they fit |
 //! | `cell` | a piece of the solid, clipped by planes |
 //! | `extremes` | the points of a cloud that lie farthest along given directions |
+//! | `cloud` | the same, on either side of many planes |
 //! | `cut` | top down: cut the piece that stands out most |
 //! | `merge` | bottom up: join neighbours that are convex together |
 //! | `reduce` | few corners |
 //! | `fit` | how far hulls and mesh stand out of each other |
-//! | `cache` | results on disk |
-//! | `trim` | a bound on the size of that folder |
+//! | `cache` | parts as bytes, on disk |
 //!
 //! Own code, because approximate decompositions thicken thin walls or need more parts: the engine's time grows with their number,
 //! and cavities that are too narrow make grasps impossible. On 16 mugs, cups, bowls, plates, glasses and a pitcher:
@@ -28,6 +28,7 @@
 
 mod cache;
 mod cell;
+mod cloud;
 mod cut;
 mod decompose;
 mod extremes;
@@ -35,7 +36,6 @@ mod fit;
 mod merge;
 mod params;
 mod reduce;
-mod trim;
 
 pub use params::{ConvexParts, PartsParams, PartsReport};
 
@@ -46,52 +46,51 @@ use decompose::decompose;
 use fit::Fit;
 use std::path::Path;
 
+/// Meshes of more faces are made coarser first: 0.5 mm of an object of 20 cm need no more, and time follows their number.
+const MOST_FACES: usize = 120_000;
+
 /// Cuts a mesh into convex parts.
 ///
 /// The solid is cut by planes until every piece is nearly convex, and pieces that are convex together are merged again; every
 /// hull is built from the clipped surface itself, so walls keep their thickness and cups stay open. Works best on a watertight
 /// mesh (see [`crate::clean`](fn@crate::clean)); inside is a vote of scan lines otherwise. Of a mesh with more than 120,000 faces, vertices
-/// that lie in a common cell are merged first, and the report is about the result.
+/// that lie in a common cell are merged first. [`measure_parts`] tells how well the parts fit.
 ///
-/// * `cache`: a folder where results are kept by mesh and parameters; `None` keeps nothing. Damaged entries are made again, and
-///   a folder that cannot be written is a warning. Beyond 256 MB the oldest entries are removed.
+/// * `cache`: a folder where results are kept by mesh and parameters; `None` keeps nothing: see [`crate::cache`].
 ///
 /// # Errors
 /// [`MeshError::BadParameter`] for a parameter outside its range; [`MeshError::Flat`] when the mesh spans no volume.
 pub fn convex_parts(mesh: &TriMesh, params: &PartsParams, cache: Option<&Path>) -> Result<ConvexParts, MeshError> {
     params.check()?;
-    let entry = cache.map(|folder| cache::Entry::new(folder, mesh, params));
-    if let Some(parts) = entry.as_ref().and_then(cache::Entry::read) {
-        return Ok(parts);
+    let entry = cache.map(|folder| cache::entry(folder, mesh, params));
+    if let Some(parts) = entry.as_ref().and_then(cache::read) {
+        return Ok(ConvexParts { parts, cached: true });
     }
-    let parts = build(mesh, params)?;
+    let coarse = cluster::at_most(mesh, MOST_FACES);
+    let center = middle(&coarse);
+    let fit = Fit::new(&coarse, center, params.max_error);
+    let parts = decompose(&coarse, center, &fit, params)?;
     if let Some(entry) = &entry {
-        entry.write(&parts);
+        entry.write(&cache::encode(&parts));
     }
-    Ok(parts)
+    Ok(ConvexParts { parts, cached: false })
 }
 
-fn build(mesh: &TriMesh, params: &PartsParams) -> Result<ConvexParts, MeshError> {
-    /// Meshes of more faces are made coarser first: 0.5 mm of an object of 20 cm need no more, and time follows their number.
-    const MOST_FACES: usize = 120_000;
-    let begin = std::time::Instant::now();
-    let mesh = &*cluster::at_most(mesh, MOST_FACES);
-    let aabb = mesh.aabb();
-    let center = nalgebra::center(&aabb.min, &aabb.max).coords;
-    let fit = Fit::new(mesh, center, params.max_error);
-    let parts = decompose(mesh, center, &fit, params)?;
-    let mut report = report(mesh, &parts, &fit);
-    report.seconds = begin.elapsed().as_secs_f64();
-    Ok(ConvexParts { parts, report })
-}
-
-/// Measures parts made elsewhere as [`convex_parts`] measures its own; `seconds` is 0.
+/// Measures how well parts fit a mesh; costs about a third of [`convex_parts`].
+///
+/// Of a mesh with more than 120,000 faces, vertices that lie in a common cell are merged first.
 ///
 /// * `parts`: closed convex meshes with outward faces, in the frame of the mesh, metres.
 /// * `max_error`: as [`PartsParams::max_error`]; it sets how densely the parts are sampled.
 pub fn measure_parts(mesh: &TriMesh, parts: &[TriMesh], max_error: f64) -> PartsReport {
+    let coarse = cluster::at_most(mesh, MOST_FACES);
+    report(&coarse, parts, &Fit::new(&coarse, middle(&coarse), max_error))
+}
+
+/// Middle of the bounds.
+fn middle(mesh: &TriMesh) -> nalgebra::Vector3<f64> {
     let aabb = mesh.aabb();
-    report(mesh, parts, &Fit::new(mesh, nalgebra::center(&aabb.min, &aabb.max).coords, max_error))
+    nalgebra::center(&aabb.min, &aabb.max).coords
 }
 
 fn report(mesh: &TriMesh, parts: &[TriMesh], fit: &Fit) -> PartsReport {
@@ -104,7 +103,5 @@ fn report(mesh: &TriMesh, parts: &[TriMesh], fit: &Fit) -> PartsReport {
         overfill_mean: over.mean,
         underfill_max: under.greatest,
         underfill_mean: under.mean,
-        seconds: 0.0,
-        cached: false,
     }
 }

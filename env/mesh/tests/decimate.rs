@@ -49,7 +49,7 @@ fn the_distance_is_that_of_the_farther_side() {
 fn levels_fall_in_faces_and_are_measured_against_the_original() {
     let fine = torus(0.06, 0.02, 80);
     let targets = [1 << 20, 3000, 800, 200, 60];
-    let levels = decimate_levels(&fine, &targets).unwrap();
+    let levels = decimate_levels(&fine, &targets, None).unwrap();
     assert_eq!(levels.len(), 4);
     for (level, target) in levels.iter().zip(&targets[1..]) {
         check_manifold(&level.mesh).unwrap();
@@ -58,7 +58,32 @@ fn levels_fall_in_faces_and_are_measured_against_the_original() {
     }
     assert!(levels.windows(2).all(|w| w[0].hausdorff.max < w[1].hausdorff.max));
     assert_eq!(levels[0], decimate(&fine, 3000).unwrap());
-    assert!(decimate_levels(&fine, &[100, 3]).is_err());
+    assert!(decimate_levels(&fine, &[100, 3], None).is_err());
+}
+
+#[test]
+fn cached_levels_have_the_same_bits_and_damaged_ones_are_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, targets) = (torus(0.06, 0.02, 40), [1000, 200]);
+    let made = decimate_levels(&mesh, &targets, None).unwrap();
+    assert_eq!(decimate_levels(&mesh, &targets, Some(folder.path())).unwrap(), made);
+    let entries = || std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect::<Vec<_>>();
+    let [entry] = &entries()[..] else { panic!("one entry") };
+    let whole = std::fs::read(entry).unwrap();
+    let written = std::fs::metadata(entry).unwrap().modified().unwrap();
+    assert_eq!(decimate_levels(&mesh, &targets, Some(folder.path())).unwrap(), made);
+    assert_eq!(std::fs::metadata(entry).unwrap().modified().unwrap(), written, "the entry was read");
+    let mut flipped = whole.clone();
+    flipped[200] ^= 1;
+    for damaged in [&whole[..whole.len() - 1], &flipped[..], &[]] {
+        std::fs::write(entry, damaged).unwrap();
+        assert_eq!(decimate_levels(&mesh, &targets, Some(folder.path())).unwrap(), made);
+        assert_eq!(std::fs::read(entry).unwrap(), whole, "the entry was repaired");
+    }
+    // Other targets are another entry, and a folder that cannot be made costs the cache, not the result.
+    decimate_levels(&mesh, &[500], Some(folder.path())).unwrap();
+    assert_eq!(entries().len(), 2);
+    assert_eq!(decimate_levels(&mesh, &targets, Some(&entry.join("below-a-file"))).unwrap(), made);
 }
 
 #[test]

@@ -3,7 +3,9 @@
 
 mod shapes;
 
-use graspbox_mesh::{ConvexParts, PartsParams, TriMesh, check_manifold, convex_parts, sample_surface};
+use graspbox_mesh::{
+    ConvexParts, PartsParams, PartsReport, TriMesh, check_manifold, convex_parts, measure_parts, sample_surface,
+};
 use nalgebra::{Point3, Vector3};
 use shapes::{cuboid, cup, sphere};
 
@@ -29,37 +31,34 @@ fn check_convex(part: &TriMesh) {
     }
 }
 
-fn checked(mesh: &TriMesh, params: &PartsParams) -> ConvexParts {
+fn checked(mesh: &TriMesh, params: &PartsParams) -> (ConvexParts, PartsReport) {
     let made = convex_parts(mesh, params, None).unwrap();
     assert!(made.parts.len() <= params.max_parts);
     for part in &made.parts {
         check_convex(part);
         assert!(part.vertices().len() <= params.max_points);
     }
-    made
+    let report = measure_parts(mesh, &made.parts, params.max_error);
+    (made, report)
 }
 
 #[test]
 fn convex_objects_are_one_part_that_fits() {
     let params = PartsParams::default();
-    let block = checked(&cuboid(Vector3::new(0.05, 0.08, 0.2)), &params);
-    assert_eq!((block.report.parts, block.report.points), (1, 8));
-    assert!(
-        block.report.overfill_mean < 1e-6 && block.report.overfill_max < 3e-4 && block.report.underfill_max < 1e-6,
-        "{:?}",
-        block.report
-    );
-    let ball = checked(&sphere(0.037, 64), &params);
-    assert_eq!(ball.report.parts, 1);
-    assert!(ball.report.underfill_max < 1.5e-3, "{:?}", ball.report);
+    let (_, block) = checked(&cuboid(Vector3::new(0.05, 0.08, 0.2)), &params);
+    assert_eq!((block.parts, block.points), (1, 8));
+    assert!(block.overfill_mean < 1e-6 && block.overfill_max < 3e-4 && block.underfill_max < 1e-6, "{block:?}");
+    let (_, ball) = checked(&sphere(0.037, 64), &params);
+    assert_eq!(ball.parts, 1);
+    assert!(ball.underfill_max < 1.5e-3, "{ball:?}");
 }
 
 #[test]
 fn a_cup_stays_open_and_keeps_its_walls() {
     let (radius, height, wall) = (0.035, 0.07, 0.003);
     let mesh = cup(radius, height, wall, 48);
-    let made = checked(&mesh, &PartsParams::default());
-    assert!(made.report.overfill_mean < 5e-4 && made.report.underfill_max < 1e-3, "{:?}", made.report);
+    let (made, report) = checked(&mesh, &PartsParams::default());
+    assert!(report.overfill_mean < 5e-4 && report.underfill_max < 1e-3, "{report:?}");
     // The cavity, but for what two millimetres of overfill may take, holds no part; the wall is all there.
     for s in sample_surface(&mesh, 2000, 1) {
         let r = s.point.coords.xy().norm();
@@ -91,27 +90,55 @@ fn the_cache_gives_back_what_it_was_given_and_survives_damage() {
     let params = PartsParams::default();
     let cache = Some(folder.path());
     let made = convex_parts(&mesh, &params, cache).unwrap();
-    assert!(!made.report.cached);
+    assert!(!made.cached);
     let read = convex_parts(&mesh, &params, cache).unwrap();
-    assert!(read.report.cached);
+    assert!(read.cached);
     assert_eq!(made.parts, read.parts);
     let entries: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(entries.len(), 1, "no temporary file is left behind");
     // Another parameter is another entry.
-    assert!(!convex_parts(&mesh, &PartsParams { max_parts: 3, ..params }, cache).unwrap().report.cached);
+    assert!(!convex_parts(&mesh, &PartsParams { max_parts: 3, ..params }, cache).unwrap().cached);
     let whole = std::fs::read(&entries[0]).unwrap();
     let mut flipped = whole.clone();
     flipped[100] ^= 1;
     for damaged in [&whole[..whole.len() / 2], &flipped[..], &[]] {
         std::fs::write(&entries[0], damaged).unwrap();
         let again = convex_parts(&mesh, &params, cache).unwrap();
-        assert!(!again.report.cached);
+        assert!(!again.cached);
         assert_eq!(again.parts, made.parts);
-        assert!(convex_parts(&mesh, &params, cache).unwrap().report.cached, "the entry was repaired");
+        assert!(convex_parts(&mesh, &params, cache).unwrap().cached, "the entry was repaired");
     }
     // A folder that cannot be made (its parent is a file) costs the cache, not the result.
     let blocked = entries[0].join("below-a-file");
     assert_eq!(convex_parts(&mesh, &params, Some(&blocked)).unwrap().parts, made.parts);
+}
+
+/// Threads and processes that need the same object at once each make it, and none of them reads half an entry.
+#[test]
+fn an_entry_that_many_write_and_read_at_once_is_always_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, params) = (cuboid(Vector3::new(0.05, 0.08, 0.2)), PartsParams::default());
+    let parts = convex_parts(&mesh, &params, None).unwrap().parts;
+    std::thread::scope(|scope| {
+        for worker in 0..4 {
+            let (mesh, parts, folder) = (&mesh, &parts, folder.path());
+            scope.spawn(move || {
+                for round in 0..10 {
+                    if worker == 0 && round % 3 == 0 {
+                        // Somebody else trims the folder.
+                        std::fs::read_dir(folder).unwrap().flatten().for_each(|entry| {
+                            if entry.path().extension().is_some_and(|suffix| suffix == "parts") {
+                                std::fs::remove_file(entry.path()).ok();
+                            }
+                        });
+                    }
+                    assert_eq!(&convex_parts(mesh, &params, Some(folder)).unwrap().parts, parts);
+                }
+            });
+        }
+    });
+    assert!(convex_parts(&mesh, &params, Some(folder.path())).unwrap().cached);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file is left behind");
 }
 
 /// A cache file of another object under this object's name gave this object the other one's shape.
@@ -129,9 +156,9 @@ fn an_entry_of_another_mesh_is_not_used() {
     let (of_block, of_plank) = (entry(&block), entry(&plank));
     std::fs::copy(of_plank, of_block).unwrap();
     let made = convex_parts(&block, &params, Some(folder.path())).unwrap();
-    assert!(!made.report.cached);
+    assert!(!made.cached);
     assert_eq!(made.parts, convex_parts(&block, &params, None).unwrap().parts);
-    assert!(convex_parts(&block, &params, Some(folder.path())).unwrap().report.cached, "the entry was repaired");
+    assert!(convex_parts(&block, &params, Some(folder.path())).unwrap().cached, "the entry was repaired");
 }
 
 #[test]

@@ -139,6 +139,9 @@ class GraspCore:
             trial=replace(trial, success=success) if self._decides else trial,
         )
         self._threads = settings["num_threads"]
+        # An environment that begins its next episode in a step must not wait for a mesh file.
+        prepare_files = natural(settings.get("prepare_files", 0), "prepare_files")
+        self._prepare_files = 0 if self.autoreset_mode is AutoresetMode.DISABLED else prepare_files
         self._pool: _core.EnvPool | None = _core.EnvPool(self.handle, to_json(self.config), num_envs, self._threads)
         self._process = os.getpid()
         self.begun = np.zeros(num_envs, dtype=np.bool_)
@@ -193,12 +196,18 @@ class GraspCore:
         if self._window is not None:
             self._window.close()
 
-    def prepare(self, progress: bool) -> None:
-        """Prepare all objects, with a progress bar on standard error if wanted."""
+    def prepare(self, progress: bool, delay: float = 0.0, skip_errors: bool = False) -> None:
+        """Prepare all objects, with a progress bar on standard error if wanted, and if it takes longer than `delay`."""
         self.pool  # noqa: B018 (a closed environment is an error)
         models = bool(self.config.cameras.images) or self.render_mode is not None
-        with ProgressBar("prepare objects", len(self.handle), progress) as bar:
-            prepare_objects(self.handle, models, self._threads, bar.update)
+        with ProgressBar("prepare objects", len(self.handle), progress, delay) as bar:
+            prepare_objects(self.handle, models, self._threads, bar.update, skip_errors=skip_errors)
+
+    def _prepare_first(self) -> None:
+        """Prepare all objects before the first episodes, if mesh files are among them and they are few enough."""
+        files = any(spec.path is not None for spec in self.object_set)
+        if files and not self.begun.any() and len(self.handle) <= self._prepare_files:
+            self.prepare(progress=True, delay=2.0, skip_errors=True)
 
     def reset(
         self,
@@ -209,6 +218,7 @@ class GraspCore:
     ) -> "_core.EnvArrays":
         """Begin episodes where the mask says so; `options` are for all, or one for each environment."""
         texts = [options_json(one) or "{}" for one in options]
+        self._prepare_first()
         arrays = self.pool.reset(seeds, mask, texts, out)
         self.begun |= True if mask is None else mask
         self.show()

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, Protocol
 from weakref import WeakValueDictionary
@@ -11,6 +12,7 @@ from graspbox import _core, object_sets
 from graspbox._core import Hand, Objects
 from graspbox.configs import PhysicsConfig
 from graspbox.envs.settings import HandArgument
+from graspbox.errors import GraspboxError
 from graspbox.meshes import to_json
 from graspbox.simulation import cache_folder, load_hand
 
@@ -42,7 +44,12 @@ def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: Ph
 
 
 def prepare_objects(
-    handle: Objects, models: bool, num_threads: int | None, progress: Callable[[int], None] = lambda _: None
+    handle: Objects,
+    models: bool,
+    num_threads: int | None,
+    progress: Callable[[int], None] = lambda _: None,
+    *,
+    skip_errors: bool = False,
 ) -> None:
     """Prepare all objects of a handle, a few at a time, and report how many are ready.
 
@@ -56,16 +63,26 @@ def prepare_objects(
         Threads to use; by default ``GRASPBOX_THREADS``, else all.
     progress : callable
         Called with the number of objects that are ready.
+    skip_errors : bool
+        Whether objects that cannot be prepared are left to the episodes that use them, which raise the error.
 
     Raises
     ------
     ConfigError, MeshError, FileError, SimulationError
         If an object cannot be read or simulated; others may be ready by then.
     """
-    count, together = len(handle), num_threads or _core.num_threads()
+    # A few for each thread, since some objects take ten times as long as others.
+    count, together = len(handle), 4 * (num_threads or _core.num_threads())
     for first in range(0, count, together):
         last = min(first + together, count)
-        handle.prepare(range(first, last), models, num_threads)
+        try:
+            handle.prepare(range(first, last), models, num_threads)
+        except GraspboxError:
+            if not skip_errors:
+                raise
+            for index in range(first, last):
+                with suppress(GraspboxError):
+                    handle.prepare([index], models, num_threads)
         progress(last)
 
 
@@ -86,10 +103,11 @@ class PreparesObjects:
     def prepare(self: _HasCore, progress: bool = False) -> None:
         """Prepare all objects now: convex parts, resting poses and, where images are rendered, levels of detail.
 
-        Without it, a background thread prepares the object of the next episode during the present one, and a step or
-        reset that needs it sooner waits; results are the same. Environments of this process with the same objects, hand
-        and physics share what is prepared (512 objects stay in memory). Convex parts are kept in the cache folder for
-        other processes.
+        Without it, the first reset of a vector environment prepares sets with mesh files (see its keyword
+        ``prepare_files``), and a background thread prepares the objects of the next three episodes during the present
+        one; a step or reset that needs one sooner waits. Results are the same. Environments of this process with the
+        same objects, hand and physics share what is prepared (512 objects stay in memory). Convex parts and levels of
+        detail are kept in the cache folder for other processes.
 
         Parameters
         ----------

@@ -185,6 +185,16 @@ class _Vector(TypedDict, total=False):
     max_episode_steps: Annotated[
         int | None, Keyword(None, "int, optional", "Episodes are truncated after this number of steps.")
     ]
+    prepare_files: Annotated[
+        int,
+        Keyword(
+            128,
+            "int",
+            "The first reset prepares all objects before the first step if some are mesh files, and at most this many; "
+            "0: only those of the first episodes. The first time that takes about a second for each file, later "
+            "results come from the cache. Episodes do not depend on it.",
+        ),
+    ]
     copy: Annotated[
         bool,
         Keyword(

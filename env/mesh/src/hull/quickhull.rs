@@ -4,7 +4,6 @@
 //! (Barber, Dobkin, Huhdanpaa, "The quickhull algorithm for convex hulls", 1996; Qhull's option QJ). The joggle is far below f32
 //! rounding; the hull names points by index, so the caller gets them unjoggled.
 
-use crate::fast_hash::set_for;
 use nalgebra::{Point3, Vector3};
 
 /// Joggle as a share of the size: 0.1 um on a hand-sized object, and 10^10 times f64 rounding. Tried in turn.
@@ -43,10 +42,34 @@ pub(super) fn quickhull(points: &[Point3<f64>]) -> Option<Vec<[u32; 3]>> {
 }
 
 /// The first point of each cube of side `same`, ascending.
+///
+/// The size is at most 10^5 cubes, so that a place fits into 3 times 21 bits. A table of its own, because hulls of some dozen points are
+/// made by the ten thousand.
 fn distinct(points: &[Point3<f64>], origin: &Point3<f64>, same: f64) -> Vec<u32> {
-    let cell = |p: &Point3<f64>| [0, 1, 2].map(|k| ((p[k] - origin[k]) / same).round() as i64);
-    let mut seen = set_for(points.len());
-    (0..points.len()).filter(|&i| seen.insert(cell(&points[i]))).map(|i| i as u32).collect()
+    /// No cube: the upper bit is never set.
+    const EMPTY: u64 = u64::MAX;
+    let key = |p: &Point3<f64>| {
+        let place = |k: usize| {
+            let u = (p[k] - origin[k]) / same;
+            ((u + 0.5_f64.copysign(u)) as i64 + (1 << 20)) as u64 & 0x1F_FFFF
+        };
+        place(0) << 42 | place(1) << 21 | place(2)
+    };
+    let bits = (2 * points.len()).next_power_of_two().trailing_zeros().max(3);
+    let mut table = vec![EMPTY; 1 << bits];
+    let mut first = |p: &Point3<f64>| {
+        let key = key(p);
+        let mut at = (key.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - bits)) as usize;
+        while table[at] != key {
+            if table[at] == EMPTY {
+                table[at] = key;
+                return true;
+            }
+            at = (at + 1) & (table.len() - 1);
+        }
+        false
+    };
+    points.iter().zip(0..).filter(|(p, _)| first(p)).map(|(_, i)| i).collect()
 }
 
 /// A vector in [-1, 1] per axis that depends on the number alone.
@@ -70,6 +93,21 @@ struct Builder<'a> {
     next: Vec<u32>,
     /// For each point, the new face whose horizon edge begins or ends there: of the newest apex, if it is not older than its first face.
     spokes: Vec<[usize; 2]>,
+    /// Used again and again.
+    scratch: Scratch,
+}
+
+/// What [`Builder::add`] needs for a moment.
+#[derive(Default)]
+struct Scratch {
+    /// Faces that the new point sees.
+    visible: Vec<usize>,
+    /// Edges between those and the others: from, to, and the other face.
+    horizon: Vec<(u32, u32, usize)>,
+    /// Points above the faces that go.
+    orphans: Vec<u32>,
+    /// Of each new face, the height of its apex.
+    highest: Vec<f64>,
 }
 
 impl<'a> Builder<'a> {
@@ -92,8 +130,13 @@ impl<'a> Builder<'a> {
         let [a, b, c, d] = [a, b, c, d].map(|i| i as u32);
         // Seen from outside a, b, c must turn counter-clockwise: d lies below.
         let (b, c) = if (points[d as usize] - points[a as usize]).dot(&normal) > 0.0 { (c, b) } else { (b, c) };
-        let mut builder =
-            Self { points, faces: Vec::new(), next: vec![NONE; points.len()], spokes: vec![[0; 2]; points.len()] };
+        let mut builder = Self {
+            points,
+            faces: Vec::with_capacity(8 * points.len().min(64)),
+            next: vec![NONE; points.len()],
+            spokes: vec![[0; 2]; points.len()],
+            scratch: Scratch::default(),
+        };
         for (corners, neighbors) in
             [([a, b, c], [1, 2, 3]), ([b, a, d], [0, 3, 2]), ([c, b, d], [0, 1, 3]), ([a, c, d], [0, 2, 1])]
         {
@@ -117,7 +160,9 @@ impl<'a> Builder<'a> {
 
     /// Gives each point to the first of the faces from `from` on that it lies above; points inside are forgotten.
     fn distribute(&mut self, points: &[u32], from: usize) {
-        let mut highest = vec![0.0; self.faces.len() - from];
+        let mut highest = std::mem::take(&mut self.scratch.highest);
+        highest.clear();
+        highest.resize(self.faces.len() - from, 0.0);
         for &p in points {
             for face in from..self.faces.len() {
                 let above = self.above(face, p);
@@ -133,6 +178,7 @@ impl<'a> Builder<'a> {
                 break;
             }
         }
+        self.scratch.highest = highest;
     }
 
     /// Adds the farthest point of each face until none is outside. `None` should rounding have torn the horizon.
@@ -149,7 +195,32 @@ impl<'a> Builder<'a> {
     }
 
     fn add(&mut self, start: usize, apex: u32) -> Option<()> {
-        let (mut visible, mut horizon) = (vec![start], Vec::new());
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.look(start, apex, &mut scratch);
+        let base = self.faces.len();
+        self.close(apex, &scratch.horizon)?;
+        scratch.orphans.clear();
+        for face in &scratch.visible {
+            let mut p = self.faces[*face].outside;
+            while p != NONE {
+                if p != apex {
+                    scratch.orphans.push(p);
+                }
+                p = self.next[p as usize];
+            }
+        }
+        let orphans = std::mem::take(&mut scratch.orphans);
+        self.scratch = scratch;
+        self.distribute(&orphans, base);
+        self.scratch.orphans = orphans;
+        Some(())
+    }
+
+    /// Finds the faces that the apex sees, which die, and the horizon around them.
+    fn look(&mut self, start: usize, apex: u32, Scratch { visible, horizon, .. }: &mut Scratch) {
+        visible.clear();
+        horizon.clear();
+        visible.push(start);
         self.faces[start].dead = true;
         let mut next = 0;
         while let Some(&face) = visible.get(next) {
@@ -170,6 +241,10 @@ impl<'a> Builder<'a> {
         }
         // A face may have become visible after its neighbour was put on the horizon.
         horizon.retain(|h| !self.faces[h.2].dead);
+    }
+
+    /// Puts a face on every edge of the horizon. `None` should rounding have torn it.
+    fn close(&mut self, apex: u32, horizon: &[(u32, u32, usize)]) -> Option<()> {
         let base = self.faces.len();
         // Older entries are below `base`, which is at least 4.
         for (&(from, to, _), face) in horizon.iter().zip(base..) {
@@ -192,17 +267,6 @@ impl<'a> Builder<'a> {
             let side = (0..3).find(|&s| corners[s] == to && corners[(s + 1) % 3] == from)?;
             self.faces[other].neighbors[side] = base + i;
         }
-        let mut orphans = Vec::new();
-        for face in visible {
-            let mut p = self.faces[face].outside;
-            while p != NONE {
-                if p != apex {
-                    orphans.push(p);
-                }
-                p = self.next[p as usize];
-            }
-        }
-        self.distribute(&orphans, base);
         Some(())
     }
 }

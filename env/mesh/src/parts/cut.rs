@@ -1,7 +1,8 @@
 //! Top down: the cell that stands out farthest is cut, until none stands out too far.
 
 use super::cell::{Cell, Hull, Plane, Pool, hull_of, thicken};
-use super::extremes::{Columns, supports, unique};
+use super::cloud::{Cloud, spatial_order};
+use super::extremes::{Columns, key, supports, unique};
 use super::fit::Fit;
 use crate::sample::fibonacci_sphere;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
@@ -89,7 +90,9 @@ fn best_plane(cell: &Cell, pool: &Pool, coarse: &[Vector3<f64>], least: f64, ahe
         return Some(greedy);
     }
     let planes: Vec<Plane> = std::iter::once(greedy).chain(found.iter().map(|(middle, _)| *middle)).collect();
-    let costs: Vec<(f64, Plane)> = planes.into_par_iter().map(|p| (cost_ahead(&points, &p, coarse), p)).collect();
+    let order = spatial_order(&points);
+    let costs: Vec<(f64, Plane)> =
+        planes.into_par_iter().map(|p| (cost_ahead(&points, &order, &p, coarse), p)).collect();
     cheapest(costs.into_iter())
 }
 
@@ -97,12 +100,6 @@ fn best_plane(cell: &Cell, pool: &Pool, coarse: &[Vector3<f64>], least: f64, ahe
 fn cheapest(planes: impl Iterator<Item = (f64, Plane)>) -> Option<Plane> {
     let best = planes.reduce(|best, next| if next.0 < best.0 * (1.0 - 1e-6) { next } else { best });
     best.map(|(_, plane)| plane)
-}
-
-/// A number that sorts as [`f64::total_cmp`] does, but faster.
-fn key(x: f64) -> i64 {
-    let bits = x.to_bits() as i64;
-    bits ^ (((bits >> 63) as u64) >> 1) as i64
 }
 
 /// Points in the order in which a plane meets them.
@@ -161,14 +158,6 @@ impl Sorted {
         best.map(|(cost, place)| (cost, self.at(share(place))))
     }
 
-    /// [`cost`] of halving the width.
-    fn cost_of_halves(&self, coarse: &[Vector3<f64>]) -> Option<f64> {
-        let at = self.below(0.5);
-        let extremes = |range: Range<usize>| unique(coarse.iter().map(|d| self.columns.farthest(range.clone(), d).1));
-        let count = self.points.len();
-        (at > 0 && at < count).then(|| cost([&extremes(0..at), &extremes(at..count)].map(|side| self.volume(side))))
-    }
-
     fn volume(&self, corners: &[usize]) -> f64 {
         let corners: Vec<_> = corners.iter().map(|&i| self.points[i]).collect();
         hull_of(&corners).map_or(0.0, |h| h.volume)
@@ -213,21 +202,33 @@ impl Slabs {
     }
 }
 
-/// Volume of the hull, by the extremes along `coarse`.
-fn volume(points: &[Point3<f64>], coarse: &[Vector3<f64>]) -> f64 {
-    let extremes: Vec<_> = supports(points, coarse).into_iter().map(|i| points[i]).collect();
-    hull_of(&extremes).map_or(0.0, |h| h.volume)
-}
-
 /// Least volume after cutting at `plane` and then halving each half, where that helps.
-fn cost_ahead(points: &[Point3<f64>], plane: &Plane, coarse: &[Vector3<f64>]) -> f64 {
-    let (a, b): (Vec<_>, Vec<_>) = points.iter().partition(|p| plane.normal.dot(&p.coords) >= plane.offset);
-    let after = |half: Vec<Point3<f64>>| {
-        let whole = volume(&half, coarse);
-        let halved = |normal: Vector3<f64>| Sorted::new(&half, normal)?.cost_of_halves(coarse);
+///
+/// * `order`: as [`spatial_order`] gives it for the points.
+fn cost_ahead(points: &[Point3<f64>], order: &[u32], plane: &Plane, coarse: &[Vector3<f64>]) -> f64 {
+    let after = |above: bool| {
+        let inside: Vec<bool> = points.iter().map(|p| (plane.normal.dot(&p.coords) >= plane.offset) == above).collect();
+        let half: Vec<Point3<f64>> =
+            points.iter().zip(&inside).filter(|(_, inside)| **inside).map(|(p, _)| *p).collect();
+        let mut count = 0;
+        let numbers: Vec<u32> = inside
+            .iter()
+            .map(|inside| {
+                count += u32::from(*inside);
+                count.wrapping_sub(1)
+            })
+            .collect();
+        let of_half = order.iter().filter(|i| inside[**i as usize]).map(|i| numbers[*i as usize]).collect();
+        let cloud = Cloud::new(&half, of_half, coarse);
+        let volume = |corners: &[u32]| {
+            let corners: Vec<_> = corners.iter().map(|i| half[*i as usize]).collect();
+            hull_of(&corners).map_or(0.0, |h| h.volume)
+        };
+        let whole = volume(&cloud.supports());
+        let halved = |normal: Vector3<f64>| Some(cost(cloud.supports_of_halves(&normal)?.map(|side| volume(&side))));
         axes(&half).into_iter().filter_map(halved).fold(whole, f64::min)
     };
-    after(a) + after(b)
+    after(true) + after(false)
 }
 
 /// The axes of the mesh's frame and the principal axes of the points.

@@ -146,9 +146,9 @@ fn each_sample([a, b, c]: [Point3<f64>; 3], spacing: f64, visit: &mut impl FnMut
 }
 
 fn quantile(distances: &mut [f64]) -> f64 {
-    distances.sort_by(f64::total_cmp);
     let last = distances.len().saturating_sub(1);
-    distances.get((last as f64 * (1.0 - SPARED)).floor() as usize).copied().unwrap_or(0.0)
+    let place = (last as f64 * (1.0 - SPARED)).floor() as usize;
+    if place < distances.len() { *distances.select_nth_unstable_by(place, f64::total_cmp).1 } else { 0.0 }
 }
 
 /// Barycentric coordinates of an evenly spread sequence: the R2 sequence (of the plastic number), folded onto the triangle.

@@ -35,7 +35,7 @@ impl PartsParams {
 }
 
 /// How well the parts fill the mesh.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PartsReport {
     /// How many parts there are.
     pub parts: usize,
@@ -51,17 +51,13 @@ pub struct PartsReport {
     pub underfill_max: f64,
     /// The same, mean over the surface of the mesh, metres.
     pub underfill_mean: f64,
-    /// Time that was spent, seconds; 0 when read from the cache.
-    pub seconds: f64,
-    /// Read from the cache.
-    pub cached: bool,
 }
 
-/// Convex parts and how well they fit.
+/// Convex parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexParts {
     /// Closed convex meshes with outward faces, in the frame of the mesh, metres.
     pub parts: Vec<TriMesh>,
-    /// How well they fit.
-    pub report: PartsReport,
+    /// Read from the cache.
+    pub cached: bool,
 }

@@ -1,12 +1,11 @@
 //! A folder of cache entries that grows no larger than a bound.
 
+use super::SUFFIXES;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
-/// Suffix of an entry.
-const SUFFIX: &str = "parts";
 /// Writes of this process into a folder between two looks at its size.
 const EVERY: u32 = 64;
 
@@ -32,7 +31,7 @@ pub(super) fn trim(folder: &Path, most: u64) {
     let mut entries: Vec<_> = files
         .flatten()
         .map(|file| file.path())
-        .filter(|path| path.extension().is_some_and(|suffix| suffix == SUFFIX))
+        .filter(|path| path.extension().is_some_and(|found| SUFFIXES.iter().any(|suffix| found == *suffix)))
         .filter_map(|path| std::fs::symlink_metadata(&path).ok().map(|found| (path, found)))
         .filter(|(_, found)| found.is_file())
         .map(|(path, found)| (found.modified().unwrap_or(SystemTime::UNIX_EPOCH), path, found.len()))
@@ -61,7 +60,7 @@ mod tests {
     #[test]
     fn the_oldest_entries_go_and_other_files_stay() {
         let folder = tempfile::tempdir().unwrap();
-        for (age, name) in [(3, "a.parts"), (1, "b.parts"), (2, "c.parts"), (9, "other.txt")] {
+        for (age, name) in [(3, "a.parts"), (1, "b.levels"), (2, "c.parts"), (9, "other.txt")] {
             let path = folder.path().join(name);
             std::fs::write(&path, [0; 100]).unwrap();
             let file = std::fs::File::options().write(true).open(&path).unwrap();
@@ -70,7 +69,7 @@ mod tests {
         trim(folder.path(), 200);
         let mut left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().file_name()).collect();
         left.sort();
-        assert_eq!(left, ["b.parts", "c.parts", "other.txt"]);
+        assert_eq!(left, ["b.levels", "c.parts", "other.txt"]);
         after_write(folder.path(), 100);
         assert!(!folder.path().join("c.parts").exists(), "the first write looks at the size");
     }

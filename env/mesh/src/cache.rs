@@ -1,0 +1,93 @@
+//! Results that take long, on disk: by the BLAKE3 hash of mesh, parameters and format.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `bytes` | meshes as bytes |
+//! | `trim` | a bound on the size of a folder |
+//!
+//! An entry begins with that hash, so the result for another mesh or other parameters under its name is noticed; the whole is sealed with
+//! a checksum. It is written to a temporary neighbour and renamed, so readers in other processes see all of it or nothing. An entry that
+//! does not read back is a warning and is made again; a folder that cannot be written, or a full disk, is a warning and costs time only.
+//! Beyond 256 MB the oldest entries of a folder are removed.
+
+pub(crate) mod bytes;
+mod trim;
+
+use crate::checksum::{open, seal};
+use crate::io::{read_bounded, write_atomic};
+use crate::trimesh::TriMesh;
+use std::path::{Path, PathBuf};
+use trim::after_write;
+
+/// Most bytes of all entries of a folder: about 5,000 objects without, 500 with levels of detail.
+const MOST_IN_ALL: u64 = 256 << 20;
+/// Suffixes of all kinds of entries.
+const SUFFIXES: [&str; 2] = ["parts", "levels"];
+
+/// A kind of result.
+pub(crate) struct Kind {
+    /// What warnings call it.
+    pub what: &'static str,
+    /// One of [`SUFFIXES`].
+    pub suffix: &'static str,
+    /// Leads every entry; its number changes whenever the format or the algorithm does.
+    pub magic: &'static [u8; 8],
+    /// Largest entry that is read, bytes.
+    pub max_bytes: u64,
+}
+
+/// The entry of one mesh and its parameters.
+pub(crate) struct Entry {
+    kind: &'static Kind,
+    key: [u8; 32],
+    path: PathBuf,
+}
+
+impl Entry {
+    /// * `parameters`: the bits of everything else that the result depends on.
+    pub fn new(folder: &Path, kind: &'static Kind, mesh: &TriMesh, parameters: &[u64]) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(kind.magic);
+        hasher.update(&mesh.content_hash());
+        for bits in parameters {
+            hasher.update(&bits.to_le_bytes());
+        }
+        let key = hasher.finalize();
+        Self { kind, key: *key.as_bytes(), path: folder.join(format!("{}.{}", key.to_hex(), kind.suffix)) }
+    }
+
+    /// What was written; `None` when there is nothing, or the entry is damaged, of something else, or `decode` cannot read it.
+    pub fn read<T>(&self, decode: impl FnOnce(&[u8]) -> Option<T>) -> Option<T> {
+        let (path, what) = (self.path.display(), self.kind.what);
+        let bytes = match read_bounded(&self.path, self.kind.max_bytes) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
+            Err(e) => {
+                tracing::warn!("cannot read the cached {what} {path}: {e}; they are made again");
+                return None;
+            }
+        };
+        let Ok(body) = open(self.kind.magic, &bytes) else {
+            tracing::warn!("the cached {what} {path} are damaged; they are made again");
+            return None;
+        };
+        let found = body.strip_prefix(&self.key).and_then(decode);
+        if found.is_none() {
+            tracing::warn!("the cached {what} {path} are those of another mesh; they are made again");
+        }
+        found
+    }
+
+    /// Keeps a result; a failure is a warning.
+    pub fn write(&self, body: &[u8]) {
+        let what = self.kind.what;
+        let made = self.path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        if let Err(e) = made {
+            tracing::warn!("cannot make the folder of {}: {e}; the {what} are not cached", self.path.display());
+        } else if let Err(e) = write_atomic(&self.path, &seal(self.kind.magic, &[&self.key, body].concat())) {
+            tracing::warn!("{e}; the {what} are not cached");
+        } else if let Some(folder) = self.path.parent() {
+            after_write(folder, MOST_IN_ALL);
+        }
+    }
+}
