@@ -25,7 +25,7 @@ mod cache;
 mod distance;
 mod quadric;
 
-pub use distance::{Hausdorff, hausdorff};
+pub use distance::{Decimated, Hausdorff, hausdorff};
 
 use crate::clean::compact;
 use crate::cluster;
@@ -47,15 +47,6 @@ const SAMPLES: usize = 10_000;
 const BOUNDARY_WEIGHT: f64 = 100.0;
 /// A face may turn by no more than this cosine in one collapse.
 const LEAST_COSINE: f64 = 0.3;
-
-/// A mesh with fewer faces, and how far it is from the one it came from.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Decimated {
-    /// The mesh.
-    pub mesh: TriMesh,
-    /// Its distance from the original, by 10,000 samples on either surface.
-    pub hausdorff: Hausdorff,
-}
 
 /// Collapses edges until no more than `target_faces` are left.
 ///

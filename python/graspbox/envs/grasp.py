@@ -39,6 +39,7 @@ Of the single environment, of the native vector environment (`gymnasium.make_vec
 | frame_skip | 1 | both |
 | autoreset_mode | AutoresetMode.NEXT_STEP | vector |
 | max_episode_steps | None | vector |
+| prepare_files | 128 | vector |
 | copy | True | vector |
 
 <!-- end -->

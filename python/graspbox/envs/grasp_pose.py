@@ -32,6 +32,7 @@ closes, lifts and holds. An episode ends after one step, and ``max_episode_steps
 | trial | TrialConfig() | both |
 | autoreset_mode | AutoresetMode.NEXT_STEP | vector |
 | max_episode_steps | None | vector |
+| prepare_files | 128 | vector |
 | copy | True | vector |
 
 <!-- end -->
@@ -285,6 +286,10 @@ class GraspPoseVectorEnv(NativeVectorEnv):
         When a finished environment begins again.
     max_episode_steps : int, optional
         Episodes are truncated after this number of steps.
+    prepare_files : int
+        The first reset prepares all objects before the first step if some are mesh files, and at most this many; 0:
+        only those of the first episodes. The first time that takes about a second for each file, later results come
+        from the cache. Episodes do not depend on it.
     copy : bool
         Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
 

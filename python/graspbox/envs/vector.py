@@ -366,6 +366,10 @@ class GraspVectorEnv(NativeVectorEnv):
         When a finished environment begins again.
     max_episode_steps : int, optional
         Episodes are truncated after this number of steps.
+    prepare_files : int
+        The first reset prepares all objects before the first step if some are mesh files, and at most this many; 0:
+        only those of the first episodes. The first time that takes about a second for each file, later results come
+        from the cache. Episodes do not depend on it.
     copy : bool
         Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
 

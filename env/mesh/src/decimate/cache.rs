@@ -1,6 +1,6 @@
 //! Levels of detail on disk.
 
-use super::{Decimated, Hausdorff};
+use super::distance::{Decimated, Hausdorff};
 use crate::cache::bytes::{Reader, put_f64, put_mesh, put_u32};
 use crate::cache::{Entry, Kind};
 use crate::trimesh::TriMesh;

@@ -19,6 +19,15 @@ pub struct Hausdorff {
     pub samples: usize,
 }
 
+/// A mesh with fewer faces, and how far it is from the one it came from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Decimated {
+    /// The mesh.
+    pub mesh: TriMesh,
+    /// Its distance from the original, by 10,000 samples on either surface.
+    pub hausdorff: Hausdorff,
+}
+
 /// The Hausdorff distance between two surfaces by `samples` points on each, uniform by area (seed 0).
 ///
 /// Being sampled, it is a lower bound; distances are in f32 relative to the centre of `a` (about 1e-7 of its size).
