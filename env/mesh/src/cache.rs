@@ -21,14 +21,12 @@ use trim::after_write;
 
 /// Most bytes of all entries of a folder: about 5,000 objects without, 500 with levels of detail.
 const MOST_IN_ALL: u64 = 256 << 20;
-/// Suffixes of all kinds of entries.
-const SUFFIXES: [&str; 2] = ["parts", "levels"];
 
 /// A kind of result.
 pub(crate) struct Kind {
     /// What warnings call it.
     pub what: &'static str,
-    /// One of [`SUFFIXES`].
+    /// One of [`trim::SUFFIXES`].
     pub suffix: &'static str,
     /// Leads every entry; its number changes whenever the format or the algorithm does.
     pub magic: &'static [u8; 8],

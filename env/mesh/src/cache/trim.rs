@@ -1,11 +1,12 @@
 //! A folder of cache entries that grows no larger than a bound.
 
-use super::SUFFIXES;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
+/// Suffixes of all kinds of entries.
+const SUFFIXES: [&str; 2] = ["parts", "levels"];
 /// Writes of this process into a folder between two looks at its size.
 const EVERY: u32 = 64;
 
