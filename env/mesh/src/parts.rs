@@ -76,7 +76,7 @@ pub fn convex_parts(mesh: &TriMesh, params: &PartsParams, cache: Option<&Path>) 
     Ok(ConvexParts { parts, cached: false })
 }
 
-/// Measures how well parts fit a mesh; costs about a third of [`convex_parts`].
+/// Measures how well parts fit a mesh.
 ///
 /// Of a mesh with more than 120,000 faces, vertices that lie in a common cell are merged first.
 ///
