@@ -19,7 +19,7 @@ use crate::trimesh::TriMesh;
 use std::path::{Path, PathBuf};
 use trim::after_write;
 
-/// Most bytes of all entries of a folder: about 600 YCB objects with levels of detail, ten times as many without.
+/// Most bytes of all entries of a folder: about 600 YCB objects with levels of detail, seven times as many without.
 const MOST_IN_ALL: u64 = 256 << 20;
 
 /// A kind of result.
