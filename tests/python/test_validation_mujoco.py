@@ -17,6 +17,8 @@ from graspbox.validation import mujoco as judge
 from graspbox.validation.__main__ import main
 from graspbox.validation.mujoco.replay import Replay
 
+#: Coarse enough for a quick test of what does not depend on the step.
+COARSE = judge.Numerics(timestep=0.001)
 #: The palm faces the table and everything is out of reach of the fingers.
 HIGH = 0.6
 
@@ -71,9 +73,9 @@ def test_both_read_the_same_hand(hand: judge.HandDescription) -> None:
 
 def test_tendon_statics_against_the_closed_form(hand: judge.HandDescription) -> None:
     """Without gravity a slowly closed finger rests where ``r T`` balances the springs, on both joints."""
-    scene = judge.build(hand, cube(), PhysicsConfig(gravity=0.0))
+    short = replace(hand, actuators=tuple(replace(a, travel=(0.0, 1.2)) for a in hand.actuators))
+    scene = judge.build(short, cube(), PhysicsConfig(gravity=0.0), COARSE)
     run = Replay(scene, above(HIGH), 0.0)
-    scene.hand = replace(hand, actuators=tuple(replace(a, travel=(0.0, 1.2)) for a in hand.actuators))
     for _ in range(8000):
         run.step()
     for i, tendon in enumerate(hand.tendons):
@@ -111,9 +113,25 @@ def test_free_closing_agrees_with_the_core() -> None:
     assert np.abs(tensions - core.tensions[rows])[late].max() < 2.0
 
 
+def test_a_tendon_at_its_limit_keeps_a_fifth_of_its_damping(hand: judge.HandDescription) -> None:
+    """The closed hand pulls with all its force; then a joint loses its speed at the rate of both dampings."""
+    run = Replay(judge.build(hand, cube(), PhysicsConfig(gravity=0.0), COARSE), above(HIGH), 0.0)
+    damping = np.array([hand.links[link].spring.damping for link in run.scene.joints])
+    np.testing.assert_array_equal(run.model.dof_damping[run.drive.dofs], damping)
+    for _ in range(1300):
+        run.step()
+    column = {link: i for i, link in enumerate(run.scene.joints)}
+    expected = damping.copy()
+    for tendon, load in zip(hand.tendons, run.drive.loads(run.data), strict=False):
+        assert load == tendon.max_tension
+        for link, arm in tendon.arms:
+            expected[column[link]] += 0.2 * tendon.damping * arm**2
+    np.testing.assert_allclose(run.model.dof_damping[run.drive.dofs], expected, rtol=1e-12)
+
+
 def test_the_lift_is_the_trial_s(hand: judge.HandDescription) -> None:
     """The carriage follows the minimum-jerk rise whatever the fingers do."""
-    run = Replay(judge.build(hand, cube()), above(0.11), 0.0)
+    run = Replay(judge.build(hand, cube(), numerics=COARSE), above(0.11), 0.0)
     heights = []
     for _ in range(3300):
         run.step()
@@ -126,7 +144,7 @@ def test_the_lift_is_the_trial_s(hand: judge.HandDescription) -> None:
 def test_pair_friction_is_the_product_of_factors(hand: judge.HandDescription) -> None:
     """A cube on the tilted table slides at the angle of friction: 0.5, not MuJoCo's maximum of both."""
     for tilt, slides in ((0.48, False), (0.52, True)):
-        scene = judge.build(hand, cube())
+        scene = judge.build(hand, cube(), numerics=COARSE)
         angle = np.arctan(tilt)
         scene.model.opt.gravity[:] = [9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle)]
         run = Replay(scene, above(HIGH), 0.0)
@@ -135,6 +153,30 @@ def test_pair_friction_is_the_product_of_factors(hand: judge.HandDescription) ->
         moved = run.data.xpos[scene.object_body, 0]
         expected = 0.5 * 9.81 * (np.sin(angle) - 0.5 * np.cos(angle)) * 0.25
         assert moved == pytest.approx(expected, rel=0.05) if slides else abs(moved) < 5e-4
+
+
+def test_a_sliding_box_hops_in_mujoco(hand: judge.HandDescription) -> None:
+    """Why the labels of objects that are dragged over the table differ: friction lifts them off it.
+
+    MuJoCo relaxes friction to a convex problem. A cube that slides at 0.3 m/s is off the table most of the time, at
+    whatever time step; on average its weight and the friction are right. In the core it stays on the table
+    (`a_sliding_box_stays_on_the_table` in ``tests/rust/physics_truths.rs``).
+    """
+    for timestep in (0.0005, 0.0001):
+        scene = judge.build(hand, cube(), numerics=judge.Numerics(timestep=timestep))
+        run = Replay(scene, above(HIGH), 0.0)
+        for _ in range(round(0.2 / timestep)):
+            run.step()
+        assert run.contacts()[0]
+        dof = run.model.joint("object").dofadr[0]
+        run.data.qvel[dof] = 0.3
+        steps = round(0.04 / timestep)
+        touching = 0
+        for _ in range(steps):
+            run.step()
+            touching += run.contacts()[0]
+        assert 0.1 < touching / steps < 0.5
+        assert run.data.qvel[dof] == pytest.approx(0.3 - 0.5 * 9.81 * 0.04, rel=0.1)
 
 
 def test_labels_of_plain_cases_agree() -> None:
@@ -162,18 +204,24 @@ def test_missing_goal_fails_the_command(monkeypatch: pytest.MonkeyPatch, capsys:
     import graspbox.validation.mujoco.command as command
 
     held = judge.Outcome(True, None, 0.2, 0.0, (4, 4), 0.0, 3.3)
-    row = judge.Row("cube", False, "slipped", 0.0, held, np.eye(4), np.eye(4), 0.0, why="engines disagree")
+    row = judge.Row("cube", False, "slipped", 0.0, held, np.eye(4), np.eye(4), 0.0, halved=(False, True))
     monkeypatch.setattr(command, "compare", lambda *_, **__: judge.Report(rows=[row]))
     assert main(["mujoco", "--json"]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert facts["share"] == 0.0
     assert facts["by_kind"] == {"slipped / success": 1}
+    assert facts["by_why"] == {"engines disagree": 1}
+    assert facts["bias"] == -1.0
     monkeypatch.setattr(command, "compare", lambda *_, **__: judge.Report(rows=[replace(row, success=True)]))
     assert main(["mujoco", "--json"]) == 0
+    # Nine of ten equal labels are enough for the share; that the tenth is ours alone is too much of a bias.
+    rows = [replace(row, success=True)] * 9 + [replace(row, success=True, mujoco=replace(held, success=False))]
+    monkeypatch.setattr(command, "compare", lambda *_, **__: judge.Report(rows=rows))
+    assert main(["mujoco", "--json"]) == 1
 
 
 def test_a_few_trials_of_procedural_objects() -> None:
-    report = judge.compare(["procedural:can:0", "procedural:box:0"], trials=4, seed=1, explain=False)
+    report = judge.compare(["procedural:can:0", "procedural:box:0"], trials=4, seed=1, repeat="none")
     assert len(report.rows) + report.infeasible == 4
     assert report.core_seconds > 0.0
     assert report.mujoco_seconds > 0.0

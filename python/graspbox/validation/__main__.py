@@ -3,6 +3,8 @@
 | check       | what it prints |
 |---|---|
 | ``mujoco``  | the share of random grasps that MuJoCo and the core label alike |
+| ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its step |
+| ``robust``  | the share of perturbed copies of grasps that succeed, in MuJoCo and in the core |
 | ``engines`` | labels and speed of our own solver and of rapier |
 | ``study``   | table 3.1 of the reference study, compared with graspbox |
 
@@ -14,7 +16,7 @@ import sys
 
 from graspbox.errors import GraspboxError
 
-CHECKS = ("mujoco", "engines", "study")
+CHECKS = ("mujoco", "planner", "robust", "engines", "study")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,6 +32,15 @@ def main(arguments: list[str] | None = None) -> int:
             from graspbox.validation.mujoco.command import main as compare_with_mujoco
 
             return compare_with_mujoco(given[1:])
+        if check == "planner":
+            from graspbox.validation.mujoco.command import PLANNER
+            from graspbox.validation.mujoco.command import main as compare_with_mujoco
+
+            return compare_with_mujoco(given[1:], PLANNER)
+        if check == "robust":
+            from graspbox.validation.mujoco.robust_command import main as compare_robust
+
+            return compare_robust(given[1:])
         if check == "engines":
             from graspbox.validation.engines import main as compare_engines
 

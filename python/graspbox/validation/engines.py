@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import graspbox
 from graspbox import object_sets
 from graspbox.configs import PhysicsConfig
+from graspbox.validation.agreement import kappa
 
 #: A mix of shapes that needs no files.
 DEFAULT_OBJECTS = (
@@ -75,13 +75,6 @@ class Agreement:
     second: str
     share: float
     kappa: float
-
-
-def kappa(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
-    """Agreement of two lists of labels beyond chance (Cohen 1960); 1 where both have one label only and agree."""
-    agreed = float(np.mean(first == second))
-    by_chance = float(first.mean() * second.mean() + (1 - first.mean()) * (1 - second.mean()))
-    return 1.0 if by_chance == 1 else (agreed - by_chance) / (1 - by_chance)
 
 
 def compare(objects: Sequence[str], poses: int, seed: int) -> tuple[list[EngineRow], list[Agreement]]:

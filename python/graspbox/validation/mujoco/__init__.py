@@ -7,9 +7,13 @@ needs ``mujoco`` (extra ``dev``).
 |---|---|
 | `description` | reads a hand from the text of its URDF and its ``hand.toml`` |
 | `scene`       | hand, object, table and friction as an MJCF model |
+| `drive`       | actuators and soft stops between MuJoCo's steps |
 | `replay`      | one trial: close, lift, hold, judge |
+| `sampling`    | poses: random, from the planner, perturbed |
 | `compare`     | many trials in both engines: equal labels, differences, speed |
-| `command`     | the command line |
+| `report`      | their results |
+| `robust`      | success of perturbed copies of grasps in both engines |
+| `command`, `robust_command` | the command lines ``mujoco`` and ``planner``, and ``robust`` |
 
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 """
@@ -25,27 +29,37 @@ except ModuleNotFoundError as error:
         "graspbox.validation.mujoco needs the package mujoco, from the extra 'dev': pip install 'graspbox[dev]'"
     ) from None
 
-from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, Report, Row, compare, describe, object_data, random_pose
+from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, PLANNER_OBJECTS, compare, describe, object_data
 from graspbox.validation.mujoco.description import HandDescription, read_hand
 from graspbox.validation.mujoco.replay import Outcome, TrialTimes, replay
+from graspbox.validation.mujoco.report import Report, Row
+from graspbox.validation.mujoco.robust import Perturbation, RobustReport, RobustRow, compare_robust
+from graspbox.validation.mujoco.sampling import perturbed, random_pose, sample_trials
 from graspbox.validation.mujoco.scene import Numerics, ObjectData, Scene, build, mjcf
 
 __all__ = [
     "DEFAULT_OBJECTS",
+    "PLANNER_OBJECTS",
     "HandDescription",
     "Numerics",
     "ObjectData",
     "Outcome",
+    "Perturbation",
     "Report",
+    "RobustReport",
+    "RobustRow",
     "Row",
     "Scene",
     "TrialTimes",
     "build",
     "compare",
+    "compare_robust",
     "describe",
     "mjcf",
     "object_data",
+    "perturbed",
     "random_pose",
     "read_hand",
     "replay",
+    "sample_trials",
 ]

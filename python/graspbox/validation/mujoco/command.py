@@ -1,33 +1,61 @@
-"""``python -m graspbox.validation mujoco``: print how often MuJoCo and the core agree."""
+"""``python -m graspbox.validation mujoco`` and ``planner``: print how often MuJoCo and the core agree.
+
+``mujoco`` tries random poses around objects. ``planner`` tries the planner's best poses of 20 YCB objects, and repeats
+all trials of both engines at half their time step. Both fail where too few labels are equal, or one engine succeeds
+too much more often than the other.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from graspbox.errors import GraspboxError
-from graspbox.validation.mujoco import DEFAULT_OBJECTS, Numerics, Report, compare
-
-#: The share of equal labels below which the command fails.
-GOAL = 0.90
+from graspbox.validation.mujoco import DEFAULT_OBJECTS, PLANNER_OBJECTS, Numerics, Report, compare
+from graspbox.validation.mujoco.compare import Repeat
+from graspbox.validation.mujoco.sampling import Source
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m graspbox.validation mujoco", description=__doc__)
-    parser.add_argument("--trials", type=int, default=200, help="feasible grasps to judge (200)")
+@dataclass(frozen=True)
+class Check:
+    """One of the comparisons."""
+
+    #: Its name on the command line.
+    name: str
+    source: Source
+    objects: Sequence[str]
+    trials: int
+    #: Trials repeated at half the time step, unless the command says otherwise.
+    repeat: Repeat
+    #: The share of equal labels below which, and the difference of the success rates above which the command fails.
+    goal: float
+    bias: float
+
+
+RANDOM = Check("mujoco", "random", DEFAULT_OBJECTS, 200, "different", goal=0.90, bias=0.04)
+PLANNER = Check("planner", "planner", PLANNER_OBJECTS, 400, "all", goal=0.90, bias=0.04)
+
+
+def _parser(check: Check) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=f"python -m graspbox.validation {check.name}", description=__doc__)
+    parser.add_argument("--trials", type=int, default=check.trials, help=f"feasible grasps to judge ({check.trials})")
     parser.add_argument("--seed", type=int, default=0, help="seed of the poses (0)")
-    parser.add_argument("--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="SET", help="object sets")
+    parser.add_argument("--objects", nargs="+", default=list(check.objects), metavar="SET", help="object sets")
     parser.add_argument("--hand", default="reflex", help="a hand by its name (reflex)")
     parser.add_argument("--threads", type=int, default=None, help="threads for both engines; all by default")
-    parser.add_argument("--timestep", type=float, default=Numerics().timestep, help="MuJoCo's time step, s (0.001)")
+    step = Numerics().timestep
+    parser.add_argument("--timestep", type=float, default=step, help=f"MuJoCo's time step, s ({step})")
     parser.add_argument(
-        "--no-explain", action="store_true", help="do not repeat trials with different labels at half the time step"
+        "--repeat",
+        choices=("none", "different", "all"),
+        default=check.repeat,
+        help=f"trials to repeat at half the time step: those with different labels, or all ({check.repeat})",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     return parser
@@ -59,10 +87,15 @@ def _print(console: Console, report: Report) -> None:
         for name, count in facts[key].items():
             counts.add_row(name, str(count))
         console.print(counts)
+    pairs = Table("runs", "equal labels", "kappa")
+    for name, found in facts["agreements"].items():
+        pairs.add_row(name, f"{found['share']:.1%}", f"{found['kappa']:.2f}")
+    console.print(pairs)
     rate = facts["trials_per_s"]
+    successes = ", ".join(f"{name} {count}" for name, count in facts["successes"].items())
     console.print(
-        f"equal labels: {report.equal} of {len(report.rows)} ({report.share:.1%}); "
-        f"successes: core {facts['core_success']}, MuJoCo {facts['mujoco_success']}"
+        f"equal labels: {report.equal} of {len(report.rows)} ({report.share:.1%}); successes: {successes} "
+        f"(bias {100 * report.bias:+.1f} points)"
     )
     console.print(
         f"in collision at the start for MuJoCo alone: {report.infeasible}; without feasible poses: {report.left_out}; "
@@ -74,28 +107,24 @@ def _print(console: Console, report: Report) -> None:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the comparison; returns exit status 0 if the share of equal labels reaches the goal, else 1."""
-    args = _parser().parse_args(arguments)
-    errors = Console(stderr=True)
-    try:
-        with Progress(console=errors, disable=args.json and not sys.stderr.isatty()) as bar:
-            task = bar.add_task("trials", total=args.trials)
-            report = compare(
-                args.objects,
-                args.trials,
-                args.seed,
-                hand=args.hand,
-                threads=args.threads,
-                numerics=replace(Numerics(), timestep=args.timestep),
-                explain=not args.no_explain,
-                progress=lambda done: bar.update(task, completed=done),
-            )
-    except GraspboxError as error:
-        errors.print(f"graspbox: {error}", markup=False, highlight=False)
-        return 2
+def main(arguments: list[str] | None = None, check: Check = RANDOM) -> int:
+    """Run a comparison; returns exit status 0 if its goals for equal labels and for the bias are met, else 1."""
+    args = _parser(check).parse_args(arguments)
+    with Progress(console=Console(stderr=True), disable=args.json and not sys.stderr.isatty()) as bar:
+        task = bar.add_task("trials", total=args.trials)
+        report = compare(
+            args.objects,
+            args.trials,
+            args.seed,
+            source=check.source,
+            hand=args.hand,
+            threads=args.threads,
+            numerics=replace(Numerics(), timestep=args.timestep),
+            repeat=args.repeat,
+            progress=lambda done: bar.update(task, completed=done),
+        )
     if args.json:
         print(json.dumps(report.to_json()))
     else:
         _print(Console(), report)
-    return 0 if report.rows and report.share >= GOAL else 1
+    return 0 if report.rows and report.share >= check.goal and abs(report.bias) <= check.bias else 1

@@ -1,7 +1,6 @@
 """One trial in MuJoCo: close, lift, hold, with the core's definition of success.
 
-Only MuJoCo steps the world. Between steps the actuators move (position command at default speed, stalled while the
-load is at its limit), the soft joint stops push, and the carriage follows the minimum-jerk lift.
+Only MuJoCo steps the world. Between steps the actuators move (`drive`), and the carriage follows the minimum-jerk lift.
 """
 
 from __future__ import annotations
@@ -16,7 +15,8 @@ from graspbox._core import CLEAR_OF_TABLE
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
-from graspbox.validation.mujoco.description import Actuator, Array
+from graspbox.validation.mujoco.description import Array
+from graspbox.validation.mujoco.drive import Drive
 from graspbox.validation.mujoco.scene import CARRIAGE_INERTIA, Scene, quaternion
 
 #: Criterion of success: rise of the centre of mass (m), speed in the hand's frame (m/s), and hold time (s).
@@ -30,6 +30,8 @@ _LOOK_EVERY = PhysicsConfig.dt
 #: Bodies that overlap by more than this at the start make a trial infeasible, m: contacts are left at rest less deep
 #: than this.
 _START_DEPTH = 0.001
+#: An object may rise relative to the hand by this much while fingers settle, m; the core's early stops allow the same.
+_CURL_RISE = 0.03
 
 
 @dataclass(frozen=True)
@@ -95,19 +97,20 @@ class Replay:
         self.data = mujoco.MjData(self.model)
         self.dt = scene.numerics.timestep
         self.steps = 0
-        self.positions = scene.hand.open_positions(preshape)
-        self._place(world_from_hand, preshape)
+        self.drive = Drive(scene, scene.hand.open_positions(preshape))
+        self._object_dof = int(self.model.joint("object").dofadr[0])
+        self._place(world_from_hand)
         mujoco.mj_forward(self.model, self.data)
         self.resting_height = float(self.data.xipos[scene.object_body, 2])
 
-    def _place(self, world_from_hand: Array, preshape: float) -> None:
+    def _place(self, world_from_hand: Array) -> None:
         scene, model, data = self.scene, self.model, self.data
         world_from_base = world_from_hand @ np.linalg.inv(scene.hand.base_from_hand)
         model.body_pos[scene.base_body] = world_from_base[:3, 3]
         model.body_quat[scene.base_body] = quaternion(world_from_base[:3, :3])
         hand, turn, pose = scene.hand, np.empty(4), np.empty(4)
         for index, link in enumerate(hand.links):
-            position = hand.rigid_position(index, self.positions) if link.joint else None
+            position = hand.rigid_position(index, list(self.drive.positions)) if link.joint else None
             if position is None:
                 continue
             body, frame = model.body(link.name).id, link.parent_from_link
@@ -153,7 +156,7 @@ class Replay:
     def _open_joints(self) -> None:
         """Put joints that servos drive, and those that follow others, where the open hand has them."""
         hand, q = self.scene.hand, self.data.qpos
-        for actuator, position in zip(hand.actuators, self.positions, strict=True):
+        for actuator, position in zip(hand.actuators, self.drive.positions, strict=True):
             for link, ratio, offset in actuator.joints:
                 if link in self.scene.joints:
                     q[self.scene.joints[link][0]] = ratio * position + offset
@@ -169,21 +172,12 @@ class Replay:
 
     def load(self, index: int) -> float:
         """Give the load of an actuator: tension of its tendon, or the greatest force on its joints towards closing."""
-        actuator = self.scene.hand.actuators[index]
-        forces = [float(self.data.actuator_force[i]) for i in self.scene.actuators[index]]
-        if actuator.spool is None:
-            forces = [force * np.sign(ratio) for force, (_, ratio, _) in zip(forces, actuator.joints, strict=False)]
-        return max([0.0, *forces])
+        return float(self.drive.loads(self.data)[index])
 
     def step(self) -> None:
         """Advance by one time step."""
         data, dt = self.data, self.dt
-        for index, actuator in enumerate(self.scene.hand.actuators):
-            self._drive(index, actuator)
-        for link, (address, dof) in self.scene.joints.items():
-            low, high = self.scene.hand.links[link].limits
-            stop = self.scene.hand.links[link].spring.stop_stiffness
-            data.qfrc_applied[dof] = stop * (min(max(data.qpos[address], low), high) - data.qpos[address])
+        self.drive.apply(self.model, data)
         now, dof = self._carriage
         rise, after = self.times.rise(self.steps * dt), self.times.rise((self.steps + 1) * dt)
         speed = (after - rise) / dt
@@ -192,27 +186,9 @@ class Replay:
         data.qpos[now], data.qvel[dof] = after, speed
         self.steps += 1
 
-    def _drive(self, index: int, actuator: Actuator) -> None:
-        """Move an actuator towards closing, and tell MuJoCo where it is."""
-        data, before = self.data, self.positions[index]
-        after = before
-        if actuator.closes and self.load(index) < actuator.load_limit:
-            after = min(before + actuator.speed * self.dt, actuator.travel[1])
-        self.positions[index] = after
-        if actuator.spool is None:
-            for i, (_, ratio, offset) in zip(self.scene.actuators[index], actuator.joints, strict=False):
-                data.ctrl[i] = ratio * after + offset
-            return
-        (i,), (number, radius) = self.scene.actuators[index], actuator.spool
-        tendon, taken = self.scene.hand.tendons[number], radius * after
-        stretch = taken - sum(arm * self.joint(link)[0] for link, arm in tendon.arms)
-        rate = radius * (after - before) / self.dt
-        # A slack tendon does not pull, however fast it is wound up: 0 is far below any length that could.
-        data.ctrl[i] = taken + tendon.damping / tendon.stiffness * rate if stretch > 0.0 else -1.0
-
     def object_speed(self) -> float:
         """Speed of the centre of mass in the hand's frame, which only translates, m/s."""
-        dof = self.model.joint("object").dofadr[0]
+        dof = self._object_dof
         body, data = self.scene.object_body, self.data
         spin = data.xmat[body].reshape(3, 3) @ data.qvel[dof + 3 : dof + 6]
         velocity = data.qvel[dof : dof + 3] + np.cross(spin, data.xipos[body] - data.xpos[body])
@@ -226,17 +202,23 @@ class Replay:
         pose[:3, 3] = self.data.xpos[self.scene.object_body]
         return Sample(
             time=self.steps * self.dt,
-            joints=np.array([self.joint(link)[0] for link in self.scene.joints]),
-            loads=np.array([self.load(index) for index in range(len(self.positions))]),
-            actuators=np.array(self.positions),
+            joints=self.data.qpos[self.drive.addresses],
+            loads=self.drive.loads(self.data),
+            actuators=self.drive.positions.copy(),
             world_from_object=pose,
         )
 
 
 def replay(
-    scene: Scene, world_from_hand: Array, preshape: float, times: TrialTimes | None = None, *, trace: bool = False
+    scene: Scene,
+    world_from_hand: Array,
+    preshape: float,
+    times: TrialTimes | None = None,
+    *,
+    trace: bool = False,
+    early_stop: bool = False,
 ) -> Outcome:
-    """Run one trial to its end; nothing stops it early.
+    """Run one trial, to its end unless `early_stop` is set.
 
     Parameters
     ----------
@@ -248,6 +230,8 @@ def replay(
         See `graspbox.Hand.preshape_limits`.
     trace : bool
         Also return a row every 10 ms.
+    early_stop : bool
+        End a trial that failed once the object is so far below the hand that the lift cannot raise it enough any more.
     """
     run = Replay(scene, world_from_hand, preshape, times)
     if not run.is_feasible():
@@ -271,6 +255,9 @@ def replay(
         was_on_scenery = on_scenery
         if run.steps <= close:
             touching = links
+        elif early_stop and rise + times.lift_height - times.rise(run.steps * dt) + _CURL_RISE < LIFT_HEIGHT:
+            holds = False
+            break
         if run.steps > end - hold:
             speed = run.object_speed()
             fastest, deepest = max(fastest, speed), max(deepest, depth)

@@ -1,0 +1,74 @@
+"""``python -m graspbox.validation robust``: success of perturbed copies of grasps, in the core and in MuJoCo."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from graspbox.validation.mujoco import PLANNER_OBJECTS, Numerics, Perturbation, RobustReport, compare_robust
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m graspbox.validation robust", description=__doc__)
+    parser.add_argument("--grasps", type=int, default=200, help="grasps, spread evenly over the objects (200)")
+    parser.add_argument("--replays", type=int, default=16, help="perturbed copies of each grasp (16)")
+    parser.add_argument("--shift", type=float, default=5.0, help="greatest shift of a copy, mm (5)")
+    parser.add_argument("--turn", type=float, default=5.0, help="greatest turn of a copy, degrees (5)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of poses and perturbations (0)")
+    parser.add_argument("--objects", nargs="+", default=list(PLANNER_OBJECTS), metavar="SET", help="object sets")
+    parser.add_argument("--hand", default="reflex", help="a hand by its name (reflex)")
+    parser.add_argument("--threads", type=int, default=None, help="threads for both engines; all by default")
+    step = Numerics().timestep
+    parser.add_argument("--timestep", type=float, default=step, help=f"MuJoCo's time step, s ({step})")
+    parser.add_argument("--resume", type=Path, default=None, help="file that keeps finished objects (none)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    return parser
+
+
+def _print(console: Console, report: RobustReport) -> None:
+    facts = report.facts()
+    console.print(f"{facts['grasps']} grasps, {facts.get('replays', 0)} replays; left out: {facts['left_out']}")
+    if not report.rows:
+        return
+    means = ", ".join(f"{name} {share:.1%}" for name, share in facts["mean_share"].items())
+    console.print(f"replays that succeed: {means}")
+    table = Table("engines", "Spearman", "bias, points", "mean difference, points", "equal labels", "kappa")
+    for pair in ("core / mujoco", "core / core_half"):
+        row = facts[pair]
+        bias = f"{100 * row['bias']:+.1f} +- {100 * row['bias_standard_error']:.1f}"
+        order = "-" if row["spearman"] is None else f"{row['spearman']:.3f}"
+        numbers = (order, bias, f"{100 * row['mean_difference']:.1f}", f"{row['equal']:.1%}")
+        table.add_row(pair, *numbers, f"{row['kappa']:.2f}")
+    console.print(table)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the comparison; returns exit status 0, or 1 if there was no grasp to compare."""
+    args = _parser().parse_args(arguments)
+    how = Perturbation(args.replays, args.shift * 1e-3, float(np.deg2rad(args.turn)))
+    with Progress(console=Console(stderr=True), disable=args.json and not sys.stderr.isatty()) as bar:
+        task = bar.add_task("grasps", total=args.grasps)
+        report = compare_robust(
+            args.objects,
+            args.grasps,
+            args.seed,
+            how=how,
+            hand=args.hand,
+            threads=args.threads,
+            numerics=replace(Numerics(), timestep=args.timestep),
+            resume=args.resume,
+            progress=lambda done: bar.update(task, completed=done),
+        )
+    if args.json:
+        print(json.dumps(report.to_json()))
+    else:
+        _print(Console(), report)
+    return 0 if report.rows else 1

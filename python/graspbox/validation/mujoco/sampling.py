@@ -1,0 +1,180 @@
+"""Poses to judge: at random around an object, from the planner, and shifted copies of a pose."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+import graspbox
+from graspbox.configs import TrialConfig
+from graspbox.validation.mujoco.description import Array
+
+#: Where poses come from: random ones around the object, the planner's best, or a random choice of the planner's.
+Source = Literal["random", "planner", "planner-any"]
+
+#: Poses are sampled in rounds until enough are feasible; after this many rounds the object is left out.
+_MAX_ROUNDS = 20
+#: Steps of closing at which the hand's reach is measured.
+_CLOSING_STEPS = 21
+#: Room between table and base, m.
+_BASE_GAP = 0.005
+#: A short trial tells whether a pose is feasible.
+_CHECK = TrialConfig(close_time=0.1, lift_time=0.1, hold_time=0.5)
+
+
+def _corners(hand: graspbox.Hand, positions: Array, *, palm_only: bool) -> Array:
+    """Give the corners (n, 3) of the collision boxes, in the grasp frame."""
+    poses, half, _, carriers = hand.shapes(positions)
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    wanted = carriers < 0 if palm_only else np.ones(len(poses), dtype=bool)
+    corners = signs[None] * half[wanted, None]
+    turned = corners @ poses[wanted, :3, :3].transpose(0, 2, 1) + poses[wanted, None, :3, 3]
+    return np.asarray(turned.reshape(-1, 3))
+
+
+def reach(hand: graspbox.Hand, preshape: float) -> float:
+    """Measure how far the fingers come out of the palm while they close, metres along the grasp frame's z."""
+    shares = np.linspace(0.0, 1.0, _CLOSING_STEPS)
+    return max(float(_corners(hand, hand.closed(preshape, s), palm_only=False)[:, 2].max()) for s in shares)
+
+
+def random_preshape(random: np.random.Generator, hand: graspbox.Hand) -> float:
+    """Sample a preshape: the greatest with probability 0.3, else one of the lower 38 % of the range.
+
+    The greatest is a pinch of the ReFlex. Of named preshapes all are as likely.
+    """
+    low, high = hand.preshape_limits
+    if hand.preshape_unit == "1":
+        return float(random.integers(round(high) + 1))
+    return high if random.random() < 0.3 else random.uniform(low, low + 0.6 / (0.5 * np.pi) * (high - low))
+
+
+def random_pose(random: np.random.Generator, points: Array, center: Array, hand: graspbox.Hand) -> tuple[Array, float]:
+    """Sample a hand pose from above or from a side, and a preshape.
+
+    From above the palm is a small gap over the object, and at least 0.9 to 1.28 of the fingers' reach above the table:
+    nearer to it they fold on the way. From a side the base is above the table.
+
+    Parameters
+    ----------
+    points : (n, 3)
+        Corners of the object's parts, world frame.
+    center : (3,)
+        Centre of mass, world frame.
+    hand : Hand
+        For its preshapes and sizes.
+
+    Returns
+    -------
+    world_from_hand : (4, 4)
+    preshape : float
+        See `random_preshape`.
+    """
+    preshape = random_preshape(random, hand)
+    yaw = random.uniform(0.0, 2.0 * np.pi)
+    side = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    gap = random.uniform(0.003, 0.02)
+    pose = np.eye(4)
+    if random.random() < 0.5:
+        pose[:3, :3] = np.column_stack([side, np.cross([0.0, 0.0, -1.0], side), [0.0, 0.0, -1.0]])
+        height = max(points[:, 2].max() + gap, random.uniform(0.9, 1.28) * reach(hand, preshape))
+        pose[:3, 3] = [*(center[:2] + random.uniform(-0.015, 0.015, 2)), height]
+    else:
+        x = np.cross([0.0, 0.0, 1.0], side) if random.random() < 0.5 else np.array([0.0, 0.0, 1.0])
+        x = x * random.choice([-1.0, 1.0])
+        turn = np.column_stack([x, np.cross(side, x), side])
+        below = -float((_corners(hand, hand.open(preshape), palm_only=True) @ turn[2]).min())
+        pose[:3, :3] = turn
+        pose[:3, 3] = center - side * (float(((center - points) @ side).max()) + gap)
+        pose[2, 3] = max(center[2], below + _BASE_GAP) + random.uniform(-0.01, 0.03)
+    return pose, preshape
+
+
+def _feasible(scene: graspbox.Scene, poses: Array, preshapes: Array) -> NDArray[np.bool_]:
+    found = scene.simulate(poses, preshapes, config=_CHECK)
+    return np.array([failure != "infeasible" for failure in found.failure], dtype=bool)
+
+
+def _random_trials(scene: graspbox.Scene, count: int, random: np.random.Generator) -> tuple[Array, Array] | None:
+    rest, body = np.array(scene.world_from_object), scene.body
+    points = np.concatenate(body.parts) @ rest[:3, :3].T + rest[:3, 3]
+    center = rest[:3, :3] @ body.center_of_mass + rest[:3, 3]
+    world_to_object = np.linalg.inv(rest)
+    poses, preshapes = np.empty((0, 4, 4)), np.empty(0)
+    for _ in range(_MAX_ROUNDS):
+        sampled = [random_pose(random, points, center, scene.hand) for _ in range(count)]
+        candidates: Array = np.asarray(world_to_object @ np.stack([pose for pose, _ in sampled]))
+        angles = np.array([preshape for _, preshape in sampled])
+        feasible = _feasible(scene, candidates, angles)
+        poses = np.concatenate([poses, candidates[feasible]])
+        preshapes = np.concatenate([preshapes, angles[feasible]])
+        if len(poses) >= count:
+            return poses[:count], preshapes[:count]
+    return None
+
+
+def _planner_trials(
+    scene: graspbox.Scene, count: int, random: np.random.Generator, *, best: bool
+) -> tuple[Array, Array] | None:
+    seed = int(random.integers(2**32))
+    plan = graspbox.plan(scene.mesh, hand=scene.hand, world_from_object=scene.world_from_object, seed=seed).best()
+    order = np.arange(len(plan)) if best else random.permutation(len(plan))
+    # The planner's filter and the trial's may differ by a hair, so poses are checked again.
+    kept: list[int] = []
+    for start in range(0, len(order), count):
+        chunk = order[start : start + count]
+        kept += chunk[_feasible(scene, plan.poses[chunk], plan.preshape[chunk])].tolist()
+        if len(kept) >= count:
+            return plan.poses[kept[:count]], plan.preshape[kept[:count]]
+    return None
+
+
+def sample_trials(
+    scene: graspbox.Scene, count: int, random: np.random.Generator, source: Source = "random"
+) -> tuple[Array, Array] | None:
+    """Sample `count` poses that are feasible in the core.
+
+    Returns
+    -------
+    tuple or None
+        (count, 4, 4) ``object_from_hand`` and (count,) preshapes; None where there are not so many.
+    """
+    if source == "random":
+        return _random_trials(scene, count, random)
+    return _planner_trials(scene, count, random, best=source == "planner")
+
+
+def perturbed(pose: Array, count: int, shift: float, turn: float, random: np.random.Generator) -> Array:
+    """Give copies of a pose, each moved and turned in a direction of its own.
+
+    Parameters
+    ----------
+    pose : (4, 4)
+        ``object_from_hand``.
+    count : int
+        Number of copies.
+    shift, turn : float
+        Greatest distance (m) and angle (rad); both are uniform up to there. The hand turns about its grasp frame.
+    random : Generator
+        Where the numbers come from.
+
+    Returns
+    -------
+    (count, 4, 4) array
+    """
+    moved = np.repeat(pose[None], count, axis=0)
+    for copy in moved:
+        along, axis = random.normal(size=(2, 3))
+        copy[:3, 3] += along / np.linalg.norm(along) * random.uniform(0.0, shift)
+        copy[:3, :3] = copy[:3, :3] @ _rotation(axis / np.linalg.norm(axis), random.uniform(0.0, turn))
+    return moved
+
+
+def _rotation(axis: Array, angle: float) -> Array:
+    """Give the (3, 3) turn by `angle` (rad) about a unit vector, by Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
