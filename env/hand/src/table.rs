@@ -129,9 +129,14 @@ pub(crate) struct GraspTable {
     pub center: Number<[f64; 3]>,
     /// Names of the actuators that close the hand.
     pub closing: Vec<Spanned<String>>,
+    /// Where an object may lie along hand x, from the centre.
+    pub closing_range: Option<Number<[f64; 2]>>,
     pub coordinate: Option<CoordinateTable>,
     #[serde(default)]
     pub preshapes: Vec<PreshapeTable>,
+    /// Weights of the planner's ranking, by the name of the term.
+    #[serde(default)]
+    pub ranking: Named<Number<f64>>,
 }
 
 /// The actuator whose position is the preshape.

@@ -332,3 +332,22 @@ fn texts_that_are_no_hand_are_refused() {
     let missing = Hand::load(Path::new("no/such.urdf"), Path::new("no/such.toml")).unwrap_err();
     assert!(missing.to_string().starts_with("cannot read no/such.urdf: "), "{missing}");
 }
+
+#[test]
+fn a_hand_may_say_where_it_holds_and_what_its_grasps_hang_on() {
+    let quantity = |value: &str, unit: &str| format!("{{ value = {value}, unit = \"{unit}\", source = \"ours\" }}");
+    let with = |range: &str, weight: &str| {
+        let more = format!("[grasp]\nclosing_range = {range}\nranking.fingers = {weight}\n");
+        GRIPPER_TOML.replacen("[grasp]\n", &more, 1)
+    };
+    let (range, weight) = (quantity("[-0.01, 0.05]", "m"), quantity("0.5", "1"));
+    let hand = Hand::from_strs(GRIPPER_URDF, &with(&range, &weight), ["a", "b"]).unwrap();
+    assert_eq!(hand.grasp.closing_range, [-0.01, 0.05]);
+    assert_eq!(hand.grasp.ranking.iter().collect::<Vec<_>>(), [(&"fingers".to_owned(), &0.5)]);
+    let plain = Hand::from_strs(GRIPPER_URDF, GRIPPER_TOML, ["a", "b"]).unwrap();
+    assert!(plain.grasp.closing_range == [0.0; 2] && plain.grasp.ranking.is_empty());
+    let reversed = complaint(GRIPPER_URDF, &with(&quantity("[0.05, -0.01]", "m"), &weight));
+    assert!(reversed.contains("closing_range") && reversed.contains("the upper end must be greater"), "{reversed}");
+    let wrong_unit = complaint(GRIPPER_URDF, &with(&range, &quantity("0.5", "m")));
+    assert!(wrong_unit.contains("weight of the ranking"), "{wrong_unit}");
+}

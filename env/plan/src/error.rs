@@ -42,6 +42,18 @@ pub enum PlanError {
         /// What it lacks.
         reason: &'static str,
     },
+    /// The hand gives a weight to a term that the ranking does not have.
+    #[error(
+        "the hand {hand:?} weighs {name:?}, which is no term of the ranking; in `[grasp.ranking]` of its hand.toml name one of {known}"
+    )]
+    UnknownTerm {
+        /// Name of the hand.
+        hand: String,
+        /// The unknown term.
+        name: String,
+        /// The terms that there are.
+        known: String,
+    },
     /// The object's geometry could not be prepared for collision queries.
     #[error("the object cannot be prepared for collision queries: {reason}; clean the mesh first")]
     Collision {

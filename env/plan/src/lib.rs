@@ -7,6 +7,7 @@
 //! | [`planner`] | [`plan`]: all of it, in order |
 //! | `poses`, `preshape` | candidate poses from boxes, and the preshapes that suit a face |
 //! | `chain` | a chain of the hand that closes in its plane until it is blocked |
+//! | `pairs` | candidate poses across walls and rims, for hands that say how far they open |
 //! | `open_hand` | the open hand as swept shapes |
 //! | `rank` | the score that orders feasible poses |
 //! | [`wrench`] | the epsilon quality of contacts, predicted or present |
@@ -38,6 +39,7 @@ mod chain;
 pub mod collision;
 pub mod error;
 mod open_hand;
+mod pairs;
 pub mod planner;
 mod poses;
 mod preshape;

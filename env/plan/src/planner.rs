@@ -4,6 +4,7 @@ use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
 use crate::collision::{CollisionScene, Feasibility, Obstacle};
 use crate::open_hand::OpenHand;
+use crate::pairs::{Thin, propose_across};
 use crate::poses::{PoseParams, Proposal, propose};
 use crate::rank::{self, Prediction};
 use graspbox_hand::{GraspPose, Hand};
@@ -61,7 +62,7 @@ pub struct Candidate {
     /// The pose, object frame.
     pub grasp: GraspPose,
     /// Leaf of the box tree that it comes from, in the order of [`BoxTree::leaves`]; the number of leaves stands for the box around the
-    /// whole object.
+    /// whole object. For a pose across a wall, the nearest box.
     pub box_index: usize,
     /// Face of the box: `2 axis` on the positive side of the axis, `2 axis + 1` on the negative.
     pub face: usize,
@@ -104,16 +105,19 @@ impl Plan {
 /// Plans grasps of an object with a hand. Geometry alone decides; the same input gives the same plan, whatever the number of threads.
 ///
 /// # Errors
-/// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh, [`PlanError::UnsupportedHand`] and
-/// [`PlanError::Collision`] as named there.
+/// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh, [`PlanError::UnsupportedHand`],
+/// [`PlanError::UnknownTerm`] and [`PlanError::Collision`] as named there.
 pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result<Plan, PlanError> {
     in_range("clearance", params.clearance, 0.0..=0.05, "m")?;
     in_range("standoff", params.standoff, 0.0..=1.0, "m")?;
     params.poses.validate()?;
     let tree = decompose(object.mesh, &params.decompose)?;
     let scene = CollisionScene::new(Arc::clone(object.obstacle), &object.world_from_object);
-    let proposals =
-        propose(&boxes_of(&tree, params), &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed)?;
+    let boxes = boxes_of(&tree, params);
+    let mut proposals = propose(&boxes, &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed)?;
+    let samples = rank::samples(object.mesh);
+    let thin = Thin { samples: &samples, boxes: &boxes, up: scene.up() };
+    proposals.extend(propose_across(&thin, hand, &params.poses, params.seed, proposals.len())?);
     let hands = OpenHands::new(hand, &proposals, params)?;
     let found: Vec<Feasibility> = proposals.par_iter().map(|proposal| hands.check(&scene, &proposal.grasp)).collect();
     let candidate = |(proposal, feasibility): (&Proposal, &Feasibility)| Candidate {
@@ -127,7 +131,7 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     let (free, others): (Vec<_>, Vec<_>) =
         proposals.iter().zip(&found).partition(|(_, feasibility)| **feasibility == Feasibility::Feasible);
     let feasible: Vec<Proposal> = free.iter().map(|(proposal, _)| **proposal).collect();
-    let ranked = rank::rank(object.mesh, object.center_of_mass, hand, &scene, &feasible)?;
+    let ranked = rank::rank(&samples, object.center_of_mass, hand, &scene, &feasible)?;
     let scored = ranked.into_iter().map(|row| Candidate {
         score: row.score,
         prediction: Some(row.prediction),

@@ -14,6 +14,8 @@ use serde::{Deserialize, Serialize};
 const MOST_VARIATIONS: usize = 10_000;
 /// Most further distances.
 const MOST_STANDOFFS: usize = 1000;
+/// Most pairs of facing points.
+const MOST_PAIRS: usize = 1000;
 /// Most candidates of a plan: they take 0.1 GB.
 pub const MOST_CANDIDATES: usize = 200_000;
 
@@ -49,6 +51,8 @@ pub struct PoseParams {
     pub square: f64,
     /// The box around the whole object is tried like the leaves (where it is not the only leaf).
     pub whole: bool,
+    /// Pairs of facing surface points that hands with a bounded opening are tried across, at most 1,000: walls, rims and handles.
+    pub pairs: usize,
 }
 
 impl PoseParams {
@@ -60,6 +64,7 @@ impl PoseParams {
         in_range("variations", self.variations as f64, 0.0..=MOST_VARIATIONS as f64, "")?;
         in_range("len(standoffs)", self.standoffs.len() as f64, 0.0..=MOST_STANDOFFS as f64, "")?;
         self.standoffs.iter().try_for_each(|&value| distance("standoffs", value))?;
+        in_range("pairs", self.pairs as f64, 0.0..=MOST_PAIRS as f64, "")?;
         in_range("max_shift", self.max_shift, 0.0..=1.0, "")?;
         in_range("max_tilt", self.max_tilt, 0.0..=std::f64::consts::FRAC_PI_2, "rad")?;
         Ok(in_range("square", self.square, 0.0..=1.0, "")?)
@@ -77,6 +82,7 @@ impl Default for PoseParams {
             max_tilt: 0.5,
             square: 0.6,
             whole: true,
+            pairs: 60,
         }
     }
 }
@@ -140,7 +146,7 @@ pub(crate) fn propose(
                 for preshape in preshapes(hand, size, quarter, params.square) {
                     let known = centers.iter().find(|(value, _)| *value == preshape);
                     let center = known.map_or_else(Vector3::zeros, |(_, center)| *center);
-                    let variations = variations(params, &mut rng);
+                    let variations = variations(params, hand.grasp.closing_range, &mut rng);
                     if proposals.len() + variations.len() > MOST_CANDIDATES {
                         return Err(PlanError::TooMany {
                             boxes: boxes.len(),
@@ -168,11 +174,14 @@ struct Face {
     sides: [usize; 2],
 }
 
-/// Shift along the long side (share of it), turn about it (radians), extra distance (metres).
+/// Shift along the long side (share of it), turn about it (radians), extra distance (metres), and how far ahead of the hand's centre
+/// along its x the box lies (metres).
+#[derive(Default)]
 struct Vary {
     shift: f64,
     tilt: f64,
     standoff: f64,
+    ahead: f64,
 }
 
 impl Face {
@@ -210,27 +219,28 @@ impl Face {
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns)));
         let out = bounds.half_extent_along(&normal) + params.offset + vary.standoff;
         let shift = long * (vary.shift * 2.0 * bounds.half_extents[axis]);
-        let at = bounds.center.coords + shift + normal * out - rotation * center;
+        let at = bounds.center.coords + shift + normal * out - rotation * (center + Vector3::x() * vary.ahead);
         Isometry3::from_parts(Translation3::from(at), rotation)
     }
 }
 
-fn variations(params: &PoseParams, rng: &mut ChaCha8Rng) -> Vec<Vary> {
+/// * `ahead`: least and greatest distance ahead of the hand's centre; without a range nothing is drawn for it.
+fn variations(params: &PoseParams, ahead: [f64; 2], rng: &mut ChaCha8Rng) -> Vec<Vary> {
     match params.variation {
         Variation::Grid => {
             let shifts = [0.0, 0.2, -0.2, 0.4, -0.4];
             let tilts = [0.0, 10.0_f64.to_radians()];
-            let at = |shift| tilts.map(|tilt| Vary { shift, tilt, standoff: 0.0 });
+            let at = |shift| tilts.map(|tilt| Vary { shift, tilt, ..Vary::default() });
             shifts.into_iter().flat_map(at).collect()
         }
         Variation::Random => {
             let standoffs: Vec<f64> = std::iter::once(0.0).chain(params.standoffs.iter().copied()).collect();
-            let mut all: Vec<Vary> =
-                standoffs.iter().map(|&standoff| Vary { shift: 0.0, tilt: 0.0, standoff }).collect();
+            let mut all: Vec<Vary> = standoffs.iter().map(|&standoff| Vary { standoff, ..Vary::default() }).collect();
             all.extend((0..params.variations).map(|_| Vary {
                 shift: params.max_shift * (2.0 * rng.random::<f64>() - 1.0),
                 tilt: params.max_tilt * (2.0 * rng.random::<f64>() - 1.0),
                 standoff: standoffs[rng.random_range(0..standoffs.len())],
+                ahead: if ahead[0] < ahead[1] { rng.random_range(ahead[0]..ahead[1]) } else { 0.0 },
             }));
             all
         }

@@ -11,11 +11,11 @@ use crate::PlanError;
 use crate::collision::CollisionScene;
 use crate::poses::Proposal;
 use graspbox_hand::Hand;
-use graspbox_mesh::{TriMesh, sample_surface};
+use graspbox_mesh::{SurfaceSample, TriMesh, sample_surface};
 use nalgebra::Point3;
 use predict::{ClosingHand, Target, closing_hand, predict};
 use rayon::prelude::*;
-use score::{REPEAT, score};
+use score::{REPEAT, check_terms, score};
 use std::collections::BTreeMap;
 
 /// Distance of the surface points that chains close on, metres: a third of a finger's width.
@@ -33,20 +33,25 @@ pub(crate) struct Ranked {
     pub prediction: Prediction,
 }
 
+/// The surface points of an object that ranking looks at.
+pub(crate) fn samples(mesh: &TriMesh) -> Vec<SurfaceSample> {
+    let wanted = (mesh.area() / (SPACING * SPACING)) as usize;
+    sample_surface(mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0)
+}
+
 /// Scores feasible proposals and sorts them, best first; equal scores keep their order.
 ///
 /// # Errors
-/// [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape.
+/// [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape, [`PlanError::UnknownTerm`] for a weight of the hand of no term.
 pub(crate) fn rank(
-    mesh: &TriMesh,
+    samples: &[SurfaceSample],
     center_of_mass: Point3<f64>,
     hand: &Hand,
     scene: &CollisionScene,
     proposals: &[Proposal],
 ) -> Result<Vec<Ranked>, PlanError> {
-    let wanted = (mesh.area() / (SPACING * SPACING)) as usize;
-    let samples = sample_surface(mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0);
-    let target = Target { samples: &samples, center_of_mass, scene };
+    check_terms(hand)?;
+    let target = Target { samples, center_of_mass, scene };
     let mut hands: Vec<ClosingHand> = Vec::new();
     // The hand of each proposal.
     let mut chosen = Vec::with_capacity(proposals.len());

@@ -21,7 +21,14 @@ pub(super) fn read(hand: &mut Hand, table: &HandTable, reader: &mut Reader<'_, '
         Some(coordinate) => Some(read_coordinate(hand, coordinate, &closing, reader)?),
         None => None,
     };
-    hand.grasp = Grasp { center, closing, coordinate, preshapes: Vec::new() };
+    let range = written.closing_range.as_ref();
+    let item = ("grasp of", table.name.get_ref().as_str());
+    let closing_range = range.map_or([0.0; 2], |range| reader.interval(item, "closing_range", range, "m"));
+    let weight = |(name, number): (&Spanned<String>, &Number<f64>)| {
+        (name.get_ref().clone(), reader.value("weight of the ranking", number, "1"))
+    };
+    let ranking = written.ranking.iter().map(weight).collect();
+    hand.grasp = Grasp { center, closing, closing_range, coordinate, preshapes: Vec::new(), ranking };
     let preshapes = read_preshapes(hand, written, reader)?;
     hand.grasp.preshapes = if preshapes.is_empty() { default_preshapes(coordinate) } else { preshapes };
     Some(())

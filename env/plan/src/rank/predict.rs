@@ -39,6 +39,16 @@ pub struct Prediction {
     pub down: f64,
     /// Greatest distance between two contacts, metres.
     pub span: f64,
+    /// Distance of the centre of mass ahead of the closing centre along hand x, metres.
+    pub ahead: f64,
+    /// Distance of the centre of mass beside the closing centre along hand y, metres.
+    pub aside: f64,
+    /// How steeply hand x points down: 1 straight down, -1 straight up.
+    pub nose_down: f64,
+    /// Distance of the middle of the contacts from the palm along hand z, metres.
+    pub contact_depth: f64,
+    /// Greatest distance between two contacts along hand x, metres.
+    pub width: f64,
 }
 
 /// A point where a finger presses on the object; object frame.
@@ -83,6 +93,9 @@ pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand:
         offset: (com.coords - hand.center).xy().norm(),
         on_table: closed.iter().filter(|f| f.met_table).count() as f64,
         down: -target.scene.up().dot(&(object_from_hand * Vector3::z())),
+        ahead: com.x - hand.center.x,
+        aside: (com.y - hand.center.y).abs(),
+        nose_down: -target.scene.up().dot(&(object_from_hand * Vector3::x())),
         ..Prediction::default()
     };
     describe_fingers(&closed, &mut p);
@@ -174,7 +187,7 @@ fn describe_contacts(
         return;
     }
     let up = target.scene.up();
-    let approach = object_from_hand * Vector3::z();
+    let [closing, approach] = [Vector3::x(), Vector3::z()].map(|axis| object_from_hand * axis);
     // One mean normal a finger, so that a link with many samples does not outweigh the others.
     let mut pushes = vec![Vector3::zeros(); hand.fingers.len()];
     for contact in contacts {
@@ -186,6 +199,9 @@ fn describe_contacts(
     let lengths: f64 = pushes.iter().map(|push| across(push).norm()).sum();
     p.balance = 1.0 - total.norm() / lengths.max(1e-9);
     let middle = contacts.iter().map(|c| c.point.coords).sum::<Vector3<f64>>() / contacts.len() as f64;
+    p.contact_depth = (object_from_hand.inverse() * Point3::from(middle)).z;
+    let along = contacts.iter().map(|c| c.point.coords.dot(&closing));
+    p.width = along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min);
     let arm = target.center_of_mass.coords - middle;
     p.lever = (arm - up.into_inner() * arm.dot(&up)).norm();
     let apart = |a: &Contact| contacts.iter().map(|b| (a.point - b.point).norm()).fold(0.0, f64::max);

@@ -1,12 +1,14 @@
 //! The score: log-odds of a grasp, up to a constant, as a fixed weighted sum of what its geometry says.
 //!
 //! The weights were fitted once by logistic regression (ridge, one intercept per object, so that they rank poses within an object) to simulated
-//! grasps of procedural objects of the training split: 1343 poses of 44 objects (seeds 2000 to 2003 of eleven families),
+//! grasps with the ReFlex hand of procedural objects of the training split: 1343 poses of 44 objects (seeds 2000 to 2003 of eleven families),
 //! the best eight of each by an earlier guess and others at random. `scripts/fit_ranking.py` fits them again. Nothing is simulated when
 //! planning, and no object that is counted took part. Signs are as one would expect: more fingers, opposed and near the centre of mass,
-//! at the depth where the finger pads are; not over-closed on nothing.
+//! at the depth where the finger pads are; not over-closed on nothing. A hand whose file gives weights of its own (`[grasp.ranking]`) is
+//! scored by these; terms of weight 0 wait for such a hand.
 
 use super::predict::Prediction;
+use crate::PlanError;
 use graspbox_hand::{Hand, Preshape};
 
 /// Lengths enter in units of this, metres.
@@ -25,11 +27,18 @@ struct Reading<'a> {
     best_depth: f64,
 }
 
+impl Reading<'_> {
+    /// How far the centre of mass is ahead of the closing centre, bounded.
+    fn ahead(&self) -> f64 {
+        self.prediction.ahead.clamp(-2.0 * UNIT, 2.0 * UNIT) / UNIT
+    }
+}
+
 /// One row: its name, what it is worth, and how it is read.
 type Term = (&'static str, f64, fn(&Reading<'_>) -> f64);
 
 /// Terms before those of the preshapes.
-const TERMS: [Term; 13] = [
+const TERMS: [Term; 24] = [
     ("fingers", 0.51, |r| r.prediction.fingers),
     ("pads", 0.13, |r| r.prediction.pads),
     ("closure", 0.18, |r| indicator(r.prediction.epsilon > CLOSURE)),
@@ -43,12 +52,44 @@ const TERMS: [Term; 13] = [
     ("uneven", -0.09, |r| r.prediction.uneven),
     ("on_table", -0.02, |r| r.prediction.on_table),
     ("span", -0.45, |r| r.prediction.span / UNIT),
+    ("ahead", 0.0, |r| r.ahead()),
+    ("off_ahead", 0.0, |r| r.ahead().powi(2)),
+    ("aside", 0.0, |r| r.prediction.aside.min(2.0 * UNIT) / UNIT),
+    ("nose_down", 0.0, |r| r.prediction.nose_down),
+    ("nose_tilt", 0.0, |r| r.prediction.nose_down.powi(2)),
+    ("epsilon", 0.0, |r| r.prediction.epsilon.min(1.0)),
+    ("contact_depth", 0.0, |r| r.prediction.contact_depth / UNIT),
+    ("off_contact_depth", 0.0, |r| (r.prediction.contact_depth / UNIT).powi(2)),
+    ("width", 0.0, |r| r.prediction.width / UNIT),
+    ("off_width", 0.0, |r| (r.prediction.width / UNIT).powi(2)),
+    ("wrap", 0.0, |r| r.prediction.wrap.min(4.0)),
 ];
 /// The term after them.
 const DOWN: Term = ("down", -0.18, |r| r.prediction.down);
 
 fn indicator(yes: bool) -> f64 {
     if yes { 1.0 } else { 0.0 }
+}
+
+/// What a term is worth for `hand`: its own weight, or the one of the table.
+fn weight(hand: &Hand, (name, weight, _): &Term) -> f64 {
+    hand.grasp.ranking.get(*name).copied().unwrap_or(*weight)
+}
+
+/// Checks that the hand's own weights are of terms that there are.
+///
+/// # Errors
+/// [`PlanError::UnknownTerm`] for the first that is not.
+pub(crate) fn check_terms(hand: &Hand) -> Result<(), PlanError> {
+    let known = || TERMS.iter().chain([&DOWN]).map(|term| term.0);
+    match hand.grasp.ranking.keys().find(|name| !known().any(|term| term == *name)) {
+        None => Ok(()),
+        Some(name) => Err(PlanError::UnknownTerm {
+            hand: hand.name.clone(),
+            name: name.clone(),
+            known: known().collect::<Vec<_>>().join(", "),
+        }),
+    }
 }
 
 /// Preshapes that have a term of their own: all but the first, with which they are compared.
@@ -59,7 +100,7 @@ fn others(hand: &Hand) -> &[Preshape] {
 /// Name and weight of each term of the score, in the order of [`rank_features`]: the hand's preshapes but the first have one each, which
 /// has their preference for a weight.
 pub fn rank_weights(hand: &Hand) -> Vec<(String, f64)> {
-    let fixed = |(name, weight, _): &Term| ((*name).to_owned(), *weight);
+    let fixed = |term: &Term| (term.0.to_owned(), weight(hand, term));
     let preshapes = others(hand).iter().map(|preshape| (preshape.name.clone(), preshape.preference));
     TERMS.iter().map(fixed).chain(preshapes).chain([fixed(&DOWN)]).collect()
 }
@@ -76,9 +117,36 @@ pub fn rank_features(hand: &Hand, prediction: &Prediction, preshape: f64) -> Vec
 /// The score of a grasp with `preshape`; higher is better, comparable within an object.
 pub(crate) fn score(hand: &Hand, prediction: &Prediction, preshape: f64) -> f64 {
     let reading = Reading { prediction, best_depth: hand.grasp.center.z };
-    let worth = |(_, weight, read): &Term| weight * read(&reading);
+    let worth = |term: &Term| weight(hand, term) * (term.2)(&reading);
     let first = hand.preshapes().first().map(|named| &named.name);
     let taken = hand.nearest_preshape(preshape).filter(|named| first != Some(&named.name));
     let preference = taken.map_or(0.0, |named| named.preference);
     TERMS.iter().map(worth).chain([preference, worth(&DOWN)]).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn weights(changes: &[(&str, f64)]) -> Hand {
+        let mut hand = Hand::reflex().unwrap().clone();
+        hand.grasp.ranking = changes.iter().map(|(name, weight)| ((*name).to_owned(), *weight)).collect();
+        hand
+    }
+
+    #[test]
+    fn a_hand_may_weigh_terms_by_itself() {
+        let prediction = Prediction { fingers: 2.0, width: 0.1, ..Prediction::default() };
+        let [plain, own] = [&[][..], &[("fingers", 1.5), ("width", -0.25)][..]].map(weights);
+        assert!(check_terms(&own).is_ok());
+        let change = score(&own, &prediction, 0.0) - score(&plain, &prediction, 0.0);
+        assert!((change - ((1.5 - 0.51) * 2.0 - 0.25 * 2.0)).abs() < 1e-12, "{change}");
+        assert!(rank_weights(&own).contains(&("fingers".to_owned(), 1.5)));
+    }
+
+    #[test]
+    fn a_weight_of_no_term_is_refused_by_name() {
+        let said = check_terms(&weights(&[("finger", 1.0)])).unwrap_err().to_string();
+        assert!(said.contains("\"finger\"") && said.contains("fingers, pads") && said.contains("down"), "{said}");
+    }
 }
