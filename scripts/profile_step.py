@@ -59,7 +59,12 @@ def trials(path: str | None) -> float:
 
 def environments(obs: str, threads: int | None = None) -> Any:
     """Make the environments of ``graspbox bench``."""
-    settings = {"objects": bench._OBJECTS, "autoreset_mode": "SameStep", "num_threads": threads, "obs": obs}
+    settings: dict[str, Any] = {
+        "objects": bench._OBJECTS,
+        "autoreset_mode": "SameStep",
+        "num_threads": threads,
+        "obs": obs,
+    }
     return gymnasium.make_vec("graspbox/Grasp-v0", num_envs=bench._ENVS, **settings)
 
 
