@@ -1,11 +1,13 @@
-"""Profile of a physics step: instructions of 16 environments under the scripted expert, counted by callgrind.
+"""Profile of trials and of environment steps: instructions, counted by callgrind.
 
-Objects, number of environments and steps are those of ``graspbox bench``. Counts do not depend on the load of the
-machine; they approximate times where the instruction mix is the same.
+Counts do not depend on the load of the machine; they approximate times where the instruction mix is the same.
 
-    python scripts/profile_step.py
+    python scripts/profile_step.py trials   # planner poses on a mug and an apple: a simulated second
+    python scripts/profile_step.py expert   # 16 environments, observation state, scripted expert: an env-step
+    python scripts/profile_step.py random   # 16 environments, observation voxels, random actions: an env-step
 
-Needs ``valgrind`` and the extras ``cli`` and ``ycb``; takes some minutes.
+Needs ``valgrind`` and the extras ``cli`` and ``ycb``; takes some minutes. The objects of the environments are those of
+``graspbox bench``.
 """
 
 import argparse
@@ -14,6 +16,8 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,32 +26,51 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from graspbox import policies
+import graspbox
+from graspbox import object_sets, policies
 from graspbox.cli import bench_images as bench
 from graspbox.policies import Task
 
-#: Functions by the ends of their names, as callgrind prints them.
-EPISODE, WORLD = "agent_episode::AgentEpisode::step", "world::World::step"
-ENGINE, SOLVE, SEARCH = (
-    "PhysicsPipeline>::step_inner",
-    "StagedIslandSolver>::init_and_solve",
-    "NarrowPhase>::compute_contacts",
-)
-MASSES = ("Multibody::update_mass_matrix",)
-MOTIONS = ("Multibody::forward_kinematics", "Multibody::update_acceleration", "Multibody::update_velocities")
+TRIAL_OBJECTS, TRIAL_POSES = ("ycb:025_mug", "ycb:013_apple"), 5
+RANDOM_STEPS = 40
+
+#: Functions by the ends of their names, as callgrind prints them. Where the compiler puts one into its caller, its row
+#: is 0, and the caller's is larger.
+STEP, WORLD = "Solver::step", "World::step"
+FIND, SEARCH = "Solver::find_contacts", "PersistentQueryDispatcher<M,C>>::contact_manifold_convex_convex"
+EVALUATE, DIFFERENTIATE = "Problem::evaluate", "Problem::differentiate"
+SOLVE = ("Newton::coulomb", "Newton::convex", "Newton::quiet", "Newton::begin")
+EQUATIONS = ("Factors::solve", "Matrix::solve_definite", "Matrix::factor")
+RENDER, FUSE, AGENT = "Renderer::render_into", "occupancy::occupancy_into", "AgentEpisode::step"
+TRIAL, ENVIRONMENT = "Episode::advance", "env::Env::step"
 
 _COST = re.compile(r"^\s*([\d,]+) \([^)]*\)\s+([*>])\s+(.*?)(?: \([\d,]+x\))?(?: \[.*\])?$")
 
 
-def environments(threads: int | None = None) -> Any:
+def trials(path: str | None) -> float:
+    """Try planner poses on one thread; the number of simulated seconds."""
+    seconds = 0.0
+    for item in object_sets.load(list(TRIAL_OBJECTS)):
+        scene = graspbox.Scene(item.load())
+        plan = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object, seed=0).best(TRIAL_POSES)
+        seconds += float(scene.simulate(plan.poses, plan.preshape, num_threads=1).time.sum())
+    return seconds
+
+
+def environments(obs: str, threads: int | None = None) -> Any:
     """Make the environments of ``graspbox bench``."""
-    settings = {"objects": bench._OBJECTS, "autoreset_mode": "SameStep", "num_threads": threads}
+    settings: dict[str, Any] = {
+        "objects": bench._OBJECTS,
+        "autoreset_mode": "SameStep",
+        "num_threads": threads,
+        "obs": obs,
+    }
     return gymnasium.make_vec("graspbox/Grasp-v0", num_envs=bench._ENVS, **settings)
 
 
-def actions() -> np.ndarray:
+def expert_actions() -> np.ndarray:
     """Actions of the policy ``planner``, (steps, envs, numbers)."""
-    envs, policy = environments(), policies.load("planner")
+    envs, policy = environments("state"), policies.load("planner")
     policy.bind(Task.of(envs))
     state, info = envs.reset(seed=0)
     taken, begin = [], np.ones(bench._ENVS, dtype=np.bool_)
@@ -59,72 +82,133 @@ def actions() -> np.ndarray:
     return np.stack(taken)
 
 
-def replay(path: str) -> None:
-    """Step through saved actions on one thread."""
-    envs = environments(threads=1)
+def expert(path: str | None) -> float:
+    """Step through saved actions on one thread; the number of env-steps. Without a file it saves them."""
+    if path is None:
+        raise ValueError("the actions of the expert are missing")
+    envs, actions = environments("state", threads=1), np.load(path)
     envs.reset(seed=0)
-    for action in np.load(path):
+    for action in actions:
         envs.step(action)
+    return float(bench._ENVS * len(actions))
 
 
-def counted(folder: Path) -> tuple[dict[str, int], dict[tuple[str, str], int]]:
-    """Inclusive instructions per function, and per call."""
-    np.save(folder / "actions.npy", actions())
-    out = folder / "callgrind.out"
-    tool = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", f"--toggle-collect=*{EPISODE}"]
-    subprocess.run([*tool, sys.executable, __file__, str(folder / "actions.npy")], check=True, capture_output=True)
+def random(path: str | None) -> float:
+    """Take random actions on one thread; the number of env-steps."""
+    envs, source = environments("voxels", threads=1), np.random.default_rng(0)
+    envs.reset(seed=0)
+    for _ in range(RANDOM_STEPS):
+        envs.step(source.uniform(-1.0, 1.0, envs.action_space.shape).astype(np.float32))
+    return float(bench._ENVS * RANDOM_STEPS)
+
+
+@dataclass(frozen=True)
+class Work:
+    """What is profiled: how it runs, what is counted, per what, and whether the expert's actions are needed."""
+
+    run: Callable[[str | None], float]
+    counted: str
+    unit: str
+    needs_actions: bool = False
+
+
+WORK = {
+    "trials": Work(trials, TRIAL, "simulated second"),
+    "expert": Work(expert, ENVIRONMENT, "env-step", needs_actions=True),
+    "random": Work(random, ENVIRONMENT, "env-step"),
+}
+
+
+@dataclass
+class Counts:
+    """Instructions: of functions with all that they call, and of calls by caller and callee."""
+
+    total: dict[str, int]
+    calls: dict[tuple[str, str], int]
+    units: float
+
+    def whole(self, *ends: str) -> int:
+        """Sum over the functions whose names end so."""
+        return sum(cost for name, cost in self.total.items() if name.endswith(ends))
+
+    def within(self, caller: str | tuple[str, ...], *ends: str) -> int:
+        """Sum over the calls from `caller`."""
+        return sum(cost for (a, b), cost in self.calls.items() if a.endswith(caller) and b.endswith(ends))
+
+
+def count(name: str, folder: Path) -> Counts:
+    """Run a piece of work under callgrind."""
+    work, out, actions = WORK[name], folder / "callgrind.out", folder / "actions.npy"
+    if work.needs_actions:
+        np.save(actions, expert_actions())
+    tool = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", f"--toggle-collect=*{work.counted}*"]
+    run = [*tool, sys.executable, __file__, name, "--actions", str(actions)]
+    units = float(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
     show = ["callgrind_annotate", "--inclusive=yes", "--tree=calling", "--threshold=100", str(out)]
     text = subprocess.run(show, check=True, capture_output=True, text=True).stdout
-    total: dict[str, int] = defaultdict(int)
-    calls: dict[tuple[str, str], int] = defaultdict(int)
-    caller = ""
+    counts, caller = Counts(defaultdict(int), defaultdict(int), units), ""
     for line in text.splitlines():
         if (found := _COST.match(line)) is None:
             continue
-        cost, kind, name = found.groups()
-        name = name.removeprefix("???:").split(" [")[0]
+        cost, kind, function = found.groups()
+        function = function.removeprefix("???:").split(" [")[0]
         if kind == "*":
-            caller = name
-            total[name] += int(cost.replace(",", ""))
+            caller = function
+            counts.total[function] += int(cost.replace(",", ""))
         else:
-            calls[caller, name] += int(cost.replace(",", ""))
-    return total, calls
+            counts.calls[caller, function] += int(cost.replace(",", ""))
+    return counts
 
 
-def main() -> None:
+def parts(name: str, counts: Counts) -> list[tuple[str, int]]:
+    """Split the instructions."""
+    whole, within = counts.whole, counts.within
+    newton = within(STEP, *SOLVE, EVALUATE, DIFFERENTIATE, *EQUATIONS)
+    forces, slopes, equations = whole(EVALUATE), whole(DIFFERENTIATE), whole(*EQUATIONS)
+    rows = [
+        ("contact forces and residual", forces),
+        ("derivative", slopes),
+        ("linear equations", equations),
+        ("Newton's method, the rest of it", newton - forces - slopes - equations),
+        ("contact search: manifolds of convex parts", whole(SEARCH)),
+        ("contact search: which pairs, corners over planes, contact points", whole(FIND) - whole(SEARCH)),
+        ("kinematics, mass matrix, bias, integration", whole(STEP) - newton - whole(FIND)),
+        ("actuators and the moving frame", whole(WORLD) - whole(STEP)),
+    ]
+    if name == "trials":
+        return [*rows, ("judge and the queries of the trial", whole(TRIAL) - whole(WORLD))]
+    every, images = whole(ENVIRONMENT), whole(RENDER) + whole(FUSE)
+    return [
+        *rows,
+        ("judge, arm, protective stop, reward", whole(AGENT) - whole(WORLD)),
+        ("depth images", whole(RENDER)),
+        ("voxels", whole(FUSE)),
+        ("resets and observations without images", every - whole(AGENT) - images),
+    ]
+
+
+def main(name: str) -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as folder:
-        total, calls = counted(Path(folder))
-    if not total:
-        raise SystemExit(f"no function {EPISODE!r} was counted: build the extension with symbols, by `make test`")
-
-    def whole(*ends: str) -> int:
-        return sum(cost for name, cost in total.items() if name.endswith(ends))
-
-    def outside(*ends: str) -> int:
-        return sum(cost for (a, b), cost in calls.items() if a.endswith(ENGINE) and b.endswith(ends))
-
-    # The kinematics are also computed once before the solver.
-    before = outside(*MOTIONS)
-    inside = whole(*MASSES, *MOTIONS) - before
-    rows = [
-        ("fingers' mass matrices, at every solver sub-step", whole(*MASSES)),
-        ("fingers' kinematics, velocities and accelerations", whole(*MOTIONS)),
-        ("searches for contacts", whole(SEARCH)),
-        ("contact constraints and integration", whole(SOLVE) - inside),
-        ("candidates, islands and the rest of the engine", whole(ENGINE) - whole(SEARCH) - whole(SOLVE) - before),
-        ("tendons, actuators and the moving frame", whole(WORLD) - whole(ENGINE)),
-        ("judge, arm, protective stop, reward", whole(EPISODE) - whole(WORLD)),
-    ]
-    each = whole(EPISODE) / (bench._ENVS * bench._STEPS) / 1e6
-    table = Table("part", "share, %", title=f"{each:.1f} million instructions per env-step")
-    for part, cost in rows:
-        table.add_row(part, f"{100 * cost / whole(EPISODE):.0f}")
+        counts = count(name, Path(folder))
+    every = counts.whole(WORK[name].counted)
+    if not every:
+        raise SystemExit(
+            f"no function {WORK[name].counted!r} was counted: build the extension with symbols, by `make test`"
+        )
+    each = every / counts.units / 1e6
+    table = Table("part", "share, %", title=f"{each:.1f} million instructions per {WORK[name].unit}")
+    for part, cost in parts(name, counts):
+        table.add_row(part, f"{100 * cost / every:.0f}")
     Console().print(table)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("actions", nargs="?", help="step through this file of actions; the program itself does so")
-    given = parser.parse_args().actions
-    main() if given is None else replay(given)
+    parser.add_argument("work", choices=list(WORK), help="what is profiled")
+    parser.add_argument("--actions", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.actions is None:
+        main(given.work)
+    else:
+        print(WORK[given.work].run(given.actions))

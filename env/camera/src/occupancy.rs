@@ -9,9 +9,14 @@
 //!
 //! Occupied takes precedence over free, because a view at a grazing angle has long rays through the voxels of a surface. Details thinner
 //! than a pixel may be missed, and a surface is misplaced by as much as its depth changes within half a pixel.
+//!
+//! Most voxels are far in front of what is seen, or far behind it: [`blocks`] tells so for many of them at once.
+
+mod blocks;
 
 use crate::error::CameraError;
 use crate::{Camera, Frame};
+use blocks::{BLOCK, Centers, Sight, Tiles};
 use graspbox_mesh::{VoxelFrame, in_range};
 use nalgebra::{Isometry3, Vector3};
 
@@ -98,12 +103,23 @@ pub fn occupancy_into(
 /// Marks the voxels that contain the point of a pixel.
 fn mark_points(grid: &VoxelFrame, grid_from_camera: &Isometry3<f64>, view: &DepthView, cells: &mut [Occupancy]) {
     let lens = view.camera.intrinsics();
-    let rows = view.depth.chunks_exact(lens.width as usize).enumerate();
-    for (v, row) in rows {
+    // A pixel's point in voxels from the least corner: `corner + depth * ray`.
+    let per_metre = 1.0 / grid.voxel_size();
+    let turn = grid_from_camera.rotation.to_rotation_matrix().into_inner() * per_metre;
+    let corner = (grid_from_camera.translation.vector - grid.origin().coords) * per_metre;
+    let n = grid.resolution();
+    let most = n as f64;
+    let inside = |x: f64| (0.0..most).contains(&x);
+    let across = turn * Vector3::x() / lens.fx;
+    for (v, row) in view.depth.chunks_exact(lens.width as usize).enumerate() {
+        let at = |u: f64| turn * Vector3::new((u - lens.cx) / lens.fx, (v as f64 + 0.5 - lens.cy) / lens.fy, 1.0);
+        let first = at(0.5);
         for (u, &d) in row.iter().enumerate().filter(|(_, d)| **d > 0.0) {
-            let point = grid_from_camera * lens.unproject(u as f64 + 0.5, v as f64 + 0.5, f64::from(d));
-            if let Some(at) = grid.voxel(&point) {
-                cells[grid.index(at)] = Occupancy::Occupied;
+            let p = corner + (first + across * u as f64) * f64::from(d);
+            if inside(p.x) && inside(p.y) && inside(p.z) {
+                // Over i32, which converts in one instruction.
+                let [i, j, k] = [p.x, p.y, p.z].map(|x| x as i32 as usize);
+                cells[(i * n + j) * n + k] = Occupancy::Occupied;
             }
         }
     }
@@ -117,33 +133,64 @@ fn judge_centers(
     nothing_is_free: bool,
     cells: &mut [Occupancy],
 ) {
-    let lens = *view.camera.intrinsics();
+    let centers = Centers::new(grid, camera_from_grid);
+    let tiles = Tiles::new(&view.camera, view.depth, nothing_is_free);
+    let n = grid.resolution();
+    let ends = |first: usize| first..(first + BLOCK).min(n);
+    for i in (0..n).step_by(BLOCK).map(ends) {
+        for j in (0..n).step_by(BLOCK).map(ends) {
+            for k in (0..n).step_by(BLOCK).map(ends) {
+                let sight = tiles.sight(&centers.bounds([&i, &j, &k]), centers.half);
+                if sight == Sight::None {
+                    continue;
+                }
+                for (i, j) in i.clone().flat_map(|i| j.clone().map(move |j| (i, j))) {
+                    let row = &mut cells[(i * n + j) * n..][k.clone()];
+                    if sight == Sight::Through {
+                        row.iter_mut().filter(|c| **c != Occupancy::Occupied).for_each(|c| *c = Occupancy::Free);
+                    } else {
+                        let first = centers.at(i, j, k.start);
+                        judge_row(first, centers.steps[2], centers.half, view, nothing_is_free, row);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Judges the centres `first`, `first + step` and so on, camera's frame.
+fn judge_row(
+    first: Vector3<f64>,
+    step: Vector3<f64>,
+    half: f64,
+    view: &DepthView,
+    nothing_is_free: bool,
+    cells: &mut [Occupancy],
+) {
+    let lens = view.camera.intrinsics();
     let range = view.camera.near()..=view.camera.far();
     let (width, height) = (f64::from(lens.width), f64::from(lens.height));
-    let (n, half) = (grid.resolution(), 0.5 * grid.voxel_size());
-    let rotation = camera_from_grid.rotation.to_rotation_matrix();
-    let step = rotation * Vector3::z() * grid.voxel_size();
-    for (column, cells) in cells.chunks_exact_mut(n).enumerate() {
-        let first = camera_from_grid * grid.center([column / n, column % n, 0]);
-        for (k, cell) in cells.iter_mut().enumerate() {
-            let p = first + step * k as f64;
-            if *cell == Occupancy::Occupied || !range.contains(&p.z) {
-                continue;
-            }
-            let (u, v) = (lens.fx * p.x / p.z + lens.cx, lens.fy * p.y / p.z + lens.cy);
-            if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
-                continue;
-            }
-            let d = f64::from(view.depth[v as usize * lens.width as usize + u as usize]);
-            if d == 0.0 {
-                if nothing_is_free {
-                    *cell = Occupancy::Free;
-                }
-            } else if (p.z - d).abs() <= half {
-                *cell = Occupancy::Occupied;
-            } else if p.z < d {
+    let focal = Vector3::new(lens.fx, lens.fy, 1.0);
+    let (first, step) = (first.component_mul(&focal), step.component_mul(&focal));
+    for (k, cell) in cells.iter_mut().enumerate() {
+        let p = first + step * k as f64;
+        if *cell == Occupancy::Occupied || !range.contains(&p.z) {
+            continue;
+        }
+        let nearness = 1.0 / p.z;
+        let (u, v) = (p.x * nearness + lens.cx, p.y * nearness + lens.cy);
+        if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
+            continue;
+        }
+        let d = f64::from(view.depth[v as i32 as usize * lens.width as usize + u as i32 as usize]);
+        if d == 0.0 {
+            if nothing_is_free {
                 *cell = Occupancy::Free;
             }
+        } else if (p.z - d).abs() <= half {
+            *cell = Occupancy::Occupied;
+        } else if p.z < d {
+            *cell = Occupancy::Free;
         }
     }
 }

@@ -1,89 +1,83 @@
 //! Small dense matrices without allocation in a step, and the two ways in which the solver solves with them.
 
+use serde::{Deserialize, Serialize};
+
+/// Entries that are worked on side by side: rows begin at multiples of this many, and row operations begin there too. What they do to entries
+/// left of their first is of no consequence, since nothing reads these any more.
+const LANES: usize = 4;
+
 /// A square matrix of `n` rows of fixed stride; `n` is set once.
 #[derive(Clone, Default)]
 pub(crate) struct Matrix {
     n: usize,
+    stride: usize,
     values: Vec<f64>,
 }
 
 impl Matrix {
     pub fn new(n: usize) -> Self {
-        Self { n, values: vec![0.0; n * n] }
+        let stride = n.next_multiple_of(LANES);
+        Self { n, stride, values: vec![0.0; n * stride] }
     }
 
     #[inline]
     pub fn row(&self, i: usize) -> &[f64] {
-        &self.values[i * self.n..(i + 1) * self.n]
+        &self.values[i * self.stride..][..self.n]
     }
 
     #[inline]
     pub fn row_mut(&mut self, i: usize) -> &mut [f64] {
-        &mut self.values[i * self.n..(i + 1) * self.n]
+        &mut self.values[i * self.stride..][..self.n]
     }
 
-    /// Rows `i` (shared) and `k > i` (exclusive).
-    #[inline]
-    fn two_rows(&mut self, i: usize, k: usize) -> (&[f64], &mut [f64]) {
-        let (head, tail) = self.values.split_at_mut(k * self.n);
-        (&head[i * self.n..(i + 1) * self.n], &mut tail[..self.n])
-    }
-
-    /// Solves `self x = b` in place by elimination with row exchanges; false where the matrix is singular. Destroys the matrix.
+    /// Factors the matrix by elimination with row exchanges, to the upper triangle here and what `factors` holds; false where it is singular.
     ///
     /// The order of the unknowns (each chain of the hand, then the object) leaves most entries left of the pivots 0: these rows are
     /// skipped.
-    pub fn solve(&mut self, b: &mut [f64]) -> bool {
-        let n = self.n;
+    pub fn factor(&mut self, factors: &mut Factors) -> bool {
+        let (n, stride) = (self.n, self.stride);
+        factors.valid = false;
         for i in 0..n {
-            let (mut best, mut most) = (i, self.values[i * n + i].abs());
-            for (k, value) in self.values[i..].iter().step_by(n).enumerate().skip(i + 1) {
-                if value.abs() > most {
-                    (best, most) = (k, value.abs());
+            let (mut best, mut most) = (i, self.values[i * stride + i].abs());
+            for k in i + 1..n {
+                let value = self.values[k * stride + i].abs();
+                if value > most {
+                    (best, most) = (k, value);
                 }
             }
             if most.is_nan() || most <= 0.0 {
                 return false;
             }
             if best != i {
-                for j in i..n {
-                    self.values.swap(i * n + j, best * n + j);
-                }
-                b.swap(i, best);
+                let (above, below) = self.values.split_at_mut(best * stride);
+                above[i * stride..(i + 1) * stride].swap_with_slice(&mut below[..stride]);
             }
-            let (above, below) = self.values.split_at_mut((i + 1) * n);
-            let pivot = &above[i * n..];
+            factors.exchanges[i] = best;
+            let (above, below) = self.values.split_at_mut((i + 1) * stride);
+            let pivot = &above[i * stride..];
             let inverse = 1.0 / pivot[i];
-            let (_, rest) = b.split_at_mut(i);
-            let [solved, rest @ ..] = rest else { break };
-            for (row, b) in below.chunks_exact_mut(n).zip(rest) {
+            let shares = &mut factors.shares[i * n..(i + 1) * n][i + 1..];
+            for (row, share) in below.chunks_exact_mut(stride).zip(shares) {
                 let x = row[i] * inverse;
+                *share = x;
                 if x != 0.0 {
-                    for (a, p) in row[i + 1..].iter_mut().zip(&pivot[i + 1..]) {
-                        *a -= x * p;
-                    }
-                    *b -= x * *solved;
+                    subtract(row, pivot, x, i + 1);
                 }
             }
         }
-        self.back_substitute(b);
-        b[..n].iter().all(|x| x.is_finite())
-    }
-
-    fn back_substitute(&self, b: &mut [f64]) {
-        for i in (0..self.n).rev() {
-            let row = self.row(i);
-            let sum: f64 = (i + 1..self.n).map(|k| row[k] * b[k]).sum();
-            b[i] = (b[i] - sum) / row[i];
+        for i in 0..n {
+            factors.upper[i * n..(i + 1) * n].copy_from_slice(self.row(i));
         }
+        factors.valid = true;
+        true
     }
 
     /// Solves `self x = b` in place for a symmetric positive definite matrix, by Cholesky's method; false where it is not definite.
     /// Reads the upper triangle only, and destroys it.
     pub fn solve_definite(&mut self, b: &mut [f64]) -> bool {
-        let n = self.n;
+        let (n, stride) = (self.n, self.stride);
         for i in 0..n {
-            let pivot = self.values[i * n + i];
+            let pivot = self.values[i * stride + i];
             if pivot.is_nan() || pivot <= 0.0 {
                 return false;
             }
@@ -91,23 +85,88 @@ impl Matrix {
             for x in &mut self.row_mut(i)[i..] {
                 *x *= inverse;
             }
-            for k in i + 1..n {
-                let (above, row) = self.two_rows(i, k);
-                let x = above[k];
-                if x == 0.0 {
-                    continue;
-                }
-                for (a, p) in row[k..].iter_mut().zip(&above[k..]) {
-                    *a -= x * p;
+            let (above, below) = self.values.split_at_mut((i + 1) * stride);
+            let above = &above[i * stride..];
+            for (k, row) in (i + 1..).zip(below.chunks_exact_mut(stride)) {
+                if above[k] != 0.0 {
+                    subtract(row, above, above[k], k);
                 }
             }
         }
         for i in 0..n {
-            let sum: f64 = (0..i).map(|k| self.values[k * n + i] * b[k]).sum();
-            b[i] = (b[i] - sum) / self.values[i * n + i];
+            let sum: f64 = (0..i).map(|k| self.values[k * stride + i] * b[k]).sum();
+            b[i] = (b[i] - sum) / self.values[i * stride + i];
         }
-        self.back_substitute(b);
+        back_substitute(&self.values, stride, b);
         true
+    }
+}
+
+/// A matrix that was factored: its equations can be solved again and again.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Factors {
+    /// False before there was a matrix, and where it was singular.
+    valid: bool,
+    /// The row with which row i changed places before step i.
+    exchanges: Vec<usize>,
+    /// By step and row: the share of row i that was taken off the row.
+    shares: Vec<f64>,
+    /// What elimination leaves: row i from its diagonal on.
+    upper: Vec<f64>,
+}
+
+impl Factors {
+    pub fn new(n: usize) -> Self {
+        Self { valid: false, exchanges: vec![0; n], shares: vec![0.0; n * n], upper: vec![0.0; n * n] }
+    }
+
+    pub fn is_valid(&self) -> bool {
+        self.valid
+    }
+
+    pub fn forget(&mut self) {
+        self.valid = false;
+    }
+
+    /// Whether these can take the place of `other`: same size, and exchanges of rows that there are.
+    pub fn fits(&self, other: &Self) -> bool {
+        let n = other.exchanges.len();
+        self.exchanges.len() == n
+            && self.exchanges.iter().all(|row| *row < n)
+            && self.shares.len() == other.shares.len()
+            && self.upper.len() == other.upper.len()
+    }
+
+    /// Solves the equations in place for the right-hand side `b`; false where the solution is not finite.
+    pub fn solve(&self, b: &mut [f64]) -> bool {
+        let n = self.exchanges.len();
+        for (i, (&other, shares)) in self.exchanges.iter().zip(self.shares.chunks_exact(n)).enumerate() {
+            b.swap(i, other);
+            let solved = b[i];
+            for (b, x) in b[i + 1..].iter_mut().zip(&shares[i + 1..]) {
+                *b -= x * solved;
+            }
+        }
+        back_substitute(&self.upper, n, b);
+        b.iter().all(|x| x.is_finite())
+    }
+}
+
+/// Solves for the upper triangle of `values`, whose rows begin at multiples of `stride`.
+fn back_substitute(values: &[f64], stride: usize, b: &mut [f64]) {
+    for i in (0..b.len()).rev() {
+        let row = &values[i * stride..][..b.len()];
+        let sum: f64 = row[i + 1..].iter().zip(&b[i + 1..]).map(|(a, x)| a * x).sum();
+        b[i] = (b[i] - sum) / row[i];
+    }
+}
+
+/// `row -= x * other`, from entry `first` on (see [`LANES`]).
+#[inline]
+fn subtract(row: &mut [f64], other: &[f64], x: f64, first: usize) {
+    let (row, other) = (row.as_chunks_mut::<LANES>().0, other.as_chunks::<LANES>().0);
+    for (a, p) in row[first / LANES..].iter_mut().zip(&other[first / LANES..]) {
+        *a = std::array::from_fn(|lane| a[lane] - x * p[lane]);
     }
 }
 
@@ -146,8 +205,13 @@ mod tests {
             let general = filled(n, |_, _| next());
             let b: Vec<f64> = (0..n).map(|_| next()).collect();
             let mut x = b.clone();
-            assert!(general.clone().solve(&mut x));
+            let mut factors = Factors::new(n);
+            assert!(general.clone().factor(&mut factors) && factors.solve(&mut x));
             assert!(residual(&general, &x, &b) < 1e-9, "{n} unknowns");
+            let other: Vec<f64> = (0..n).map(|_| next()).collect();
+            x.copy_from_slice(&other);
+            assert!(factors.solve(&mut x));
+            assert!(residual(&general, &x, &other) < 1e-9, "{n} unknowns, once more");
             let dot = |i: usize, j: usize| (0..n).map(|k| general.row(i)[k] * general.row(j)[k]).sum::<f64>();
             let definite = filled(n, |i, j| dot(i, j) + if i == j { 0.1 } else { 0.0 });
             let mut x = b.clone();
@@ -160,7 +224,8 @@ mod tests {
     fn singular_and_indefinite_matrices_are_told() {
         let mut b = [1.0, 1.0];
         assert!(!filled(2, |_, _| 1.0).solve_definite(&mut b));
-        assert!(!filled(2, |_, _| 0.0).solve(&mut b));
-        assert!(!filled(2, |_, _| f64::NAN).solve(&mut b));
+        let mut factors = Factors::new(2);
+        assert!(!filled(2, |_, _| 0.0).factor(&mut factors) && !factors.is_valid());
+        assert!(!filled(2, |_, _| f64::NAN).factor(&mut factors) && !factors.is_valid());
     }
 }

@@ -1,11 +1,16 @@
 //! Newton's method for the equations of a step, and a convex fallback for where it does not get on.
 
-use crate::kinematics::Kinematics;
-use crate::model::Model;
+use serde::{Deserialize, Serialize};
+
+use crate::kinematics::{Kinematics, Twist};
+use crate::matrix::Factors;
+use crate::model::{Model, OBJECT};
 use crate::problem::{Bounds, Problem};
 
 /// Newton's step is taken if the residual falls by this share.
 const DESCENT: f64 = 0.04;
+/// The last derivative is used once more where it has reduced the residual to this share.
+const QUIET: f64 = 0.2;
 /// Convex steps at most before the iteration is given up.
 const CROSSINGS: usize = 12;
 /// Iterations of the convex problem in which friction's bounds still follow: in the first fallback, and in the last.
@@ -21,24 +26,56 @@ pub(crate) struct Newton {
     from: Vec<f64>,
     /// Solution of the convex problem, kept while Newton's method tries again.
     convex: Vec<f64>,
+    /// The derivative that was factored last, and the number of contact points that it was of.
+    last: LastDerivative,
+}
+
+/// What is kept from step to step: a quiet step ends with the derivative of the one before.
+#[derive(Clone, Default, Serialize, Deserialize)]
+pub(crate) struct LastDerivative {
+    factors: Factors,
+    points: usize,
 }
 
 impl Newton {
     pub fn new(model: &Model) -> Self {
         let n = model.unknowns();
-        Self { direction: vec![0.0; n], from: vec![0.0; n], convex: vec![0.0; n] }
+        Self {
+            direction: vec![0.0; n],
+            from: vec![0.0; n],
+            convex: vec![0.0; n],
+            last: LastDerivative { factors: Factors::new(n), points: 0 },
+        }
     }
 
-    /// Solves for `problem.v`, beginning where it is; impulses and cable forces are those of the velocities found.
+    /// What the next step depends on.
+    pub fn save(&self) -> LastDerivative {
+        self.last.clone()
+    }
+
+    /// Takes what [`Newton::save`] gave; false, and nothing changes, for another number of unknowns.
+    pub fn load(&mut self, saved: LastDerivative) -> bool {
+        let fits = saved.factors.fits(&self.last.factors);
+        if fits {
+            self.last = saved;
+        }
+        fits
+    }
+
+    /// Solves for `problem.v`, beginning where it is, or with the object at rest on the `scenery`, which moves so; impulses and cable forces
+    /// are those of the velocities found.
     ///
     /// False where the velocities do not balance: Newton's method did not end even after the fallback.
-    pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
-        if self.coulomb(model, kinematics, problem) {
+    pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> bool {
+        let first = self.begin(model, kinematics, problem, scenery);
+        let (first, done) = self.quiet(model, kinematics, problem, first);
+        if done || self.coulomb(model, kinematics, problem, first) {
             return true;
         }
         self.convex(model, kinematics, problem, BOUND_UPDATES[0]);
         self.convex.copy_from_slice(&problem.v);
-        if self.coulomb(model, kinematics, problem) {
+        let first = problem.evaluate(model, kinematics, Bounds::Follow);
+        if self.coulomb(model, kinematics, problem, first) {
             return true;
         }
         problem.v.copy_from_slice(&self.convex);
@@ -46,18 +83,73 @@ impl Newton {
         false
     }
 
-    /// Newton's method on the true balance, bounds and all; false where it does not get on.
+    /// Evaluates where the iteration begins, and returns the residual's size there.
+    ///
+    /// The velocities of the last step are those in the frame of the base. What rests on the table has others once the base has been
+    /// accelerated: it would seem to slide, and its friction would have to be found anew.
+    fn begin(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> f64 {
+        let now = problem.evaluate(model, kinematics, Bounds::Follow);
+        if !problem.patches.iter().any(|p| p.a == OBJECT && p.b == model.scenery_body()) {
+            return now;
+        }
+        self.from.copy_from_slice(&problem.v);
+        problem.set_object_twist(scenery);
+        self.direction.iter_mut().zip(&self.from).zip(&problem.v).for_each(|((d, from), v)| *d = v - from);
+        let same = self.length(model) <= model.solver.stick_speed;
+        if !same {
+            let then = problem.evaluate(model, kinematics, Bounds::Follow);
+            if then < now {
+                return then;
+            }
+        }
+        problem.v.copy_from_slice(&self.from);
+        if same { now } else { problem.evaluate(model, kinematics, Bounds::Follow) }
+    }
+
+    /// Steps of Newton's method with the last derivative, which is nearly the present one where nothing begins or ends to touch or to slide.
+    /// Returns the residual's size after them, and whether they end the iteration.
+    fn quiet(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, first: f64) -> (f64, bool) {
+        let mut now = first;
+        if !self.last.factors.is_valid() || self.last.points != problem.points.len() {
+            return (now, false);
+        }
+        loop {
+            self.descend(problem);
+            if !self.last.factors.solve(&mut self.direction) {
+                return (now, false);
+            }
+            let length = self.length(model);
+            self.from.copy_from_slice(&problem.v);
+            self.move_by(problem, 1.0);
+            let then = problem.evaluate(model, kinematics, Bounds::Follow);
+            if then.is_nan() || then > now * (1.0 - DESCENT) {
+                problem.v.copy_from_slice(&self.from);
+                return (problem.evaluate(model, kinematics, Bounds::Follow), false);
+            }
+            let shrunk = (then / now).sqrt();
+            if length * shrunk <= 0.5 * model.solver.tolerance {
+                return (then, true);
+            }
+            if shrunk > QUIET {
+                return (then, false);
+            }
+            now = then;
+        }
+    }
+
+    /// Newton's method on the true balance, bounds and all, from where the residual has size `now`; false where it does not get on.
     ///
     /// Where a step along Newton's direction does not descend, contacts are about to open, close or stick: a step of the convex problem, with
     /// friction's bounds as they are, crosses these kinks.
-    fn coulomb(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
+    fn coulomb(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, mut now: f64) -> bool {
         let tolerance = model.solver.tolerance;
-        let mut now = problem.evaluate(model, kinematics, Bounds::Follow);
         let mut crossings = 0;
         for _ in 0..model.solver.max_iterations {
             problem.differentiate(model, kinematics, Bounds::Follow);
             self.descend(problem);
-            if !problem.derivative.solve(&mut self.direction) {
+            self.last.points = problem.points.len();
+            if !problem.derivative.factor(&mut self.last.factors) || !self.last.factors.solve(&mut self.direction) {
+                self.last.factors.forget();
                 return false;
             }
             let length = self.length(model);

@@ -122,10 +122,17 @@ impl Problem {
     }
 
     /// Twist of the object.
-    #[inline]
+    #[inline(always)]
     fn object_twist(&self) -> Twist {
         let v = &self.v[self.q.len()..];
         Twist { linear: Vector3::new(v[0], v[1], v[2]), angular: Vector3::new(v[3], v[4], v[5]) }
+    }
+
+    /// Sets the object's velocities to those of a body that moves with `twist`.
+    pub fn set_object_twist(&mut self, twist: &Twist) {
+        let v = &mut self.v[self.q.len()..];
+        v[..3].copy_from_slice(twist.linear.as_slice());
+        v[3..].copy_from_slice(twist.angular.as_slice());
     }
 
     /// Contact impulses and residual at `v`; returns the residual's size: the sum of its squares over the masses.

@@ -1,6 +1,6 @@
 //! From the points that may touch to the contact points of a step's equations.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::{Kinematics, Twist};
 use crate::model::{BASE, Model, OBJECT, Pair};
@@ -51,10 +51,14 @@ pub(crate) fn collect(
     origins.clear();
     for (index, (pair, cache)) in model.pairs.iter().zip(pairs).enumerate() {
         let first = problem.points.len();
+        if cache.candidates.is_empty() {
+            continue;
+        }
         let factor = if pair.a == OBJECT { friction_factor } else { 1.0 };
+        let relative = Relative::new(scene, pair);
         for (within, candidate) in cache.candidates.iter().enumerate() {
-            let measured = measure(scene, pair, candidate);
-            if measured.distance <= cache.reach {
+            if relative.distance(candidate) <= cache.reach {
+                let measured = measure(scene, pair, candidate);
                 problem.points.push(point(model, scene, pair, &measured, candidate.friction * factor, problem.dt));
                 let (pair, candidate) = (index as u32, within as u32);
                 origins.push(Origin { pair, candidate, distance: measured.distance });
@@ -74,6 +78,38 @@ fn known(model: &Model, scene: &Scene, kinematics: &Kinematics, body: usize) -> 
         OBJECT => Twist::default(),
         _ if body == model.scenery_body() => scene.scenery,
         _ => kinematics.known[body - BASE],
+    }
+}
+
+/// The second body and both planes as the first body sees them: most candidates are too far away, which is found out from these alone.
+struct Relative {
+    a_from_b: (Matrix3<f64>, Vector3<f64>),
+    /// Direction and height of the table's and the ground's plane.
+    planes: [(Vector3<f64>, f64); 2],
+}
+
+impl Relative {
+    fn new(scene: &Scene, pair: &Pair) -> Self {
+        let (poses, turns) = (scene.now.poses, scene.now.turns);
+        let (a, origin) = (&turns[pair.a], &poses[pair.a].translation.vector);
+        let apart = a.tr_mul(&(poses[pair.b].translation.vector - origin));
+        Self {
+            a_from_b: (a.tr_mul(&turns[pair.b]), apart),
+            planes: scene.now.planes.map(|plane| (a.tr_mul(&plane.up), plane.gap(origin))),
+        }
+    }
+
+    #[inline]
+    fn distance(&self, candidate: &Candidate) -> f64 {
+        match candidate.opposite {
+            Opposite::Plane(surface) => {
+                let (up, gap) = &self.planes[usize::from(surface == Surface::Ground)];
+                up.dot(&candidate.on_a) + gap
+            }
+            Opposite::Point { on_b, normal } => {
+                (self.a_from_b.0 * on_b + self.a_from_b.1 - candidate.on_a).dot(&normal)
+            }
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use crate::contact::Contact;
 use crate::dynamics::{Dynamics, FrameMotion};
 use crate::kinematics::{Kinematics, Twist};
 use crate::model::{BASE, Model, OBJECT};
-use crate::newton::Newton;
+use crate::newton::{LastDerivative, Newton};
 use crate::problem::Problem;
 use crate::rows;
 use crate::search::{Moving, SavedSearch, Searcher, Situation};
@@ -63,11 +63,12 @@ pub struct State {
     pub unconverged_steps: u64,
 }
 
-/// A state as it is saved: with what the search for contacts starts from.
+/// A state as it is saved: with what the search for contacts and Newton's method start from.
 #[derive(Serialize, Deserialize)]
 pub struct Saved {
     state: State,
     search: SavedSearch,
+    newton: LastDerivative,
     contacts: Vec<Contact>,
 }
 
@@ -147,7 +148,7 @@ impl Solver {
     pub fn save(&self) -> Saved {
         let mut contacts = Vec::new();
         self.contacts(|_, _| true, |contact| contacts.push(*contact));
-        Saved { state: self.state.clone(), search: self.searcher.save(), contacts }
+        Saved { state: self.state.clone(), search: self.searcher.save(), newton: self.newton.save(), contacts }
     }
 
     /// Takes a saved state; false, and nothing changes, for one of another model.
@@ -156,9 +157,10 @@ impl Solver {
         let fits = new.positions.len() == old.positions.len()
             && new.rates.len() == old.rates.len()
             && new.cable_forces.len() == old.cable_forces.len();
-        if !fits || !self.searcher.load(saved.search) {
+        if !fits || !self.searcher.fits(&saved.search) || !self.newton.load(saved.newton) {
             return false;
         }
+        self.searcher.load(saved.search);
         self.state = saved.state;
         self.loaded = saved.contacts;
         self.origins.clear();
@@ -188,8 +190,9 @@ impl Solver {
         self.dynamics.update(&model, &self.kinematics, &input.frame, rates, accelerations, mass);
         self.object_momentum(&model, input, &center);
         self.hand_momentum(&model, input);
-        self.find_contacts(&model, input, &center);
-        let balanced = self.newton.solve(&model, &self.kinematics, &mut self.problem);
+        let scenery = scenery_twist(input, &center);
+        self.find_contacts(&model, input, &center, scenery);
+        let balanced = self.newton.solve(&model, &self.kinematics, &mut self.problem, &scenery);
         self.state.unconverged_steps += u64::from(!balanced);
         self.integrate(&model, input, &center);
     }
@@ -265,8 +268,7 @@ impl Solver {
         }
     }
 
-    fn find_contacts(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
-        let scenery = scenery_twist(input, center);
+    fn find_contacts(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>, scenery: Twist) {
         let kinematics = &self.kinematics;
         self.poses.clear();
         self.moving.clear();

@@ -6,6 +6,7 @@
 | ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its step |
 | ``robust``  | the share of perturbed copies of grasps that succeed, in MuJoCo and in the core |
 | ``engines`` | labels and speed of our own solver and of rapier |
+| ``speed``   | trials and simulated seconds per second of CPU time: ours, rapier, MuJoCo |
 | ``study``   | table 3.1 of the reference study, compared with graspbox |
 
 ``CHECK --help`` lists the options of a check. Exit status: 0 if the check passed, 1 if it did not, 2 for a wrong call.
@@ -16,7 +17,7 @@ import sys
 
 from graspbox.errors import GraspboxError
 
-CHECKS = ("mujoco", "planner", "robust", "engines", "study")
+CHECKS = ("mujoco", "planner", "robust", "engines", "speed", "study")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -45,6 +46,10 @@ def main(arguments: list[str] | None = None) -> int:
             from graspbox.validation.engines import main as compare_engines
 
             return compare_engines(given[1:])
+        if check == "speed":
+            from graspbox.validation.speed import main as compare_speed
+
+            return compare_speed(given[1:])
         from graspbox.validation.study_command import main as compare_study
 
         return compare_study(given[1:])

@@ -180,7 +180,8 @@ fn bias_forces_are_those_of_lagrange() {
         let (q, rates, mut accelerations) = (numbers(&mut next), numbers(&mut next), numbers(&mut next));
         let (mut mass, bias) = dynamics(&model, &q, &rates, &accelerations);
         let mut solved = bias;
-        assert!(mass.solve(&mut solved));
+        let mut factors = Factors::new(solved.len());
+        assert!(mass.factor(&mut factors) && factors.solve(&mut solved));
         accelerations[..FREE].copy_from_slice(&solved);
         for i in 0..FREE {
             // The momentum of coordinate i along the motion.

@@ -24,6 +24,9 @@ use crate::scenery::{Plane, Surface};
 /// A search that may find nothing looks further by this, metres, so that it need not be repeated soon.
 const SLACK: f64 = 0.002;
 
+/// Distances in parry's f32 are taken for smaller by this, metres.
+const ROUNDING: f64 = 1e-5;
+
 /// What a point of the first body may touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Opposite {
@@ -55,7 +58,7 @@ pub(crate) struct Candidate {
 pub(crate) struct PairCache {
     /// Pose of the second body in the first at the last search; none where it has to be searched.
     a_from_b: Option<Isometry3<f64>>,
-    /// How far that search looked, metres.
+    /// Distance within which that search would have found what there is, metres.
     margin: f64,
     /// Farther points do not matter in this step, metres.
     pub reach: f64,
@@ -111,13 +114,14 @@ impl Searcher {
     }
 
     /// False for a state of another model.
-    pub fn load(&mut self, saved: SavedSearch) -> bool {
-        if saved.pairs.len() != self.pairs.len() || saved.directions.len() != self.directions.len() {
-            return false;
-        }
+    pub fn fits(&self, saved: &SavedSearch) -> bool {
+        saved.pairs.len() == self.pairs.len() && saved.directions.len() == self.directions.len()
+    }
+
+    /// Takes a state that fits.
+    pub fn load(&mut self, saved: SavedSearch) {
         self.pairs = saved.pairs;
         self.directions = saved.directions.into_iter().map(|[x, y, z]| Vector::new(x, y, z)).collect();
-        true
     }
 
     /// Looks at every pair; the points found are in `pairs`.
@@ -145,19 +149,22 @@ impl Searcher {
         let a_from_b = now.poses[pair.a].inv_mul(&now.poses[pair.b]);
         // Round bodies roll on other points.
         let round = model.corners[pair.a].iter().any(|c| c.radius > 0.0);
-        if !round && let Some(old) = &cache.a_from_b {
+        if (!round || cache.candidates.is_empty())
+            && let Some(old) = &cache.a_from_b
+        {
             // Seen from the plane: how far the body's own points have moved.
             let center = Point3::from(model.center[pair.a]);
             let shift = a_from_b.inverse_transform_point(&center) - old.inverse_transform_point(&center);
             let moved = shift.norm() + turned(&a_from_b, old) * radius;
-            if moved < model.solver.contact_drift.min(cache.margin - reach) {
+            if moved < cache.allowed_drift(model.solver.contact_drift) {
                 return;
             }
         }
         cache.a_from_b = Some(a_from_b);
         cache.margin = reach + 2.0 * model.solver.contact_drift;
         cache.candidates.clear();
-        self.over_scenery(model, now, index);
+        let clearance = self.over_scenery(model, now, index);
+        self.pairs[index].nothing_within(clearance);
     }
 
     fn search_bodies(&mut self, model: &Model, now: &Situation, index: usize) {
@@ -178,9 +185,7 @@ impl Searcher {
         if let Some(old) = &cache.a_from_b {
             let center = Point3::from(model.center[pair.b]);
             let moved = (a_from_b * center - old * center).norm() + turned(&a_from_b, old) * radius_b;
-            let left = cache.margin - reach;
-            let allowed = if cache.candidates.is_empty() { left } else { left.min(model.solver.contact_drift) };
-            if moved < allowed {
+            if moved < cache.allowed_drift(model.solver.contact_drift) {
                 return;
             }
         }
@@ -188,11 +193,12 @@ impl Searcher {
         cache.a_from_b = Some(a_from_b);
         cache.margin = margin;
         cache.candidates.clear();
-        if pair.a == OBJECT {
-            self.object_and_body(model, index, pair.b, &a_from_b, margin);
+        let clearance = if pair.a == OBJECT {
+            self.object_and_body(model, index, pair.b, &a_from_b, margin)
         } else {
-            self.body_and_body(model, index, (pair.a, pair.b), &a_from_b, margin);
-        }
+            self.body_and_body(model, index, (pair.a, pair.b), &a_from_b, margin)
+        };
+        self.pairs[index].nothing_within(clearance);
     }
 }
 
@@ -200,6 +206,20 @@ impl PairCache {
     fn forget(&mut self) {
         self.a_from_b = None;
         self.candidates.clear();
+    }
+
+    /// Takes note that a search without candidates would have found none at `clearance` either, metres.
+    fn nothing_within(&mut self, clearance: f64) {
+        if self.candidates.is_empty() {
+            self.margin = self.margin.max(clearance - ROUNDING);
+        }
+    }
+
+    /// How far the bodies may move against each other, metres, before they are searched again: by `drift` at most where there are
+    /// candidates, and not so far that a point beyond the margin could come within reach.
+    fn allowed_drift(&self, drift: f64) -> f64 {
+        let left = self.margin - self.reach;
+        if self.candidates.is_empty() { left } else { left.min(drift) }
     }
 }
 

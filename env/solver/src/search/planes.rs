@@ -56,32 +56,44 @@ impl Local {
         }
     }
 
-    /// Height of a corner that is over the surface.
+    /// Height of a corner.
     #[inline]
-    fn over(&self, p: &Vector3<f64>) -> Option<f64> {
-        let z = self.up.dot(p) + self.gap;
-        let inside =
-            || (self.x.dot(p) + self.at[0]).abs() < self.half && (self.y.dot(p) + self.at[1]).abs() < self.half;
-        (z > self.deepest && inside()).then_some(z)
+    fn height(&self, p: &Vector3<f64>) -> f64 {
+        self.up.dot(p) + self.gap
+    }
+
+    /// Whether a corner at height `z` is over the surface.
+    #[inline]
+    fn over(&self, p: &Vector3<f64>, z: f64) -> bool {
+        z > self.deepest
+            && (self.x.dot(p) + self.at[0]).abs() < self.half
+            && (self.y.dot(p) + self.at[1]).abs() < self.half
     }
 }
 
 impl Searcher {
-    pub(super) fn over_scenery(&mut self, model: &Model, now: &Situation, pair: usize) {
+    /// Collects the candidates of a pair; returns a distance to both surfaces that all other points of the body keep, metres.
+    pub(super) fn over_scenery(&mut self, model: &Model, now: &Situation, pair: usize) -> f64 {
         let body = model.pairs[pair].a;
         let edge = over_edge(model, now, body);
+        let margin = self.pairs[pair].margin;
+        let mut clearance = f64::INFINITY;
         for (plane, surface) in now.planes.iter().zip([Surface::Table, Surface::Ground]) {
             if surface == Surface::Table && edge {
                 self.table_as_box(model, now, pair);
+                clearance = clearance.min(margin);
+                continue;
+            }
+            let above = plane.gap(&now.moving[body].center) - model.radius[body];
+            if above > margin {
+                clearance = clearance.min(above);
                 continue;
             }
             let local = Local::new(plane, &now.poses[body], -model.scenery.table_thickness / 2.0);
             for corners in &model.corners[body] {
                 let friction = corners.friction * model.scenery.friction;
-                let cache = &mut self.pairs[pair];
-                let margin = cache.margin;
-                let candidates = &mut cache.candidates;
-                extremes(corners, &local, margin, |p| {
+                let candidates = &mut self.pairs[pair].candidates;
+                let least = extremes(corners, &local, margin, |p| {
                     candidates.push(Candidate {
                         on_a: p - local.up * corners.radius,
                         opposite: Opposite::Plane(surface),
@@ -89,8 +101,10 @@ impl Searcher {
                         shapes: [corners.shape, None],
                     });
                 });
+                clearance = clearance.min(least);
             }
         }
+        clearance
     }
 
     /// The table as a box: its edges carry what has no corner over the table.
@@ -140,17 +154,29 @@ fn over_edge(model: &Model, now: &Situation, body: BodyIndex) -> bool {
     out.abs() < radius && below < radius
 }
 
-/// The corners that may touch the plane: all of a few; of many the lowest, and the farthest in eight directions.
-fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(&Vector3<f64>)) {
-    let near = |p: &Vector3<f64>| plane.over(p).filter(|z| z - corners.radius <= margin);
+/// The corners that may touch the plane: all of a few; of many the lowest, and the farthest in eight directions. Returns the height of the
+/// lowest corner of all, also of one beside the surface.
+fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(&Vector3<f64>)) -> f64 {
+    let highest = margin + corners.radius;
+    let mut least = f64::INFINITY;
     if corners.points.len() <= FEW {
-        corners.points.iter().filter(|p| near(p).is_some()).for_each(push);
-        return;
+        for p in &corners.points {
+            let z = plane.height(p);
+            least = least.min(z);
+            if z <= highest && plane.over(p, z) {
+                push(p);
+            }
+        }
+        return least - corners.radius;
     }
     let mut lowest = (f64::MAX, usize::MAX);
     let mut farthest = [(f64::MIN, usize::MAX); 8];
     for (index, p) in corners.points.iter().enumerate() {
-        let Some(z) = near(p) else { continue };
+        let z = plane.height(p);
+        least = least.min(z);
+        if z > highest || !plane.over(p, z) {
+            continue;
+        }
         if z < lowest.0 {
             lowest = (z, index);
         }
@@ -171,4 +197,5 @@ fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(
             push(&corners.points[index]);
         }
     }
+    least - corners.radius
 }

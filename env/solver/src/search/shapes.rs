@@ -1,7 +1,7 @@
 //! Shapes of the hand against parts of the object and against each other, by parry.
 
 use nalgebra::{Isometry3, Point3};
-use parry3d::bounding_volume::{Aabb, BoundingVolume};
+use parry3d::bounding_volume::Aabb;
 use parry3d::math::{Matrix, Pose, Vector};
 use parry3d::query::PersistentQueryDispatcher;
 use parry3d::shape::Shape;
@@ -13,7 +13,7 @@ use crate::model::{BASE, BodyIndex, HandShape, Model, Part};
 use crate::units;
 
 impl Searcher {
-    /// The object against a body of the hand.
+    /// The object against a body of the hand. Returns a distance that the two keep where nothing was found, metres.
     pub(super) fn object_and_body(
         &mut self,
         model: &Model,
@@ -21,22 +21,28 @@ impl Searcher {
         body: BodyIndex,
         object_from_body: &Isometry3<f64>,
         margin: f64,
-    ) {
+    ) -> f64 {
         let reach = units::length(margin);
+        let mut clearance = f32::INFINITY;
         for index in model.shapes_of[body - BASE].clone() {
             let shape = &model.shapes[index];
             let pose = units::pose(&(object_from_body * shape.body_from_shape));
-            let bounds = box_bounds(&pose, shape.half).loosened(reach);
-            if !bounds.intersects(&model.object_bounds) {
+            let placed = PlacedBox::new(&pose, shape.half);
+            let apart = placed.apart_outside(&model.object_bounds);
+            if apart > reach {
+                clearance = clearance.min(apart);
                 continue;
             }
             for (p, part) in model.parts.iter().enumerate() {
-                if bounds.intersects(&part.bounds) && !apart(&pose, shape.half, &part.bounds, reach) {
+                let apart = placed.apart(&part.bounds, reach);
+                clearance = clearance.min(apart.max(reach));
+                if apart <= reach {
                     let of_pair = index * model.parts.len() + p;
                     self.part_and_shape(pair, (part, model.object.friction), (shape, index), &pose, of_pair, reach);
                 }
             }
         }
+        units::metres(clearance)
     }
 
     fn part_and_shape(
@@ -69,7 +75,7 @@ impl Searcher {
         }
     }
 
-    /// Two bodies of the hand.
+    /// Two bodies of the hand. Returns a distance that the two keep where nothing was found, metres.
     pub(super) fn body_and_body(
         &mut self,
         model: &Model,
@@ -77,14 +83,16 @@ impl Searcher {
         (a, b): (BodyIndex, BodyIndex),
         a_from_b: &Isometry3<f64>,
         margin: f64,
-    ) {
+    ) -> f64 {
         let reach = units::length(margin);
+        let mut clearance = f64::INFINITY;
         for first in model.shapes_of[a - BASE].clone() {
             for second in model.shapes_of[b - BASE].clone() {
                 let (one, two) = (&model.shapes[first], &model.shapes[second]);
                 let place = one.body_from_shape.inv_mul(a_from_b) * two.body_from_shape;
-                if place.translation.vector.norm() > one.radius + two.radius + margin
-                    || !self.contact(&units::pose(&place), &*one.shape, &*two.shape, Vector::ZERO, reach)
+                let apart = place.translation.vector.norm() - one.radius - two.radius;
+                clearance = clearance.min(apart.max(margin));
+                if apart > margin || !self.contact(&units::pose(&place), &*one.shape, &*two.shape, Vector::ZERO, reach)
                 {
                     continue;
                 }
@@ -103,6 +111,7 @@ impl Searcher {
                 }
             }
         }
+        clearance
     }
 
     /// Fills the manifold of two convex shapes; false where parry knows no way.
@@ -121,19 +130,44 @@ impl Searcher {
     }
 }
 
-/// Bounds of a box.
-fn box_bounds(pose: &Pose, half: Vector) -> Aabb {
-    let turn = Matrix::from_quat(pose.rotation);
-    let reach = turn.x_axis.abs() * half.x + turn.y_axis.abs() * half.y + turn.z_axis.abs() * half.z;
-    Aabb::new(pose.translation - reach, pose.translation + reach)
+/// A box of the hand in the object's frame; lengths are parry's.
+struct PlacedBox {
+    center: Vector,
+    half: Vector,
+    /// Half sides of its bounds along the object's axes.
+    spread: Vector,
+    inverse: Pose,
+    /// Sizes of the entries of the inverse rotation, by column.
+    turn: [Vector; 3],
 }
 
-/// True where the box's own axes separate it from the part's bounds by more than `reach`.
-fn apart(pose: &Pose, half: Vector, bounds: &Aabb, reach: f32) -> bool {
-    let inverse = pose.inverse();
-    let center = inverse * bounds.center();
-    let turn = Matrix::from_quat(inverse.rotation);
-    let own = bounds.half_extents();
-    let spread = turn.x_axis.abs() * own.x + turn.y_axis.abs() * own.y + turn.z_axis.abs() * own.z;
-    (center.abs() - spread - half).max_element() > reach
+impl PlacedBox {
+    fn new(pose: &Pose, half: Vector) -> Self {
+        let turn = Matrix::from_quat(pose.rotation);
+        let spread = turn.x_axis.abs() * half.x + turn.y_axis.abs() * half.y + turn.z_axis.abs() * half.z;
+        let inverse = pose.inverse();
+        let back = Matrix::from_quat(inverse.rotation);
+        let turn = [back.x_axis.abs(), back.y_axis.abs(), back.z_axis.abs()];
+        Self { center: pose.translation, half, spread, inverse, turn }
+    }
+
+    /// Greatest distance from the bounds along an axis of the object; negative where they overlap along all of them.
+    #[inline]
+    fn apart_outside(&self, bounds: &Aabb) -> f32 {
+        ((bounds.mins - self.center).max(self.center - bounds.maxs) - self.spread).max_element()
+    }
+
+    /// Greatest distance from the bounds along an axis of the object or of the box; the box's own are looked at where those of the object do
+    /// not separate them by more than `reach`.
+    #[inline]
+    fn apart(&self, bounds: &Aabb, reach: f32) -> f32 {
+        let outside = self.apart_outside(bounds);
+        if outside > reach {
+            return outside;
+        }
+        let center = self.inverse * bounds.center();
+        let own = bounds.half_extents();
+        let spread = self.turn[0] * own.x + self.turn[1] * own.y + self.turn[2] * own.z;
+        outside.max((center.abs() - spread - self.half).max_element())
+    }
 }

@@ -1,0 +1,169 @@
+"""Speed of our own solver, of rapier and of MuJoCo's rollout on the same planner poses.
+
+Every object's best poses are tried with each engine, one pose after the other, so that a change of the machine's speed
+meets all of them. Rates are per second of CPU time of one core. MuJoCo gets the actuators' commands recorded
+beforehand and steps through each trial in one call (``mujoco.rollout``), for as many simulated seconds as our own
+solver took for it: no Python runs in between. It runs twice: with the settings of ``validation mujoco``, whose labels
+hold still, and with settings that are fast.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from numpy.typing import NDArray
+
+import graspbox
+from graspbox import object_sets
+from graspbox.configs import PhysicsConfig
+from graspbox.validation import engines
+from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe, object_data
+from graspbox.validation.mujoco.replay import Replay
+from graspbox.validation.mujoco.scene import Numerics, Scene, build
+
+#: What is timed: a name, and object sets.
+WORK = {
+    "can and apple": ("ycb:005_tomato_soup_can", "ycb:013_apple"),
+    "17 objects": (*DEFAULT_OBJECTS, *engines.DEFAULT_OBJECTS),
+    "procedural mix": ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1"),
+}
+
+#: MuJoCo's settings. The fast ones take our time step, and leave out what keeps held objects from creeping.
+MUJOCO = {
+    "mujoco": Numerics(),
+    "mujoco, fast": Numerics(timestep=PhysicsConfig.dt, noslip_iterations=0),
+}
+
+#: Names of the engines in the order of the table.
+ENGINES = ("graspbox", "rapier", *MUJOCO)
+
+
+@dataclass
+class SpeedRow:
+    """What one engine did of one piece of work.
+
+    Attributes
+    ----------
+    work, engine : str
+        Names.
+    trials : int
+        Trials that ran.
+    simulated : float
+        Their simulated seconds.
+    seconds : float
+        CPU time, s.
+    """
+
+    work: str
+    engine: str
+    trials: int = 0
+    simulated: float = 0.0
+    seconds: float = 0.0
+
+    @property
+    def trials_per_second(self) -> float:
+        """Trials per second of CPU time."""
+        return self.trials / self.seconds if self.seconds > 0 else 0.0
+
+    @property
+    def simulated_per_second(self) -> float:
+        """Simulated seconds per second of CPU time."""
+        return self.simulated / self.seconds if self.seconds > 0 else 0.0
+
+    def add(self, run: Callable[[], tuple[int, float]]) -> float:
+        """Time a piece of work that returns its trials and their simulated seconds; returns the latter."""
+        start = time.process_time()
+        trials, simulated = run()
+        self.seconds += time.process_time() - start
+        self.trials += trials
+        self.simulated += simulated
+        return simulated
+
+
+class Rollout:
+    """One trial in MuJoCo whose commands are known."""
+
+    def __init__(self, scene: Scene, world_from_hand: NDArray[np.float64], preshape: float, seconds: float) -> None:
+        run = Replay(scene, world_from_hand, preshape)
+        self.feasible = run.is_feasible()
+        full, self._spec = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_CTRL
+        self._spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
+        self._first = np.empty(mujoco.mj_stateSize(run.model, full))
+        mujoco.mj_getState(run.model, run.data, self._first, full)
+        commands = []
+        for _ in range(round(seconds / run.dt) if self.feasible else 0):
+            run.step()
+            commands.append(np.concatenate([run.data.ctrl, run.data.qfrc_applied]))
+        self._commands = np.array(commands)
+        self._model, self._data, self._dt = run.model, mujoco.MjData(run.model), run.dt
+
+    def __call__(self) -> tuple[int, float]:
+        """Run it: the number of trials, 1, and its simulated seconds."""
+        rollout.rollout(self._model, self._data, self._first[None], self._commands[None], control_spec=self._spec)
+        return 1, len(self._commands) * self._dt
+
+
+def _trial(scene: graspbox.Scene, one: graspbox.Plan) -> tuple[int, float]:
+    """Simulate a pose: the number of trials, 1, and its simulated seconds."""
+    found = scene.simulate(one.poses, one.preshape, num_threads=1)
+    return len(found), float(found.time.sum())
+
+
+def measure(work: str, poses: int, seed: int) -> list[SpeedRow]:
+    """Time the best `poses` of the planner on every object of a piece of work: a row for each engine."""
+    rows = {name: SpeedRow(work, name) for name in ENGINES}
+    hand = describe()
+    for item in (item for name in WORK[work] for item in object_sets.load(name)):
+        ours = graspbox.Scene(item.load())
+        plan = graspbox.plan(ours.mesh, world_from_object=ours.world_from_object, seed=seed).best(poses)
+        rapier = graspbox.Scene(
+            ours.mesh, world_from_object=ours.world_from_object, physics=PhysicsConfig(engine="rapier")
+        )
+        data = object_data(ours)
+        theirs = {name: build(hand, data, numerics=numerics) for name, numerics in MUJOCO.items()}
+        for i in range(len(plan)):
+            one = plan[i : i + 1]
+            simulated = rows["graspbox"].add(partial(_trial, ours, one))
+            rows["rapier"].add(partial(_trial, rapier, one))
+            pose, preshape = data.world_from_object @ one.poses[0], float(one.preshape[0])
+            for name, built in theirs.items():
+                run = Rollout(built, pose, preshape, simulated)
+                if run.feasible and simulated > 0.0:
+                    rows[name].add(run)
+    return list(rows.values())
+
+
+def markdown(rows: Sequence[SpeedRow]) -> str:
+    """Write the table."""
+    lines = [
+        "| work | engine | trials | trials/s | simulated s/s | times the fast MuJoCo |",
+        "|---|---|---|---|---|---|",
+    ]
+    theirs = {r.work: r.simulated_per_second for r in rows if r.engine == "mujoco, fast"}
+    for r in rows:
+        ratio = f"{r.simulated_per_second / theirs[r.work]:.2f}" if theirs[r.work] > 0 else "-"
+        rates = f"{r.trials_per_second:.1f} | {r.simulated_per_second:.0f} | {ratio}"
+        lines.append(f"| {r.work} | {r.engine} | {r.trials} | {rates} |")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Time the engines; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m graspbox.validation speed", description=__doc__)
+    parser.add_argument("--work", nargs="+", default=list(WORK), choices=list(WORK), help="what is timed")
+    parser.add_argument("--poses", type=int, default=10, help="poses per object")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the planner")
+    parser.add_argument("--json", action="store_true", help="print the table as JSON")
+    args = parser.parse_args(arguments)
+    if args.poses < 1:
+        parser.error(f"--poses is {args.poses}; give 1 or more")
+    rows = [row for work in args.work for row in measure(work, args.poses, args.seed)]
+    rates = [{**asdict(r), "trials/s": r.trials_per_second, "simulated s/s": r.simulated_per_second} for r in rows]
+    print(json.dumps(rates) if args.json else markdown(rows))
+    return 0
