@@ -88,7 +88,7 @@ class SolverConfig:
 
     prediction: float = 0.001
     contact_drift: float = 5e-5
-    contact_stiffness: float = 6e4
+    contact_stiffness: float = 1.2e5
     contact_relaxation: float = 0.008
     support_stiffness: float = 1e5
     penetration_cap: float = 5e-4

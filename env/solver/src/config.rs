@@ -33,7 +33,7 @@ impl Default for SolverConfig {
         Self {
             prediction: 0.001,
             contact_drift: 5e-5,
-            contact_stiffness: 6e4,
+            contact_stiffness: 1.2e5,
             contact_relaxation: 0.008,
             support_stiffness: 1e5,
             penetration_cap: 5e-4,

@@ -3,6 +3,7 @@
 use super::*;
 use crate::config::SolverConfig;
 use crate::kinematics::Twist;
+use crate::matrix::Factors;
 use crate::object::{Object, ObjectPart};
 use crate::scenery::Scenery;
 use crate::tree::{Body, Coordinate, Joint, Primitive, Tree};
