@@ -281,7 +281,7 @@ class Scene:
         standoff: float,
         num_threads: int | None,
     ) -> NDArray[np.bool_]:
-        """Whether the open hand reaches each pose from `standoff` metres behind with `clearance` metres to spare: (n,)."""
+        """Whether the open hand reaches each pose from `standoff` m behind, with `clearance` m to spare: (n,)."""
     def simulate(
         self,
         poses: NDArray[np.float64],
@@ -396,6 +396,7 @@ def views(
     target: NDArray[np.float64] | None,
     num_threads: int | None,
 ) -> ViewArrays: ...
+
 @type_check_only
 class SceneImageArrays(TypedDict):
     depth: NDArray[np.float32]

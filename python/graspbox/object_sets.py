@@ -50,8 +50,8 @@ _LAYOUTS = (
 )
 #: Names of a series: a number, a letter, and what the series is.
 _SERIES = re.compile(r"(\d{3})-[a-z](_.+)")
-#: YCB objects of nearly the same shape: sides, cube root of volume and square root of area differ by less than 5 %. Each
-#: has the group of the other.
+#: YCB objects of nearly the same shape: their sides, cube roots of volume and square roots of area differ by less than
+#: 5 %. Each has the group of the other.
 _ALIKE = {
     "044_flat_screwdriver": "043_phillips_screwdriver",
     "055_baseball": "017_orange",
@@ -322,9 +322,7 @@ def _ycb(which: str, scale: float) -> tuple[ObjectSpec, ...]:
     if missing := [name for name in names if name not in files]:
         raise ObjectSetError(f"there is no YCB mesh {missing[0]!r}; 'graspbox objects ycb' lists them")
     specs = (_from_file(name, files[name], scale) for name in names)
-    return tuple(
-        replace(spec, mass=spec.mass and spec.mass * scale**3, source=f"ycb:{spec.name}") for spec in specs
-    )
+    return tuple(replace(spec, mass=spec.mass and spec.mass * scale**3, source=f"ycb:{spec.name}") for spec in specs)
 
 
 def _graspable() -> tuple[str, ...]:

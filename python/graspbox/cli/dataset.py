@@ -89,15 +89,23 @@ def dataset(
     image_size: Annotated[
         int, typer.Option("--image-size", min=1, help="Rows and columns of stored images.")
     ] = data.DatasetConfig.image_size[0],
+    shard_trials: Annotated[
+        int,
+        typer.Option("--shard-trials", min=1, help="Trials per file, the unit of work that an interruption loses."),
+    ] = data.DatasetConfig.shard_trials,
     hand: HandName = "reflex",
     split: Split = None,
     scale: Scale = 1.0,
     seed: Seed = 0,
     workers: Annotated[
         int | None,
-        typer.Option("--workers", min=1, max=1024, help="Processes; one per core by default. Rows do not depend on it."),
+        typer.Option(
+            "--workers", min=1, max=1024, help="Processes; one per core by default. Rows do not depend on it."
+        ),
     ] = None,
-    ray: Annotated[bool, typer.Option("--ray", help="Make the shards on a Ray cluster (RAY_ADDRESS, or here).")] = False,
+    ray: Annotated[
+        bool, typer.Option("--ray", help="Make the shards on a Ray cluster (RAY_ADDRESS, or here).")
+    ] = False,
     resume: Annotated[bool, typer.Option(help="Continue the data set in the folder.")] = True,
     as_json: Json = False,
 ) -> None:
@@ -111,6 +119,7 @@ def dataset(
         replays=replays,
         images=images,
         image_size=(image_size, image_size),
+        shard_trials=shard_trials,
     )
     runner = _runner(ray, workers)
     reporter = _Reporter()

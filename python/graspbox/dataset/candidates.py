@@ -19,10 +19,10 @@ __all__ = ["HandGeometry", "Poses", "Surface", "deviated", "jittered", "low", "o
 Floats = NDArray[np.float64]
 
 #: Points of the surface from which poses are made.
-_POINTS = 1500
+_POINTS = 1000
 #: Directions, over half a turn, among which the least extent is searched.
-_DIRECTIONS = 24
-#: Extents are those of the points within this distance of the axis of approach, metres: about the width of an open hand.
+_DIRECTIONS = 18
+#: Extents are those of the points within this distance of the axis of approach, metres: half an open hand.
 _NEIGHBOURHOOD = 0.07
 #: The closing direction is off the least extent by up to this, radians.
 _ROLL_ERROR = 0.2
@@ -123,7 +123,7 @@ def _across(approach: Floats) -> tuple[Floats, Floats]:
 
 
 def _least_extent(surface: Surface, point: Floats, approach: Floats) -> tuple[Floats, Floats]:
-    """Closing directions along which the surface near the axis of approach is narrowest.
+    """Find closing directions along which the surface near the axis of approach is narrowest.
 
     Returns
     -------
@@ -186,8 +186,8 @@ def on_normals(surface: Surface, hand: HandGeometry, count: int, rng: np.random.
 def low(surface: Surface, hand: HandGeometry, count: int, rng: np.random.Generator) -> Poses:
     """Poses from above whose lowest point is 1 to 2 mm above the table at some step of closing, from open to closed.
 
-    Fingers that swing in reach lowest half-way; a hand that is as low as its closed fingers are presses them on the table
-    before, from where they slide under flat objects.
+    Fingers that swing in reach lowest half-way. A hand as low as its closed fingers presses them on the table before,
+    and they slide along it to flat objects.
     """
     point = surface.points[rng.integers(len(surface.points), size=count)]
     lean = rng.uniform(-_LEAN, _LEAN, (count, 3)) * [1.0, 1.0, 0.0]

@@ -159,7 +159,9 @@ def generate(
 
 def _check(before: dict[str, Any] | None, settings: dict[str, Any], folder: Path, resume: bool) -> None:
     if before is None:
-        strangers = [path for kind in ("trials", "images") for path in (folder / kind).glob("*.parquet")]
+        strangers = [
+            path for kind in ("trials", "images") for path in (folder / kind).glob("*.parquet") if path.is_file()
+        ]
         if strangers:
             raise ConfigError(f"{str(folder)!r} has shards but no {manifest.FILE}; name another folder")
         return
@@ -219,7 +221,7 @@ class _Work:
             if all(path.is_file() for path in paths):
                 facts = stored_facts(paths[0])
                 if facts["fingerprint"] != shard.fingerprint:
-                    raise ConfigError(f"{str(paths[0])!r} belongs to a data set with other settings; name another folder")
+                    raise ConfigError(f"{str(paths[0])!r} has other settings than its folder; remove it, or the folder")
                 self.done[shard.name] = facts
 
     def run(self, runner: Runner, progress: Callable[[Progress], None], subjects: list[Any]) -> int:

@@ -1,4 +1,4 @@
-"""Images and voxels of the rows of a data set, rendered again when they are needed: thousands a second, on all threads."""
+"""Images and voxels of the rows of a data set, rendered again when they are needed, on all threads."""
 
 import json
 from dataclasses import dataclass
@@ -67,7 +67,9 @@ def load_mesh_of(source: str, scale: float, sha256: str) -> Mesh:
     """
     mesh = object_sets.load(source, scale=scale)[0].load()
     if (found := mesh_hash(mesh)) != sha256:
-        raise ConfigError(f"the mesh of {source!r} has the hash {found[:12]}, but the rows were made with {sha256[:12]}")
+        raise ConfigError(
+            f"the mesh of {source!r} has changed: its hash is {found[:12]}, that of the rows {sha256[:12]}"
+        )
     return mesh
 
 
@@ -236,8 +238,8 @@ def voxels(
     side : float
         Side of the cube, metres.
     world_from_grid : (n, 4, 4) array_like, optional
-        Frame of each cube, whose middle is at the frame's x = y = 0 and whose floor is at z = 0. By default its axes are
-        the world's, below the middle of the object's seen points: origin on the table.
+        Frame of each cube, whose middle is at x = y = 0 and whose floor is at z = 0. By default the world's axes, with
+        the origin on the table below the middle of the object's seen points.
     num_threads : int, optional
         Threads to use; voxels do not depend on it.
 

@@ -132,9 +132,7 @@ def summary(
         "counts": {split: dict(numbers) for split, numbers in counts.items() if numbers},
         "candidates": {source: dict(by_source[source]) for source in sorted(by_source)},
         "refused": dict(sorted(refused.items())),
-        "shards": [
-            {"name": name, "trials": rows[name], "sha256": shards[name]["sha256"]} for name in sorted(shards)
-        ],
+        "shards": [{"name": name, "trials": rows[name], "sha256": shards[name]["sha256"]} for name in sorted(shards)],
         "objects": objects,
     }
 
@@ -190,7 +188,10 @@ def card(names: list[str], images: bool) -> str:
         for split in splits:
             lines += [f"  - split: {split}", f'    path: "{kind}/{split}-*.parquet"']
     lines += ["---", "", "# Simulated grasp trials", ""]
-    lines += ["Made by `graspbox dataset`. `manifest.json` holds settings, versions, objects with licences, and hashes.", ""]
+    lines += [
+        "Made by `graspbox dataset`. `manifest.json` holds settings, versions, objects with licences, and hashes.",
+        "",
+    ]
     return "\n".join(lines)
 
 

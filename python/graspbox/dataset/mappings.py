@@ -78,7 +78,7 @@ def one_to_one(table: "pa.Table") -> list[Example]:
 
 
 def many_to_one(table: "pa.Table") -> list[Example]:
-    """Pair all images of a scene with each pose that succeeded there, one pose per example; argument as `one_to_many`."""
+    """Pair all images of a scene with each pose that succeeded there, one per example; argument as `one_to_many`."""
     return [
         Example(name, np.arange(views), rows[i : i + 1])
         for name, views, rows in _scenes(table)

@@ -14,7 +14,7 @@ from graspbox._core import Hand
 from graspbox.dataset import extras
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.shards import Shard, ShardFiles, make
-from graspbox.errors import ConfigError, InternalError
+from graspbox.errors import ConfigError, GraspboxError
 
 __all__ = ["Runner", "local", "on_ray"]
 
@@ -53,9 +53,10 @@ def local(workers: int) -> Runner:
                     yield future.result()
             done = True
         except BrokenProcessPool:
-            raise InternalError(
-                "a worker process ended abruptly (killed, or out of memory); the same command resumes, with --workers for fewer"
-            ) from None
+            why = (
+                "a worker process was killed, perhaps because memory ran out; the same call resumes, with fewer workers"
+            )
+            raise GraspboxError(why) from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             if not done:
@@ -86,8 +87,8 @@ def on_ray(address: str | None = None) -> Runner:
     Parameters
     ----------
     address : str, optional
-        The cluster; by default the one that Ray finds (``RAY_ADDRESS``), or a new one on this machine. Every node needs the
-        same version of graspbox, and mesh files at the same paths.
+        The cluster; by default that of ``RAY_ADDRESS``, or a new one on this machine. Every node needs the same version
+        of graspbox, and mesh files at the same paths.
 
     Raises
     ------

@@ -25,7 +25,7 @@ class Column:
     name : str
         Its name.
     type : str
-        A type of Arrow, or ``matrix`` (16 float64: a 4x4 homogeneous matrix row by row) or ``matrices`` (a list of these).
+        A type of Arrow; ``matrix``: 16 float64, a 4x4 homogeneous matrix row by row; ``matrices``: a list of these.
     meaning : str
         What it holds, with frame and unit.
     """
@@ -52,7 +52,11 @@ def _outcome_columns() -> Iterator[Column]:
 
 #: Columns of a trial.
 TRIALS: tuple[Column, ...] = (
-    Column("scene", "string", "object and number of the resting pose, such as `mug-000003/0`; trials of a scene share views"),
+    Column(
+        "scene",
+        "string",
+        "object and number of its resting pose, as `mug-000003/0`; its trials share cameras",
+    ),
     Column("trial", "int32", "number of the trial in its scene"),
     Column("object", "string", "name of the object"),
     Column("source", "string", "object set that holds this object alone (`graspbox.object_sets.load` finds it)"),

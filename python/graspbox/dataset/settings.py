@@ -9,6 +9,8 @@ from graspbox.views import ViewPlan
 
 __all__ = ["CandidateShares", "DatasetConfig"]
 
+#: Anywhere above the table but near its plane.
+_CAMERAS = ViewPlan("random", (0.0, 0.0, 1.0), cap=1.2, distance=(0.5, 0.8), shift=0.02)
 #: Largest counts: beyond them a number is a mistake.
 _MOST_POSES, _MOST_VIEWS, _MOST_RESTS, _MOST_REPLAYS, _MOST_SHARD = 100_000, 1_000, 1_000, 1_000, 1_000_000
 
@@ -24,8 +26,8 @@ class CandidateShares:
     planner : float
         `graspbox.plan`: half of them its best-ranked poses, half at random from the others.
     normal : float
-        Onto a point of the surface, along the inward normal or straight down, closing along the least local extent, with
-        all preshapes of the hand.
+        Onto a point of the surface, along the inward normal or straight down, closing along the least local extent,
+        with all preshapes of the hand.
     low : float
         From above, with the lowest point of the hand 1 to 2 mm above the table: for flat objects.
     jitter : float
@@ -86,8 +88,8 @@ class DatasetConfig:
     images: bool = False
     image_size: tuple[int, int] = (64, 64)
     fov: float = 0.6
-    cameras: ViewPlan = ViewPlan("random", (0.0, 0.0, 1.0), cap=1.2, distance=(0.5, 0.8), shift=0.02)
-    candidates: CandidateShares = CandidateShares()
+    cameras: ViewPlan = _CAMERAS
+    candidates: CandidateShares = field(default_factory=CandidateShares)
     hand_position: float = 0.005
     hand_rotation: float = math.radians(5.0)
     friction: tuple[float, float] = (0.7, 1.3)

@@ -1,4 +1,4 @@
-"""Shards: the unit of work. A shard is a Parquet file of whole scenes of one split, made in one go and written whole."""
+"""Shards, the unit of work: a shard is a Parquet file of whole scenes of one split, written whole."""
 
 import hashlib
 import json
@@ -136,7 +136,7 @@ def _image_table(columns: dict[str, Any], config: DatasetConfig) -> "pa.Table":
 
 
 def _array(values: Any, kind: "pa.DataType") -> "pa.Array":
-    """Convert a column; arrays of several axes become lists, of the last axes together where these have a fixed size."""
+    """Convert a column; what lies behind the first axis of an array becomes one list of fixed size."""
     pa = pyarrow()
     if pa.types.is_fixed_size_list(kind):
         flat = np.ascontiguousarray(np.asarray(values).reshape(-1), dtype=kind.value_type.to_pandas_dtype())
