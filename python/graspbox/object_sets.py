@@ -334,7 +334,9 @@ def _graspable() -> tuple[str, ...]:
 def _from_file(name: str, path: Path, scale: float) -> ObjectSpec:
     """Describe a mesh file; an object that has the name of a YCB object has its mass too."""
     mass, known = _ycb_masses().get(name, (None, "density"))
-    return ObjectSpec(_text(name), path=path, scale=scale, mass=mass, mass_known=known, source=_text(str(path)))
+    return ObjectSpec(
+        _text(name), path=path, scale=scale, mass=mass, mass_known=known, source=_text(str(path.absolute()))
+    )
 
 
 def _text(name: str) -> str:

@@ -30,7 +30,8 @@ def heights(poses: Poses, hand: HandGeometry) -> NDArray[np.float64]:
     which = [int(np.abs(hand.preshapes - preshape).argmin()) for preshape in poses.preshape]
     corners = hand.corners[which]
     up = poses.world_from_hand[:, 2, :3]
-    return np.einsum("nj,nskj->nsk", up, corners).min(axis=2) + poses.world_from_hand[:, 2, 3][:, None]
+    lowest: NDArray[np.float64] = np.einsum("nj,nskj->nsk", up, corners).min(axis=2)
+    return lowest + poses.world_from_hand[:, 2, 3][:, None]
 
 
 @pytest.mark.parametrize("hand", HANDS)

@@ -1,5 +1,6 @@
 """Reading data sets with our functions, polars, datasets and Ray Data; images, voxels and pairs of rows."""
 
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +77,7 @@ def test_ray_data_reads_it(made: Path, table: Any) -> None:
     ray = pytest.importorskip("ray")
     ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False)
     try:
-        import ray.data
-
-        found = ray.data.read_parquet(str(made / "trials"))
+        found = import_module("ray.data").read_parquet(str(made / "trials"))
         assert found.count() == len(table)
         rows = sorted(found.take_all(), key=lambda row: (row["scene"], row["trial"]))
         ours = table.sort_by([("scene", "ascending"), ("trial", "ascending")])

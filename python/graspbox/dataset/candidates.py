@@ -73,7 +73,8 @@ class HandGeometry:
         def corners(preshape: float, share: float) -> Floats:
             at = hand.open(preshape) if share == 0.0 else hand.closed(preshape, share)
             frames, half, _, _ = hand.shapes(at)
-            return np.einsum("nij,nkj->nki", frames[:, :3, :3], half[:, None] * signs) + frames[:, None, :3, 3]
+            turned: Floats = np.einsum("nij,nkj->nki", frames[:, :3, :3], half[:, None] * signs)
+            return turned + frames[:, None, :3, 3]
 
         shares = np.linspace(0.0, 1.0, steps)
         every = [[corners(preshape, share).reshape(-1, 3) for share in shares] for preshape in preshapes]
@@ -96,7 +97,8 @@ class Surface:
 
 
 def _unit(vectors: Floats) -> Floats:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    unit: Floats = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit
 
 
 def _directions(count: int, rng: np.random.Generator) -> Floats:
@@ -112,7 +114,8 @@ def _rotations(vectors: Floats) -> Floats:
     cross[:, [2, 0, 1], [1, 2, 0]] = axis
     cross[:, [1, 2, 0], [2, 0, 1]] = -axis
     sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    rotations: Floats = np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    return rotations
 
 
 def _across(approach: Floats) -> tuple[Floats, Floats]:

@@ -3,7 +3,7 @@
 import fcntl
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -100,7 +100,7 @@ class Result:
 
 
 def generate(
-    objects: str | Path | ObjectSet | list[str | Path],
+    objects: str | Path | ObjectSet | Sequence[str | Path],
     folder: str | os.PathLike[str],
     *,
     hand: HandLike = "reflex",
@@ -113,7 +113,7 @@ def generate(
 
     Parameters
     ----------
-    objects : str, Path, ObjectSet, or list of str
+    objects : str, Path, ObjectSet, or sequence of str
         See `graspbox.object_sets`.
     folder : str or PathLike
         Where to; it is created. At every moment it holds whole shards alone, and none twice.

@@ -127,7 +127,9 @@ def render(
     meshes, mesh_of = _meshes(rows, unique)
     found = _images(meshes, mesh_of, objects[unique], cameras[unique], size, fov, rgb, segmentation, table, num_threads)
     return Rendered(
-        **{name: found[name][back] if name in found else None for name in ("depth", "rgb", "segmentation")},
+        depth=found["depth"][back],
+        rgb=found["rgb"][back] if rgb else None,
+        segmentation=found["segmentation"][back] if segmentation else None,
         intrinsics=_intrinsics(size, fov),
         world_from_camera=cameras,
         camera_from_object=np.linalg.inv(cameras) @ objects[:, None],
@@ -139,7 +141,8 @@ def _unique_images(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows whose images differ, and for each row the index of its images among them."""
     seen: dict[tuple[str, bytes, bytes], int] = {}
-    unique, back = [], np.zeros(len(rows), np.int64)
+    unique: list[int] = []
+    back = np.zeros(len(rows), np.int64)
     for index, name in enumerate(lists(rows, "sha256")):
         key = (name, objects[index].tobytes(), cameras[index].tobytes())
         if key not in seen:

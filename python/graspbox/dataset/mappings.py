@@ -49,7 +49,7 @@ def _scenes(table: "pa.Table") -> Iterator[tuple[str, int, NDArray[np.int64]]]:
     views = np.asarray(table["world_from_camera"].combine_chunks().value_lengths().to_numpy())
     order = np.lexsort((np.arange(len(names)), motion, ~secure, -share))
     order = order[success[order]]
-    first = {}
+    first: dict[str, int] = {}
     for row, name in enumerate(names.tolist()):
         first.setdefault(name, row)
     good: dict[str, list[int]] = {}

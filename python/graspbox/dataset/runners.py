@@ -9,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from itertools import islice
 from multiprocessing import active_children, get_context, parent_process
+from typing import Any
 
 from graspbox._core import Hand
 from graspbox.dataset import extras
@@ -45,7 +46,7 @@ def local(workers: int) -> Runner:
             while True:
                 for shard in islice(waiting, _AHEAD * workers - len(running)):
                     running.add(pool.submit(make, shard, hand, config))
-                mine |= {child.pid for child in active_children() if child.pid is not None} - before  # type: ignore[arg-type]
+                mine |= {child.pid for child in active_children() if child.pid is not None} - before
                 if not running:
                     break
                 finished, running = wait(running, return_when=FIRST_COMPLETED)
@@ -110,7 +111,7 @@ def on_ray(address: str | None = None) -> Runner:
             # Rows do not depend on the number of threads; one for each CPU that Ray counts.
             task = ray.remote(num_cpus=1, max_retries=3)(make)
             given = (ray.put(hand), ray.put(config))
-            waiting, running = iter(shards), []
+            waiting, running = iter(shards), list[Any]()
             while True:
                 limit = _AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
                 running += [task.remote(shard, *given) for shard in islice(waiting, limit - len(running))]
