@@ -71,41 +71,45 @@ def _runner(ray: bool, workers: int | None) -> data.Runner | None:
     return data.on_ray() if ray else None if workers is None else data.local(workers)
 
 
+Rests = Annotated[
+    int, typer.Option("--rests", min=1, help="Scenes per object, each with a resting pose and cameras of its own.")
+]
+Replays = Annotated[
+    int, typer.Option("--replays", min=0, help="Further trials of each pose of the splits validation and test.")
+]
+ShardTrials = Annotated[
+    int, typer.Option("--shard-trials", min=1, help="Trials per file, the unit of work that an interruption loses.")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, max=1024, help="Processes; one per core by default. Rows do not depend on them."),
+]
+Ray = Annotated[
+    bool, typer.Option("--ray", help="Make the shards on a Ray cluster: that of RAY_ADDRESS, or a local one.")
+]
+_DEFAULT = data.DatasetConfig()
+
+
 def dataset(
     out: Annotated[Path, typer.Option("--out", help="Folder of the data set; what it holds already is resumed.")],
     objects: Annotated[
         list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
     ] = None,
-    poses: Annotated[int, typer.Option("--poses", min=1, help="Trials per scene.")] = data.DatasetConfig.poses,
-    rests: Annotated[
-        int, typer.Option("--rests", min=1, help="Scenes per object, each with a resting pose and cameras of its own.")
-    ] = data.DatasetConfig.rests,
-    views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = data.DatasetConfig.views,
-    replays: Annotated[
-        int,
-        typer.Option("--replays", min=0, help="Further trials of each pose of the splits validation and test."),
-    ] = data.DatasetConfig.replays,
+    poses: Annotated[int, typer.Option("--poses", min=1, help="Trials per scene.")] = _DEFAULT.poses,
+    rests: Rests = _DEFAULT.rests,
+    views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = _DEFAULT.views,
+    replays: Replays = _DEFAULT.replays,
     images: Annotated[bool, typer.Option("--images", help="Store the images of the cameras too.")] = False,
     image_size: Annotated[
         int, typer.Option("--image-size", min=1, help="Rows and columns of stored images.")
-    ] = data.DatasetConfig.image_size[0],
-    shard_trials: Annotated[
-        int,
-        typer.Option("--shard-trials", min=1, help="Trials per file, the unit of work that an interruption loses."),
-    ] = data.DatasetConfig.shard_trials,
+    ] = _DEFAULT.image_size[0],
+    shard_trials: ShardTrials = _DEFAULT.shard_trials,
     hand: HandName = "reflex",
     split: Split = None,
     scale: Scale = 1.0,
     seed: Seed = 0,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers", min=1, max=1024, help="Processes; one per core by default. Rows do not depend on it."
-        ),
-    ] = None,
-    ray: Annotated[
-        bool, typer.Option("--ray", help="Make the shards on a Ray cluster (RAY_ADDRESS, or here).")
-    ] = False,
+    workers: Workers = None,
+    ray: Ray = False,
     resume: Annotated[bool, typer.Option(help="Continue the data set in the folder.")] = True,
     as_json: Json = False,
 ) -> None:

@@ -248,9 +248,9 @@ class _Work:
             if images is not None:
                 _write(self.folder / "images" / name, images)
             _write(self.folder / "trials" / name, trials)
-        except FileError as error:
+        except OSError as error:
             done = f"{len(self.done)} of {len(self.shards)} shards are complete, and the same command resumes"
-            raise FileError(error.errno, f"{error.strerror} ({done})", error.filename) from None
+            raise FileError(error.errno, f"{error.strerror} ({done})", error.filename or name) from None
 
     def write_manifest(self, subjects: list[Any]) -> dict[str, Any]:
         """Write the manifest as things are, and the page for readers of data sets."""

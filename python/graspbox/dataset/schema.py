@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, get_type_hints
 
 from graspbox.dataset.extras import pyarrow
-from graspbox.outcomes import Outcome
+from graspbox.outcomes import Outcome, Outcomes
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -39,15 +39,15 @@ _OUTCOME_TYPES = {bool: "bool", str: "string", float: "double", int: "int64"}
 
 
 def _outcome_columns() -> Iterator[Column]:
-    """Turn each field of `Outcome` into a column, with the meaning that its docstring gives."""
-    text = inspect.cleandoc(Outcome.__doc__ or "").partition("Attributes\n----------\n")[2]
+    """Turn each field of `Outcome` into a column, with the meaning that the docstring of `Outcomes` gives."""
+    text = inspect.cleandoc(Outcomes.__doc__ or "").partition("Attributes\n----------\n")[2]
     meanings: dict[str, str] = {}
     for names, meaning in re.findall(r"^(\w[\w, ]*) : .*\n((?:    .*\n?)+)", text, flags=re.MULTILINE):
         for name in names.split(", "):
             meanings[name] = " ".join(textwrap.dedent(meaning).split())
     hints = get_type_hints(Outcome)
     for field in fields(Outcome):
-        yield Column(field.name, _OUTCOME_TYPES[hints[field.name]], f"outcome: {meanings[field.name]}")
+        yield Column(field.name, _OUTCOME_TYPES[hints[field.name]], f"outcome: {meanings[field.name].rstrip('.')}")
 
 
 #: Columns of a trial.
