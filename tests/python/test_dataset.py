@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import json
+from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
@@ -185,6 +186,23 @@ def test_two_writers_are_refused(tmp_path: Path) -> None:
     assert "another process is writing" in refused[0]
 
 
+def test_a_killed_worker_is_reported(made: Path, tmp_path: Path) -> None:
+    """As when memory runs out: an error says so, complete shards stay, and the same call resumes."""
+
+    def kill(progress: dataset.Progress) -> None:
+        if progress.made:
+            for child in active_children():
+                child.kill()
+
+    settings = config(images=True)
+    with pytest.raises(errors.GraspboxError, match="a worker process was killed"):
+        dataset.generate(OBJECTS, tmp_path, config=settings, runner=dataset.local(2), progress=kill)
+    whole = contents(made)
+    assert all(whole[path] == content for path, content in contents(tmp_path).items() if path.endswith(".parquet"))
+    dataset.generate(OBJECTS, tmp_path, config=settings, runner=dataset.local(1))
+    assert contents(tmp_path) == whole
+
+
 def test_full_disk_loses_nothing(made: Path, tmp_path: Path) -> None:
     """The kernel says that there is no space; what was complete stays, and the same call resumes."""
     name = sorted(path.name for path in (made / "trials").iterdir())[2]
@@ -213,6 +231,25 @@ def test_objects_that_are_refused_are_named(tmp_path: Path) -> None:
     assert "MeshError" in result.manifest["refused"]["flat/0"]
     assert result.manifest["complete"]
     assert result.trials == 10
+
+
+def test_scene_without_a_free_pose_is_named(tmp_path: Path) -> None:
+    """A small hand that must keep 5 cm away grasps nothing: there are no rows, and the manifest says why."""
+    planning = graspbox.PlanConfig(clearance=0.05, poses=graspbox.PoseConfig(standoffs=()))
+    settings = config(rests=1, views=0, planning=planning)
+    result = dataset.generate(
+        "procedural:can:0", tmp_path, hand="panda_gripper", config=settings, runner=dataset.local(1)
+    )
+    assert result.manifest["complete"]
+    assert "no candidate pose of can-000000/0 is free" in result.manifest["refused"]["can-000000/0"]
+    assert (result.trials, len(dataset.load(tmp_path))) == (0, 0)
+
+
+def test_scenes_need_no_camera(tmp_path: Path) -> None:
+    dataset.generate("procedural:can:0", tmp_path, config=config(rests=1, views=0), runner=dataset.local(1))
+    table = dataset.load(tmp_path)
+    assert dataset.matrices(table, "world_from_camera").shape == (10, 0, 4, 4)
+    assert dataset.one_to_many(table) == dataset.many_to_one(table) == []
 
 
 def test_replays_are_for_held_out_splits(tmp_path: Path) -> None:

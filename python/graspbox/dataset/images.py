@@ -203,10 +203,6 @@ def _intrinsics(size: Any, fov: float) -> NDArray[np.float64]:
 
 def scene_images(mesh: Mesh, columns: dict[str, Any], config: DatasetConfig) -> dict[str, Any]:
     """Make the columns of a scene's stored images, from the columns of its trials."""
-    if not columns["scene"]:
-        return {name: [] for name in ("scene", "split", "view", "depth", "segmentation")} | {
-            name: np.zeros((0, 16)) for name in ("world_from_object", "world_from_camera", "intrinsics")
-        }
     cameras, rest = columns["world_from_camera"][0], columns["world_from_object"][0]
     views = len(cameras)
     found = _images([mesh], [0], rest[None], cameras[None], config.image_size, config.fov, False, True, True, 1)

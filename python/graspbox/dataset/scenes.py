@@ -13,7 +13,7 @@ from graspbox.arguments import to_json
 from graspbox.dataset import candidates as sources
 from graspbox.dataset.candidates import HandGeometry, Poses, Surface
 from graspbox.dataset.settings import DatasetConfig
-from graspbox.errors import SimulationError
+from graspbox.errors import PlanError, SimulationError
 from graspbox.object_sets import ObjectSpec
 from graspbox.outcomes import Outcomes
 from graspbox.plan_files import mesh_hash
@@ -201,6 +201,8 @@ class _Labeller:
         first = _Found()
         missing = sum(count - self._add(first, source, count) for source, count in counts.items() if count)
         self._fill(first, missing)
+        if not first.source:
+            raise PlanError(f"no candidate pose of {self.task.name} is free of collision")
         tried = self._try(first)
         columns = [tried]
         if jitter:
