@@ -29,9 +29,12 @@ _ROLL_ERROR = 0.2
 #: Normals that point down steeper than this (sine) are left out: the hand would come through the table.
 _STEEPEST = -0.5
 #: A pose from above leans by up to this, radians.
-_LEAN = 0.35
+_LEAN = 0.15
 #: Height of the lowest point of the hand in low poses, metres.
 _LOW = (0.001, 0.002)
+#: The step of closing at which this is its height, as a share of the way from the step in which it reaches lowest to
+#: the last: least, most frequent and greatest. On seven flat YCB objects, success was highest at about a third.
+_LATER = (0.0, 0.35, 0.8)
 #: Depth of a point of the surface in the hand, as shares of the depth at which the hand closes.
 _DEPTH = (0.2, 1.1)
 #: Standard deviations of jitter along and about each axis, metres and radians.
@@ -64,7 +67,7 @@ class HandGeometry:
     corners: Floats
 
     @classmethod
-    def of(cls, hand: Hand, steps: int = 9) -> "HandGeometry":
+    def of(cls, hand: Hand, steps: int = 17) -> "HandGeometry":
         """Measure a hand."""
         preshapes = np.array(list(hand.preshapes.values()))
         centers = np.stack([hand.closing_center(preshape) for preshape in preshapes])
@@ -187,17 +190,19 @@ def on_normals(surface: Surface, hand: HandGeometry, count: int, rng: np.random.
 
 
 def low(surface: Surface, hand: HandGeometry, count: int, rng: np.random.Generator) -> Poses:
-    """Poses from above whose lowest point is 1 to 2 mm above the table at some step of closing, from open to closed.
+    """Poses from above whose lowest point is 1 to 2 mm above the table at some step of closing.
 
-    Fingers that swing in reach lowest half-way. A hand as low as its closed fingers presses them on the table before,
-    and they slide along it to flat objects.
+    Fingers that swing in reach lowest half-way, and rise as they close further. A hand that is low enough for a later
+    step presses them on the table before, and they slide along it to flat objects.
     """
     point = surface.points[rng.integers(len(surface.points), size=count)]
     lean = rng.uniform(-_LEAN, _LEAN, (count, 3)) * [1.0, 1.0, 0.0]
     approach = _rotations(lean) @ np.array([0.0, 0.0, -1.0])
     rotation, target = _closing(surface, point, approach, rng)
     which = rng.integers(len(hand.preshapes), size=count)
-    step = rng.integers(hand.corners.shape[1], size=count)
+    lowest_step = hand.corners[..., 2].max(axis=2).argmax(axis=1)[which]
+    later = rng.triangular(*_LATER, count) * (hand.corners.shape[1] - 1 - lowest_step)
+    step = lowest_step + later.astype(np.int64)
     lowest = np.einsum("nj,nkj->nk", rotation[:, 2], hand.corners[which, step]).min(axis=1)
     origin = target - np.einsum("nij,nj->ni", rotation, hand.centers[which])
     origin[:, 2] = rng.uniform(*_LOW, count) - lowest
