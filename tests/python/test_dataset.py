@@ -97,6 +97,16 @@ def test_outcomes_are_those_of_the_simulation(made: Path) -> None:
     assert (dataset.column(table, "lift")[success] >= 0.15).all()
 
 
+def test_success_can_be_shaken(tmp_path: Path) -> None:
+    trial = graspbox.TrialConfig(shake=graspbox.ShakeConfig())
+    dataset.generate("procedural:can:0", tmp_path, config=config(rests=1, trial=trial), runner=dataset.local(1))
+    table = dataset.load(tmp_path)
+    success, survives = dataset.column(table, "success"), dataset.column(table, "survives_shake")
+    assert (np.isfinite(dataset.column(table, "shake_shift")) == success).all()
+    assert success[survives].all()
+    assert success.any()
+
+
 def test_manifest_tells_what_there_is(made: Path) -> None:
     found = json.loads((made / "manifest.json").read_text())
     assert found["complete"] is True

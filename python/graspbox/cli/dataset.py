@@ -21,6 +21,7 @@ from graspbox.cli.common import (
     print_json,
     print_table,
 )
+from graspbox.configs import ShakeConfig, TrialConfig
 
 #: Time between two lines of progress where nothing can be drawn again, seconds.
 _LINE_EVERY = 30.0
@@ -99,6 +100,7 @@ def dataset(
     rests: Rests = _DEFAULT.rests,
     views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = _DEFAULT.views,
     replays: Replays = _DEFAULT.replays,
+    shake: Annotated[bool, typer.Option("--shake", help="Shake every success on six axes with 2 g.")] = False,
     images: Annotated[bool, typer.Option("--images", help="Store the images of the cameras too.")] = False,
     image_size: Annotated[
         int, typer.Option("--image-size", min=1, help="Rows and columns of stored images.")
@@ -121,6 +123,7 @@ def dataset(
         views=views,
         seed=seed,
         replays=replays,
+        trial=TrialConfig(shake=ShakeConfig() if shake else None),
         images=images,
         image_size=(image_size, image_size),
         shard_trials=shard_trials,
