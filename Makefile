@@ -21,7 +21,7 @@ export PATH := $(BIN):$(PATH)
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
 	@echo "make test           Rust and Python tests, without torch"
-	@echo "make test-train     tests that need torch and Stable-Baselines3 (several GB the first time)"
+	@echo "make test-train     tests that need torch, Stable-Baselines3 or Ray (several GB the first time)"
 	@echo "make test-examples  the examples for TorchRL and RLlib, in their own virtual environment (as much again)"
 	@echo "make test-all       all of them, the slow ones too"
 	@echo "make lint           clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
@@ -38,8 +38,8 @@ $(STAMPS)/venv:
 
 # One stamp for each set of extras; `maturin develop` installs the package in place together with what the extras name.
 EXTRAS_demo := cli,ycb
-EXTRAS_dev := cli,ycb,dev
-EXTRAS_train := cli,ycb,dev,train
+EXTRAS_dev := cli,ycb,data,dev
+EXTRAS_train := cli,ycb,data,dev,ray,train
 $(STAMPS)/demo $(STAMPS)/dev $(STAMPS)/train: $(STAMPS)/%: pyproject.toml $(STAMPS)/venv
 	maturin develop --release --extras $(EXTRAS_$*)
 	touch $@ $(STAMPS)/core

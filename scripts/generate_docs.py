@@ -1,12 +1,13 @@
-"""Write the tables of the environments' docstrings: keywords, actions, observations, images, rewards, infos.
+"""Write the tables of the environments' docstrings and of data sets: keywords, actions, observations, columns, ...
 
     python scripts/generate_docs.py            # rewrite what is out of date
     python scripts/generate_docs.py --check    # name what is out of date, and exit with 1
 
-A table is between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in the docstring of a module, where NAME is one of
-`tables`. The section Parameters of the constructors is written as a whole. Everything comes from the core's tables
-(`graspbox.envs.spaces.tables`) and from `graspbox.envs.settings`: a new observation, reward term, info entry or keyword
-is a row there. ``make fmt`` runs this program, ``make lint`` its check.
+A table is between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in the docstring of a module or in a page, where
+NAME is one of `tables`. The section Parameters of the constructors is written as a whole. Everything comes from the
+core's tables (`graspbox.envs.spaces.tables`), from `graspbox.envs.settings` and from `graspbox.dataset.schema`: a new
+observation, reward term, info entry, keyword or column is a row there. ``make fmt`` runs this program, ``make lint``
+its check.
 """
 
 import argparse
@@ -22,10 +23,13 @@ from typing import Any
 
 import graspbox
 from graspbox.configs import CamerasConfig
+from graspbox.dataset import schema
 from graspbox.envs import settings, spaces
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "python/graspbox/envs"
+#: Pages with tables.
+PAGES = (ROOT / "docs/dataset.md",)
 WIDTH = 120
 
 FOUND = spaces.tables(graspbox.load_hand())
@@ -144,9 +148,18 @@ def info_table(control: str) -> str:
     return markdown("entry type unit meaning", [*rows, added])
 
 
+def data_table(columns: Iterable[schema.Column]) -> str:
+    """Columns of the files of a data set."""
+    return markdown("column type meaning", [(f"`{c.name}`", c.type, c.meaning) for c in columns])
+
+
 def tables() -> dict[str, Callable[[], str]]:
     """Every table that a marker can name."""
-    found: dict[str, Callable[[], str]] = {"images": image_table}
+    found: dict[str, Callable[[], str]] = {
+        "images": image_table,
+        "trials of a data set": partial(data_table, schema.TRIALS),
+        "images of a data set": partial(data_table, schema.IMAGES),
+    }
     kinds = {
         "Grasp-v0": ("twist", settings.GraspSettings, settings.GraspVectorSettings),
         "GraspPose-v0": ("grasp_pose", settings.GraspPoseSettings, settings.GraspPoseVectorSettings),
@@ -211,7 +224,7 @@ def generated(path: Path) -> str:
 def outdated(write: bool = False) -> list[Path]:
     """Find the files whose tables are not those of the core, and rewrite them if asked to."""
     found = []
-    for path in sorted(FOLDER.glob("*.py")):
+    for path in (*sorted(FOLDER.glob("*.py")), *PAGES):
         new = generated(path)
         if new != path.read_text():
             found.append(path)

@@ -73,6 +73,7 @@ __all__ = [
     "Views",
     "Voxels",
     "__version__",
+    "dataset",
     "decompose",
     "depth_millimetres",
     "errors",
@@ -92,7 +93,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from graspbox import evaluation, policies
+    from graspbox import dataset, evaluation, policies
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 register()
@@ -100,6 +101,6 @@ register()
 
 def __getattr__(name: str) -> Any:
     """Import what ``import graspbox`` does not need, when it is asked for."""
-    if name in ("evaluation", "policies"):
+    if name in ("dataset", "evaluation", "policies"):
         return import_module(f"graspbox.{name}")
     raise AttributeError(f"module 'graspbox' has no attribute {name!r}")

@@ -24,12 +24,14 @@ __all__ = [
     "_time_images",
     "_time_reset",
     "agent_tables",
+    "camera_poses",
     "decompose",
     "image_kinds",
     "image_tables",
     "is_rigid",
     "load_binvox",
     "num_threads",
+    "occupancies",
     "occupancy",
     "pictures",
     "plan",
@@ -38,6 +40,7 @@ __all__ = [
     "procedural_families",
     "rank_weights",
     "render",
+    "render_scenes",
     "save_binvox",
     "views",
     "voxelize",
@@ -226,6 +229,8 @@ class Hand:
     @property
     def preshapes(self) -> dict[str, float]:
         """The preshapes that the planner tries, by name."""
+    def closing_center(self, preshape: float) -> NDArray[np.float64]:
+        """Where the hand closes with `preshape`: (3,), hand frame, metres."""
     def open(self, preshape: float) -> NDArray[np.float64]:
         """Positions (c,) of the independent joints of the open hand, rad or m."""
     def closed(self, preshape: float, share: float) -> NDArray[np.float64]:
@@ -268,9 +273,24 @@ class Scene:
     @property
     def center_of_mass(self) -> NDArray[np.float64]: ...
     def body(self) -> tuple[list[NDArray[np.float64]], float, NDArray[np.float64], NDArray[np.float64]]: ...
+    def check(
+        self,
+        poses: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+        clearance: float,
+        standoff: float,
+        num_threads: int | None,
+    ) -> NDArray[np.bool_]:
+        """Whether the open hand reaches each pose from `standoff` m behind, with `clearance` m to spare: (n,)."""
     def simulate(
-        self, poses: NDArray[np.float64], preshape: NDArray[np.float64], config: str, num_threads: int | None
-    ) -> OutcomeArrays: ...
+        self,
+        poses: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+        factors: NDArray[np.float64],
+        config: str,
+        num_threads: int | None,
+    ) -> OutcomeArrays:
+        """Try every pose, with the object's friction and mass multiplied by `factors` (n, 2)."""
     def trace(self, pose: NDArray[np.float64], preshape: float, config: str) -> tuple[OutcomeArrays, SampleArrays]: ...
 
 @final
@@ -376,6 +396,39 @@ def views(
     target: NDArray[np.float64] | None,
     num_threads: int | None,
 ) -> ViewArrays: ...
+
+@type_check_only
+class SceneImageArrays(TypedDict):
+    depth: NDArray[np.float32]
+    rgb: NotRequired[NDArray[np.uint8]]
+    segmentation: NotRequired[NDArray[np.uint8]]
+
+def render_scenes(
+    meshes: Sequence[Mesh],
+    mesh_of: Sequence[int],
+    world_from_object: NDArray[np.float64],
+    world_from_camera: NDArray[np.float64],
+    config: str,
+    num_threads: int | None,
+) -> SceneImageArrays:
+    """Render n images, each of the mesh with index `mesh_of` (n,) at `world_from_object` (n, 4, 4)."""
+
+def camera_poses(plan: str, target: Sequence[float], count: int, seed: int) -> NDArray[np.float64]:
+    """Where the cameras of a plan stand around `target` (3,): ``world_from_camera`` (count, 4, 4)."""
+
+def occupancies(
+    depth: NDArray[np.float32],
+    intrinsics: NDArray[np.float64],
+    frame_from_camera: NDArray[np.float64],
+    resolution: int,
+    origin: Sequence[float],
+    side: float,
+    far: float,
+    nothing_is_free: bool,
+    num_threads: int | None,
+) -> NDArray[np.uint8]:
+    """Fuse the V images of each of n scenes, (n, V, H, W), into voxels (n, N, N, N); poses are (n V, 4, 4)."""
+
 def occupancy(
     depth: NDArray[np.float32],
     intrinsics: NDArray[np.float64],

@@ -15,11 +15,14 @@ A set is named by a string, or by a sequence of strings whose objects are put to
 
 Meshes of a folder are named without their suffix, but for those that would share a name: ``mug.obj`` and ``mug.stl``.
 Every set can be split by object into train, validation and test; the split of an object depends on its name alone.
+Near-duplicates form a group, which has one split: objects whose names differ in the letter of a series (``065-a_cups``,
+``065-b_cups``), and YCB objects of nearly the same shape and size.
 """
 
 import csv
 import hashlib
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -45,6 +48,15 @@ _LAYOUTS = (
     "google_16k/nontextured.stl",
     "textured_meshes/optimized_tsdf_textured_mesh.ply",
 )
+#: Names of a series: a number, a letter, and what the series is.
+_SERIES = re.compile(r"(\d{3})-[a-z](_.+)")
+#: YCB objects of nearly the same shape: their sides, cube roots of volume and square roots of area differ by less than
+#: 5 %. Each has the group of the other.
+_ALIKE = {
+    "044_flat_screwdriver": "043_phillips_screwdriver",
+    "055_baseball": "017_orange",
+    "057_racquetball": "018_plum",
+}
 #: Seeds of each family where a set names none.
 _DEFAULT_SEEDS = range(10)
 #: Larger sets are refused: their names alone would fill the memory.
@@ -71,6 +83,8 @@ class ObjectSpec:
         Kilograms; None if it follows from the volume (see `graspbox.load_mesh`).
     mass_known : str
         ``published``, ``weighed``, ``estimate``, ``given``, ``made`` (procedural) or ``density``.
+    source : str
+        The set that holds this object alone, by which `load` finds it again.
     """
 
     name: str
@@ -80,11 +94,18 @@ class ObjectSpec:
     scale: float = 1.0
     mass: float | None = None
     mass_known: str = "density"
+    source: str = ""
+
+    @property
+    def group(self) -> str:
+        """The group of near-duplicates that the object belongs to, by its first member; most objects are alone."""
+        series = _SERIES.fullmatch(self.name)
+        return f"{series[1]}-a{series[2]}" if series else _ALIKE.get(self.name, self.name)
 
     @property
     def split(self) -> Split:
-        """The split that the object belongs to; it depends on the name alone."""
-        digest = hashlib.sha256(self.name.encode()).digest()
+        """The split that the object belongs to; it depends on the name of its group alone."""
+        digest = hashlib.sha256(self.group.encode()).digest()
         share = int.from_bytes(digest[:8], "big") / 2**64
         return next(split for end, split in _SPLIT_ENDS if share < end)
 
@@ -254,7 +275,14 @@ def _procedural(rest: str, name: str, scale: float) -> tuple[ObjectSpec, ...]:
             f"{name!r} names {len(families) * len(seeds)} objects; at most {_MAX_OBJECTS} fit in a set"
         )
     return tuple(
-        ObjectSpec(f"{family}-{seed:06d}", family=family, seed=seed, scale=scale, mass_known="made")
+        ObjectSpec(
+            f"{family}-{seed:06d}",
+            family=family,
+            seed=seed,
+            scale=scale,
+            mass_known="made",
+            source=f"procedural:{family}:{seed}",
+        )
         for family in families
         for seed in seeds
     )
@@ -294,7 +322,7 @@ def _ycb(which: str, scale: float) -> tuple[ObjectSpec, ...]:
     if missing := [name for name in names if name not in files]:
         raise ObjectSetError(f"there is no YCB mesh {missing[0]!r}; 'graspbox objects ycb' lists them")
     specs = (_from_file(name, files[name], scale) for name in names)
-    return tuple(replace(spec, mass=spec.mass and spec.mass * scale**3) for spec in specs)
+    return tuple(replace(spec, mass=spec.mass and spec.mass * scale**3, source=f"ycb:{spec.name}") for spec in specs)
 
 
 def _graspable() -> tuple[str, ...]:
@@ -306,7 +334,9 @@ def _graspable() -> tuple[str, ...]:
 def _from_file(name: str, path: Path, scale: float) -> ObjectSpec:
     """Describe a mesh file; an object that has the name of a YCB object has its mass too."""
     mass, known = _ycb_masses().get(name, (None, "density"))
-    return ObjectSpec(_text(name), path=path, scale=scale, mass=mass, mass_known=known)
+    return ObjectSpec(
+        _text(name), path=path, scale=scale, mass=mass, mass_known=known, source=_text(str(path.absolute()))
+    )
 
 
 def _text(name: str) -> str:

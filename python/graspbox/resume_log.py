@@ -8,7 +8,7 @@ from typing import Any
 
 from graspbox.errors import ConfigError
 
-__all__ = ["ResumeLog"]
+__all__ = ["ResumeLog", "changes"]
 
 
 class ResumeLog:
@@ -44,8 +44,8 @@ class ResumeLog:
         except (ValueError, TypeError, KeyError):
             raise ConfigError(f"{str(self.path)!r} is not a log of this program; name another file") from None
         if known != settings:
-            changes = "; ".join(_changes(known, settings))
-            raise ConfigError(f"{str(self.path)!r} was begun with other settings: {changes}; name another file")
+            found = "; ".join(changes(known, settings))
+            raise ConfigError(f"{str(self.path)!r} was begun with other settings: {found}; name another file")
         if len(whole) < len(content):
             os.truncate(self.path, len(whole))
 
@@ -61,13 +61,13 @@ class ResumeLog:
             os.fsync(file.fileno())
 
 
-def _changes(old: Any, new: Any, name: str = "") -> Iterator[str]:
+def changes(old: Any, new: Any, name: str = "") -> Iterator[str]:
     """Name what differs between two settings, nested ones by a path with dots."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in {**old, **new}:
-            yield from _changes(old.get(key, _ABSENT), new.get(key, _ABSENT), f"{name}.{key}" if name else key)
+            yield from changes(old.get(key, _ABSENT), new.get(key, _ABSENT), f"{name}.{key}" if name else key)
     elif isinstance(new, dict) and new:
-        yield from _changes({}, new, name)
+        yield from changes({}, new, name)
     elif old != new:
         yield f"{name} was {old!r}, is now {new!r}"
 

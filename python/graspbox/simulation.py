@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox import _core
 from graspbox._core import Hand, Mesh
 from graspbox.arguments import floats, to_json
-from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
 from graspbox.meshes import MeshLike, as_mesh
@@ -143,10 +143,20 @@ class Scene:
         poses: ArrayLike | Plan | Grasp,
         preshape: ArrayLike | None = None,
         *,
+        friction: ArrayLike = 1.0,
+        mass: ArrayLike = 1.0,
         config: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
         num_threads: int | None = None,
     ) -> Outcomes:
-        """Try every pose, every grasp of a plan, or one grasp of it; see `graspbox.simulate`."""
+        """Try every pose, every grasp of a plan, or one grasp of it; see `graspbox.simulate`.
+
+        Parameters
+        ----------
+        poses, preshape, config, num_threads
+            As `graspbox.simulate`.
+        friction, mass : (n,) array_like, or float
+            Factors on the friction and the mass of the object, for each trial, 0.01 to 100.
+        """
         if isinstance(poses, Plan):
             self._check_plan(poses)
             given, preshape = poses.poses, _own(preshape, poses.preshape)
@@ -159,8 +169,47 @@ class Scene:
         angles = floats(preshape, "preshape")
         if given.ndim == 3 and angles.ndim == 0:
             angles = np.full(len(given), angles)
+        count = len(given) if given.ndim == 3 else 0
+        factors = np.stack([_for_each(friction, "friction", count), _for_each(mass, "mass", count)], axis=1)
         text = to_json(config, TrialConfig)
-        return Outcomes._from_core(self._core.simulate(given, angles, text, num_threads))
+        return Outcomes._from_core(self._core.simulate(given, angles, factors, text, num_threads))
+
+    def check(
+        self,
+        poses: ArrayLike,
+        preshape: ArrayLike,
+        *,
+        clearance: float = PlanConfig.clearance,
+        standoff: float = PlanConfig.standoff,
+        num_threads: int | None = None,
+    ) -> NDArray[np.bool_]:
+        """Pass poses through the planner's collision filter.
+
+        Parameters
+        ----------
+        poses : (n, 4, 4) array_like
+            ``object_from_hand``, metres.
+        preshape : (n,) array_like
+            See `graspbox.simulate`.
+        clearance : float
+            Room that the open hand must have on every side, metres, 0 to 0.05; trials refuse poses without any (0).
+        standoff : float
+            The hand comes from this far behind, along its -z, metres, 0 to 1.
+        num_threads : int, optional
+            As in `graspbox.simulate`.
+
+        Returns
+        -------
+        (n,) bool
+            Whether the open hand collides with nothing, at the pose and on the way there.
+
+        Raises
+        ------
+        ConfigError
+            For arrays of another shape, poses that are no rigid motions, and distances out of range.
+        """
+        given, values = floats(poses, "poses"), floats(preshape, "preshape")
+        return self._core.check(given, values, clearance, standoff, num_threads)
 
     def _check_plan(self, plan: Plan) -> None:
         """Refuse a plan for another object or hand; one that was put together by hand names none."""
@@ -211,6 +260,14 @@ class Scene:
             raise ConfigError(f"preshape has shape {list(angle.shape)}; give one number")
         outcome, samples = self._core.trace(given, float(angle.item()), to_json(config, TrialConfig))
         return Outcomes._from_core(outcome), Trace(**samples)
+
+
+def _for_each(factor: ArrayLike, name: str, count: int) -> NDArray[np.float64]:
+    """Give each of `count` trials its factor."""
+    found = floats(factor, name)
+    if found.shape not in ((), (count,)):
+        raise ConfigError(f"{name} has shape {list(found.shape)}; give one factor, or one for each of {count} poses")
+    return np.broadcast_to(found, (count,))
 
 
 T = TypeVar("T")

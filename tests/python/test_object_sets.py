@@ -3,9 +3,11 @@
 import csv
 import sys
 from collections import Counter
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -188,6 +190,43 @@ def test_splits_do_not_move() -> None:
         "mug-000000": "train",
         "mug-000001": "validation",
     }
+
+
+def test_near_duplicates_share_a_split() -> None:
+    """No two YCB objects of nearly the same shape and size are on different sides; a series is one group."""
+    sizes = {}
+    for spec in object_sets.load("ycb"):
+        mesh = spec.load()
+        centered = mesh.vertices - mesh.vertices.mean(axis=0)
+        sides = np.sort(np.ptp(centered @ np.linalg.eigh(centered.T @ centered)[1], axis=0))
+        sizes[spec] = np.log([*sides, mesh.volume ** (1 / 3), mesh.area**0.5])
+    pairs = [(a, b) for a, b in combinations(sizes, 2) if np.abs(sizes[a] - sizes[b]).max() < np.log(1.05)]
+    assert len(pairs) >= 4
+    for first, second in pairs:
+        assert first.split == second.split, (first.name, second.name)
+        assert first.group == second.group, (first.name, second.name)
+    groups = Counter(spec.group for spec in sizes)
+    assert {name: count for name, count in groups.items() if count > 1} == {
+        "017_orange": 2,
+        "018_plum": 2,
+        "043_phillips_screwdriver": 2,
+        "063-a_marbles": 2,
+        "065-a_cups": 10,
+        "070-a_colored_wood_blocks": 2,
+        "072-a_toy_airplane": 5,
+        "073-a_lego_duplo": 7,
+    }
+
+
+@pytest.mark.parametrize("name", ["procedural:mug:3", "ycb:025_mug"])
+def test_an_object_is_found_again_by_its_source(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (spec,) = object_sets.load(name, scale=1.5)
+    assert object_sets.load(spec.source, scale=spec.scale).objects == (spec,)
+    monkeypatch.chdir(tmp_path)
+    write_mesh(tmp_path / "a" / "thing.off")
+    (file,) = object_sets.load("dir:a")
+    monkeypatch.chdir("/")
+    assert object_sets.load(file.source)[0].load().volume == pytest.approx(1 / 6)
 
 
 def test_meshes_load_from_every_format(tmp_path: Path) -> None:

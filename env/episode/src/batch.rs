@@ -4,6 +4,7 @@ use crate::sample::Sample;
 use crate::trial::{Finished, Trial, TrialConfig, TrialOutcome};
 use crate::{EpisodeError, Scene};
 use graspbox_hand::{GraspPose, Hand};
+use graspbox_mesh::in_range;
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -12,6 +13,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 pub const FURTHEST: f64 = 10.0;
 /// A preshape may lie beyond the hand's limits by this much: the rounding of a float32.
 const ROUNDING: f64 = 1e-6;
+
+/// Least and greatest factor on an object's friction or mass: beyond them an object is another one.
+const FACTORS: [f64; 2] = [0.01, 100.0];
 
 /// Shared between a running batch and whoever watches it.
 #[derive(Debug, Default)]
@@ -51,17 +55,38 @@ pub fn run_trials(
     config: TrialConfig,
     progress: &Progress,
 ) -> Result<Vec<TrialOutcome>, EpisodeError> {
+    run_scaled_trials(scene, poses, &vec![[1.0, 1.0]; poses.len()], config, progress)
+}
+
+/// As [`run_trials`], with the object's friction and mass multiplied by the `factors` of each trial.
+///
+/// # Errors
+/// As [`run_trials`]; [`EpisodeError::OutOfRange`] for a factor outside 0.01 to 100, and where there are more or fewer factors than poses.
+pub fn run_scaled_trials(
+    scene: &Arc<Scene>,
+    poses: &[GraspPose],
+    factors: &[[f64; 2]],
+    config: TrialConfig,
+    progress: &Progress,
+) -> Result<Vec<TrialOutcome>, EpisodeError> {
     check_config(scene, &config)?;
     check_poses(scene.template().hand(), poses)?;
-    let one = |pose: &GraspPose| -> Result<Option<TrialOutcome>, EpisodeError> {
+    let count = poses.len() as f64;
+    in_range("number of factors", factors.len() as f64, count..=count, "(one pair for each pose)")?;
+    for [friction, mass] in factors {
+        in_range("friction factor", *friction, FACTORS[0]..=FACTORS[1], "")?;
+        in_range("mass factor", *mass, FACTORS[0]..=FACTORS[1], "")?;
+    }
+    let one = |(pose, factors): (&GraspPose, &[f64; 2])| -> Result<Option<TrialOutcome>, EpisodeError> {
         if progress.stopped() {
             return Ok(None);
         }
-        let finished = attempt(scene, pose, config, false, progress)?;
+        let finished = attempt(scene, pose, *factors, config, false, progress)?;
         progress.step();
         Ok(finished.map(|(outcome, _)| outcome))
     };
-    let outcomes = poses.par_iter().map(one).collect::<Result<Vec<Option<TrialOutcome>>, EpisodeError>>()?;
+    let all = poses.par_iter().zip(factors);
+    let outcomes = all.map(one).collect::<Result<Vec<Option<TrialOutcome>>, EpisodeError>>()?;
     let total = outcomes.len();
     let finished: Vec<TrialOutcome> = outcomes.into_iter().flatten().collect();
     if finished.len() < total {
@@ -83,7 +108,7 @@ pub fn trace_trial(
 ) -> Result<(TrialOutcome, Vec<Sample>), EpisodeError> {
     check_config(scene, &config)?;
     check_poses(scene.template().hand(), std::slice::from_ref(pose))?;
-    let finished = attempt(scene, pose, config, true, progress)?;
+    let finished = attempt(scene, pose, [1.0, 1.0], config, true, progress)?;
     let (outcome, trace) = finished.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })?;
     Ok((outcome, trace.unwrap_or_default()))
 }
@@ -122,12 +147,13 @@ fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
 fn attempt(
     scene: &Arc<Scene>,
     pose: &GraspPose,
+    factors: [f64; 2],
     config: TrialConfig,
     trace: bool,
     progress: &Progress,
 ) -> Result<Option<Finished>, EpisodeError> {
     if scene.reachable(pose, config.standoff)? {
-        Trial::new(scene, pose, config, trace).run(&|| progress.stopped())
+        Trial::scaled(scene, pose, factors, config, trace).run(&|| progress.stopped())
     } else {
         Ok(Some((TrialOutcome::infeasible(config.shake.is_some()), None)))
     }

@@ -47,7 +47,7 @@ pub mod shake;
 pub mod study;
 pub mod trial;
 
-pub use batch::{Progress, run_trials, trace_trial};
+pub use batch::{Progress, run_scaled_trials, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;

@@ -2,7 +2,8 @@
 
 use crate::{Body, EpisodeError};
 use graspbox_hand::{ActuatorCommand, GraspPose, Hand};
-use graspbox_plan::{CollisionScene, Feasibility, Plan, PlanError, PlanObject, PlanParams};
+use graspbox_mesh::in_range;
+use graspbox_plan::{CollisionScene, Feasibility, Plan, PlanError, PlanObject, PlanParams, check_grasps};
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
@@ -136,6 +137,23 @@ impl Scene {
         };
         let found = obstacles.check_pose(self.template.hand(), pose, 0.0, standoff);
         Ok(found.map_err(|source| self.plan_error(source))? == Feasibility::Feasible)
+    }
+
+    /// Passes `grasps` through the planner's collision filter, in parallel on the current rayon pool; where the object has no mesh, all pass.
+    ///
+    /// * `clearance`: room that the open hand must have on every side, metres.
+    /// * `standoff`: the hand comes from this far behind, metres.
+    ///
+    /// # Errors
+    /// A preshape that the hand does not take, or a distance out of range.
+    pub fn check(&self, grasps: &[GraspPose], clearance: f64, standoff: f64) -> Result<Vec<Feasibility>, EpisodeError> {
+        in_range("clearance", clearance, 0.0..=0.05, "m")?;
+        in_range("standoff", standoff, 0.0..=1.0, "m")?;
+        let Some(obstacles) = &self.obstacles else {
+            return Ok(vec![Feasibility::Feasible; grasps.len()]);
+        };
+        let found = check_grasps(obstacles, self.template.hand(), grasps, clearance, standoff);
+        found.map_err(|source| self.plan_error(source))
     }
 
     /// Object and table as obstacles, the object at `world_from_object`; none for an object without a mesh.

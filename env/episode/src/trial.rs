@@ -141,8 +141,14 @@ const CURL_RISE: f64 = 0.03;
 impl Trial {
     /// Begins a trial with the hand at `pose`, and watches the study's measures; the caller has checked that pose and approach are free of collision.
     pub fn new(scene: &Arc<Scene>, pose: &GraspPose, config: TrialConfig, trace: bool) -> Self {
-        let start = scene.world_from_object() * pose.object_from_hand;
-        let episode = Episode::reset(scene, &start, pose.preshape, config.success);
+        Self::scaled(scene, pose, [1.0, 1.0], config, trace)
+    }
+
+    /// As [`Trial::new`], with the object's friction and mass multiplied by `factors`.
+    pub fn scaled(scene: &Arc<Scene>, pose: &GraspPose, factors: [f64; 2], config: TrialConfig, trace: bool) -> Self {
+        let object = scene.world_from_object();
+        let start = object * pose.object_from_hand;
+        let episode = Episode::reset_at(scene, &start, object, pose.preshape, factors, config.success);
         let study = Study::new(&episode);
         Self { study: Some(study), ..Self::of(episode, &start, pose.preshape, config, trace) }
     }

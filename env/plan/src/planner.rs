@@ -118,8 +118,8 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     let samples = rank::samples(object.mesh);
     let thin = Thin { samples: &samples, boxes: &boxes, up: scene.up() };
     proposals.extend(propose_across(&thin, hand, &params.poses, params.seed, proposals.len())?);
-    let hands = OpenHands::new(hand, &proposals, params)?;
-    let found: Vec<Feasibility> = proposals.par_iter().map(|proposal| hands.check(&scene, &proposal.grasp)).collect();
+    let grasps: Vec<GraspPose> = proposals.iter().map(|proposal| proposal.grasp).collect();
+    let found = check_grasps(&scene, hand, &grasps, params.clearance, params.standoff)?;
     let candidate = |(proposal, feasibility): (&Proposal, &Feasibility)| Candidate {
         grasp: proposal.grasp,
         box_index: proposal.box_index,
@@ -141,6 +141,23 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     Ok(Plan { tree, candidates, feasible: feasible.len(), world_from_object: object.world_from_object })
 }
 
+/// Passes grasps, wherever they come from, through the planner's collision filter.
+///
+/// * `clearance`, `standoff`: as in [`PlanParams`], metres.
+///
+/// # Errors
+/// As [`OpenHand::new`], for a preshape that the hand does not take.
+pub fn check_grasps(
+    scene: &CollisionScene,
+    hand: &Hand,
+    grasps: &[GraspPose],
+    clearance: f64,
+    standoff: f64,
+) -> Result<Vec<Feasibility>, PlanError> {
+    let hands = OpenHands::new(hand, grasps, clearance, standoff)?;
+    Ok(grasps.par_iter().map(|grasp| hands.check(scene, grasp)).collect())
+}
+
 /// The leaves, numbered, and after them the box around everything if it is wanted and not the only leaf.
 fn boxes_of(tree: &BoxTree, params: &PlanParams) -> Vec<(usize, OrientedBox)> {
     let mut boxes: Vec<(usize, OrientedBox)> = tree.leaves().copied().enumerate().collect();
@@ -154,11 +171,11 @@ fn boxes_of(tree: &BoxTree, params: &PlanParams) -> Vec<(usize, OrientedBox)> {
 struct OpenHands(Vec<(f64, OpenHand)>);
 
 impl OpenHands {
-    fn new(hand: &Hand, proposals: &[Proposal], params: &PlanParams) -> Result<Self, PlanError> {
+    fn new(hand: &Hand, grasps: &[GraspPose], clearance: f64, standoff: f64) -> Result<Self, PlanError> {
         let mut hands: Vec<(f64, OpenHand)> = Vec::new();
-        for preshape in proposals.iter().map(|proposal| proposal.grasp.preshape) {
+        for preshape in grasps.iter().map(|grasp| grasp.preshape) {
             if !hands.iter().any(|(known, _)| *known == preshape) {
-                hands.push((preshape, OpenHand::new(hand, preshape, params.clearance, params.standoff)?));
+                hands.push((preshape, OpenHand::new(hand, preshape, clearance, standoff)?));
             }
         }
         Ok(Self(hands))

@@ -1,14 +1,15 @@
 //! `graspbox.Scene`: an object at rest on the table, and trials on it.
 
-use crate::convert::{Array, Floats, array, isometries, isometry, matrices, matrix, row_major, table, vector};
+use crate::convert::{Array, Floats, array, entries, isometries, isometry, matrices, matrix, row_major, table, vector};
 use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
 use graspbox_episode::{
-    FailureKind, Progress, Sample, Scene as Core, TrialConfig, TrialOutcome, run_trials, trace_trial,
+    FailureKind, Progress, Sample, Scene as Core, TrialConfig, TrialOutcome, run_scaled_trials, trace_trial,
 };
 use graspbox_hand::GraspPose;
+use graspbox_plan::Feasibility;
 use graspbox_sim::PhysicsConfig;
 use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
@@ -102,17 +103,38 @@ impl Scene {
         ))
     }
 
-    /// Tries every pose; arrays by name.
-    #[pyo3(signature = (poses, preshape, config, num_threads))]
+    /// Whether the open hand reaches each pose from `standoff` metres behind, with `clearance` metres to spare on every side: flags (n,).
+    #[pyo3(signature = (poses, preshape, clearance, standoff, num_threads))]
+    fn check<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats<'_>,
+        preshape: Floats<'_>,
+        clearance: f64,
+        standoff: f64,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<Array<'py, bool>> {
+        let grasps = grasps(&poses, &preshape)?;
+        let scene = Arc::clone(&self.core);
+        let found = detached(py, num_threads, move || scene.check(&grasps, clearance, standoff))?;
+        let flags: Vec<bool> = found.into_iter().map(|found| found == Feasibility::Feasible).collect();
+        let count = flags.len();
+        array(py, flags, &[count])
+    }
+
+    /// Tries every pose, with the object's friction and mass multiplied by `factors` (n, 2); arrays by name.
+    #[pyo3(signature = (poses, preshape, factors, config, num_threads))]
     fn simulate<'py>(
         &self,
         py: Python<'py>,
         poses: Floats<'_>,
         preshape: Floats<'_>,
+        factors: Floats<'_>,
         config: &str,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let grasps = grasps(&poses, &preshape)?;
+        let factors = entries(&factors, "factors", &[Some(grasps.len()), Some(2)])?.as_chunks::<2>().0.to_vec();
         let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
         let progress = Arc::new(Progress::default());
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
@@ -120,7 +142,7 @@ impl Scene {
             py,
             num_threads,
             move || progress.stop(),
-            move || run_trials(&scene, &grasps, config, &watched),
+            move || run_scaled_trials(&scene, &grasps, &factors, config, &watched),
         )?;
         outcome_arrays(py, &outcomes)
     }

@@ -4,6 +4,7 @@ use crate::convert::{Array, Floats, array, matrices, table, vector};
 use crate::errors::CoreError;
 use graspbox_hand::assets::{ASSETS, asset};
 use graspbox_hand::{Hand as Core, JointKind, Material};
+use graspbox_plan::closing_center;
 use nalgebra::{UnitQuaternion, Vector3};
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
@@ -152,6 +153,12 @@ impl Hand {
     #[getter]
     fn preshapes(&self) -> BTreeMap<&str, f64> {
         self.0.preshapes().iter().map(|named| (named.name.as_str(), named.value)).collect()
+    }
+
+    /// Where the hand closes with `preshape`, (3,), metres: above the point of the palm where its chains meet, at the depth of the grasp centre.
+    fn closing_center<'py>(&self, py: Python<'py>, preshape: f64) -> PyResult<Array<'py, f64>> {
+        let on_palm = closing_center(&self.0, preshape).map_err(CoreError::from)?;
+        array(py, vec![on_palm.x, on_palm.y, self.0.grasp.center.z], &[3])
     }
 
     /// Positions (c,) of the independent joints of the open hand, rad or m.

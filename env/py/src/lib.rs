@@ -18,6 +18,7 @@
 //! | [`objects`] | objects by family and seed |
 //! | [`env_arrays`] | results of environments as arrays by name |
 //! | [`env_pool`] | many environments in one call |
+//! | [`mod@scene_images`] | images of many resting objects, and voxels from many depth images |
 //! | [`voxel`] | voxels, and their files |
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
@@ -37,6 +38,7 @@ pub mod mesh;
 pub mod objects;
 pub mod plan;
 pub mod render;
+pub mod scene_images;
 pub mod vision;
 pub mod voxel;
 
@@ -68,6 +70,8 @@ mod _core {
     use crate::plan::{decompose, plan, rank_weights};
     #[pymodule_export]
     use crate::render::render;
+    #[pymodule_export]
+    use crate::scene_images::{camera_poses, occupancies, render_scenes};
     #[pymodule_export]
     use crate::vision::{image_kinds, image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]

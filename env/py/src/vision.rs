@@ -224,7 +224,10 @@ pub fn time_images<'py>(
 }
 
 /// An object where it rests.
-fn still(
+///
+/// # Errors
+/// A mesh that cannot be rendered.
+pub(crate) fn still(
     data: &MeshData,
     world_from_object: Isometry3<f64>,
     world_from_hand: Isometry3<f64>,

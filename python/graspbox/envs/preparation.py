@@ -25,7 +25,7 @@ _handles: WeakValueDictionary[tuple[Any, ...], Objects] = WeakValueDictionary()
 def _describe(spec: object_sets.ObjectSpec) -> str:
     """Write an object as the core reads it."""
     found = asdict(spec)
-    del found["mass_known"]
+    del found["mass_known"], found["source"]
     return json.dumps({**found, "path": None if spec.path is None else str(spec.path)})
 
 

@@ -1,0 +1,143 @@
+"""``graspbox dataset``: simulated grasp trials as Parquet files."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from graspbox import dataset as data
+from graspbox.cli.common import (
+    HandName,
+    Json,
+    Scale,
+    Seed,
+    Split,
+    console,
+    find,
+    find_hand,
+    print_json,
+    print_table,
+)
+from graspbox.configs import ShakeConfig, TrialConfig
+
+#: Time between two lines of progress where nothing can be drawn again, seconds.
+_LINE_EVERY = 30.0
+
+
+def shown_time(seconds: float) -> str:
+    """Write a time for people: ``2:05:09``, or ``-`` where it is not known."""
+    if seconds == float("inf"):
+        return "-"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
+
+
+class _Reporter:
+    """Shows trials, their rate and the time that is left: a bar, or a line now and then in a log."""
+
+    def __init__(self) -> None:
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
+        self.bar = Progress(TextColumn("trials"), *columns, console=console, transient=True)
+        self.task = self.bar.add_task("", total=None, rate="")
+        self.last = time.monotonic()
+
+    def __call__(self, progress: data.Progress) -> None:
+        rate = f"{progress.rate:.1f}/s, {shown_time(progress.remaining)} left"
+        self.bar.update(self.task, completed=progress.trials, total=progress.total, rate=rate)
+        if not console.is_terminal and time.monotonic() - self.last > _LINE_EVERY:
+            self.last = time.monotonic()
+            console.print(f"{progress.trials} of {progress.total} trials, {rate}")
+
+
+def _print(result: data.Result) -> None:
+    table = result.table()
+    keys = ("trials", "success", "secure", "infeasible")
+    for title, counts in (("split", table["counts"]), ("candidates", table["candidates"])):
+        rows = [(name, *(str(numbers[key]) for key in keys)) for name, numbers in counts.items()]
+        sums = [str(sum(numbers[key] for numbers in counts.values())) for key in keys]
+        print_table(str(result.folder), (title, *keys), [*rows, ("total", *sums)])
+    shards = table["shards"]
+    typer.echo(
+        f"{shards['made']} shards made, {shards['resumed']} found; {table['trials_made']} trials in "
+        f"{shown_time(table['seconds'])}, {table['trials_per_s']:.1f} trials/s"
+    )
+
+
+def _runner(ray: bool, workers: int | None) -> data.Runner | None:
+    if ray and workers is not None:
+        raise typer.BadParameter("Ray counts its own workers; leave --workers out", param_hint="--workers")
+    return data.on_ray() if ray else None if workers is None else data.local(workers)
+
+
+Rests = Annotated[
+    int, typer.Option("--rests", min=1, help="Scenes per object, each with a resting pose and cameras of its own.")
+]
+Replays = Annotated[
+    int, typer.Option("--replays", min=0, help="Further trials of each pose of the splits validation and test.")
+]
+ShardTrials = Annotated[
+    int, typer.Option("--shard-trials", min=1, help="Trials per file, the unit of work that an interruption loses.")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, max=1024, help="Processes; one per core by default. Rows do not depend on them."),
+]
+Ray = Annotated[
+    bool, typer.Option("--ray", help="Make the shards on a Ray cluster: that of RAY_ADDRESS, or a local one.")
+]
+_DEFAULT = data.DatasetConfig()
+
+
+def dataset(
+    out: Annotated[Path, typer.Option("--out", help="Folder of the data set; what it holds already is resumed.")],
+    objects: Annotated[
+        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
+    ] = None,
+    poses: Annotated[int, typer.Option("--poses", min=1, help="Trials per scene.")] = _DEFAULT.poses,
+    rests: Rests = _DEFAULT.rests,
+    views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = _DEFAULT.views,
+    replays: Replays = _DEFAULT.replays,
+    shake: Annotated[bool, typer.Option("--shake", help="Shake every success on six axes with 2 g.")] = False,
+    images: Annotated[bool, typer.Option("--images", help="Store the images of the cameras too.")] = False,
+    image_size: Annotated[
+        int, typer.Option("--image-size", min=1, help="Rows and columns of stored images.")
+    ] = _DEFAULT.image_size[0],
+    shard_trials: ShardTrials = _DEFAULT.shard_trials,
+    hand: HandName = "reflex",
+    split: Split = None,
+    scale: Scale = 1.0,
+    seed: Seed = 0,
+    workers: Workers = None,
+    ray: Ray = False,
+    resume: Annotated[bool, typer.Option(help="Continue the data set in the folder.")] = True,
+    as_json: Json = False,
+) -> None:
+    """Try candidate poses on every object of a set and store each trial as a row of Parquet files."""
+    found, loaded = find(objects or ["procedural"], split, scale), find_hand(hand)
+    config = data.DatasetConfig(
+        poses=poses,
+        rests=rests,
+        views=views,
+        seed=seed,
+        replays=replays,
+        trial=TrialConfig(shake=ShakeConfig() if shake else None),
+        images=images,
+        image_size=(image_size, image_size),
+        shard_trials=shard_trials,
+    )
+    runner = _runner(ray, workers)
+    reporter = _Reporter()
+    report: Callable[[data.Progress], None] = reporter
+    with reporter.bar:
+        result = data.generate(found, out, hand=loaded, config=config, resume=resume, runner=runner, progress=report)
+    if as_json:
+        print_json(result.table())
+    else:
+        _print(result)
+    for name, why in result.manifest["refused"].items():
+        console.print(f"{name}: {why}", style="red")
+    if result.manifest["refused"]:
+        raise typer.Exit(1)

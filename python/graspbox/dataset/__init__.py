@@ -1,0 +1,51 @@
+"""Data sets of simulated grasp trials: made, resumed, read, and rendered again (extra ``data``).
+
+    graspbox dataset --objects procedural:0-99 --poses 128 --views 4 --out out/data
+
+A data set is a folder: ``trials`` holds Parquet files (zstd) by split, one row per trial with the columns of
+`graspbox.dataset.schema.TRIALS`; ``images`` holds the images of its scenes, if they are stored; ``manifest.json`` says
+how it was made. The same settings give the same rows, whoever makes them.
+
+| module | what it does |
+|---|---|
+| `settings` | `DatasetConfig` |
+| `schema` | the columns |
+| `candidates`, `scenes` | candidate poses from five sources; one scene with its trials |
+| `shards`, `runners`, `generate` | the unit of work, who does it, and the whole |
+| `manifest` | what a folder holds |
+| `tables`, `images`, `mappings` | rows as tables and arrays, images and voxels of rows, pairs for training |
+"""
+
+from graspbox.dataset.generate import Progress, Result, generate
+from graspbox.dataset.images import Rendered, render, voxels
+from graspbox.dataset.mappings import Example, many_to_one, one_to_many, one_to_one
+from graspbox.dataset.runners import Runner, local, on_ray
+from graspbox.dataset.schema import IMAGES, TRIALS, Column
+from graspbox.dataset.settings import CandidateShares, DatasetConfig
+from graspbox.dataset.tables import column, load, load_images, matrices, stored_images
+
+__all__ = [
+    "IMAGES",
+    "TRIALS",
+    "CandidateShares",
+    "Column",
+    "DatasetConfig",
+    "Example",
+    "Progress",
+    "Rendered",
+    "Result",
+    "Runner",
+    "column",
+    "generate",
+    "load",
+    "load_images",
+    "local",
+    "many_to_one",
+    "matrices",
+    "on_ray",
+    "one_to_many",
+    "one_to_one",
+    "render",
+    "stored_images",
+    "voxels",
+]

@@ -1,0 +1,250 @@
+"""Candidate poses of a scene from every source but the planner's own, for any hand.
+
+All geometry is in the world: the table is the plane z = 0. Hand frames have z along the approach and x along the
+direction in which opposing fingers close.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._core import Hand
+from graspbox.simulation import Scene
+
+__all__ = ["HandGeometry", "Poses", "Surface", "deviated", "jittered", "low", "on_normals", "randomly"]
+
+Floats = NDArray[np.float64]
+
+#: Points of the surface from which poses are made.
+_POINTS = 1000
+#: Directions, over half a turn, among which the least extent is searched.
+_DIRECTIONS = 18
+#: Extents are those of the points within this distance of the axis of approach, metres: half an open hand.
+_NEIGHBOURHOOD = 0.07
+#: The closing direction is off the least extent by up to this, radians.
+_ROLL_ERROR = 0.2
+#: Normals that point down steeper than this (sine) are left out: the hand would come through the table.
+_STEEPEST = -0.5
+#: A pose from above leans by up to this, radians.
+_LEAN = 0.15
+#: Height of the lowest point of the hand in low poses, metres.
+_LOW = (0.001, 0.002)
+#: The step of closing at which this is its height, as a share of the way from the step in which it reaches lowest to
+#: the last: least, most frequent and greatest. On seven flat YCB objects, success was highest at about a third.
+_LATER = (0.0, 0.35, 0.8)
+#: Depth of a point of the surface in the hand, as shares of the depth at which the hand closes.
+_DEPTH = (0.2, 1.1)
+#: Standard deviations of jitter along and about each axis, metres and radians.
+_JITTER = (0.008, 0.14)
+
+
+class Poses(NamedTuple):
+    """Poses of a hand: `world_from_hand` (n, 4, 4), metres, and preshapes (n,)."""
+
+    world_from_hand: Floats
+    preshape: Floats
+
+
+@dataclass(frozen=True)
+class HandGeometry:
+    """What candidates need to know of a hand; the first axis of every array is over its preshapes.
+
+    Attributes
+    ----------
+    preshapes : (p,) float64
+        The hand's preshapes.
+    centers : (p, 3) float64
+        Where the hand closes, hand frame, metres.
+    corners : (p, s, k, 3) float64
+        Corners of the collision shapes of the open hand, and of s - 1 steps of closing, hand frame, metres.
+    """
+
+    preshapes: Floats
+    centers: Floats
+    corners: Floats
+
+    @classmethod
+    def of(cls, hand: Hand, steps: int = 17) -> "HandGeometry":
+        """Measure a hand."""
+        preshapes = np.array(list(hand.preshapes.values()))
+        centers = np.stack([hand.closing_center(preshape) for preshape in preshapes])
+        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij")).reshape(3, 8).T
+
+        def corners(preshape: float, share: float) -> Floats:
+            at = hand.open(preshape) if share == 0.0 else hand.closed(preshape, share)
+            frames, half, _, _ = hand.shapes(at)
+            turned: Floats = np.einsum("nij,nkj->nki", frames[:, :3, :3], half[:, None] * signs)
+            return turned + frames[:, None, :3, 3]
+
+        shares = np.linspace(0.0, 1.0, steps)
+        every = [[corners(preshape, share).reshape(-1, 3) for share in shares] for preshape in preshapes]
+        return cls(preshapes, centers, np.array(every))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Points (n, 3) and outward normals (n, 3) of the object's surface, world, metres."""
+
+    points: Floats
+    normals: Floats
+
+    @classmethod
+    def of(cls, scene: Scene, seed: int) -> "Surface":
+        """Sample the surface of an object at rest."""
+        points, normals = scene.mesh.sample(_POINTS, seed)
+        rotation, translation = scene.world_from_object[:3, :3], scene.world_from_object[:3, 3]
+        return cls(points @ rotation.T + translation, normals @ rotation.T)
+
+
+def _unit(vectors: Floats) -> Floats:
+    unit: Floats = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit
+
+
+def _directions(count: int, rng: np.random.Generator) -> Floats:
+    """Directions (count, 3), uniform on the sphere."""
+    return _unit(rng.standard_normal((count, 3)))
+
+
+def _rotations(vectors: Floats) -> Floats:
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), radians."""
+    angle = np.linalg.norm(vectors, axis=1)
+    axis = vectors / np.where(angle > 0.0, angle, 1.0)[:, None]
+    cross = np.zeros((len(vectors), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = axis
+    cross[:, [1, 2, 0], [2, 0, 1]] = -axis
+    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    rotations: Floats = np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    return rotations
+
+
+def _across(approach: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors (n, 3) that are perpendicular to each approach (n, 3) and to each other."""
+    least = np.eye(3)[np.abs(approach).argmin(axis=1)]
+    first = _unit(np.cross(approach, least))
+    return first, np.cross(approach, first)
+
+
+def _least_extent(surface: Surface, point: Floats, approach: Floats) -> tuple[Floats, Floats]:
+    """Find closing directions along which the surface near the axis of approach is narrowest.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit vectors, perpendicular to the approach.
+    (n,) float64
+        How far along them the middle between the two sides is from `point`, metres.
+    """
+    first, second = _across(approach)
+    offset = surface.points[None] - point[:, None]
+    u, v = (np.einsum("nmj,nj->nm", offset, axis) for axis in (first, second))
+    far = u**2 + v**2 > _NEIGHBOURHOOD**2
+    turn = np.arange(_DIRECTIONS) * (np.pi / _DIRECTIONS)
+    along = u[..., None] * np.cos(turn) + v[..., None] * np.sin(turn)
+    high = np.where(far[..., None], -np.inf, along).max(axis=1)
+    low = np.where(far[..., None], np.inf, along).min(axis=1)
+    best = (high - low).argmin(axis=1)
+    rows = np.arange(len(point))
+    direction = first * np.cos(turn[best])[:, None] + second * np.sin(turn[best])[:, None]
+    return direction, (high[rows, best] + low[rows, best]) / 2.0
+
+
+def _frames(closing: Floats, approach: Floats) -> Floats:
+    """Rotations (n, 3, 3) with the approach as z, and x as near as possible to `closing`."""
+    x = _unit(closing - (closing * approach).sum(axis=1, keepdims=True) * approach)
+    return np.stack([x, np.cross(approach, x), approach], axis=2)
+
+
+def _placed(rotation: Floats, origin: Floats) -> Floats:
+    pose = np.zeros((len(rotation), 4, 4))
+    pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = rotation, origin, 1.0
+    return pose
+
+
+def _closing(surface: Surface, point: Floats, approach: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Rotations (n, 3, 3) that close along the least extent, either way around, and the middles (n, 3) to close on."""
+    direction, middle = _least_extent(surface, point, approach)
+    target = point + direction * middle[:, None]
+    turned = _rotations(approach * rng.uniform(-_ROLL_ERROR, _ROLL_ERROR, len(point))[:, None])
+    sign = rng.choice([-1.0, 1.0], len(point))[:, None]
+    return _frames(np.einsum("nij,nj->ni", turned, direction * sign), approach), target
+
+
+def on_normals(surface: Surface, hand: HandGeometry, count: int, rng: np.random.Generator) -> Poses:
+    """Poses onto points of the surface, along the inward normal or straight down, closing along the least extent."""
+    open_above = np.flatnonzero(surface.normals[:, 2] > _STEEPEST)
+    allowed = open_above if len(open_above) else np.arange(len(surface.points))
+    chosen = allowed[rng.integers(len(allowed), size=count)]
+    point, normal = surface.points[chosen], surface.normals[chosen]
+    down = rng.random(count) < 0.5
+    approach = np.where(down[:, None], [0.0, 0.0, -1.0], -normal)
+    rotation, target = _closing(surface, point, approach, rng)
+    which = rng.integers(len(hand.preshapes), size=count)
+    center = hand.centers[which] * np.array([1.0, 1.0, 0.0])
+    center[:, 2] = hand.centers[which, 2] * rng.uniform(*_DEPTH, count)
+    origin = target - np.einsum("nij,nj->ni", rotation, center)
+    return Poses(_placed(rotation, origin), hand.preshapes[which])
+
+
+def low(surface: Surface, hand: HandGeometry, count: int, rng: np.random.Generator) -> Poses:
+    """Poses from above whose lowest point is 1 to 2 mm above the table at some step of closing.
+
+    Fingers that swing in reach lowest half-way, and rise as they close further. A hand that is low enough for a later
+    step presses them on the table before, and they slide along it to flat objects.
+    """
+    point = surface.points[rng.integers(len(surface.points), size=count)]
+    lean = rng.uniform(-_LEAN, _LEAN, (count, 3)) * [1.0, 1.0, 0.0]
+    approach = _rotations(lean) @ np.array([0.0, 0.0, -1.0])
+    rotation, target = _closing(surface, point, approach, rng)
+    which = rng.integers(len(hand.preshapes), size=count)
+    lowest_step = hand.corners[..., 2].max(axis=2).argmax(axis=1)[which]
+    later = rng.triangular(*_LATER, count) * (hand.corners.shape[1] - 1 - lowest_step)
+    step = lowest_step + later.astype(np.int64)
+    lowest = np.einsum("nj,nkj->nk", rotation[:, 2], hand.corners[which, step]).min(axis=1)
+    origin = target - np.einsum("nij,nj->ni", rotation, hand.centers[which])
+    origin[:, 2] = rng.uniform(*_LOW, count) - lowest
+    return Poses(_placed(rotation, origin), hand.preshapes[which])
+
+
+def randomly(surface: Surface, hand: HandGeometry, count: int, rng: np.random.Generator) -> Poses:
+    """Poses from any direction, with any roll, at points of the surface."""
+    point = surface.points[rng.integers(len(surface.points), size=count)]
+    rotation = _frames(_directions(count, rng), _directions(count, rng))
+    which = rng.integers(len(hand.preshapes), size=count)
+    center = hand.centers[which] * np.array([1.0, 1.0, 0.0])
+    center[:, 2] = hand.centers[which, 2] * rng.uniform(0.0, 1.3, count)
+    origin = point - np.einsum("nij,nj->ni", rotation, center)
+    return Poses(_placed(rotation, origin), hand.preshapes[which])
+
+
+def jittered(good: Poses, count: int, rng: np.random.Generator) -> Poses:
+    """Poses near `good` ones, of which there is at least one."""
+    chosen = rng.integers(len(good.preshape), size=count)
+    sigma = np.repeat(_JITTER, 3)
+    moved = rng.standard_normal((count, 6)) * sigma
+    return Poses(_moved(good.world_from_hand[chosen], moved), good.preshape[chosen])
+
+
+def deviated(world_from_hand: Floats, position: float, rotation: float, rng: np.random.Generator) -> Floats:
+    """Poses (n, 4, 4) that miss each given one, along and about each axis of the hand, uniformly within the bounds.
+
+    `position` is in metres, `rotation` in radians.
+    """
+    moved = rng.uniform(-1.0, 1.0, (len(world_from_hand), 6)) * np.repeat([position, rotation], 3)
+    return _moved(world_from_hand, moved)
+
+
+def _moved(world_from_hand: Floats, moved: Floats) -> Floats:
+    """Move poses by translations and rotation vectors (n, 6) in their own frames."""
+    return world_from_hand @ _placed(_rotations(moved[:, 3:]), moved[:, :3])
+
+
+#: Sources that need neither a plan nor successes, by name.
+SOURCES: dict[str, Callable[[Surface, HandGeometry, int, np.random.Generator], Poses]] = {
+    "normal": on_normals,
+    "low": low,
+    "random": randomly,
+}

@@ -1,0 +1,294 @@
+"""Images and voxels of the rows of a data set, rendered again when they are needed, on all threads."""
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core, object_sets
+from graspbox._core import Mesh
+from graspbox.arguments import floats, plain
+from graspbox.dataset.settings import DatasetConfig
+from graspbox.dataset.tables import column, lists, matrices
+from graspbox.errors import ConfigError
+from graspbox.plan_files import mesh_hash
+from graspbox.views import depth_millimetres
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["Rendered", "load_mesh_of", "render", "scene_images", "voxels"]
+
+#: Meshes that are kept between calls.
+_KEPT = 512
+#: Clipping distances, metres.
+_NEAR, _FAR = 0.02, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """Images of n rows, each from v cameras.
+
+    Attributes
+    ----------
+    depth : (n, v, H, W) float32
+        Metres along the optical axis; 0 where nothing was seen.
+    rgb : (n, v, H, W, 3) uint8 or None
+        Red, green, blue.
+    segmentation : (n, v, H, W) uint8 or None
+        0 background, 1 table and ground, 2 object.
+    intrinsics : (3, 3) float64
+        Takes a point in the camera's frame to homogeneous image positions, pixels.
+    world_from_camera, camera_from_object : (n, v, 4, 4) float64
+        Poses.
+    """
+
+    depth: NDArray[np.float32]
+    rgb: NDArray[np.uint8] | None
+    segmentation: NDArray[np.uint8] | None
+    intrinsics: NDArray[np.float64]
+    world_from_camera: NDArray[np.float64]
+    camera_from_object: NDArray[np.float64]
+
+
+@lru_cache(maxsize=_KEPT)
+def load_mesh_of(source: str, scale: float, sha256: str) -> Mesh:
+    """Load the mesh of a row again; the last 512 are kept.
+
+    Raises
+    ------
+    ConfigError
+        If the mesh is no longer the one that the row was made with.
+    ObjectSetError, FileError, MeshError
+        If it cannot be found or read.
+    """
+    mesh = object_sets.load(source, scale=scale)[0].load()
+    if (found := mesh_hash(mesh)) != sha256:
+        raise ConfigError(
+            f"the mesh of {source!r} has changed: its hash is {found[:12]}, that of the rows {sha256[:12]}"
+        )
+    return mesh
+
+
+def render(
+    rows: "pa.Table",
+    *,
+    view: int | None = None,
+    image_size: int | tuple[int, int] = 64,
+    rgb: bool = False,
+    segmentation: bool = True,
+    table: bool = True,
+    world_from_camera: NDArray[np.float64] | None = None,
+    num_threads: int | None = None,
+) -> Rendered:
+    """Render what the cameras of each row see: the object at rest, without the hand.
+
+    Rows of one scene that share their cameras are rendered once.
+
+    Parameters
+    ----------
+    rows : pyarrow.Table
+        Rows of trials, as `graspbox.dataset.load` gives them: whole, or some (``table.take``, ``table.slice``).
+    view : int, optional
+        Index of one camera; all cameras of the row by default.
+    image_size : int or (int, int)
+        Rows and columns.
+    rgb, segmentation : bool
+        Images beside depth.
+    table : bool
+        Whether to render table and ground.
+    world_from_camera : (n, v, 4, 4) array_like, optional
+        Other cameras than those of the rows, for augmentation.
+    num_threads : int, optional
+        Threads to use; images do not depend on it.
+
+    Raises
+    ------
+    ConfigError
+        If the rows have different fields of view or numbers of cameras, there is no such view, or a mesh has changed.
+    """
+    cameras = matrices(rows, "world_from_camera") if world_from_camera is None else floats(world_from_camera)
+    if cameras.ndim != 4 or len(cameras) != len(rows):
+        raise ConfigError(f"world_from_camera has shape {list(cameras.shape)}; give ({len(rows)}, v, 4, 4)")
+    if view is not None:
+        if not 0 <= view < cameras.shape[1]:
+            raise ConfigError(f"view is {view}; the rows have {cameras.shape[1]} cameras")
+        cameras = cameras[:, view : view + 1]
+    fovs = set(column(rows, "fov").tolist())
+    if len(fovs) > 1:
+        raise ConfigError(f"the rows have the fields of view {sorted(fovs)}; render each alone")
+    size = (image_size, image_size) if np.ndim(image_size) == 0 else image_size
+    fov = fovs.pop() if fovs else 0.6
+    objects = matrices(rows, "world_from_object")
+    unique, back = _unique_images(rows, objects, cameras)
+    meshes, mesh_of = _meshes(rows, unique)
+    found = _images(meshes, mesh_of, objects[unique], cameras[unique], size, fov, rgb, segmentation, table, num_threads)
+    return Rendered(
+        depth=found["depth"][back],
+        rgb=found["rgb"][back] if rgb else None,
+        segmentation=found["segmentation"][back] if segmentation else None,
+        intrinsics=_intrinsics(size, fov),
+        world_from_camera=cameras,
+        camera_from_object=np.linalg.inv(cameras) @ objects[:, None],
+    )
+
+
+def _unique_images(
+    rows: "pa.Table", objects: NDArray[np.float64], cameras: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows whose images differ, and for each row the index of its images among them."""
+    seen: dict[tuple[str, bytes, bytes], int] = {}
+    unique: list[int] = []
+    back = np.zeros(len(rows), np.int64)
+    for index, name in enumerate(lists(rows, "sha256")):
+        key = (name, objects[index].tobytes(), cameras[index].tobytes())
+        if key not in seen:
+            seen[key] = len(unique)
+            unique.append(index)
+        back[index] = seen[key]
+    return np.array(unique, np.int64), back
+
+
+def _meshes(rows: "pa.Table", unique: NDArray[np.int64]) -> tuple[list[Mesh], list[int]]:
+    """Meshes of these rows, each once, and the index of each row's mesh."""
+    keys = zip(*(lists(rows.take(unique), name) for name in ("source", "scale", "sha256")), strict=True)
+    index_of: dict[tuple[str, float, str], int] = {}
+    mesh_of = [index_of.setdefault(key, len(index_of)) for key in keys]
+    return [load_mesh_of(*key) for key in index_of], mesh_of
+
+
+def _images(
+    meshes: list[Mesh],
+    mesh_of: list[int],
+    world_from_object: NDArray[np.float64],
+    world_from_camera: NDArray[np.float64],
+    size: Any,
+    fov: float,
+    rgb: bool,
+    segmentation: bool,
+    table: bool,
+    num_threads: int | None,
+) -> dict[str, Any]:
+    """Images (n, v, ...) of n objects at rest, each from v cameras (n, v, 4, 4)."""
+    count, views = world_from_camera.shape[:2]
+    config = {
+        "image_size": size,
+        "fov": fov,
+        "near": _NEAR,
+        "far": _FAR,
+        "rgb": rgb,
+        "segmentation": segmentation,
+        "table": table,
+    }
+    found = _core.render_scenes(
+        meshes,
+        np.repeat(mesh_of, views).tolist(),
+        np.ascontiguousarray(np.repeat(world_from_object, views, axis=0)),
+        np.ascontiguousarray(world_from_camera.reshape(-1, 4, 4)),
+        json.dumps(plain(config, "the images")),
+        num_threads,
+    )
+    return {name: image.reshape(count, views, *image.shape[1:]) for name, image in found.items()}  # type: ignore[attr-defined]
+
+
+def _intrinsics(size: Any, fov: float) -> NDArray[np.float64]:
+    """Square pixels, the optical axis through the middle of the image."""
+    height, width = size
+    focal = height / (2.0 * np.tan(fov / 2.0))
+    return np.array([[focal, 0.0, width / 2.0], [0.0, focal, height / 2.0], [0.0, 0.0, 1.0]])
+
+
+def scene_images(mesh: Mesh, columns: dict[str, Any], config: DatasetConfig) -> dict[str, Any]:
+    """Make the columns of a scene's stored images, from the columns of its trials."""
+    cameras, rest = columns["world_from_camera"][0], columns["world_from_object"][0]
+    views = len(cameras)
+    found = _images([mesh], [0], rest[None], cameras[None], config.image_size, config.fov, False, True, True, 1)
+    return {
+        "scene": [columns["scene"][0]] * views,
+        "split": [columns["split"][0]] * views,
+        "view": np.arange(views),
+        "world_from_object": np.repeat(rest[None], views, axis=0),
+        "world_from_camera": cameras,
+        "intrinsics": np.repeat(_intrinsics(config.image_size, config.fov)[None], views, axis=0),
+        "depth": depth_millimetres(found["depth"][0]),
+        "segmentation": found["segmentation"][0],
+    }
+
+
+def voxels(
+    rendered: Rendered,
+    *,
+    resolution: int = 32,
+    side: float = 0.30,
+    world_from_grid: NDArray[np.float64] | None = None,
+    num_threads: int | None = None,
+) -> NDArray[np.uint8]:
+    """Fuse the depth images of each row into voxels: what its cameras tell of the space around its object.
+
+    Parameters
+    ----------
+    rendered : Rendered
+        Images of n rows; sensor noise may have been added to their depth.
+    resolution : int
+        Voxels along each side.
+    side : float
+        Side of the cube, metres.
+    world_from_grid : (n, 4, 4) array_like, optional
+        Frame of each cube, whose middle is at x = y = 0 and whose floor is at z = 0. By default the world's axes, with
+        the origin on the table below the middle of the object's seen points.
+    num_threads : int, optional
+        Threads to use; voxels do not depend on it.
+
+    Returns
+    -------
+    (n, N, N, N) uint8
+        0 unseen, 1 free, 2 occupied.
+
+    Raises
+    ------
+    ConfigError
+        If the frames cannot be found without a segmentation, or a number is out of range.
+    """
+    count, views = rendered.depth.shape[:2]
+    frames = grid_frames(rendered) if world_from_grid is None else floats(world_from_grid, "world_from_grid")
+    if frames.shape != (count, 4, 4):
+        raise ConfigError(f"world_from_grid has shape {list(frames.shape)}; give ({count}, 4, 4)")
+    poses = np.linalg.inv(frames)[:, None] @ rendered.world_from_camera
+    return _core.occupancies(
+        np.ascontiguousarray(rendered.depth),
+        rendered.intrinsics,
+        np.ascontiguousarray(poses.reshape(count * views, 4, 4)),
+        resolution,
+        [-side / 2.0, -side / 2.0, 0.0],
+        side,
+        _FAR,
+        True,
+        num_threads,
+    )
+
+
+def grid_frames(rendered: Rendered) -> NDArray[np.float64]:
+    """Frames with the world's axes, on the table below the middle of the object's seen points: (n, 4, 4).
+
+    Raises
+    ------
+    ConfigError
+        If the images have no segmentation.
+    """
+    if rendered.segmentation is None:
+        raise ConfigError("the images have no segmentation; render them with segmentation=True or give the frames")
+    height, width = rendered.depth.shape[2:]
+    rows, columns = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(rendered.intrinsics).T
+    frames = np.tile(np.eye(4), (len(rendered.depth), 1, 1))
+    for index, pose in enumerate(rendered.world_from_camera):
+        mask = (rendered.segmentation[index] == 2) & (rendered.depth[index] > 0)
+        seen = [(rays[m] * d[m][:, None]) @ p[:3, :3].T + p[:3, 3] for m, d, p in
+                zip(mask, rendered.depth[index], pose, strict=True)]  # fmt: skip
+        points = np.concatenate(seen)
+        if len(points):
+            frames[index, :2, 3] = (points.min(axis=0)[:2] + points.max(axis=0)[:2]) / 2.0
+    return frames

@@ -1,0 +1,317 @@
+"""One scene of a data set: an object at rest, its candidates, their trials, and the rows that they make."""
+
+import hashlib
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+from graspbox._core import Hand, Mesh
+from graspbox.arguments import to_json
+from graspbox.dataset import candidates as sources
+from graspbox.dataset.candidates import HandGeometry, Poses, Surface
+from graspbox.dataset.settings import DatasetConfig
+from graspbox.errors import PlanError, SimulationError
+from graspbox.object_sets import ObjectSpec
+from graspbox.outcomes import Outcomes
+from graspbox.plan_files import mesh_hash
+from graspbox.planning import plan
+from graspbox.simulation import Scene
+
+__all__ = ["SceneTask", "Subject", "label", "scene_seed"]
+
+Floats = NDArray[np.float64]
+
+#: Resting poses less probable than this are left out, and all but so many: as in the environments.
+_LEAST_PROBABILITY, _MOST_RESTS = 0.05, 6
+#: Rounds in which candidates of a source are made before it counts as exhausted, and how many are made for one wanted.
+_ROUNDS, _SURPLUS = 6, 4
+#: Sources that stand in for one that finds too few poses, in this order.
+_STAND_INS = ("planner", "normal", "random")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """An object as the rows name it.
+
+    Attributes
+    ----------
+    spec : ObjectSpec
+        Where its mesh comes from.
+    group, split : str
+        Group of near-duplicates, and the split of the group.
+    """
+
+    spec: ObjectSpec
+    group: str
+    split: str
+
+
+@dataclass(frozen=True)
+class SceneTask:
+    """One scene to label: a subject, and the number of its resting pose in 0 .. `DatasetConfig.rests` - 1."""
+
+    subject: Subject
+    rest: int
+
+    @property
+    def name(self) -> str:
+        """Name of the scene in the rows."""
+        return f"{self.subject.spec.name}/{self.rest}"
+
+
+def _entropy(seed: int, *names: str | int) -> int:
+    digest = hashlib.sha256("\n".join(map(str, (seed, *names))).encode()).digest()
+    return int.from_bytes(digest[:8], "little")
+
+
+def scene_seed(config: DatasetConfig, task: SceneTask) -> int:
+    """Seed of a scene: a function of the data set's seed, the object's name and the number of the resting pose."""
+    return _entropy(config.seed, task.subject.spec.name, task.rest)
+
+
+@dataclass
+class _Found:
+    """Candidates of a scene, gathered source by source: `world_from_hand`, preshape, source, rank and score of each."""
+
+    poses: list[Floats] = field(default_factory=list)
+    preshape: list[Floats] = field(default_factory=list)
+    source: list[str] = field(default_factory=list)
+    rank: list[int | None] = field(default_factory=list)
+    score: list[float | None] = field(default_factory=list)
+
+    def add(self, source: str, found: Poses, ranks: list[int] | None = None, scores: list[float] | None = None) -> None:
+        count = len(found.preshape)
+        self.poses.append(found.world_from_hand)
+        self.preshape.append(found.preshape)
+        self.source += [source] * count
+        self.rank += ranks or [None] * count
+        self.score += scores or [None] * count
+
+    def all(self) -> Poses:
+        return Poses(np.concatenate([np.zeros((0, 4, 4)), *self.poses]), np.concatenate([np.zeros(0), *self.preshape]))
+
+
+class _Labeller:
+    """Makes the rows of one scene."""
+
+    def __init__(self, task: SceneTask, mesh: Mesh, hand: Hand, geometry: HandGeometry, config: DatasetConfig) -> None:
+        self.task, self.hand, self.geometry, self.config = task, hand, geometry, config
+        self.seed = scene_seed(config, task)
+        self.rng = np.random.default_rng(self.seed)
+        self.scene = self._settle(mesh)
+        self.object_from_world = np.linalg.inv(self.scene.world_from_object)
+        self.surface = Surface.of(self.scene, int(self.rng.integers(2**63)))
+        self._plan: Any = None
+        self._unused: NDArray[np.int64] | None = None
+
+    def _settle(self, mesh: Mesh) -> Scene:
+        """Put the object down in a resting pose; where it does not rest, in the next one."""
+        poses, probabilities = mesh.resting_poses()
+        kept = max(1, min(_MOST_RESTS, int((probabilities >= _LEAST_PROBABILITY).sum())))
+        weights = np.cumsum(probabilities[:kept]) / probabilities[:kept].sum()
+        # One offset per object spreads its scenes evenly over the probabilities.
+        offset = _entropy(self.config.seed, self.task.subject.spec.name, "rests") / 2**64
+        first = int(np.searchsorted(weights, (self.task.rest + offset) / self.config.rests, side="right"))
+        yaw = self.rng.uniform(0.0, 2.0 * np.pi)
+        turn = np.eye(4)
+        turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+        why = "it has no resting pose"
+        for index in range(kept):
+            start = turn @ poses[(min(first, kept - 1) + index) % kept]
+            try:
+                return Scene(mesh, hand=self.hand, world_from_object=start, physics=self.config.physics)
+            except SimulationError as error:
+                why = str(error)
+        raise SimulationError(why)
+
+    def _in_object(self, world_from_hand: Floats) -> Floats:
+        return np.ascontiguousarray(self.object_from_world @ world_from_hand)
+
+    def _free(self, found: Poses) -> Poses:
+        """Keep the poses that the planner's collision filter passes."""
+        planning = self.config.planning
+        passed = self.scene.check(
+            self._in_object(found.world_from_hand),
+            found.preshape,
+            clearance=planning.clearance,
+            standoff=planning.standoff,
+            num_threads=1,
+        )
+        return Poses(found.world_from_hand[passed], found.preshape[passed])
+
+    def _made(self, make: Any, count: int) -> Poses:
+        """Make `count` poses that pass the collision filter, or as many as a few rounds give."""
+        kept: list[Poses] = []
+        have = 0
+        for _ in range(_ROUNDS):
+            if have >= count:
+                break
+            kept.append(self._free(make(min(_SURPLUS * (count - have) + 8, 4096))))
+            have += len(kept[-1].preshape)
+        poses = np.concatenate([np.zeros((0, 4, 4)), *(k.world_from_hand for k in kept)])[:count]
+        return Poses(poses, np.concatenate([np.zeros(0), *(k.preshape for k in kept)])[:count])
+
+    def _planned(self, found: _Found, count: int) -> int:
+        """Add poses of the plan: half the best that are left, half at random."""
+        if self._plan is None:
+            self._plan = plan(
+                self.scene.mesh,
+                hand=self.hand,
+                seed=int(self.rng.integers(2**63)),
+                world_from_object=self.scene.world_from_object,
+                config=self.config.planning,
+                num_threads=1,
+            ).best()
+            self._unused = np.arange(len(self._plan))
+        assert self._unused is not None
+        best, others = np.split(self._unused, [min((count + 1) // 2, len(self._unused))])
+        picked = self.rng.permutation(len(others))[: count - len(best)]
+        chosen = np.concatenate([best, np.sort(others[picked])])
+        self._unused = np.setdiff1d(self._unused, chosen)
+        poses = self.scene.world_from_object @ self._plan.poses[chosen]
+        found.add(
+            "planner",
+            Poses(poses, self._plan.preshape[chosen]),
+            ranks=chosen.tolist(),
+            scores=self._plan.score[chosen].tolist(),
+        )
+        return len(chosen)
+
+    def _add(self, found: _Found, source: str, count: int) -> int:
+        """Add up to `count` poses of a source; return how many."""
+        if source == "planner":
+            return self._planned(found, count)
+        make = sources.SOURCES[source]
+        made = self._made(lambda n: make(self.surface, self.geometry, n, self.rng), count)
+        found.add(source, made)
+        return len(made.preshape)
+
+    def _fill(self, found: _Found, missing: int) -> None:
+        for source in _STAND_INS:
+            if missing > 0:
+                missing -= self._add(found, source, missing)
+
+    def run(self) -> dict[str, Any]:
+        """Gather candidates, try them, and return the columns."""
+        counts = _quotas(self.config)
+        jitter = counts.pop("jitter")
+        first = _Found()
+        missing = sum(count - self._add(first, source, count) for source, count in counts.items() if count)
+        self._fill(first, missing)
+        if not first.source:
+            raise PlanError(f"no candidate pose of {self.task.name} is free of collision")
+        tried = self._try(first)
+        columns = [tried]
+        if jitter:
+            second, won, nominal = _Found(), tried["success"], first.all()
+            good = Poses(nominal.world_from_hand[won], nominal.preshape[won])
+            if won.any():
+                second.add("jitter", self._made(lambda n: sources.jittered(good, n, self.rng), jitter))
+            self._fill(second, jitter - len(second.source))
+            columns.append(self._try(second))
+        merged = {name: _joined([part[name] for part in columns]) for name in tried}
+        return self._complete(merged)
+
+    def _trials(self, nominal: Poses) -> tuple[Floats, Floats, Outcomes]:
+        """Try each pose once with an error, friction and mass of its own: executed poses, factors (n, 2), outcomes."""
+        config, count = self.config, len(nominal.preshape)
+        executed = sources.deviated(nominal.world_from_hand, config.hand_position, config.hand_rotation, self.rng)
+        factors = np.stack(
+            [self.rng.uniform(*config.friction, count), self.rng.uniform(*config.mass, count)],
+            axis=1,
+        )
+        outcomes = self.scene.simulate(
+            self._in_object(executed),
+            nominal.preshape,
+            friction=factors[:, 0],
+            mass=factors[:, 1],
+            config=config.trial,
+            num_threads=1,
+        )
+        return executed, factors, outcomes
+
+    def _try(self, found: _Found) -> dict[str, Any]:
+        nominal = found.all()
+        executed, factors, outcomes = self._trials(nominal)
+        count = len(nominal.preshape)
+        replays = self.config.replays if self.task.subject.split != "train" else 0
+        wins = np.zeros((2, count), np.int64)
+        for _ in range(replays):
+            again = self._trials(nominal)[2]
+            wins += np.stack([again.success, again.secure])
+        mass = self.scene.mesh.mass
+        return {
+            "object_from_hand": self._in_object(nominal.world_from_hand),
+            "world_from_hand": nominal.world_from_hand,
+            "executed_object_from_hand": self._in_object(executed),
+            "executed_world_from_hand": executed,
+            "preshape": nominal.preshape,
+            "friction_factor": factors[:, 0],
+            "friction": factors[:, 0] * self.config.physics.friction.object,
+            "mass_factor": factors[:, 1],
+            "mass": factors[:, 1] * mass,
+            **{f.name: getattr(outcomes, f.name) for f in fields(outcomes)},
+            "candidate": found.source,
+            "rank": found.rank,
+            "score": found.score,
+            "replays": np.full(count, replays),
+            "replay_successes": wins[0],
+            "replay_secure": wins[1],
+        }
+
+    def _complete(self, columns: dict[str, Any]) -> dict[str, Any]:
+        """Add what is the same for all trials of the scene."""
+        subject, count = self.task.subject, len(columns["preshape"])
+        rest, view_seed = self.scene.world_from_object, _entropy(self.seed, "views")
+        same = {
+            "scene": self.task.name,
+            "object": subject.spec.name,
+            "source": subject.spec.source,
+            "group": subject.group,
+            "split": subject.split,
+            "sha256": mesh_hash(self.scene.mesh),
+            "scale": subject.spec.scale,
+            "world_from_object": rest,
+            "hand": self.hand.name,
+            "seed": self.seed,
+            "view_seed": view_seed,
+            "fov": self.config.fov,
+            "world_from_camera": self._cameras(view_seed),
+        }
+        return {**columns, "trial": np.arange(count), **{name: [value] * count for name, value in same.items()}}
+
+    def _cameras(self, seed: int) -> Floats:
+        """Where the cameras stand around the middle of the object's bounds: (V, 4, 4)."""
+        points = self.scene.mesh.vertices @ self.scene.world_from_object[:3, :3].T + self.scene.world_from_object[:3, 3]
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+        return _core.camera_poses(to_json(self.config.cameras), middle.tolist(), self.config.views, seed)
+
+
+def _quotas(config: DatasetConfig) -> dict[str, int]:
+    """Trials of each source: whole numbers that sum to `poses`, by the largest remainders."""
+    shares = {f.name: getattr(config.candidates, f.name) * config.poses for f in fields(config.candidates)}
+    counts = {name: int(share) for name, share in shares.items()}
+    by_remainder = sorted(shares, key=lambda name: counts[name] - shares[name])
+    for name in by_remainder[: config.poses - sum(counts.values())]:
+        counts[name] += 1
+    return counts
+
+
+def _joined(parts: list[Any]) -> Any:
+    if isinstance(parts[0], list):
+        return [item for part in parts for item in part]
+    return np.concatenate(parts)
+
+
+def label(task: SceneTask, mesh: Mesh, hand: Hand, geometry: HandGeometry, config: DatasetConfig) -> dict[str, Any]:
+    """Label one scene: columns of `graspbox.dataset.schema.TRIALS` by name, as arrays or lists of equal length.
+
+    Raises
+    ------
+    SimulationError, PlanError, MeshError
+        If the object cannot be simulated or planned for.
+    """
+    return _Labeller(task, mesh, hand, geometry, config).run()

@@ -1,0 +1,124 @@
+"""The columns of a data set, in one table: files, documentation and checks all follow from it."""
+
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, get_type_hints
+
+from graspbox.dataset.extras import pyarrow
+from graspbox.outcomes import Outcome, Outcomes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["IMAGES", "TRIALS", "Column", "arrow_schema", "image_schema"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    type : str
+        A type of Arrow; ``matrix``: 16 float64, a 4x4 homogeneous matrix row by row; ``matrices``: a list of these.
+    meaning : str
+        What it holds, with frame and unit.
+    """
+
+    name: str
+    type: str
+    meaning: str
+
+
+_OUTCOME_TYPES = {bool: "bool", str: "string", float: "double", int: "int64"}
+
+
+def _outcome_columns() -> Iterator[Column]:
+    """Turn each field of `Outcome` into a column, with the meaning that the docstring of `Outcomes` gives."""
+    text = inspect.cleandoc(Outcomes.__doc__ or "").partition("Attributes\n----------\n")[2]
+    meanings: dict[str, str] = {}
+    for names, meaning in re.findall(r"^(\w[\w, ]*) : .*\n((?:    .*\n?)+)", text, flags=re.MULTILINE):
+        for name in names.split(", "):
+            meanings[name] = " ".join(textwrap.dedent(meaning).split())
+    hints = get_type_hints(Outcome)
+    for field in fields(Outcome):
+        yield Column(field.name, _OUTCOME_TYPES[hints[field.name]], f"outcome: {meanings[field.name].rstrip('.')}")
+
+
+#: Columns of a trial.
+TRIALS: tuple[Column, ...] = (
+    Column(
+        "scene",
+        "string",
+        "object and number of its resting pose, as `mug-000003/0`; its trials share cameras",
+    ),
+    Column("trial", "int32", "number of the trial in its scene"),
+    Column("object", "string", "name of the object"),
+    Column("source", "string", "object set that holds this object alone (`graspbox.object_sets.load` finds it)"),
+    Column("group", "string", "group of near-duplicates; no group is in two splits"),
+    Column("split", "string", "`train`, `validation` or `test`"),
+    Column("sha256", "string", "hash of the mesh's vertices and faces (`graspbox.plan_files.mesh_hash`)"),
+    Column("scale", "double", "metres per unit of the mesh file; a factor on the size of procedural objects"),
+    Column("world_from_object", "matrix", "pose of the object at rest; the table is the plane z = 0, metres"),
+    Column("hand", "string", "name of the hand"),
+    Column("object_from_hand", "matrix", "nominal pose of the hand, object frame, metres"),
+    Column("world_from_hand", "matrix", "the same in the world"),
+    Column("executed_object_from_hand", "matrix", "pose that was tried: the nominal one with the hand's error"),
+    Column("executed_world_from_hand", "matrix", "the same in the world"),
+    Column("preshape", "double", "preshape of the hand (`graspbox.Hand.preshape_unit`)"),
+    Column("friction_factor", "double", "factor on the object's friction in this trial"),
+    Column("friction", "double", "friction factor of the object after it (`FrictionConfig.object`)"),
+    Column("mass_factor", "double", "factor on the object's mass in this trial"),
+    Column("mass", "double", "mass after it, kg"),
+    *_outcome_columns(),
+    Column("candidate", "string", "source of the pose: `planner`, `normal`, `low`, `jitter` or `random`"),
+    Column("rank", "int32", "rank of the planner's pose among its feasible ones, from 0; null for other sources"),
+    Column("score", "double", "the planner's score; null for other sources"),
+    Column("replays", "int32", "further trials of the nominal pose, each with its own error, friction and mass"),
+    Column("replay_successes", "int32", "how many of them succeeded"),
+    Column("replay_secure", "int32", "how many of them were secure"),
+    Column("seed", "uint64", "seed of the scene, from which its resting pose, candidates and disturbances follow"),
+    Column("view_seed", "uint64", "seed of the scene's cameras"),
+    Column("fov", "double", "vertical field of view of the cameras, radians"),
+    Column("world_from_camera", "matrices", "cameras of the scene; x right, y down, z forward, metres"),
+)
+
+#: Columns of a stored image; H and W are `DatasetConfig.image_size`.
+IMAGES: tuple[Column, ...] = (
+    Column("scene", "string", "scene, as in the trials"),
+    Column("split", "string", "split, as in the trials"),
+    Column("view", "int32", "index of the camera in `world_from_camera` of the trials"),
+    Column("world_from_object", "matrix", "pose of the object, metres"),
+    Column("world_from_camera", "matrix", "pose of the camera, metres"),
+    Column("intrinsics", "list<double>[9]", "3x3, row by row: camera frame to pixels"),
+    Column("depth", "list<uint16>[H*W]", "along the optical axis, millimetres, row by row; 0 where nothing was seen"),
+    Column("segmentation", "list<uint8>[H*W]", "0 background, 1 table and ground, 2 object"),
+)
+
+
+def _arrow(kind: str, pixels: int = 0) -> "pa.DataType":
+    pa = pyarrow()
+    matrix = pa.list_(pa.float64(), 16)
+    known = {"double": pa.float64(), "bool": pa.bool_(), "matrix": matrix, "matrices": pa.list_(matrix)}
+    sized = {
+        "list<double>[9]": lambda: pa.list_(pa.float64(), 9),
+        "list<uint16>[H*W]": lambda: pa.list_(pa.uint16(), pixels),
+        "list<uint8>[H*W]": lambda: pa.list_(pa.uint8(), pixels),
+    }
+    return sized[kind]() if kind in sized else known.get(kind) or pa.type_for_alias(kind)
+
+
+def arrow_schema() -> "pa.Schema":
+    """Arrow's schema of the trials."""
+    return pyarrow().schema([(column.name, _arrow(column.type)) for column in TRIALS])
+
+
+def image_schema(image_size: tuple[int, int]) -> "pa.Schema":
+    """Arrow's schema of the images of this size."""
+    pixels = image_size[0] * image_size[1]
+    return pyarrow().schema([(column.name, _arrow(column.type, pixels)) for column in IMAGES])

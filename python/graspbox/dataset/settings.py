@@ -1,0 +1,133 @@
+"""Settings of a data set: how many trials, which candidates, what varies from trial to trial."""
+
+import math
+from dataclasses import dataclass, field, fields
+
+from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
+from graspbox.errors import ConfigError
+from graspbox.views import ViewPlan
+
+__all__ = ["CandidateShares", "DatasetConfig"]
+
+#: Anywhere above the table but near its plane.
+_CAMERAS = ViewPlan("random", (0.0, 0.0, 1.0), cap=1.2, distance=(0.5, 0.8), shift=0.02)
+#: Largest counts: beyond them a number is a mistake.
+_MOST_POSES, _MOST_VIEWS, _MOST_RESTS, _MOST_REPLAYS, _MOST_SHARD = 100_000, 1_000, 1_000, 1_000, 1_000_000
+
+
+@dataclass(frozen=True)
+class CandidateShares:
+    """Share of the trials of a scene that each source of candidate poses has; they sum to 1.
+
+    A source that finds too few poses leaves its trials to ``planner``, ``normal`` and ``random``, in this order.
+
+    Attributes
+    ----------
+    planner : float
+        `graspbox.plan`: half of them its best-ranked poses, half at random from the others.
+    normal : float
+        Onto a point of the surface, along the inward normal or straight down, closing along the least local extent,
+        with all preshapes of the hand.
+    low : float
+        From above, with the lowest point of the hand 1 to 2 mm above the table: for flat objects.
+    jitter : float
+        Poses near those that succeeded in the same scene.
+    random : float
+        From any direction, at a point of the surface.
+    """
+
+    planner: float = 0.40
+    normal: float = 0.20
+    low: float = 0.15
+    jitter: float = 0.15
+    random: float = 0.10
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """What the rows of a data set depend on, beside its objects and the hand.
+
+    Attributes
+    ----------
+    poses : int
+        Trials per scene, 1 to 100,000.
+    rests : int
+        Scenes per object, each with a resting pose and a yaw of its own, 1 to 1,000. Resting poses are sampled by their
+        probability.
+    views : int
+        Cameras per scene, 0 to 1,000.
+    seed : int
+        Seed of everything, 0 to 2^64 - 1.
+    replays : int
+        Further trials of each pose of the splits validation and test, each with a disturbance of its own, 0 to 1,000.
+    images : bool
+        Store the images of the views; otherwise they are rendered from the rows when they are needed.
+    image_size : pair of int
+        Rows and columns of these images.
+    fov : float
+        Vertical field of view of the cameras, radians.
+    cameras : ViewPlan
+        Where the cameras stand, around the middle of the object's bounds.
+    candidates : CandidateShares
+        Where the poses come from.
+    hand_position, hand_rotation : float
+        The hand misses each pose by up to this much along and about each of its axes, metres and radians.
+    friction, mass : pair of float
+        Bounds of the factors on the object's friction and mass.
+    shard_trials : int
+        Trials of a shard, which is the unit of work; scenes are not divided. 1 to 1,000,000.
+    planning, trial, physics
+        Settings of the planner, of a trial and of the engine.
+    """
+
+    poses: int = 128
+    rests: int = 1
+    views: int = 4
+    seed: int = 0
+    replays: int = 0
+    images: bool = False
+    image_size: tuple[int, int] = (64, 64)
+    fov: float = 0.6
+    cameras: ViewPlan = _CAMERAS
+    candidates: CandidateShares = field(default_factory=CandidateShares)
+    hand_position: float = 0.005
+    hand_rotation: float = math.radians(5.0)
+    friction: tuple[float, float] = (0.7, 1.3)
+    mass: tuple[float, float] = (0.75, 1.25)
+    shard_trials: int = 1024
+    planning: PlanConfig = field(default_factory=PlanConfig)
+    trial: TrialConfig = field(default_factory=TrialConfig)
+    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+
+    def check(self) -> None:
+        """Refuse values that no data set can have; the core checks planner, trial, engine and cameras.
+
+        Raises
+        ------
+        ConfigError
+            Naming the first such field.
+        """
+        counts = {
+            "poses": (1, _MOST_POSES),
+            "rests": (1, _MOST_RESTS),
+            "views": (0, _MOST_VIEWS),
+            "seed": (0, 2**64 - 1),
+            "replays": (0, _MOST_REPLAYS),
+            "shard_trials": (1, _MOST_SHARD),
+        }
+        for name, (least, most) in counts.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+                raise ConfigError(f"{name} is {value!r}; give an integer from {least} to {most}")
+        for name, most_error in {"hand_position": 0.1, "hand_rotation": math.pi}.items():
+            if not 0.0 <= getattr(self, name) <= most_error:
+                raise ConfigError(f"{name} is {getattr(self, name)!r}; give a number from 0 to {most_error:.4g}")
+        for name in ("friction", "mass"):
+            low, high = getattr(self, name)
+            if not 0.01 <= low <= high <= 100.0:
+                raise ConfigError(f"{name} is {(low, high)}; give a least and a greatest factor, from 0.01 to 100")
+        shares = [getattr(self.candidates, f.name) for f in fields(self.candidates)]
+        if not all(share >= 0.0 for share in shares) or not math.isclose(sum(shares), 1.0, abs_tol=1e-9):
+            raise ConfigError(f"candidates has the shares {shares}; give numbers from 0 to 1 that sum to 1")
+        if self.images and not self.views:
+            raise ConfigError("images is True, but views is 0; give the number of views to store")

@@ -1,0 +1,193 @@
+"""Shards, the unit of work: a shard is a Parquet file of whole scenes of one split, written whole."""
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspbox._core import Hand, Mesh
+from graspbox.dataset.candidates import HandGeometry
+from graspbox.dataset.extras import parquet, pyarrow
+from graspbox.dataset.images import scene_images
+from graspbox.dataset.scenes import SceneTask, Subject, label
+from graspbox.dataset.schema import TRIALS, arrow_schema, image_schema
+from graspbox.dataset.settings import DatasetConfig
+from graspbox.errors import ConfigError, GraspboxError, InternalError
+from graspbox.plan_files import mesh_hash
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["Shard", "ShardFiles", "divide", "make", "stored_facts"]
+
+#: Key of the facts about a shard in the metadata of its file.
+_KEY = b"graspbox"
+#: Trials of a row group.
+_ROW_GROUP = 4096
+_COMPRESSION_LEVEL = 3
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A shard to make.
+
+    Attributes
+    ----------
+    name : str
+        Name of its files in ``trials`` and ``images``.
+    tasks : tuple of SceneTask
+        Its scenes, in the order of their rows.
+    fingerprint : str
+        Hash of the settings of the data set.
+    """
+
+    name: str
+    tasks: tuple[SceneTask, ...]
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class ShardFiles:
+    """A shard that was made: the content of its files, and what the manifest says of it (`facts`)."""
+
+    name: str
+    trials: bytes
+    images: bytes | None
+    facts: dict[str, Any]
+
+
+def divide(subjects: list[Subject], config: DatasetConfig, fingerprint: str) -> list[Shard]:
+    """Divide the scenes of a data set into shards, split by split, in the order of the objects."""
+    scenes_each = max(1, config.shard_trials // config.poses)
+    shards = []
+    for split in ("train", "validation", "test"):
+        tasks = [SceneTask(s, rest) for s in subjects if s.split == split for rest in range(config.rests)]
+        parts = [tasks[i : i + scenes_each] for i in range(0, len(tasks), scenes_each)]
+        names = [f"{split}-{i:05d}-of-{len(parts):05d}.parquet" for i in range(len(parts))]
+        shards += [Shard(name, tuple(part), fingerprint) for name, part in zip(names, parts, strict=True)]
+    return shards
+
+
+@lru_cache(maxsize=4)
+def _geometry(hand: Hand) -> HandGeometry:
+    return HandGeometry.of(hand)
+
+
+def make(shard: Shard, hand: Hand, config: DatasetConfig) -> ShardFiles:
+    """Make a shard: label its scenes one after the other, on one thread.
+
+    An object that graspbox refuses has no rows; the facts name it, and why.
+
+    Raises
+    ------
+    ConfigError
+        If a setting is wrong, which no other object would change.
+    """
+    started = time.perf_counter()
+    tables, images, objects, refused = [], [], {}, {}
+    mesh: Mesh | None = None
+    for index, task in enumerate(shard.tasks):
+        spec = task.subject.spec
+        try:
+            if mesh is None or shard.tasks[index - 1].subject != task.subject:
+                mesh = None
+                mesh = spec.load()
+            columns = label(task, mesh, hand, _geometry(hand), config)
+        except (ConfigError, InternalError):
+            raise
+        except GraspboxError as error:
+            refused[task.name] = f"{type(error).__name__}: {error}"
+            continue
+        objects[spec.name] = {"sha256": mesh_hash(mesh), "mass": mesh.mass}
+        tables.append(_table(columns))
+        if config.images:
+            images.append(_image_table(scene_images(mesh, columns, config), config))
+    table = pyarrow().concat_tables([arrow_schema().empty_table(), *tables])
+    facts = {
+        "fingerprint": shard.fingerprint,
+        "scenes": [task.name for task in shard.tasks],
+        "refused": refused,
+        "objects": objects,
+        "counts": _counts(table),
+    }
+    stored = _parquet_bytes(image_schema(config.image_size), images, facts) if config.images else None
+    trials = _parquet_bytes(arrow_schema(), [table], facts)
+    made = {**facts, "sha256": hashlib.sha256(trials).hexdigest(), "seconds": time.perf_counter() - started}
+    return ShardFiles(shard.name, trials, stored, made)
+
+
+def _table(columns: dict[str, Any]) -> "pa.Table":
+    pa, schema = pyarrow(), arrow_schema()
+    if set(columns) != {column.name for column in TRIALS}:
+        raise InternalError(f"columns {set(columns) ^ {column.name for column in TRIALS}} differ from the schema")
+    arrays = [_array(columns[name], schema.field(name).type) for name in schema.names]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _image_table(columns: dict[str, Any], config: DatasetConfig) -> "pa.Table":
+    schema = image_schema(config.image_size)
+    arrays = [_array(columns[name], schema.field(name).type) for name in schema.names]
+    return pyarrow().Table.from_arrays(arrays, schema=schema)
+
+
+def _array(values: Any, kind: "pa.DataType") -> "pa.Array":
+    """Convert a column; what lies behind the first axis of an array becomes one list of fixed size."""
+    pa = pyarrow()
+    if pa.types.is_fixed_size_list(kind):
+        flat = np.ascontiguousarray(np.asarray(values).reshape(-1), dtype=kind.value_type.to_pandas_dtype())
+        return pa.FixedSizeListArray.from_arrays(pa.array(flat), type=kind)
+    if pa.types.is_list(kind):
+        rows = np.asarray(values)
+        offsets = np.arange(len(rows) + 1, dtype=np.int32) * rows.shape[1]
+        return pa.ListArray.from_arrays(pa.array(offsets), _array(rows, kind.value_type), type=kind)
+    return pa.array(values, type=kind)
+
+
+def _counts(table: "pa.Table") -> dict[str, dict[str, int]]:
+    """Count trials, successes, secure grasps and infeasible poses of each source of candidates."""
+    source, failure = (np.array(table[name].to_pylist(), dtype=np.str_) for name in ("candidate", "failure"))
+    flags = {name: np.array(table[name].to_pylist(), dtype=bool) for name in ("success", "secure")}
+    flags["infeasible"] = failure == "infeasible"
+    return {
+        str(name): {
+            "trials": int((source == name).sum()),
+            **{key: int(flag[source == name].sum()) for key, flag in flags.items()},
+        }
+        for name in sorted(set(source))
+    }
+
+
+def _parquet_bytes(schema: "pa.Schema", tables: list["pa.Table"], facts: dict[str, Any]) -> bytes:
+    pa = pyarrow()
+    table = pa.concat_tables([schema.empty_table(), *tables])
+    table = table.replace_schema_metadata({_KEY: json.dumps(facts)})
+    sink = pa.BufferOutputStream()
+    parquet().write_table(
+        table, sink, compression="zstd", compression_level=_COMPRESSION_LEVEL, row_group_size=_ROW_GROUP
+    )
+    return bytes(sink.getvalue())
+
+
+def stored_facts(path: Path) -> dict[str, Any]:
+    """Read what `make` wrote about a shard into its file.
+
+    Raises
+    ------
+    ConfigError
+        If the file is no shard.
+    """
+    pa = pyarrow()
+    try:
+        content = path.read_bytes()
+        metadata = parquet().read_schema(pa.BufferReader(content)).metadata or {}
+        facts: dict[str, Any] = json.loads(metadata[_KEY])
+    except (KeyError, ValueError, pa.ArrowException):
+        raise ConfigError(
+            f"{str(path)!r} is no shard of a data set; remove it, and the same command makes it again"
+        ) from None
+    return {**facts, "sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}

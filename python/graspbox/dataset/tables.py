@@ -1,0 +1,130 @@
+"""Rows of a data set as tables of Arrow, and their columns as arrays."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.dataset.extras import parquet, pyarrow
+from graspbox.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["column", "lists", "load", "load_images", "matrices", "stored_images"]
+
+SPLITS = ("train", "validation", "test")
+
+
+def load(folder: str | os.PathLike[str], split: str | None = None, columns: list[str] | None = None) -> "pa.Table":
+    """Read the trials of a data set that ``graspbox dataset`` wrote, also while it is still being made.
+
+    Parameters
+    ----------
+    folder : str or PathLike
+        The folder.
+    split : {"train", "validation", "test"}, optional
+        Only this split; by default all, in this order.
+    columns : list of str, optional
+        Only these columns.
+
+    Raises
+    ------
+    ConfigError
+        If the split does not exist, or the folder has no shard of it.
+    """
+    return _read(folder, "trials", split, columns)
+
+
+def load_images(
+    folder: str | os.PathLike[str], split: str | None = None, columns: list[str] | None = None
+) -> "pa.Table":
+    """Read the stored images of a data set, one row per view of a scene; arguments and errors as `load`."""
+    return _read(folder, "images", split, columns)
+
+
+def _read(folder: str | os.PathLike[str], kind: str, split: str | None, columns: list[str] | None) -> "pa.Table":
+    if split is not None and split not in SPLITS:
+        raise ConfigError(f"there is no split {split!r}; choose from {', '.join(SPLITS)}")
+    wanted = SPLITS if split is None else (split,)
+    paths = [path for name in wanted for path in sorted((Path(folder) / kind).glob(f"{name}-*.parquet"))]
+    if not paths:
+        raise ConfigError(f"{os.fspath(folder)!r} holds no {kind}" + (f" of the split {split!r}" if split else ""))
+    tables = [parquet().read_table(path, columns=columns).replace_schema_metadata(None) for path in paths]
+    return pyarrow().concat_tables(tables)
+
+
+def column(table: "pa.Table", name: str) -> NDArray[Any]:
+    """Give a column of numbers, flags or text as an array (n,); null is NaN, or -1 among integers.
+
+    Raises
+    ------
+    ConfigError
+        If the table has no such column.
+    """
+    found, pa = _column(table, name), pyarrow()
+    if found.null_count:
+        fill = float("nan") if pa.types.is_floating(found.type) else -1
+        found = found.fill_null(fill)
+    if pa.types.is_string(found.type) or pa.types.is_large_string(found.type):
+        return np.array(found.to_pylist(), dtype=np.str_)
+    return np.asarray(found.to_numpy())
+
+
+def lists(table: "pa.Table", name: str) -> list[Any]:
+    """Give a column as a list of Python's values; raises as `column`."""
+    return list(_column(table, name).to_pylist())
+
+
+def _column(table: "pa.Table", name: str) -> Any:
+    if name not in table.column_names:
+        raise ConfigError(f"the table has no column {name!r}; it has {', '.join(table.column_names)}")
+    return table[name]
+
+
+def _flat(array: Any) -> NDArray[Any]:
+    """Values of nested lists, one after the other; slices of a table keep to their rows."""
+    pa = pyarrow()
+    while pa.types.is_nested(array.type):
+        array = array.flatten()
+    return np.asarray(array.to_numpy())
+
+
+def matrices(table: "pa.Table", name: str) -> NDArray[np.float64]:
+    """Give a column of matrices as an array (n, 4, 4), or of lists of matrices as (n, v, 4, 4).
+
+    Raises
+    ------
+    ConfigError
+        If the table has no such column, it holds no matrices, or its lists differ in length.
+    """
+    found = _column(table, name).combine_chunks()
+    found = found.combine_chunks() if hasattr(found, "combine_chunks") else found
+    values = _flat(found)
+    listed = pyarrow().types.is_nested(found.type.value_type) if pyarrow().types.is_nested(found.type) else False
+    views = len(values) // (16 * len(found)) if listed and len(found) else 1
+    lengths = set(found.value_lengths().to_pylist()) if listed else {16}
+    if not pyarrow().types.is_nested(found.type) or len(lengths) > 1 or len(values) != 16 * views * len(found):
+        raise ConfigError(f"column {name!r} does not hold matrices, or its rows differ in their number")
+    shape = (len(found), views, 4, 4) if listed else (len(found), 4, 4)
+    return np.ascontiguousarray(values, dtype=np.float64).reshape(shape)
+
+
+def stored_images(table: "pa.Table", image_size: int | tuple[int, int]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """Give stored images as arrays: depth (n, H, W) uint16, millimetres, and segmentation (n, H, W) uint8.
+
+    Raises
+    ------
+    ConfigError
+        If the images have another size.
+    """
+    height, width = (image_size, image_size) if isinstance(image_size, int) else image_size
+    found = []
+    for name in ("depth", "segmentation"):
+        values = _flat(_column(table, name).combine_chunks())
+        if len(values) != len(table) * height * width:
+            raise ConfigError(f"image_size is {(height, width)}; the images have {len(values) // len(table)} pixels")
+        found.append(values.reshape(len(table), height, width))
+    return found[0], found[1]
