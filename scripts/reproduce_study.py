@@ -340,8 +340,8 @@ def main(arguments: list[str] | None = None) -> int:
         print_json([result.row() for result in results])
     else:
         for network in dict.fromkeys(result.network for result in results):
-            console.print(network_table(network, results), markup=False)
-        console.print(str(settings.out / "study.md"))
+            print(network_table(network, results))
+        print(settings.out / "study.md")
     return 0
 
 

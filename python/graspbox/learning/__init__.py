@@ -11,7 +11,8 @@
 | `training`   | optimisers by name, early stopping, logs, checkpoints | yes |
 | `execution`  | predicted poses tried in simulation; baselines that learn nothing | no |
 | `regressor`  | a trained model as a policy of ``GraspPose-v0`` | when it loads a model |
-| `study_settings`, `study_results`, `study_figures` | tables 3.2 and 3.3 and figures 3.19 to 3.27 of the study, beside ours | no |
+| `study_settings` | settings of the reproduction; what the study found | no |
+| `study_results`, `study_figures` | tables 3.2 and 3.3 and figures 3.19 to 3.27 of the study beside ours | no |
 
 ``scripts/reproduce_study.py`` runs all of it. No module imports torch before it is used; `require` tells whether it is
 there.

@@ -26,7 +26,7 @@ from graspbox.object_sets import ObjectSet
 from graspbox.outcomes import Outcomes
 from graspbox.simulation import Scene
 
-__all__ = ["BASELINES", "Score", "Scenes", "average_pose", "execute"]
+__all__ = ["BASELINES", "Scenes", "Score", "average_pose", "execute"]
 
 #: A distance between positions that counts as much as an angle of one radian, metres.
 _ASIDE = 0.1

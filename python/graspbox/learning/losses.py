@@ -14,8 +14,8 @@ the angle of the rotation between the two; the study reports different results f
 2 atan2(norm of a - b, norm of a + b): the same value, but its gradient is finite everywhere.
 
 Source of psi1 to psi4 and ``euler``: D. Huynh, "Metrics for 3D rotations: comparison and analysis", Journal of
-Mathematical Imaging and Vision 35(2), 2009; of ``posenet``: A. Kendall, M. Grimes, R. Cipolla, "PoseNet: a convolutional
-network for real-time 6-DOF camera relocalization", ICCV 2015.
+Mathematical Imaging and Vision 35(2), 2009; of ``posenet``: A. Kendall, M. Grimes, R. Cipolla, "PoseNet: a
+convolutional network for real-time 6-DOF camera relocalization", ICCV 2015.
 """
 
 import math

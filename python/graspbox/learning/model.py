@@ -99,9 +99,9 @@ class PoseModel(nn.Module):  # type: ignore[misc]
             fully_connected=config.fully_connected,
             generator=torch.Generator().manual_seed(seed),
         )
-        if made.axes == 2:
-            # With channels last a training step of Cnn2d takes two thirds of the CPU time.
-            self.network.to(memory_format=torch.channels_last)
+        # With channels last a training step of Cnn2d takes 1.8 s of CPU time instead of 2.8, one of Cnn3d 0.22 instead
+        # of 0.69 (batches of 10 and 6).
+        self.network.to(memory_format=torch.channels_last if made.axes == 2 else torch.channels_last_3d)
         self.register_buffer("input_shift", torch.zeros(()))
         self.register_buffer("input_scale", torch.ones(()))
         self.register_buffer("position_shift", torch.zeros(3))

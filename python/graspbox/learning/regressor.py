@@ -1,12 +1,13 @@
 """A trained pose network as a policy of ``GraspPose-v0`` (extra ``[train]``).
 
-The networks predict in the base frame of an object and see it as the study's camera does. So the policy finds the object
-in its observation first: the middle of what stands above the table gives the base frame, whose axes are the world's.
+The networks predict in the base frame of an object and see it as the study's camera does. So the policy finds the
+object in its observation first: the middle of what rises above the table gives the base frame, whose axes are the
+world's.
 
 | input of the network | observation | what it does with it |
 |---|---|---|
-| ``image``             | ``rgbd``   | finds the object by its depth, shifts the grey image until the object is in the middle |
-| ``binary``, ``ternary`` | ``voxels`` | cuts the cube around the occupied voxels above the table, and scales it to 64 voxels |
+| ``image``             | ``rgbd``   | finds the object by its depth, shifts the grey image so that it is central |
+| ``binary``, ``ternary`` | ``voxels`` | cuts out the cube around what is occupied above the table, at 64 voxels |
 
 Make the environments with `cameras`, so that they look as the study's camera did. A network that learned from one side
 of each object knows none of the others: `Randomization` and resets turn the object, which the study did not do.
@@ -182,7 +183,7 @@ def cropped_voxels(voxels: NDArray[np.integer], kind: str) -> tuple[NDArray[np.u
     """
     edge = _SIDE / _VOXELS
     # The table is in the lowest layer.
-    occupied = np.argwhere(voxels[:, :, 1:] == 2) + [0, 0, 1]
+    occupied = np.argwhere(voxels[:, :, 1:] == 2) + np.array([0, 0, 1])
     if not len(occupied):
         return None
     low, high = occupied.min(axis=0), occupied.max(axis=0) + 1

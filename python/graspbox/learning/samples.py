@@ -35,8 +35,13 @@ from graspbox.by_value import ByValue
 from graspbox.errors import ConfigError, FileError
 from graspbox.files import replacing
 from graspbox.learning.grasps import Grasps, base_pose
-from graspbox.learning.rotations import euler_from_rotation, poses_from, quaternion_from_rotation
-from graspbox.learning.rotations import rotation_from_euler, rotation_from_quaternion
+from graspbox.learning.rotations import (
+    euler_from_rotation,
+    poses_from,
+    quaternion_from_rotation,
+    rotation_from_euler,
+    rotation_from_quaternion,
+)
 from graspbox.object_sets import ObjectSet
 from graspbox.simulation import Scene
 from graspbox.views import Views, occupancy, views
@@ -113,7 +118,7 @@ class Samples(ByValue):
             If it holds no samples.
         """
         try:
-            with np.load(path, allow_pickle=False) as found:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
                 return cls(tuple(found["names"].tolist()), **{name: found[name] for name in _COLUMNS})
         except OSError as error:
             raise FileError(error.errno, error.strerror or str(error), str(path)) from None

@@ -103,7 +103,7 @@ def training_figure(path: Path, title: str, curves: Mapping[str, Curve]) -> None
             axes.plot(at, _smooth(values), color=_TRAIN, label="training batches, smoothed")
             held = factor * curve.validation[key]
             axes.plot(curve.validation["iteration"], held, color=_VALIDATION, marker=".", label="validation")
-            axes.set_ylabel(f"{label} ({unit})", fontsize=8)
+            axes.set_ylabel(f"{label}\n({unit})", fontsize=8)
             axes.set_ylim(bottom=0.0)
             axes.tick_params(labelsize=8)
             axes.grid(alpha=0.3)

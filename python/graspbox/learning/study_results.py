@@ -193,12 +193,12 @@ def page(
         beside = f", beside table {table} of the study" if table else ""
         parts += [f"## {_TITLES[network]}{beside}\n", network_table(network, results)]
     parts += [
-        "Errors are training/test/validation errors in the study's unit: 0.005 position (m) + 0.031 orientation (unit of "
-        "the loss), summed over one of its batches. Training errors are over as many samples as the validation has. "
+        "Errors are training/test/validation errors in the study's unit: 0.005 position (m) + 0.031 orientation (unit "
+        "of the loss), summed over one of its batches. Training errors are over as many samples as the validation has. "
         "`psi2` and `psi3` are the same function, so different results of the two measure chance alone.\n",
         "## Predictions without a network\n",
-        "`label` executes the pose of the test sample itself, `nearest` that of the nearest training input, `average` the "
-        "average of the object's training poses, `constant` one training pose for everything "
+        "`label` executes the pose of the test sample itself, `nearest` that of the nearest training input, `average` "
+        "the average of the object's training poses, `constant` one training pose for everything "
         "(`graspbox.learning.execution`).\n",
         baseline_table(baselines),
         "## What training did\n",

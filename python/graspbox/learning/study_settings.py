@@ -64,7 +64,7 @@ TABLES: Mapping[str, tuple[str, tuple[StudyRow, ...]]] = {
 
 
 def training_settings(name: str, network: str) -> dict[str, Any]:
-    """Settings of a network: fields of `graspbox.learning.training.TrainConfig`, and ``zero_output``.
+    """Give the settings of a network: fields of `graspbox.learning.training.TrainConfig` and ``zero_output``.
 
     ``legacy`` is the study: momentum 0.5 at a learning rate of 1e-9, the weighted errors summed over the batch, nothing
     scaled, a last layer that begins with zeros. ``sane`` changes these four and nothing else about the network: Adam, a

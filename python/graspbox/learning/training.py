@@ -209,7 +209,7 @@ class _Run:
         state.iteration += 1
         state.seconds += time.monotonic() - started
         norm = float(torch.linalg.vector_norm(outputs.detach()[:, 3:], dim=1).mean())
-        means = (float(totals.mean()), float(errors.position.mean()), float(errors.rotation.mean()))
+        means = (float(part.detach().mean()) for part in (totals, errors.position, errors.rotation))
         return (state.iteration, epoch, round(state.seconds, 3), *means, norm)
 
     def validate(self) -> tuple[float, ...]:
