@@ -289,12 +289,13 @@ def test_policy_finds_the_object_in_voxels() -> None:
     np.testing.assert_allclose(base[:3, 3], [44 / 64 * 0.4 - 0.2, 22 / 64 * 0.4 - 0.2, 0.0])
     # With a cube twice as high, what is unseen behind the block comes into it.
     seen[40:48, 20:24, 1:17] = 2
-    grid, _ = cropped_voxels(seen, "ternary") or (None, None)
-    assert grid is not None
+    found = cropped_voxels(seen, "ternary")
+    assert found is not None
+    grid, _ = found
     assert (grid[32:, :16, :16] == UNSEEN).all()
-    grid, _ = cropped_voxels(seen, "binary") or (None, None)
-    assert grid is not None
-    assert UNSEEN not in grid
+    found = cropped_voxels(seen, "binary")
+    assert found is not None
+    assert UNSEEN not in found[0]
 
 
 def test_reports_put_the_study_beside_ours(tmp_path: Path) -> None:

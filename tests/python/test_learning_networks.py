@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ torch = pytest.importorskip("torch", reason="networks need the extra 'train'")
 
 from graspbox.errors import ConfigError  # noqa: E402
 from graspbox.learning.losses import LOSSES, Errors, LossWeights, loss_named, normalized  # noqa: E402
-from graspbox.learning.networks import NETWORKS, Cnn2d, Cnn2dDropout, Cnn3d, network_named  # noqa: E402
+from graspbox.learning.networks import NETWORKS, Cnn2d, Cnn2dDropout, Cnn3d, Units, network_named  # noqa: E402
 from graspbox.learning.rotations import quaternion_from_rotation, rotation_from_euler  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -19,20 +20,20 @@ QUATERNION_LOSSES = [name for name, loss in LOSSES.items() if loss.size == 4]
 #: Those that do not tell q from -q.
 SYMMETRIC = ["psi1", "psi2", "psi3", "psi4"]
 #: A small size of each network's input, for tests.
-SMALL = {"cnn2d": 64, "cnn2d_dropout": 64, "cnn3d": 32}
+SMALL = {"cnn2d": 64, "cnn2d_dropout": 64, "cnn3d": 40}
 
 
-def unit(count: int, seed: int = 0) -> torch.Tensor:
+def unit(count: int, seed: int = 0) -> Any:
     return normalized(torch.randn(count, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(seed)))
 
 
-def turned(degrees: float) -> torch.Tensor:
+def turned(degrees: float) -> Any:
     """Give the quaternion (1, 4) of a turn about z."""
     half = math.radians(degrees) / 2
     return torch.tensor([[math.cos(half), 0.0, 0.0, math.sin(half)]], dtype=torch.float64)
 
 
-def describe(network: torch.nn.Module) -> list[str]:
+def describe(network: Any) -> list[str]:
     """Layers in the notation of the study."""
     found = []
     for layer in network.layers:
@@ -57,7 +58,7 @@ def test_networks_are_the_studys() -> None:
     assert " ".join(describe(Cnn3d(7))) == f"{voxels} FC(550) FC(250) FC(150) FC(7)"
 
 
-@pytest.mark.parametrize(("network", "weights"), [(Cnn2d, 47_347_815), (Cnn2dDropout, 8_213_447), (Cnn3d, 526_347)])
+@pytest.mark.parametrize(("network", "weights"), [(Cnn2d, 47_351_015), (Cnn2dDropout, 8_211_015), (Cnn3d, 523_552)])
 def test_networks_have_the_documented_number_of_weights(network: type[Cnn2d], weights: int) -> None:
     """The study says 47 million of the first, which convolutions with padding would not give."""
     made = network(7)
@@ -67,8 +68,8 @@ def test_networks_have_the_documented_number_of_weights(network: type[Cnn2d], we
 
 
 @pytest.mark.parametrize("units", ["relu", "sigmoid"])
-def test_weights_are_uniform_within_their_bound(units: str) -> None:
-    network = Cnn2d(7, units=units, size=64, fully_connected=(60, 50), generator=torch.Generator().manual_seed(0))
+def test_weights_are_uniform_within_their_bound(units: Units) -> None:
+    network = Cnn2d(7, units=units, size=64, fully_connected=(60, 500), generator=torch.Generator().manual_seed(0))
     layers = [layer for layer in network.layers if hasattr(layer, "weight")]
     for layer in layers:
         area = math.prod(layer.weight.shape[2:])
@@ -78,7 +79,7 @@ def test_weights_are_uniform_within_their_bound(units: str) -> None:
         assert layer.weight.abs().max() <= bound
         assert layer.weight.abs().max() > 0.9 * bound
         # Uniform numbers in [-b, b] have the standard deviation b / sqrt(3).
-        assert float(layer.weight.std()) == pytest.approx(bound / math.sqrt(3), rel=0.1)
+        assert float(layer.weight.detach().std()) == pytest.approx(bound / math.sqrt(3), rel=0.1)
         assert not layer.bias.any()
     kinds = {type(layer) for layer in network.layers}
     assert (torch.nn.Sigmoid in kinds, torch.nn.ReLU in kinds) == (units == "sigmoid", units == "relu")
@@ -110,7 +111,7 @@ def test_wrong_networks_are_refused() -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_normalization_is_algorithm_7(dtype: torch.dtype) -> None:
+def test_normalization_is_algorithm_7(dtype: Any) -> None:
     """Zero becomes (1, 0, 0, 0); anything else that is not tiny becomes q / norm; all of it has a finite gradient."""
     given = torch.tensor([[0.0, 0, 0, 0], [0, 3, 0, 4], [-2, 0, 0, 0], [-1e-12, 0, 0, 0]], dtype=dtype)
     given.requires_grad_()

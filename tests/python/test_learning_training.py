@@ -18,6 +18,7 @@ from graspbox import object_sets  # noqa: E402
 from graspbox.errors import ConfigError, FileError  # noqa: E402
 from graspbox.learning import grasps  # noqa: E402
 from graspbox.learning.execution import Scenes, execute  # noqa: E402
+from graspbox.learning.losses import LossWeights  # noqa: E402
 from graspbox.learning.model import ModelConfig, PoseModel  # noqa: E402
 from graspbox.learning.regressor import PoseRegressor, cameras  # noqa: E402
 from graspbox.learning.rotations import poses_from, rotation_from_euler  # noqa: E402
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.train
 
 SIDE = 32
 SMALL = ModelConfig("cnn3d", "psi4", "binary", size=SIDE, fully_connected=(32,))
-FAST = TrainConfig(learning_rate=3e-3, batch_size=8, patience=1000)
+FAST = TrainConfig(learning_rate=3e-3, batch_size=8, weights=LossWeights(1.0, 10.0), patience=1000)
 
 
 def blocks(count: int, seed: int = 0) -> Samples:
@@ -61,18 +62,18 @@ def steady(found: list[dict[str, str]]) -> list[tuple[str, ...]]:
 
 def test_training_learns_and_logs(tmp_path: Path) -> None:
     """Heights that the training has not shown are predicted to a fraction of their spread."""
-    model = train(SMALL, SAMPLES, SPLIT, FAST, tmp_path, iterations=180)
+    model = train(SMALL, SAMPLES, SPLIT, FAST, tmp_path, iterations=120)
     found = measure(model, SAMPLES[SPLIT.test], FAST.weights)
     spread = SAMPLES.base_from_hand[:, 2, 3].std()
     assert found.position < 0.35 * spread
     assert np.degrees(found.angle) < 10
     steps, tests = rows(tmp_path / "iterations.csv"), rows(tmp_path / "validations.csv")
-    assert [int(row["iteration"]) for row in steps] == list(range(1, 181))
+    assert [int(row["iteration"]) for row in steps] == list(range(1, 121))
     # 51 samples are 6 batches of 8.
-    assert [int(row["iteration"]) for row in tests] == list(range(6, 181, 6))
+    assert [int(row["iteration"]) for row in tests] == list(range(6, 121, 6))
     assert {row["epoch"] for row in steps[:6]} == {"0"}
     result = json.loads((tmp_path / "result.json").read_text())
-    assert (result["stopped"], result["iteration"]) == ("budget", 180)
+    assert (result["stopped"], result["iteration"]) == ("budget", 120)
     assert result["best"] == pytest.approx(min(float(row["loss"]) for row in tests), rel=1e-3)
     assert any((tmp_path / "tensorboard").glob("events*"))
     assert not (tmp_path / "checkpoint.pt").exists()
@@ -83,7 +84,8 @@ def test_each_optimiser_lowers_the_error(name: str, tmp_path: Path) -> None:
     rate = {"adam": 3e-3, "adagrad": 3e-3, "delta_bar_delta": 1e-4}.get(name, 0.1)
     batch = 51 if name == "delta_bar_delta" else 8  # Rprop compares gradients, so it needs the same batch
     config = TrainConfig(optimizer=name, learning_rate=rate, batch_size=batch)  # type: ignore[arg-type]
-    train(SMALL, SAMPLES, SPLIT, config, tmp_path, iterations=40)
+    count = 12 if batch == 51 else 40
+    train(SMALL, SAMPLES, SPLIT, config, tmp_path, iterations=count)
     losses = [float(row["loss"]) for row in rows(tmp_path / "iterations.csv")]
     assert np.mean(losses[-5:]) < 0.7 * np.mean(losses[:2])
     kinds = {"adam": torch.optim.Adam, "adagrad": torch.optim.Adagrad, "delta_bar_delta": torch.optim.Rprop}
@@ -252,7 +254,7 @@ def test_models_act_in_the_environment(network: str, kind: str) -> None:
     above = base_from_hand[base_from_hand[:, 2, 2] < -0.98]
     model = Known(ModelConfig(network, "psi4", kind, preshape=grasps.PRESHAPE, fully_connected=(8,)))  # type: ignore[arg-type]
     model.pose = above[0]
-    out = execute(Scenes(objects), Samples(objects.names, np.zeros((1, 1)), np.zeros(1, dtype=np.int64),
+    out = execute(Scenes(objects), Samples(objects.names, np.zeros((1, 1), dtype=np.uint8), np.zeros(1, dtype=np.int64),
                   above[:1], np.array([grasps.PRESHAPE])), above[:1])  # fmt: skip
     assert out.success == 1
     policy = PoseRegressor(model)

@@ -86,8 +86,9 @@ class Score:
     @classmethod
     def of(cls, outcomes: Outcomes) -> "Score":
         """Count outcomes of trials with ``TrialConfig(legacy=True)``."""
-        sums = [int(found.sum()) for found in (outcomes.success, outcomes.secure, outcomes.legacy_success)]
-        return cls(len(outcomes), *sums, int((outcomes.failure == "infeasible").sum()))
+        found = (outcomes.success, outcomes.secure, outcomes.legacy_success, outcomes.failure == "infeasible")
+        success, secure, legacy, infeasible = (int(one.sum()) for one in found)
+        return cls(len(outcomes), success, secure, legacy, infeasible)
 
 
 def execute(

@@ -1,7 +1,7 @@
 """A network with its scaling: from images or voxels as they are stored to poses in metres."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +57,12 @@ class ModelConfig:
     zero_output: bool = False
     preshape: float = 0.0
     size: int | None = None
-    fully_connected: tuple[int, ...] | None = field(default=None)
+    fully_connected: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.fully_connected is not None:
+            # JSON has lists.
+            object.__setattr__(self, "fully_connected", tuple(self.fully_connected))
 
 
 class PoseModel(nn.Module):  # type: ignore[misc]

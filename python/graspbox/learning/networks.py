@@ -151,14 +151,14 @@ class Cnn2d(PoseNetwork):
         Convolution(32, 4),
         Pool(),
     )
-    fully_connected = (5500, 2500, 1500)
+    fully_connected: ClassVar[tuple[int, ...]] = (5500, 2500, 1500)
 
 
 class Cnn2dDropout(Cnn2d):
     """The study's 2DCNN with dropout; 8.2 million weights."""
 
     dropouts = (0.2, 0.5, 0.5)
-    fully_connected = (1500,)
+    fully_connected: ClassVar[tuple[int, ...]] = (1500,)
 
 
 class Cnn3d(PoseNetwork):

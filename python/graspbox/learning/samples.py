@@ -268,7 +268,7 @@ def _sizes(counts: NDArray[np.int64], total: int) -> NDArray[np.int64]:
     if total < 1:
         raise ConfigError(f"count is {total}; give the number of samples, 1 or more")
     ends = np.rint(np.cumsum(counts) * (total / counts.sum())).astype(np.int64)
-    return np.diff(ends, prepend=0)
+    return np.asarray(np.diff(ends, prepend=0))
 
 
 def observe(scene: Scene, kind: Kind, count: int, seed: int, *, num_threads: int | None = None) -> NDArray[np.uint8]:
