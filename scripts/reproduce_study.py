@@ -36,7 +36,7 @@ from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.files import write_text
 from graspbox.learning.execution import BASELINES, Scenes, execute
-from graspbox.learning.grasps import PRESHAPE, collect
+from graspbox.learning.grasps import PRESHAPE, Grasps, collect
 from graspbox.learning.samples import Kind, Mapping, Samples, Split, make_samples, observe, split_at_random
 from graspbox.learning.study_figures import normalized_figure, read_curve, training_figure
 from graspbox.learning.study_results import PARTS, NetworkResult, network_table, page, position_spread
@@ -135,6 +135,7 @@ def make_data(settings: Settings, objects: ObjectSet) -> dict[str, tuple[Samples
                 task = bar.add_task(f"{count} grasps", total=count)
                 if count not in grasps:
                     grasps[count] = collect(objects, count, seed=settings.seed, done=counter(bar, task))
+                    without_inputs(grasps[count]).save(folder / f"grasps_{count}.npz")
                 task = bar.add_task(f"{count} samples, {kind}", total=count)
                 options: dict[str, Any] = {"kind": kind, "mapping": settings.mapping, "seed": settings.seed}
                 make_samples(objects, grasps[count], **options, done=counter(bar, task)).save(paths[0])
@@ -142,6 +143,12 @@ def make_data(settings: Settings, objects: ObjectSet) -> dict[str, tuple[Samples
                 make_unseen(unseen_objects(objects), kind).save(paths[1])
             data[kind] = (Samples.load(paths[0]), Samples.load(paths[1]))
     return data
+
+
+def without_inputs(grasps: Grasps) -> Samples:
+    """Give grasps as samples that show nothing, for the baseline that averages all of an object's grasps."""
+    nothing = np.zeros((len(grasps), 0), dtype=np.uint8)
+    return Samples(grasps.names, nothing, grasps.object, grasps.base_from_hand, grasps.preshape)
 
 
 def counter(bar: Progress, task: TaskID) -> Callable[[int], None]:
@@ -236,6 +243,12 @@ def run_baselines(settings: Settings, data: dict[str, tuple[Samples, Samples]], 
         split = split_at_random(len(samples), settings.seed)
         train, test = samples[split.train], samples[split.test]
         found[kind] = {name: asdict(execute(scenes, test, guess(train, test))) for name, guess in BASELINES.items()}
+    # What a network learns that minimizes its error over all poses that are right for what it sees.
+    for path in sorted((settings.out / "data").glob("grasps_*.npz")):
+        known = Samples.load(path)
+        first = known[np.unique(known.object, return_index=True)[1]]
+        score = execute(scenes, first, BASELINES["average"](known, first))
+        found[f"all {len(known)} grasps, one trial per object"] = {"average": asdict(score)}
     return found
 
 
