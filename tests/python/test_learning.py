@@ -309,20 +309,21 @@ def test_reports_put_the_study_beside_ours(tmp_path: Path) -> None:
     )  # fmt: skip
     assert NetworkResult.from_row(json.loads(json.dumps(result.row()))) == result
     lines = network_table("cnn2d", [result]).splitlines()
-    assert "table 3.2" in lines[0]
-    (line,) = (line for line in lines if line.startswith("| psi3 "))
-    # 10 x (0.005 x 0.02 + 0.031 x 0.5) = 0.156, and 10 x (0.005 x 0.2 + 0.031) = 0.32.
-    assert line == (
-        "| psi3 | 5 | 0.25/0.32/0.25 | 50/61, 82% | 40 | 51 | 2 | 12/60, 20% | 0.16/0.16/0.32 | 2.0 cm, 17 deg |"
+    (study,) = (line for line in lines if line.startswith("| psi4 "))
+    assert study == "| psi4 | the study |  |  | 6 of about 61 |  |  | 0.12/0.11/0.16 |  |"
+    study, ours = (line for line in lines if line.startswith("| psi3 "))
+    assert study.startswith("| psi3 | the study |")
+    # 10 x (0.005 x 0.02 + 0.031 x 0.5) = 0.156, and 10 x (0.005 x 0.2 + 0.031) = 0.32. Intervals: Wilson's.
+    assert ours == (
+        "| psi3 | sane | 50/61, 82% (71 to 90) | 40 | 51 | 2 | 12/60, 20% (12 to 32) | 0.16/0.16/0.32 "
+        "| 2.0 cm, 17 deg |"
     )
-    (line,) = (line for line in lines if line.startswith("| psi4 "))
-    assert line.startswith("| psi4 | 6 | 0.12/0.11/0.16 | ")
-    assert "| image: label | 2/2, 100% | 1 | 2 | 0 |" in baseline_table(
-        {"image": {"label": vars(Score(2, 2, 1, 2, 0))}}
-    )
+    table = baseline_table({"image": {"label": vars(Score(2, 2, 1, 2, 0))}})
+    assert "| image: label | 2/2, 100% (34 to 100) | 1 | 2 | 0 |" in table
     text = page("python x", {"samples": "61"}, [result], {}, {"Figure": "a.png"})
     assert "![Figure](a.png)" in text
     assert "`python x`" in text
+    assert "## 2DCNN, beside table 3.2 of the study" in text
 
 
 def test_figures_are_written(tmp_path: Path) -> None:

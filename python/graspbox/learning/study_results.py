@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.evaluation.results import wilson
 from graspbox.learning.execution import Score
-from graspbox.learning.study_settings import BATCH_SIZES, STUDY_WEIGHTS, TABLES, StudyRow
+from graspbox.learning.study_settings import BATCH_SIZES, STUDY_WEIGHTS, TABLES
 
 __all__ = ["PARTS", "NetworkResult", "baseline_table", "cause_table", "network_table", "page", "study_error"]
 
@@ -85,45 +86,40 @@ def _markdown(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _percent(part: int, whole: int) -> str:
-    return f"{part}/{whole}" + (f", {part / whole:.0%}" if whole else "")
+def _rate(part: int, whole: int) -> str:
+    """Write a count with Wilson's 95 % interval of its rate."""
+    if not whole:
+        return f"{part}/{whole}"
+    low, high = wilson(part, whole)
+    return f"{part}/{whole}, {part / whole:.0%} ({100 * low:.0f} to {100 * high:.0f})"
 
 
 def network_table(network: str, results: Sequence[NetworkResult]) -> str:
-    """Table of a network: a row per loss, the study's results beside those of each of our settings."""
-    table, study = TABLES.get(network, ("", ()))
-    known = {row.loss: row for row in study}
+    """Table of a network: for each loss the row of the study's table, if it has one, and below it one per settings."""
+    study = {row.loss: row for row in TABLES.get(network, ("", ()))[1]}
     own = [result for result in results if result.network == network]
-    losses = [*known, *(loss for loss in dict.fromkeys(r.loss for r in own) if loss not in known)]
-    settings = list(dict.fromkeys(result.settings for result in own))
-    titles = ["loss"]
-    if study:
-        titles += [f"study: grasps that succeed, of about 61 (table {table})", "study: errors"]
-    for name in settings:
-        titles += [f"{name}: success", "secure", "study's criterion", "infeasible", "unseen objects", "errors",
-                   "position, angle"]  # fmt: skip
+    titles = ["loss", "settings", "success", "secure", "study's criterion", "infeasible", "success, unseen objects",
+              "errors: training/test/validation", "test: position, angle"]  # fmt: skip
     rows = []
-    for loss in losses:
-        cells = [loss, *(_study_cells(known.get(loss)) if study else ())]
-        for name in settings:
-            found = next((r for r in own if (r.loss, r.settings) == (loss, name)), None)
-            cells += _cells(found) if found else [""] * 7
-        rows.append(cells)
+    for loss in dict.fromkeys([*study, *(result.loss for result in own)]):
+        if loss in study:
+            known = study[loss]
+            errors = f"{known.train:.2f}/{known.test:.2f}/{known.validation:.2f}"
+            rows.append([loss, "the study", "", "", f"{known.success} of about 61", "", "", errors, ""])
+        rows += [_cells(result) for result in own if result.loss == loss]
     return _markdown(titles, rows)
-
-
-def _study_cells(row: StudyRow | None) -> list[str]:
-    return ["", ""] if row is None else [f"{row.success}", f"{row.train:.2f}/{row.test:.2f}/{row.validation:.2f}"]
 
 
 def _cells(result: NetworkResult) -> list[str]:
     test, unseen = result.test, result.unseen
     return [
-        _percent(test.success, test.tried),
+        result.loss,
+        result.settings,
+        _rate(test.success, test.tried),
         str(test.secure),
         str(test.legacy),
         str(test.infeasible),
-        _percent(unseen.success, unseen.tried),
+        _rate(unseen.success, unseen.tried),
         "/".join(f"{study_error(result.network, result.errors[part]):.2f}" for part in PARTS),
         f"{100 * result.errors['test']['position']:.1f} cm, {np.degrees(result.errors['test']['angle']):.0f} deg",
     ]
@@ -135,7 +131,7 @@ def baseline_table(baselines: Mapping[str, Mapping[str, Mapping[str, int]]]) -> 
     for kind, scores in baselines.items():
         for name, counts in scores.items():
             score = Score(**counts)
-            rows.append([f"{kind}: {name}", _percent(score.success, score.tried), str(score.secure),
+            rows.append([f"{kind}: {name}", _rate(score.success, score.tried), str(score.secure),
                          str(score.legacy), str(score.infeasible)])  # fmt: skip
     return _markdown(["baseline", "success", "secure", "study's criterion", "infeasible"], rows)
 
@@ -195,7 +191,9 @@ def page(
     parts += [
         "Errors are training/test/validation errors in the study's unit: 0.005 position (m) + 0.031 orientation (unit "
         "of the loss), summed over one of its batches. Training errors are over as many samples as the validation has. "
-        "`psi2` and `psi3` are the same function, so different results of the two measure chance alone.\n",
+        "Intervals are Wilson's, 95 %; where several trials are of one object they are too narrow. The study's successes "
+        "are by its own criterion. `psi2` and `psi3` are the same function, so that different results of the two measure "
+        "chance alone.\n",
         "## Predictions without a network\n",
         "`label` executes the pose of the test sample itself, `nearest` that of the nearest training input, `average` "
         "the average of the object's training poses, `constant` one training pose for everything "
