@@ -191,9 +191,9 @@ def page(
     parts += [
         "Errors are training/test/validation errors in the study's unit: 0.005 position (m) + 0.031 orientation (unit "
         "of the loss), summed over one of its batches. Training errors are over as many samples as the validation has. "
-        "Intervals are Wilson's, 95 %; where several trials are of one object they are too narrow. The study's successes "
-        "are by its own criterion. `psi2` and `psi3` are the same function, so that different results of the two measure "
-        "chance alone.\n",
+        "Intervals are Wilson's, 95 %; where several trials are of one object they are too narrow. The study's "
+        "successes are by its own criterion. `psi2` and `psi3` are the same function: different results of the two "
+        "measure chance alone.\n",
         "## Predictions without a network\n",
         "`label` executes the pose of the test sample itself, `nearest` that of the nearest training input, `average` "
         "the average of the object's training poses, `constant` one training pose for everything "
