@@ -224,8 +224,18 @@ def test_models_are_saved(tmp_path: Path) -> None:
         PoseModel(ModelConfig("cnn3d", "psi4", "image"))
     PoseModel(ModelConfig("cnn3d", "euler", "binary", size=SIDE)).save(tmp_path / "other")
     (tmp_path / "other" / "weights.pt").replace(tmp_path / "weights.pt")
-    with pytest.raises(ConfigError, match=r"belongs to another network than model\.json"):
+    with pytest.raises(ConfigError, match=r"holds no weights of the network of model\.json"):
         PoseModel.load(tmp_path)
+    (tmp_path / "weights.pt").write_bytes(b"no weights")
+    with pytest.raises(ConfigError, match=r"holds no weights of the network of model\.json"):
+        PoseModel.load(tmp_path)
+    (tmp_path / "weights.pt").unlink()
+    with pytest.raises(FileError, match="no weights of a model"):
+        PoseModel.load(tmp_path)
+    for text in ("{", "[]", "{}", '{"network": "cnn3d", "loss": "psi4", "kind": "binary", "depth": 3}'):
+        (tmp_path / "model.json").write_text(text)
+        with pytest.raises(ConfigError):
+            PoseModel.load(tmp_path)
     with pytest.raises(FileError):
         PoseModel.load(tmp_path / "none")
 

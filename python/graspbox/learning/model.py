@@ -1,6 +1,7 @@
 """A network with its scaling: from images or voxels as they are stored to poses in metres."""
 
 import json
+import pickle
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from graspbox.arguments import config_of
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, FileError
 from graspbox.files import read_bounded, replacing, write_text
 from graspbox.learning.losses import Loss, loss_named, normalized
 from graspbox.learning.networks import Units, network_named
@@ -197,16 +198,19 @@ class PoseModel(nn.Module):  # type: ignore[misc]
         FileError
             If a file is missing.
         ConfigError
-            If the files do not belong together.
+            If a file holds something else, or they do not belong together.
         """
-        given: dict[str, Any] = json.loads(read_bounded(folder / _CONFIG, _LARGEST_CONFIG))
-        model = cls(config_of(ModelConfig, given, _CONFIG))
-        read_bounded(folder / _WEIGHTS, 1 << 33)
-        weights = torch.load(folder / _WEIGHTS, map_location="cpu", weights_only=True)
         try:
-            model.load_state_dict(weights)
-        except RuntimeError as error:
-            raise ConfigError(
-                f"{str(folder / _WEIGHTS)!r} belongs to another network than {_CONFIG}: {error}"
-            ) from None
+            given: Any = json.loads(read_bounded(folder / _CONFIG, _LARGEST_CONFIG))
+            model = cls(config_of(ModelConfig, given, _CONFIG))
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ConfigError(f"{str(folder / _CONFIG)!r} describes no model: {error}") from None
+        path = folder / _WEIGHTS
+        if not path.is_file():
+            raise FileError(2, "there are no weights of a model", str(path))
+        try:
+            model.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
+        except (RuntimeError, pickle.UnpicklingError, EOFError, TypeError) as error:
+            reason = str(error).partition("\n")[0]
+            raise ConfigError(f"{str(path)!r} holds no weights of the network of {_CONFIG}: {reason}") from None
         return model

@@ -240,7 +240,7 @@ def train(
     minutes: float | None = None,
     iterations: int | None = None,
     resume: bool = False,
-    checkpoint_minutes: float = 2.0,
+    checkpoint_minutes: float = 5.0,
     done: Callable[[int, dict[str, float]], None] = lambda *_: None,
 ) -> PoseModel:
     """Train a network until its validation error stops falling, or its time is up.
