@@ -239,10 +239,12 @@ def moved(before: Any, after: Any) -> float:
 def run_baselines(settings: Settings, data: dict[str, tuple[Samples, Samples]], scenes: Scenes) -> dict[str, Any]:
     """Execute what the baselines predict, for each kind of data."""
     found: dict[str, Any] = {}
-    for kind, (samples, _) in data.items():
+    for kind, (samples, unseen) in data.items():
         split = split_at_random(len(samples), settings.seed)
         train, test = samples[split.train], samples[split.test]
         found[kind] = {name: asdict(execute(scenes, test, guess(train, test))) for name, guess in BASELINES.items()}
+        blind = {name: BASELINES[name](train, unseen) for name in ("nearest", "constant")}
+        found[f"{kind}, unseen objects"] = {name: asdict(execute(scenes, unseen, it)) for name, it in blind.items()}
     # What a network learns that minimizes its error over all poses that are right for what it sees.
     for path in sorted((settings.out / "data").glob("grasps_*.npz")):
         known = Samples.load(path)
