@@ -109,16 +109,17 @@ bench: $(STAMPS)/demo $(STAMPS)/core
 # The package shows what it exports; modules that it does not export have pages of their own. Importing MuJoCo starts a process.
 MODULES := $(subst /,.,$(patsubst python/%,%,$(patsubst %/__init__,%,$(basename \
 	$(wildcard python/graspbox/[a-z]*.py python/graspbox/[a-z]*/__init__.py)))))
-PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation object_sets policies sb3),$(MODULES))
-# Pages of these need Stable-Baselines3, which only the extra `train` brings.
-SB3_PAGES := graspbox.sb3 $(subst /,.,$(patsubst python/%.py,%,$(wildcard python/graspbox/sb3/[a-z]*.py)))
+PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation learning object_sets policies sb3),$(MODULES))
+# Pages of these need torch and Stable-Baselines3, which only the extra `train` brings.
+TRAIN_PAGES := graspbox.learning graspbox.sb3 $(subst /,.,$(patsubst python/%.py,%,\
+	$(wildcard python/graspbox/learning/[a-z]*.py python/graspbox/sb3/[a-z]*.py)))
 
 docs: $(STAMPS)/dev $(STAMPS)/core
 	rm -rf out/docs && mkdir -p out/docs
 	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 	cp -r $${CARGO_TARGET_DIR:-target}/doc out/docs/rust
 	PDOC_ALLOW_EXEC=1 pdoc --docformat numpy --output-directory out/docs/python $(PAGES) \
-		$$(python -c 'import stable_baselines3' 2>/dev/null && echo $(SB3_PAGES))
+		$$(python -c 'import stable_baselines3' 2>/dev/null && echo $(TRAIN_PAGES))
 	echo '<a href="python/graspbox.html">Python</a> <a href="rust/graspbox_episode/index.html">Rust</a>' > out/docs/index.html
 
 clean:

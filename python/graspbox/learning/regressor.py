@@ -1,0 +1,199 @@
+"""A trained pose network as a policy of ``GraspPose-v0`` (extra ``[train]``).
+
+The networks predict in the base frame of an object and see it as the study's camera does. So the policy finds the
+object in its observation first: the middle of what rises above the table gives the base frame, whose axes are the
+world's.
+
+| input of the network | observation | what it does with it |
+|---|---|---|
+| ``image``             | ``rgbd``   | finds the object by its depth, shifts the grey image so that it is central |
+| ``binary``, ``ternary`` | ``voxels`` | cuts out the cube around what is occupied above the table, at 64 voxels |
+
+Make the environments with `cameras`, so that they look as the study's camera did. A network that learned from one side
+of each object knows none of the others: `Randomization` and resets turn the object, which the study did not do.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import learning
+from graspbox.camera_configs import CameraConfig, CamerasConfig
+from graspbox.envs.coding import encode_action
+from graspbox.errors import ConfigError
+from graspbox.learning.samples import GRID_SIZE, IMAGE_SIZE, OPAQUE, TRANSPARENT, UNSEEN, grey
+from graspbox.policies.base import Actions, Policy, Task
+from graspbox.simulation import load_hand
+
+if TYPE_CHECKING:
+    from graspbox.learning.model import PoseModel
+
+__all__ = ["CAMERA", "PoseRegressor", "cameras"]
+
+#: The middle of the study's views (`graspbox.views`, plan ``study``): 0.7 m away, looking down at 45 degrees.
+CAMERA = CameraConfig("front", eye=(-0.7 / 2**0.5, 0.0, 0.05 + 0.7 / 2**0.5), target=(0.0, 0.0, 0.05), fov=0.6, far=5.0)
+#: What is lower than this above the table is not the object, metres.
+_LOWEST = 0.004
+#: What is further from the middle of the table is not the object either, metres.
+_REACH = 0.25
+#: Side of the cube of voxels, metres, and its voxels: of 6.25 mm, so that the table fills the lowest layer alone.
+_SIDE, _VOXELS = 0.4, 64
+
+
+def cameras(kind: str) -> CamerasConfig:
+    """Cameras for environments in which a `PoseRegressor` acts, whose network sees `kind`."""
+    size = IMAGE_SIZE if kind == "image" else 128
+    return CamerasConfig(image_size=(size, size), cameras=(CAMERA,), voxels=_VOXELS, voxel_side=_SIDE)
+
+
+class PoseRegressor(Policy):
+    """Grasps at the pose that a trained network predicts from one picture, or from voxels.
+
+    Where nothing is seen above the table its actions are zeros, which name no pose.
+
+    Parameters
+    ----------
+    model : PoseModel or Path
+        A trained model, or the folder of one (`graspbox.learning.training`).
+
+    Raises
+    ------
+    MissingExtraError
+        If torch is not installed.
+    FileError, ConfigError
+        If the folder holds no model.
+    """
+
+    def __init__(self, model: "PoseModel | Path | str") -> None:
+        learning.require()
+        from graspbox.learning.model import PoseModel
+
+        self.model = PoseModel.load(Path(model)) if isinstance(model, str | Path) else model
+        self.kind = self.model.config.kind
+        self.name = f"{self.model.config.network}-{self.model.config.loss}"
+        self.obs = "rgbd" if self.kind == "image" else "voxels"
+
+    def _bind(self, task: Task) -> None:
+        if task.closed_loop:
+            raise ConfigError(f"the policy {self.name!r} acts in graspbox/GraspPose-v0, not in {task.env_id!r}")
+        space: Any = task.observation_space
+        shape = (space if isinstance(task.obs, str) else space[self.obs]).shape
+        wanted = (IMAGE_SIZE, IMAGE_SIZE, 4) if self.kind == "image" else (_VOXELS,) * 3
+        if shape != wanted:
+            raise ConfigError(
+                f"the observation {self.obs!r} has shape {shape}, the policy {self.name!r} needs {wanted}; make the "
+                f"environments with cameras=graspbox.learning.regressor.cameras({self.kind!r})"
+            )
+        self._hand = load_hand(task.hand)
+
+    def act(self, observation: Any) -> Actions:
+        """Predict a pose for every environment."""
+        seen = observation if isinstance(self.task.obs, str) else observation[self.obs]
+        actions = self._zeros()
+        found = [centered_image(row) if self.kind == "image" else cropped_voxels(row, self.kind) for row in seen]
+        rows = [i for i, one in enumerate(found) if one is not None]
+        if not rows:
+            return actions
+        inputs, bases = zip(*(one for one in found if one is not None), strict=True)
+        poses = np.stack(bases) @ self.model.predict(np.stack(inputs))
+        for i, pose in zip(rows, poses, strict=True):
+            actions[i] = encode_action(pose, self.model.config.preshape, hand=self._hand)
+        return actions
+
+
+def _camera_pose() -> NDArray[np.float64]:
+    """``world_from_camera`` (4, 4) of `CAMERA`: z forward, x right, y down."""
+    eye, target, up = (np.array(v, dtype=np.float64) for v in (CAMERA.eye, CAMERA.target, CAMERA.up))
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = eye
+    return pose
+
+
+def _base(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``world_from_base`` (4, 4) under points of an object (n, 3)."""
+    pose = np.eye(4)
+    pose[:2, 3] = (points[:, :2].min(axis=0) + points[:, :2].max(axis=0)) / 2
+    return pose
+
+
+def centered_image(rgbd: NDArray[np.floating]) -> tuple[NDArray[np.uint8], NDArray[np.float64]] | None:
+    """Find the object in an image of `CAMERA`, and move it into the middle.
+
+    Parameters
+    ----------
+    rgbd : (256, 256, 4) float
+        The observation ``rgbd``: colour in [0, 1] and depth in metres.
+
+    Returns
+    -------
+    (256, 256) uint8
+        The grey image, shifted by whole pixels so that the middle of the object is in its middle, as in the study's
+        views on average; what comes in at the border repeats the border.
+    (4, 4) float64
+        ``world_from_base``.
+
+    None where nothing is seen above the table.
+    """
+    size = IMAGE_SIZE
+    depth = np.asarray(rgbd[..., 3], dtype=np.float64)
+    focal = size / 2 / np.tan(CAMERA.fov / 2)
+    rows, columns = np.mgrid[0:size, 0:size]
+    rays = np.stack(
+        [(columns + 0.5 - size / 2) / focal, (rows + 0.5 - size / 2) / focal, np.ones((size, size))], axis=2
+    )
+    pose = _camera_pose()
+    points = (rays * depth[..., None]) @ pose[:3, :3].T + pose[:3, 3]
+    near = np.hypot(points[..., 0], points[..., 1]) < _REACH
+    is_object = (depth > 0) & (points[..., 2] > _LOWEST) & near
+    if not is_object.any():
+        return None
+    found = points[is_object]
+    middle = (found.min(axis=0) + found.max(axis=0)) / 2
+    x, y, z = pose[:3, :3].T @ (middle - pose[:3, 3])
+    shift = np.rint(np.array([y, x]) / z * focal).astype(int)
+    picture = grey(np.rint(np.asarray(rgbd[..., :3]) * 255).astype(np.uint8))
+    taken = [np.clip(np.arange(size) + by, 0, size - 1) for by in shift]
+    return picture[np.ix_(*taken)], _base(found)
+
+
+def cropped_voxels(voxels: NDArray[np.integer], kind: str) -> tuple[NDArray[np.uint8], NDArray[np.float64]] | None:
+    """Cut the object out of the observation ``voxels``, in the cube of its bounds as binvox takes it.
+
+    Parameters
+    ----------
+    voxels : (64, 64, 64) integer
+        0 unseen, 1 free, 2 occupied, in the cube of `cameras`.
+    kind : {"binary", "ternary"}
+        Whether unseen voxels are told from free ones.
+
+    Returns
+    -------
+    (64, 64, 64) uint8
+        As in `graspbox.learning.samples`; each voxel is the one of the observation at its centre.
+    (4, 4) float64
+        ``world_from_base``.
+
+    None where nothing is seen above the table.
+    """
+    edge = _SIDE / _VOXELS
+    # The table is in the lowest layer.
+    occupied = np.argwhere(voxels[:, :, 1:] == 2) + np.array([0, 0, 1])
+    if not len(occupied):
+        return None
+    low, high = occupied.min(axis=0), occupied.max(axis=0) + 1
+    places = low[:, None] + (np.arange(GRID_SIZE) + 0.5) * ((high - low).max() / GRID_SIZE)
+    inside = np.minimum(places.astype(int), _VOXELS - 1)
+    cut = voxels[np.ix_(*inside)]
+    # Beyond the observation nothing is known.
+    beyond = np.logical_or.outer(np.logical_or.outer(places[0] >= _VOXELS, places[1] >= _VOXELS), places[2] >= _VOXELS)
+    cut = np.where(beyond, 0, cut)
+    unseen = UNSEEN if kind == "ternary" else TRANSPARENT
+    # The centre of the observation's cube is above the world's origin.
+    corners = np.stack([low, high]) * edge - [_SIDE / 2, _SIDE / 2, 0.0]
+    return np.array([unseen, TRANSPARENT, OPAQUE], dtype=np.uint8)[cut], _base(corners)

@@ -1,0 +1,150 @@
+"""Unit quaternions and Euler angles of rotations, in bulk.
+
+Quaternions are (w, x, y, z) with w >= 0. Euler angles are (roll, pitch, yaw) about fixed x, y, z axes in this order:
+R = Rz(yaw) Ry(pitch) Rx(roll), with pitch in [-pi/2, pi/2]. Own code, since SciPy, which has both, is needed by nothing
+else here.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.arguments import floats
+from graspbox.errors import ConfigError
+
+__all__ = [
+    "angle_between",
+    "euler_from_rotation",
+    "poses_from",
+    "quaternion_from_rotation",
+    "rotation_from_euler",
+    "rotation_from_quaternion",
+]
+
+Array = NDArray[np.float64]
+
+#: A quaternion shorter than this names no rotation.
+_SHORTEST = 1e-9
+
+
+def _rows(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+    found = floats(values, name)
+    if found.ndim != len(shape) + 1 or found.shape[1:] != shape:
+        wanted = ", ".join(("n", *map(str, shape)))
+        raise ConfigError(f"{name} has shape {found.shape}; give ({wanted})")
+    return found
+
+
+def quaternion_from_rotation(rotations: ArrayLike) -> Array:
+    """Convert rotations (n, 3, 3) to unit quaternions (n, 4) with w >= 0.
+
+    Each is taken from the largest of the four squares, 4 q q^T, so that nothing is divided by a small number.
+
+    Raises
+    ------
+    ConfigError
+        For an array of another shape.
+    """
+    r = _rows(rotations, "rotations", (3, 3))
+    xx, yy, zz = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
+    wx, wy, wz = r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]
+    xy, xz, yz = r[:, 1, 0] + r[:, 0, 1], r[:, 0, 2] + r[:, 2, 0], r[:, 2, 1] + r[:, 1, 2]
+    outer = np.stack(
+        [
+            np.stack([1 + xx + yy + zz, wx, wy, wz], axis=1),
+            np.stack([wx, 1 + xx - yy - zz, xy, xz], axis=1),
+            np.stack([wy, xy, 1 - xx + yy - zz, yz], axis=1),
+            np.stack([wz, xz, yz, 1 - xx - yy + zz], axis=1),
+        ],
+        axis=1,
+    )
+    largest = np.argmax(np.einsum("nii->ni", outer), axis=1)
+    q = outer[np.arange(len(r)), largest]
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    return np.asarray(np.where(q[:, :1] < 0, -q, q))
+
+
+def rotation_from_quaternion(quaternions: ArrayLike) -> Array:
+    """Convert quaternions (n, 4) of any length to rotations (n, 3, 3).
+
+    Raises
+    ------
+    ConfigError
+        For an array of another shape, or a quaternion that is shorter than 1e-9 or not finite.
+    """
+    q = _rows(quaternions, "quaternions", (4,))
+    length = np.linalg.norm(q, axis=1, keepdims=True)
+    if not (length > _SHORTEST).all() or not np.isfinite(length).all():
+        raise ConfigError("quaternions hold one that is zero or not finite; it names no rotation")
+    w, x, y, z = (q / length).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.asarray(np.moveaxis(np.array(rows), 2, 0))
+
+
+def euler_from_rotation(rotations: ArrayLike) -> Array:
+    """Convert rotations (n, 3, 3) to (roll, pitch, yaw) (n, 3), radians; where pitch is +-pi/2, roll is 0.
+
+    Raises
+    ------
+    ConfigError
+        For an array of another shape.
+    """
+    r = _rows(rotations, "rotations", (3, 3))
+    cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
+    pitch = np.arctan2(-r[:, 2, 0], cosine)
+    locked = cosine < 1e-9
+    roll = np.where(locked, 0.0, np.arctan2(r[:, 2, 1], r[:, 2, 2]))
+    yaw = np.where(locked, np.arctan2(-r[:, 0, 1], r[:, 1, 1]), np.arctan2(r[:, 1, 0], r[:, 0, 0]))
+    return np.stack([roll, pitch, yaw], axis=1)
+
+
+def rotation_from_euler(angles: ArrayLike) -> Array:
+    """Convert (roll, pitch, yaw) (n, 3), radians, to rotations (n, 3, 3).
+
+    Raises
+    ------
+    ConfigError
+        For an array of another shape.
+    """
+    roll, pitch, yaw = _rows(angles, "angles", (3,)).T / 2
+    (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    quaternions = [
+        cy * cp * cr + sy * sp * sr,
+        cy * cp * sr - sy * sp * cr,
+        cy * sp * cr + sy * cp * sr,
+        sy * cp * cr - cy * sp * sr,
+    ]
+    return rotation_from_quaternion(np.stack(quaternions, axis=1))
+
+
+def poses_from(positions: ArrayLike, rotations: ArrayLike) -> Array:
+    """Assemble homogeneous matrices (n, 4, 4) of positions (n, 3) and rotations (n, 3, 3).
+
+    Raises
+    ------
+    ConfigError
+        For arrays of other shapes, or of different lengths.
+    """
+    p, r = _rows(positions, "positions", (3,)), _rows(rotations, "rotations", (3, 3))
+    if len(p) != len(r):
+        raise ConfigError(f"there are {len(p)} positions and {len(r)} rotations; give as many of each")
+    poses = np.broadcast_to(np.eye(4), (len(p), 4, 4)).copy()
+    poses[:, :3, 3], poses[:, :3, :3] = p, r
+    return poses
+
+
+def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
+    """Measure the angles (n,) in [0, pi] that turn rotations (n, 3, 3) into others (n, 3, 3), radians.
+
+    Raises
+    ------
+    ConfigError
+        For arrays of other shapes.
+    """
+    a, b = _rows(first, "first", (3, 3)), _rows(second, "second", (3, 3))
+    relative = np.einsum("nji,njk->nik", a, b)
+    q = quaternion_from_rotation(relative)
+    return np.asarray(2 * np.arctan2(np.linalg.norm(q[:, 1:], axis=1), q[:, 0]))
