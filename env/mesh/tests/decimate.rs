@@ -67,9 +67,9 @@ fn cached_levels_have_the_same_bits_and_damaged_ones_are_made_again() {
     let (mesh, targets) = (torus(0.06, 0.02, 40), [1000, 200]);
     let made = decimate_levels(&mesh, &targets, None).unwrap();
     assert_eq!(decimate_levels(&mesh, &targets, Some(folder.path())).unwrap(), made);
-    let entries: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
-    assert_eq!(entries.len(), 1);
-    let entry = &entries[0];
+    let entries = || std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect::<Vec<_>>();
+    assert_eq!(entries().len(), 1);
+    let entry = &entries()[0];
     let whole = std::fs::read(entry).unwrap();
     let written = std::fs::metadata(entry).unwrap().modified().unwrap();
     assert_eq!(decimate_levels(&mesh, &targets, Some(folder.path())).unwrap(), made);
