@@ -53,7 +53,8 @@ pub use boxes::{
 pub use collision::{CollisionScene, Feasibility, Obstacle};
 pub use error::PlanError;
 pub use open_hand::OpenHand;
-pub use planner::{Candidate, Plan, PlanObject, PlanParams, plan};
+pub use planner::{Candidate, Plan, PlanObject, PlanParams, box_grasps, plan};
+pub use preshape::closing_center;
 pub use poses::{PoseParams, Variation};
 pub use rank::{Prediction, rank_features, rank_weights};
 pub use wrench::{Directions, WrenchSpace};

@@ -46,7 +46,7 @@ pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64)
 ///
 /// # Errors
 /// [`PlanError::UnsupportedHand`] where the kinematics refuse the preshape.
-pub(crate) fn closing_center(hand: &Hand, preshape: f64) -> Result<Vector3<f64>, PlanError> {
+pub fn closing_center(hand: &Hand, preshape: f64) -> Result<Vector3<f64>, PlanError> {
     /// Pull of the grasp centre against one plane.
     const PULL: f64 = 0.05;
     /// Planes that are this nearly parallel (least eigenvalue of their sum) meet at no place that means anything: fingers side by side.
