@@ -4,7 +4,7 @@ A folder of trials holds a file per scene, so that an interrupted collection con
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,15 @@ from graspbox.errors import ConfigError, SimulationError
 from graspbox.files import replacing
 from graspbox.object_sets import ObjectSpec
 from graspbox.perception.configs import ProposalConfig
-from graspbox.perception.hand_grids import HandGrid, Proposals
-from graspbox.perception.scenes import SceneSampler, look
 from graspbox.perception.crops import solid_occupancy
-from graspbox.perception.scorer_training import Complete
+from graspbox.perception.finder import Complete, Score
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import perturbed
+from graspbox.perception.scenes import SceneSampler, look
 from graspbox.perception.trials import GraspTrials
 from graspbox.simulation import Scene
 
-__all__ = ["CollectConfig", "collect", "load_trials", "perturbed", "source_of"]
-
-#: From a volume (3, N, N, N), poses (m, 4, 4) and preshapes (m,) to scores (m,): `graspbox.perception.scorer.Scorer`.
-Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+__all__ = ["CollectConfig", "collect", "load_trials", "source_of"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class CollectConfig:
     per_scene: int = 32
     position_error: float = 0.003
     rotation_error: float = 0.05
-    proposals: ProposalConfig = ProposalConfig(most=256)
+    proposals: ProposalConfig = field(default_factory=lambda: ProposalConfig(most=256))
 
 
 def collect(
@@ -52,7 +50,7 @@ def collect(
     sampler: SceneSampler,
     scenes: range,
     grid: HandGrid,
-    config: CollectConfig = CollectConfig(),  # noqa: B008 (frozen)
+    config: CollectConfig = CollectConfig(),
     *,
     complete: Complete | None = None,
     score: Score | None = None,
@@ -124,22 +122,6 @@ def source_of(spec: ObjectSpec) -> str:
     return str(spec.path)
 
 
-def perturbed(
-    poses: NDArray[np.float64], rng: np.random.Generator, position: float, rotation: float
-) -> NDArray[np.float64]:
-    """Move poses (n, 4, 4) along and about each axis of the hand by normal errors, metres and radians."""
-    moved = poses.copy()
-    moved[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], rng.normal(0.0, position, (len(poses), 3)))
-    turns = rng.normal(0.0, rotation, (len(poses), 3))
-    angles = np.linalg.norm(turns, axis=1)[:, None, None]
-    x, y, z = (turns / np.maximum(angles[:, 0], 1e-12)).T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    turned = np.eye(3) + np.sin(angles) * cross + (1.0 - np.cos(angles)) * (cross @ cross)
-    moved[:, :3, :3] = poses[:, :3, :3] @ turned
-    return moved
-
-
 def _collect_scene(
     sampler: SceneSampler,
     number: int,
@@ -148,7 +130,7 @@ def _collect_scene(
     complete: Complete | None,
     score: Score | None,
 ) -> GraspTrials:
-    """Collect the trials of one scene; none where the object does not come to rest, is not seen, or nothing is proposed."""
+    """Collect the trials of one scene; none where the object does not come to rest, is not seen, or has no grasp."""
     rng = np.random.default_rng([sampler.seed, number, 7])
     index = int(rng.integers(len(sampler.objects)))
     mesh, resting, probabilities = sampler.resting(index)
@@ -173,7 +155,8 @@ def _collect_scene(
     if not len(proposals):
         return nothing
     volume = np.concatenate([occupancy[None], crops.channels[0, :2]])
-    chosen = _choose(proposals, config.per_scene, rng, None if score is None else lambda: score(volume, proposals.poses, proposals.preshape))
+    scores = None if score is None else score(volume, proposals.poses, proposals.preshape)
+    chosen = _choose(len(proposals), config.per_scene, rng, scores)
     world_from_hand = perturbed(
         world_from_crop @ proposals.poses[chosen], rng, config.position_error, config.rotation_error
     )
@@ -182,12 +165,12 @@ def _collect_scene(
 
 
 def _choose(
-    proposals: Proposals, count: int, rng: np.random.Generator, score: Callable[[], NDArray[np.float64]] | None
+    proposals: int, count: int, rng: np.random.Generator, scores: NDArray[np.float64] | None
 ) -> NDArray[np.int64]:
-    """Indices of `count` proposals: half of them the best, if there are scores, the others at random."""
-    order = rng.permutation(len(proposals))
-    if score is None:
+    """Choose `count` proposals, by index: half of them the best, if there are scores, the others at random."""
+    order = rng.permutation(proposals)
+    if scores is None:
         return order[:count]
-    best = np.argsort(-score(), kind="stable")[: count // 2]
+    best = np.argsort(-scores, kind="stable")[: count // 2]
     others = order[~np.isin(order, best)]
     return np.concatenate([best, others[: count - len(best)]])

@@ -40,7 +40,7 @@ def _double(channels: int) -> nn.Sequential:
     )
 
 
-class CompletionNet(nn.Module):
+class CompletionNet(nn.Module):  # type: ignore[misc]
     """A 3-D U-Net from channels (n, 3, N, N, N) in [0, 1] to logits (n, N, N, N); N is a multiple of 8.
 
     Parameters
@@ -176,9 +176,7 @@ def train_completion(
         found = torch.cat([iou(torch.sigmoid(net(b.channels)), b.solid) for b in kept])
         return {"iou": float(found.mean()), "iou_of_worst_tenth": float(found.quantile(0.1))}
 
-    trainer = Trainer(
-        CompletionNet(), Path(folder), config, batch=batch, losses=completion_losses, validate=validate
-    )
+    trainer = Trainer(CompletionNet(), Path(folder), config, batch=batch, losses=completion_losses, validate=validate)
     return trainer.run()
 
 

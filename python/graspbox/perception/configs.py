@@ -9,9 +9,9 @@ __all__ = ["CropConfig", "DepthNoise", "HandGridConfig", "ProposalConfig"]
 class DepthNoise:
     """Noise of a depth camera.
 
-    A pixel at depth z, on a surface whose normal is turned by the angle a away from the ray, has axial noise of standard
-    deviation ``axial_floor + axial_growth (z - axial_near)^2 + axial_grazing / sqrt(z) * (a / (pi/2 - a))^2``, where the
-    growth begins at ``axial_near``.
+    A pixel at depth z, on a surface whose normal is turned by the angle a away from the ray, has axial noise of
+    standard deviation ``axial_floor + axial_growth (z - axial_near)^2 + axial_grazing / sqrt(z) * (a / (pi/2 - a))^2``,
+    where the growth begins at ``axial_near``.
 
     Attributes
     ----------
@@ -24,7 +24,8 @@ class DepthNoise:
     axial_grazing : float
         m^1.5; Nguyen et al.
     lateral : float
-        Standard deviation of the direction of a pixel's ray, radians; Nguyen et al., 0.8 pixels of a lens of 585 pixels.
+        Standard deviation of the direction of a pixel's ray, radians; Nguyen et al., 0.8 pixels of a lens of 585
+        pixels.
     edge_step : float
         A pixel is at an edge where the depth of a neighbour differs by more than this, metres; our choice.
     edge_dropout : float

@@ -24,8 +24,8 @@ CHANNELS: tuple[str, ...] = tuple(_core.channel_names()[0])
 class Crops(ByValue):
     """What n depth images show of the object, in n crop frames.
 
-    A crop frame has its origin on the table below the middle of what is seen of the object, z up, and x horizontally away
-    from the camera.
+    A crop frame has its origin on the table below the middle of what is seen of the object, z up, and x horizontally
+    away from the camera.
 
     Attributes
     ----------
@@ -67,7 +67,8 @@ def add_depth_noise(
     intrinsics : (3, 3) array
         Of every image, pixels.
     seed : int or sequence of n int
-        The first image's seed, from which the others follow by ones; or one per image. An image depends on its own alone.
+        The first image's seed, from which the others follow by ones; or one per image. An image depends on its own
+        alone.
     noise : DepthNoise
         The camera.
     num_threads : int, optional
@@ -114,8 +115,8 @@ def crop(
     intrinsics : (3, 3) array
         Of every image, pixels.
     world_from_camera : (n, 4, 4) array
-        Poses of the cameras in a world whose z axis points up and whose table is the plane z = 0. A camera's frame has z
-        forward, x right and y down.
+        Poses of the cameras in a world whose z axis points up and whose table is the plane z = 0. A camera's frame has
+        z forward, x right and y down.
     labels : (n, H, W) bool array, optional
         Pixels of the object where they are known; by default the largest group of pixels above the table.
     config : CropConfig

@@ -30,9 +30,9 @@ class Proposals(ByValue):
     preshape : (m,) float64
         See `graspbox.Hand.preshape_limits`.
     source : (m,) str
-        ``normal``: a surface point, approached against its normal or half-way to the vertical. ``vertical``: one that is
-        approached from above. ``low``: a steep approach that ends with the fingertips just over the table. ``box``: a
-        face of a box of the planner's decomposition.
+        ``normal``: a surface point, approached against its normal or half-way to the vertical. ``vertical``: one that
+        is approached from above. ``low``: a steep approach that ends with the fingertips just over the table. ``box``:
+        a face of a box of the planner's decomposition.
     """
 
     poses: NDArray[np.float64]
@@ -171,7 +171,9 @@ class HandGrid:
             self._num_threads,
         )
 
-    def crops(self, channels: ArrayLike, crop_of: Sequence[int] | NDArray[np.int64], poses: ArrayLike) -> NDArray[np.uint8]:
+    def crops(
+        self, channels: ArrayLike, crop_of: Sequence[int] | NDArray[np.int64], poses: ArrayLike
+    ) -> NDArray[np.uint8]:
         """Sample the voxels around the hand.
 
         Parameters

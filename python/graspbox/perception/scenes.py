@@ -1,7 +1,7 @@
 """Scenes to learn from, rendered when they are needed: objects as they rest, seen by noisy depth cameras from anywhere.
 
-A scene follows from the seed, its number and the settings alone, so that nothing has to be stored and a training that was
-interrupted sees what it would have seen.
+A scene follows from the seed, its number and the settings alone, so that nothing has to be stored and a training that
+was interrupted sees what it would have seen.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """The scorer: how likely a grasp holds, from the voxels around the hand.
 
-`ScorerNet` is a small 3-D CNN over the cells of a `graspbox.perception.HandGrid`: completed, surface, unseen, table, and
-what the fingers sweep. `ScorerInputs` makes its inputs; `Scorer` is an ensemble that chooses by its mean minus half its
-standard deviation.
+`ScorerNet` is a small 3-D CNN over the cells of a `graspbox.perception.HandGrid`: completed, surface, unseen, table,
+and what the fingers sweep. `ScorerInputs` makes its inputs; `Scorer` is an ensemble that chooses by its mean minus half
+its standard deviation.
 """
 
 import json
@@ -78,8 +78,8 @@ class ScorerInputs:
         Returns
         -------
         cells (m, 4, X, Y, Z) uint8, scalars (m, 8) float32, preshape (m,) int64
-            The scalars: direction of gravity in the hand frame (3), height of the hand over the table in units of 0.1 m,
-            middle of the completed cells in units of 0.1 m from the middle of the grid (3), and their share.
+            The scalars: direction of gravity in the hand frame (3), height of the hand over the table in units of 0.1
+            m, middle of the completed cells in units of 0.1 m from the middle of the grid (3), and their share.
         """
         cells = torch.from_numpy(self.grid.crops(volumes, crop_of, crop_from_hand))
         gravity = -crop_from_hand[:, 2, :3]
@@ -98,7 +98,7 @@ class ScorerInputs:
         return cells, scalars, torch.from_numpy(self.grid.nearest(preshape))
 
 
-class ScorerNet(nn.Module):
+class ScorerNet(nn.Module):  # type: ignore[misc]
     """A 3-D CNN from cells, scalars and preshape to three logits.
 
     Parameters
@@ -170,7 +170,7 @@ def scorer_losses(net: nn.Module, batch: ScorerBatch) -> dict[str, Tensor]:
     others = entropy[:, 1:].mean(0) * _AUXILIARY
     return {
         TARGETS[0]: entropy[:, 0].topk(hardest).values.mean(),
-        **{name: other for name, other in zip(TARGETS[1:], others, strict=True)},
+        **dict(zip(TARGETS[1:], others, strict=True)),
     }
 
 
@@ -208,7 +208,8 @@ class Scorer:
     Parameters
     ----------
     folders : sequence of Path
-        A run's folder per member: ``weights.pt``. The first ranks all grasps, the others judge those that it finds best.
+        A run's folder per member: ``weights.pt``. The first ranks all grasps, the others judge those that it finds
+        best.
     inputs : ScorerInputs
         The hand.
     temperature : float

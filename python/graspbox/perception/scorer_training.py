@@ -1,8 +1,8 @@
 """Training of the scorer on grasp trials, each seen by a new noisy camera whenever it is drawn."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +14,14 @@ from graspbox import object_sets
 from graspbox._core import Mesh
 from graspbox.errors import ConfigError
 from graspbox.perception.crops import solid_occupancy
+from graspbox.perception.finder import Complete
 from graspbox.perception.scenes import SceneConfig, look
 from graspbox.perception.scorer import TARGETS, ScorerBatch, ScorerInputs, ScorerNet, scorer_losses
 from graspbox.perception.training import TrainConfig, Trained, Trainer
 from graspbox.perception.trials import GraspTrials
 
-__all__ = ["Complete", "TrialSampler", "auc", "train_scorer"]
+__all__ = ["TrialSampler", "auc", "train_scorer"]
 
-#: From channels (n, 3, N, N, N) to occupancies (n, N, N, N): `graspbox.perception.completion.Completion`.
-Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 #: Trials of one scene in a batch: a view of the scene costs as much as some of them.
 _PER_SCENE = 16
 #: Scenes that validate, and the number of the first.
@@ -71,7 +70,7 @@ class TrialSampler:
         self._complete, self._seed = complete, seed
         order = np.argsort(trials.scene_of, kind="stable")
         starts = np.searchsorted(trials.scene_of[order], np.arange(len(trials.source) + 1))
-        self._rows = [order[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        self._rows = [order[a:b] for a, b in pairwise(starts)]
         #: Scenes with trials.
         self.scenes = np.array([scene for scene, rows in enumerate(self._rows) if len(rows)])
 
@@ -84,7 +83,8 @@ class TrialSampler:
     def draw(self, number: int, scenes: NDArray[np.int64], per_scene: int) -> _Drawn:
         """Draw up to `per_scene` trials of each scene, seen once; scenes whose object is not found are left out."""
         rng = np.random.default_rng([self._seed, number])
-        volumes, poses, rows, crop_of = [], [], [], []
+        volumes: list[NDArray[np.uint8]] = []
+        poses, rows, crop_of = [], [], []
         for place, scene in enumerate(scenes.tolist()):
             seen = self._volume(scene, [self._seed, number, place])
             chosen = rng.permutation(self._rows[scene])[:per_scene]
@@ -190,7 +190,7 @@ def train_scorer(
 
 
 def _measures(net: nn.Module, kept: list[_Drawn]) -> dict[str, float]:
-    """AUC, mean cross-entropy, and the share of scenes whose best-scored trial succeeds, beside the share of all trials."""
+    """Give AUC, mean cross-entropy, and the shares of successes: of each scene's best-scored trial, and of all."""
     logits = torch.cat([net(d.batch.cells, d.batch.scalars, d.batch.preshape)[:, 0] for d in kept]).double()
     targets: Tensor = torch.cat([d.batch.targets[:, 0] for d in kept])
     scene_of = np.concatenate([d.scene_of for d in kept])

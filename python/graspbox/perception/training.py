@@ -5,7 +5,7 @@ A run has a folder:
 | file | contents |
 |---|---|
 | ``run.json``      | its settings |
-| ``log.csv``       | a row per validation: step, seconds, means of the training losses since the last one, validation measures |
+| ``log.csv``       | a row per validation: step, seconds, mean training losses since the last, validation measures |
 | ``weights.pt``    | the state of the network with the best validation measure so far |
 | ``checkpoint.pt`` | what an interrupted run continues from |
 
@@ -188,7 +188,7 @@ class Trainer(Generic[Batch]):
         if not torch.isfinite(total):
             raise ConfigError(f"the loss of step {step} is {float(total)}; lower learning_rate")
         self._optimizer.zero_grad(set_to_none=True)
-        total.backward()  # type: ignore[no-untyped-call]
+        total.backward()
         nn.utils.clip_grad_norm_(self._net.parameters(), 10.0)
         self._optimizer.step()
         return {name: float(loss.detach()) for name, loss in losses.items()}

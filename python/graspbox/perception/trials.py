@@ -55,7 +55,7 @@ class GraspTrials:
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ConfigError(f"{name} has shape {getattr(self, name).shape}; give {shape}")
-        if trials and not (0 <= self.scene_of.min() and self.scene_of.max() < scenes):
+        if trials and not (self.scene_of.min() >= 0 and self.scene_of.max() < scenes):
             raise ConfigError(f"scene_of holds {self.scene_of.max()}; there are {scenes} scenes")
 
     def __len__(self) -> int:
