@@ -40,9 +40,8 @@ pub fn fill_channels(
     let camera_from_crop = camera.world_from_camera().inv_mul(world_from_crop);
     project(grid, &camera_from_crop, camera, (depth, &observed.object), (surface, unseen));
     mark_points(grid, &camera_from_crop.inverse(), camera, depth, &observed.object, surface);
-    let heights: Vec<u8> = (0..grid.resolution())
-        .map(|k| share(0.5 - (grid.center([0, 0, k]).z / grid.voxel_size()) as f32))
-        .collect();
+    let heights: Vec<u8> =
+        (0..grid.resolution()).map(|k| share(0.5 - (grid.center([0, 0, k]).z / grid.voxel_size()) as f32)).collect();
     table.chunks_exact_mut(grid.resolution()).for_each(|column| column.copy_from_slice(&heights));
 }
 

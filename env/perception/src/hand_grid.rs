@@ -4,7 +4,7 @@
 
 use crate::PerceptionError;
 use crate::lookup::{CellBox, Solid};
-use graspbox_hand::{Hand, Preshape};
+use graspbox_hand::{Hand, Preshape, Quarter};
 use graspbox_mesh::in_range;
 use graspbox_plan::closing_center;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -58,6 +58,8 @@ pub(crate) struct Shaped {
     pub preshape: f64,
     /// When a finger comes to each cell of the grid: 255 where it is at first, 64 where it comes last, 0 where it never is.
     pub swept: Vec<u8>,
+    /// The hand may always be turned by a quarter, whatever the extents of the object: fingers oppose each other along its y too.
+    pub turns: bool,
     /// Where the fingers meet, on the palm's plane.
     pub center: Vector3<f64>,
     /// Furthest that a finger reaches along the hand's z as it closes, metres.
@@ -260,10 +262,10 @@ impl Shaped {
         };
         let way: Vec<Solid> = solid(config.standoff).collect();
         let bounds = way.iter().map(Solid::bounds).chain(motion.iter().flatten().map(|part| part.solid.bounds()));
-        let [low, high] = bounds.fold(
-            [Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)],
-            |[low, high], [from, to]| [low.inf(&from), high.sup(&to)],
-        );
+        let [low, high] = bounds
+            .fold([Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)], |[low, high], [from, to]| {
+                [low.inf(&from), high.sup(&to)]
+            });
         let lookup = CellBox::covering(&low, &high, LOOKUP);
         let mut flags = vec![0; lookup.len()];
         way.iter().for_each(|solid| lookup.cover(solid, |index| flags[index] |= HAND));
@@ -273,7 +275,8 @@ impl Shaped {
         let reach = motion.iter().flatten().map(|part| part.solid.bounds()[1].z).fold(0.0, f64::max);
         let center = closing_center(hand, preshape.value)?;
         let corners = solid(0.0).flat_map(|solid| solid.corners().collect::<Vec<_>>()).collect();
-        Ok(Self { preshape: preshape.value, swept, center, reach, corners, flags, lookup })
+        let turns = preshape.face.quarter == Quarter::Always;
+        Ok(Self { preshape: preshape.value, swept, turns, center, reach, corners, flags, lookup })
     }
 
     /// True where the open hand reaches below z = 0, at the pose or on the approach.

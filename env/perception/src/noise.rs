@@ -91,11 +91,8 @@ impl DepthNoise {
         in_range("edge_step", self.edge_step, 1e-4..=10.0, "m")?;
         in_range("grazing_angle", self.grazing_angle, 0.0..=FRAC_PI_2, "rad")?;
         in_range("quantum", self.quantum, 0.001..=0.1, "m")?;
-        let shares = [
-            ("edge_dropout", self.edge_dropout),
-            ("grazing_dropout", self.grazing_dropout),
-            ("dropout", self.dropout),
-        ];
+        let shares =
+            [("edge_dropout", self.edge_dropout), ("grazing_dropout", self.grazing_dropout), ("dropout", self.dropout)];
         Ok(shares.into_iter().try_for_each(|(name, share)| in_range(name, share, 0.0..=1.0, ""))?)
     }
 
@@ -143,24 +140,28 @@ fn degrade(clean: &[f32], lens: &Intrinsics, seed: u64, noise: &DepthNoise, out:
             // Every pixel takes the same samples, whatever it shows.
             let ([du, dv], [dz, _]) = (normals(&mut rng), normals(&mut rng));
             let chance = uniform(&mut rng);
-            let at = |x: usize, shift: f64, end: usize| (x as f64 + shift.round()).clamp(0.0, end as f64 - 1.0) as usize;
+            let at =
+                |x: usize, shift: f64, end: usize| (x as f64 + shift.round()).clamp(0.0, end as f64 - 1.0) as usize;
             let u = at(column, du * noise.lateral * lens.fx, width);
             let v = at(row, dv * noise.lateral * lens.fy, height);
             let z = f64::from(clean[v * width + u]);
             if z == 0.0 {
                 continue;
             }
-            let angle = image.angle(lens, u, v);
             let edge = image.step(u, v) > noise.edge_step;
-            let lost = 1.0
-                - (1.0 - noise.dropout)
-                    * (1.0 - if edge { noise.edge_dropout } else { 0.0 })
-                    * (1.0 - if angle > noise.grazing_angle { noise.grazing_dropout } else { 0.0 });
-            if chance < lost {
+            // Across an edge the differences of depth say nothing of the surface.
+            let angle = if edge { 0.0 } else { image.angle(lens, u, v) };
+            let lost = if edge {
+                noise.edge_dropout
+            } else if angle > noise.grazing_angle {
+                noise.grazing_dropout
+            } else {
+                0.0
+            };
+            if chance <= 1.0 - (1.0 - noise.dropout) * (1.0 - lost) {
                 continue;
             }
-            // Across an edge the angle says nothing of the surface.
-            let measured = z + dz * noise.axial(z, if edge { 0.0 } else { angle });
+            let measured = z + dz * noise.axial(z, angle);
             let millimetres = (measured / noise.quantum).round() * noise.quantum * 1e3;
             out[row * width + column] = if millimetres >= 65535.5 { 0 } else { millimetres.round().max(0.0) as u16 };
         }
@@ -182,10 +183,7 @@ impl Image<'_> {
     /// The neighbours along u and v: one before and one behind, or the pixel itself at a border.
     fn around(&self, u: usize, v: usize) -> [[(usize, usize); 2]; 2] {
         let next = |x: usize, end: usize| (x + 1).min(end - 1);
-        [
-            [(u.saturating_sub(1), v), (next(u, self.width), v)],
-            [(u, v.saturating_sub(1)), (u, next(v, self.height))],
-        ]
+        [[(u.saturating_sub(1), v), (next(u, self.width), v)], [(u, v.saturating_sub(1)), (u, next(v, self.height))]]
     }
 
     /// Greatest difference of depth to a neighbour, metres; a neighbour without depth counts as far away.

@@ -2,6 +2,7 @@
 //!
 //! Everything is in a frame whose z axis points up from the table z = 0. A surface point is approached against its normal, vertically, and
 //! half-way between; the hand closes along the least extent of the surface around the point, with every preshape, from several distances.
+//! Preshapes that the planner always tries turned by a quarter are turned here too.
 //! Candidates that the open hand cannot reach, or with which too few fingers meet the object, are dropped; of the rest the most different
 //! ones are kept.
 
@@ -123,7 +124,7 @@ pub struct Candidate {
 
 /// Up to `most` candidates, the most different first.
 ///
-/// * `occupancy`: (N, N, N), 0 to 255; occupied from one half on.
+/// * `occupancy`: (N, N, N), 0 to 255; occupied from a quarter on.
 ///
 /// None where nothing is occupied, or nothing feasible was found. The result does not depend on the number of threads.
 ///
@@ -174,9 +175,8 @@ fn spread(surface: &[SurfacePoint], most: usize) -> Vec<SurfacePoint> {
 /// Candidates that approach surface points.
 fn on_points(hand: &HandGrid, shape: &[SurfacePoint], config: &ProposalConfig) -> Vec<Candidate> {
     let approached: Vec<&SurfacePoint> = shape.iter().filter(|p| p.normal.z >= DOWN).collect();
-    let seeds = farthest(approached.len(), config.seeds, 0, |a, b| {
-        (approached[a].point - approached[b].point).norm_squared()
-    });
+    let seeds =
+        farthest(approached.len(), config.seeds, 0, |a, b| (approached[a].point - approached[b].point).norm_squared());
     let of_seed = |(order, seed): (usize, &usize)| {
         let SurfacePoint { point, normal } = approached[*seed];
         let down = -Vector3::z();
@@ -202,12 +202,16 @@ fn approach_point(
 ) -> Vec<Candidate> {
     let local = Local::new(shape, point, &approach, config.radius);
     let mut candidates = Vec::new();
-    for (across, middle) in local.closing_directions() {
+    let (directions, square) = local.closing_directions();
+    for (turned, (across, middle)) in directions.into_iter().enumerate() {
         for across in [across, -across] {
             let columns = [across, approach.cross(&across), approach];
             let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns));
             let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
             for (preshape, shaped) in hand.shaped.iter().enumerate() {
+                if turned > 0 && !square && !shaped.turns {
+                    continue;
+                }
                 let on_top = point - approach * local.top + middle - rotation * shaped.center;
                 let mut push = |out: f64, source: Source| {
                     let at = on_top - approach * out;
@@ -259,23 +263,20 @@ impl Local {
         along.fold([0.0_f64, 0.0_f64], |[low, high], x| [low.min(x), high.max(x)])
     }
 
-    /// The direction of least extent, and the one across where that is hardly greater; each with the way to the middle along it.
-    fn closing_directions(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    /// The direction of least extent and the one across, each with the way to the middle along it; and whether the extent across is hardly
+    /// greater.
+    fn closing_directions(&self) -> ([(Vector3<f64>, Vector3<f64>); 2], bool) {
         let angles = (0..DIRECTIONS).map(|i| i as f64 * PI / DIRECTIONS as f64);
         let widths: Vec<(f64, [f64; 2])> = angles.map(|angle| (angle, self.extent(angle))).collect();
         let width = |index: usize| widths[index].1[1] - widths[index].1[0];
         let least = (0..DIRECTIONS).min_by(|a, b| width(*a).total_cmp(&width(*b))).unwrap_or(0);
         let across = (least + DIRECTIONS / 2) % DIRECTIONS;
-        let mut chosen = vec![least];
-        if width(least) >= SQUARE * width(across) {
-            chosen.push(across);
-        }
         let direction = |index: usize| {
             let (angle, [low, high]) = widths[index];
             let direction = self.axes[0] * angle.cos() + self.axes[1] * angle.sin();
             (direction, direction * (0.5 * (low + high)))
         };
-        chosen.into_iter().map(direction).collect()
+        ([least, across].map(direction), width(least) >= SQUARE * width(across))
     }
 }
 

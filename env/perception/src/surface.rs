@@ -1,12 +1,15 @@
-//! The surface of an occupancy: points and outward normals where it passes one half.
+//! The surface of an occupancy: points and outward normals where it passes a quarter.
+//!
+//! A quarter, since a wall of half a voxel fills no more of two voxels between which it stands. The surface of something solid is then
+//! a quarter of a voxel outside.
 
 use graspbox_mesh::VoxelFrame;
 use nalgebra::{Point3, Vector3};
 
-/// A voxel is occupied from this value on: one half.
-pub const OCCUPIED: u8 = 128;
+/// A voxel is occupied from this value on: a quarter.
+pub const OCCUPIED: u8 = 64;
 /// The level of the surface.
-const LEVEL: f64 = 127.5;
+const LEVEL: f64 = 63.5;
 /// Least cosine between the gradient and the direction in which a voxel borders on free space; below, as in a sheet of one voxel, the
 /// gradient is not the surface's.
 const AGREES: f64 = 0.3;
@@ -21,7 +24,7 @@ pub struct SurfacePoint {
 }
 
 /// Points of the surface: one for each pair of neighbouring voxels of which one is occupied, between their centres where the occupancy
-/// passes one half.
+/// passes a quarter.
 ///
 /// * `occupancy`: (N, N, N), 0 to 255; voxels beyond the grid are free.
 #[must_use]
@@ -63,11 +66,7 @@ impl Volume<'_> {
     fn at(&self, [i, j, k]: [isize; 3]) -> f64 {
         let n = self.n as isize;
         let inside = |x: isize| (0..n).contains(&x);
-        if inside(i) && inside(j) && inside(k) {
-            f64::from(self.values[((i * n + j) * n + k) as usize])
-        } else {
-            0.0
-        }
+        if inside(i) && inside(j) && inside(k) { f64::from(self.values[((i * n + j) * n + k) as usize]) } else { 0.0 }
     }
 
     /// Differences along the axes, each smoothed across (Sobel's weights 1, 2, 1).

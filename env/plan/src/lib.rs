@@ -54,7 +54,7 @@ pub use collision::{CollisionScene, Feasibility, Obstacle};
 pub use error::PlanError;
 pub use open_hand::OpenHand;
 pub use planner::{Candidate, Plan, PlanObject, PlanParams, box_grasps, plan};
-pub use preshape::closing_center;
 pub use poses::{PoseParams, Variation};
+pub use preshape::closing_center;
 pub use rank::{Prediction, rank_features, rank_weights};
 pub use wrench::{Directions, WrenchSpace};

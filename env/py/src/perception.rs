@@ -8,9 +8,9 @@ use crate::mesh::Mesh;
 use crate::vision::lens;
 use graspbox_camera::Camera;
 use graspbox_perception::{
-    CHANNEL_NAMES, CHANNELS, CropConfig, CropVolume, DepthNoise, HAND_CHANNEL_NAMES, HAND_CHANNELS,
-    HandGrid as Core, HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, hand_crops, observe,
-    obstacle_points, propose, solid,
+    CHANNEL_NAMES, CHANNELS, CropConfig, CropVolume, DepthNoise, HAND_CHANNEL_NAMES, HAND_CHANNELS, HandGrid as Core,
+    HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, hand_crops, observe, obstacle_points,
+    propose, solid,
 };
 use nalgebra::Isometry3;
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -95,8 +95,7 @@ pub fn crops<'py>(
         let observed: Vec<_> = channels.par_chunks_mut(size).enumerate().map(one).collect();
         let observed = observed.into_iter().collect::<Result<Vec<_>, CoreError>>()?;
         let found: Vec<bool> = observed.iter().map(|o| o.world_from_crop.is_some()).collect();
-        let poses: Vec<_> =
-            observed.iter().map(|o| o.world_from_crop.unwrap_or_else(Isometry3::identity)).collect();
+        let poses: Vec<_> = observed.iter().map(|o| o.world_from_crop.unwrap_or_else(Isometry3::identity)).collect();
         let object = observed.into_iter().flat_map(|o| o.object).collect::<Vec<bool>>();
         Ok::<_, CoreError>((poses, found, object, channels))
     })?;

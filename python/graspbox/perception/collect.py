@@ -132,9 +132,7 @@ def _collect_scene(
 ) -> GraspTrials:
     """Collect the trials of one scene; none where the object does not come to rest, is not seen, or has no grasp."""
     rng = np.random.default_rng([sampler.seed, number, 7])
-    index = int(rng.integers(len(sampler.objects)))
-    mesh, resting, probabilities = sampler.resting(index)
-    start = resting[rng.choice(len(resting), p=probabilities / probabilities.sum())]
+    index, mesh, start = sampler.rest(rng)
     source = source_of(sampler.objects[index])
     nothing = GraspTrials.empty(source, start)
     try:

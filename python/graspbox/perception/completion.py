@@ -25,6 +25,8 @@ _VIEWS = 4
 _VALIDATION_OBJECTS = 48
 #: Number of the first validation scene; training counts from 0.
 _VALIDATION_FROM = 1 << 40
+#: A voxel is occupied from this share on, as for `graspbox.perception.HandGrid`.
+OCCUPIED = 0.25
 #: A voxel that is seen to be free by more than this, and in which no object is, does not count in the loss.
 _UNSEEN = 0.02
 
@@ -111,8 +113,8 @@ def completion_losses(net: nn.Module, batch: CompletionBatch) -> dict[str, Tenso
 
 
 def iou(found: Tensor, solid: Tensor) -> Tensor:
-    """Give the intersection over union (n,) of voxels (n, N, N, N) that are at least half full."""
-    a, b = found >= 0.5, solid >= 0.5
+    """Give the intersection over union (n,) of voxels (n, N, N, N) that count as occupied: a quarter full or more."""
+    a, b = found >= OCCUPIED, solid >= OCCUPIED
     union = (a | b).sum((1, 2, 3))
     return torch.where(union > 0, (a & b).sum((1, 2, 3)) / union.clamp(min=1), 1.0)
 
@@ -137,8 +139,11 @@ class Completion:
 
     def __call__(self, channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Complete crops: channels (n, 3, N, N, N) to occupancy (n, N, N, N), both uint8, 0 to 255 for 0 to 1."""
+        given = _unit(channels)
+        # For a single sample torch takes its slow convolution, which costs more than two samples of the fast one.
+        padded = given.expand(2, -1, -1, -1, -1) if len(given) == 1 else given
         with torch.no_grad():
-            shares = torch.sigmoid(self.net(_unit(channels)))
+            shares = torch.sigmoid(self.net(padded))[: len(given)]
         return np.asarray((shares * 255.0).round().byte().numpy())
 
 

@@ -121,7 +121,7 @@ class HandGrid:
         Parameters
         ----------
         occupancy : (N, N, N) uint8 array
-            Voxels of a crop, 0 to 255 for 0 to 1; occupied from one half on.
+            Voxels of a crop, 0 to 255 for 0 to 1; occupied from a quarter on.
         config : ProposalConfig
             How candidates are made.
 

@@ -4,9 +4,11 @@ A scene follows from the seed, its number and the settings alone, so that nothin
 was interrupted sees what it would have seen.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,9 @@ __all__ = ["SceneConfig", "SceneSampler", "Scenes", "look"]
 
 #: Meshes that a sampler keeps, ready to render; about 1 MB each.
 _MESHES = 512
+#: Objects that are drawn until one has a resting pose.
+_TRIES = 100
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,16 @@ class SceneConfig:
     shift: float = 0.04
     noise: DepthNoise = field(default_factory=DepthNoise)
     crop: CropConfig = field(default_factory=CropConfig)
+
+
+class Resting(NamedTuple):
+    """An object, and how it may rest."""
+
+    mesh: Mesh
+    #: ``world_from_object`` (k, 4, 4).
+    poses: NDArray[np.float64]
+    #: (k,), with the sum 1.
+    probabilities: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +153,34 @@ class SceneSampler:
         self.objects, self.config, self.seed = objects, config, seed
 
         @lru_cache(_MESHES)
-        def resting(index: int) -> tuple[Mesh, NDArray[np.float64], NDArray[np.float64]]:
+        def resting(index: int) -> Resting | None:
             mesh = objects[index].load()
-            return (mesh, *mesh.resting_poses())
+            try:
+                poses, probabilities = mesh.resting_poses()
+            except ConfigError as error:
+                _LOG.warning("object %r is left out, since it has no resting pose: %s", mesh.name, error)
+                return None
+            return Resting(mesh, poses, probabilities / probabilities.sum())
 
-        self.resting = resting
+        self._resting = resting
+
+    def rest(self, rng: np.random.Generator) -> tuple[int, Mesh, NDArray[np.float64]]:
+        """Draw an object, by its index, and how it rests: ``world_from_object`` (4, 4).
+
+        An object without a resting pose is logged and left out.
+
+        Raises
+        ------
+        ConfigError
+            If one after the other has none.
+        """
+        for _ in range(_TRIES):
+            index = int(rng.integers(len(self.objects)))
+            found = self._resting(index)
+            if found is not None:
+                chosen = int(rng.choice(len(found.poses), p=found.probabilities))
+                return index, found.mesh, found.poses[chosen]
+        raise ConfigError(f"{_TRIES} objects of {self.objects.name!r} have no resting pose; choose other objects")
 
     def sample(self, number: int, objects: int, views: int) -> Scenes:
         """Sample scene `number`: `objects` objects, each at rest in one pose and seen `views` times.
@@ -151,12 +189,11 @@ class SceneSampler:
         """
         rng = np.random.default_rng([self.seed, number])
         meshes, poses, found = [], [], []
-        for index in rng.integers(len(self.objects), size=objects):
-            mesh, resting, probabilities = self.resting(int(index))
-            chosen = rng.choice(len(resting), p=probabilities / probabilities.sum())
+        for _ in range(objects):
+            _, mesh, pose = self.rest(rng)
             meshes.append(mesh)
-            poses.append(resting[chosen])
-            found.append(look(mesh, resting[chosen], self.config, [self.seed, number, len(meshes)], views))
+            poses.append(pose)
+            found.append(look(mesh, pose, self.config, [self.seed, number, len(meshes)], views))
         kept = np.concatenate([one.found for one in found])
         crops = Crops(
             *(np.concatenate([getattr(one, name) for one in found])[kept] for name in Crops.__dataclass_fields__)

@@ -170,7 +170,7 @@ class DepthGrasp(Policy):
         if self._proprio is None or found is None:
             return None
         start = self._proprio.pose(observation["proprio"][env], "hand")
-        filled = np.flatnonzero((found.occupancy >= 128).any(axis=(0, 1)))
+        filled = np.flatnonzero((found.occupancy >= 64).any(axis=(0, 1)))
         top = self._crop.origin[2] + (filled[-1] + 1) * self._crop.voxel_size if len(filled) else 0.0
         task = self.task
         return ScriptedGrasp(
