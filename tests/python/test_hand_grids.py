@@ -24,7 +24,8 @@ def box(sides: tuple[float, float, float]) -> NDArray[np.uint8]:
     """Occupancy of a box on the table, in the middle of the crop."""
     centers = np.array(CropConfig().origin) + (np.stack(np.meshgrid(*[np.arange(N)] * 3, indexing="ij"), -1) + 0.5) * H
     low, high = np.array([-sides[0] / 2, -sides[1] / 2, 0.0]), np.array([sides[0] / 2, sides[1] / 2, sides[2]])
-    return (((centers > low) & (centers < high)).all(axis=-1) * 255).astype(np.uint8)
+    inside = ((centers > low) & (centers < high)).all(axis=-1)
+    return np.asarray(inside * 255, dtype=np.uint8)
 
 
 def pose_at(position: tuple[float, float, float], downward: bool = True) -> NDArray[np.float64]:

@@ -124,7 +124,7 @@ def test_scalars_of_a_grasp_are_what_they_say(inputs: ScorerInputs) -> None:
 def test_the_hardest_three_quarters_count() -> None:
     logits = torch.tensor([[5.0, 0, 0], [5.0, 0, 0], [0.0, 0, 0], [-2.0, 0, 0]])
 
-    class Fixed(torch.nn.Module):  # type: ignore[misc]
+    class Fixed(torch.nn.Module):  # type: ignore[misc, name-defined]
         def forward(self, *_: Any) -> Any:
             return logits
 

@@ -136,11 +136,10 @@ fn smoothed_height(points: &[Option<Point3<f64>>], width: usize, index: usize) -
     let (row, column, rows) = (index / width, index % width, points.len() / width);
     let (mut heights, mut count) = ([0.0; 9], 0);
     for r in row.saturating_sub(1)..(row + 2).min(rows) {
-        for point in &points[r * width + column.saturating_sub(1)..r * width + (column + 2).min(width)] {
-            if let Some(p) = point {
-                heights[count] = p.z;
-                count += 1;
-            }
+        let near = &points[r * width + column.saturating_sub(1)..r * width + (column + 2).min(width)];
+        for p in near.iter().flatten() {
+            heights[count] = p.z;
+            count += 1;
         }
     }
     let heights = &mut heights[..count];

@@ -231,6 +231,9 @@ fn approach_point(
     candidates
 }
 
+/// A direction in which the hand may close, and the way along it to the middle of the surface.
+type Closing = (Vector3<f64>, Vector3<f64>);
+
 /// The surface around a point, seen along an approach.
 struct Local {
     /// Two directions across the approach.
@@ -263,9 +266,8 @@ impl Local {
         along.fold([0.0_f64, 0.0_f64], |[low, high], x| [low.min(x), high.max(x)])
     }
 
-    /// The direction of least extent and the one across, each with the way to the middle along it; and whether the extent across is hardly
-    /// greater.
-    fn closing_directions(&self) -> ([(Vector3<f64>, Vector3<f64>); 2], bool) {
+    /// The direction of least extent and the one across, and whether the extent across is hardly greater.
+    fn closing_directions(&self) -> ([Closing; 2], bool) {
         let angles = (0..DIRECTIONS).map(|i| i as f64 * PI / DIRECTIONS as f64);
         let widths: Vec<(f64, [f64; 2])> = angles.map(|angle| (angle, self.extent(angle))).collect();
         let width = |index: usize| widths[index].1[1] - widths[index].1[0];
