@@ -72,6 +72,5 @@ def load(name: str) -> Policy:
         return _BASELINES[name]()
     if (Path(name) / "scorer" / "scorer.json").is_file():
         return DepthGrasp(Path(name))
-    raise ConfigError(
-        f"there is no policy {name!r}; choose from {', '.join(_BASELINES)}, or name a folder that holds scorer/scorer.json"
-    )
+    known = ", ".join(_BASELINES)
+    raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with scorer/scorer.json")
