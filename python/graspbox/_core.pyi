@@ -14,6 +14,7 @@ __all__ = [
     "CLEAR_OF_TABLE",
     "EnvPool",
     "Hand",
+    "HandGrid",
     "Mesh",
     "Objects",
     "Scene",
@@ -23,8 +24,11 @@ __all__ = [
     "_time_best_split",
     "_time_images",
     "_time_reset",
+    "add_depth_noise",
     "agent_tables",
     "camera_poses",
+    "channel_names",
+    "crops",
     "decompose",
     "image_kinds",
     "image_tables",
@@ -42,6 +46,7 @@ __all__ = [
     "render",
     "render_scenes",
     "save_binvox",
+    "solids",
     "views",
     "voxelize",
 ]
@@ -440,3 +445,79 @@ def occupancy(
     nothing_is_free: bool,
 ) -> NDArray[np.uint8]: ...
 def _time_images(pool: EnvPool, env: int, cameras: str, repeats: int) -> NDArray[np.float64]: ...
+
+@type_check_only
+class CropArrays(TypedDict):
+    world_from_crop: NDArray[np.float64]
+    found: NDArray[np.bool_]
+    object: NDArray[np.bool_]
+    channels: NDArray[np.uint8]
+
+@type_check_only
+class ProposalArrays(TypedDict):
+    poses: NDArray[np.float64]
+    preshape: NDArray[np.float64]
+    source: list[str]
+
+def channel_names() -> tuple[list[str], list[str]]:
+    """Names of the channels of crops, and of those around a hand."""
+
+def add_depth_noise(
+    depth: NDArray[np.float32],
+    intrinsics: NDArray[np.float64],
+    seeds: Sequence[int],
+    noise: str,
+    num_threads: int | None,
+) -> NDArray[np.uint16]: ...
+def crops(
+    depth: NDArray[np.float32],
+    intrinsics: NDArray[np.float64],
+    world_from_camera: NDArray[np.float64],
+    labels: NDArray[np.bool_] | None,
+    crop: str,
+    num_threads: int | None,
+) -> CropArrays: ...
+def solids(
+    meshes: Sequence[Mesh],
+    mesh_of: Sequence[int],
+    crop_from_object: NDArray[np.float64],
+    crop: str,
+    num_threads: int | None,
+) -> NDArray[np.uint8]: ...
+
+@final
+class HandGrid:
+    """A hand, prepared for perception."""
+
+    def __new__(cls, hand: Hand, config: str) -> HandGrid: ...
+    @property
+    def shape(self) -> list[int]: ...
+    @property
+    def origin(self) -> NDArray[np.float64]: ...
+    @property
+    def cell(self) -> float: ...
+    @property
+    def preshapes(self) -> NDArray[np.float64]: ...
+    @property
+    def swept(self) -> NDArray[np.uint8]: ...
+    def nearest(self, preshape: NDArray[np.float64]) -> NDArray[np.int64]: ...
+    def propose(
+        self, occupancy: NDArray[np.uint8], crop: str, config: str, num_threads: int | None
+    ) -> ProposalArrays: ...
+    def meets(
+        self,
+        occupancy: NDArray[np.uint8],
+        crop: str,
+        points: int,
+        poses: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+        num_threads: int | None,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]: ...
+    def crops(
+        self,
+        channels: NDArray[np.uint8],
+        crop: str,
+        crop_of: Sequence[int],
+        poses: NDArray[np.float64],
+        num_threads: int | None,
+    ) -> NDArray[np.uint8]: ...

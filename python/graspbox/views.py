@@ -218,7 +218,7 @@ def occupancy(
         ValueError).
     """
     return _core.occupancy(
-        _metres(depth),
+        depth_metres(depth),
         np.array(intrinsics, dtype=np.float64),
         np.array(frame_from_camera, dtype=np.float64),
         resolution,
@@ -229,7 +229,7 @@ def occupancy(
     )
 
 
-def _metres(depth: ArrayLike) -> NDArray[np.float32]:
+def depth_metres(depth: ArrayLike) -> NDArray[np.float32]:
     """Depth as float32 metres; uint16 are millimetres."""
     given = np.asarray(depth)
     if given.dtype == np.uint16:

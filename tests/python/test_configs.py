@@ -6,10 +6,15 @@ from typing import Any
 
 import pytest
 
-from graspbox import _core, configs, errors
+from graspbox import _core, configs, errors, perception
 from graspbox.arguments import to_json
 
-CONFIGS: list[Any] = [kind for name in configs.__all__ if isinstance(kind := getattr(configs, name), type)]
+CONFIGS: list[Any] = [
+    kind
+    for module in (configs, perception.configs)
+    for name in module.__all__
+    if isinstance(kind := getattr(module, name), type)
+]
 
 
 SHAKE = json.loads(to_json(configs.ShakeConfig(acceleration=1.0)))

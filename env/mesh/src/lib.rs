@@ -70,5 +70,6 @@ pub use resting::{RestingOptions, RestingPose, default_pose, resting_poses};
 pub use sample::{SurfaceSample, fibonacci_sphere, fibonacci_zone, sample_surface};
 pub use trimesh::{Aabb, TriMesh};
 pub use voxel::{
-    FillRule, VoxelFrame, VoxelGrid, VoxelMode, VoxelOptions, load_binvox, parse_binvox, voxelize, write_binvox,
+    FillRule, VoxelFrame, VoxelGrid, VoxelMode, VoxelOptions, load_binvox, parse_binvox, voxelize, voxelize_in,
+    write_binvox,
 };

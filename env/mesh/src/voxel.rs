@@ -29,6 +29,7 @@ pub use options::{FillRule, VoxelMode, VoxelOptions};
 use crate::error::MeshError;
 use crate::trimesh::TriMesh;
 use grid::filled;
+use nalgebra::Isometry3;
 
 /// A voxel of a halved grid is set where this many of its eight parts were: binvox's default (`-dmin`).
 const MIN_PARTS: u8 = 4;
@@ -66,4 +67,19 @@ pub fn voxelize(mesh: &TriMesh, options: &VoxelOptions) -> Result<(VoxelGrid, Op
         grid.remove_internal()?;
     }
     Ok((grid, rule))
+}
+
+/// Voxels of a given cube whose centre lies inside a mesh, of which the cube may hold a part alone.
+///
+/// * `frame_from_mesh`: where the mesh is, in the frame that the cube is given in.
+///
+/// # Errors
+/// [`MeshError::OutOfMemory`].
+pub fn voxelize_in(
+    mesh: &TriMesh,
+    frame_from_mesh: &Isometry3<f64>,
+    frame: &VoxelFrame,
+) -> Result<VoxelGrid, MeshError> {
+    let corners: Vec<[f64; 3]> = mesh.vertices().iter().map(|p| frame.to_grid(&(frame_from_mesh * p))).collect();
+    VoxelGrid::new(*frame, solid::fill(&corners, mesh.faces(), frame.resolution())?.0)
 }

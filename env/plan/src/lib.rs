@@ -53,7 +53,7 @@ pub use boxes::{
 pub use collision::{CollisionScene, Feasibility, Obstacle};
 pub use error::PlanError;
 pub use open_hand::OpenHand;
-pub use planner::{Candidate, Plan, PlanObject, PlanParams, check_grasps, plan};
+pub use planner::{Candidate, Plan, PlanObject, PlanParams, box_grasps, check_grasps, plan};
 pub use poses::{PoseParams, Variation};
 pub use preshape::closing_center;
 pub use rank::{Prediction, rank_features, rank_weights};

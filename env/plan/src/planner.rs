@@ -9,7 +9,7 @@ use crate::poses::{PoseParams, Proposal, propose};
 use crate::rank::{self, Prediction};
 use graspbox_hand::{GraspPose, Hand};
 use graspbox_mesh::{TriMesh, in_range};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -113,7 +113,7 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     params.poses.validate()?;
     let tree = decompose(object.mesh, &params.decompose)?;
     let scene = CollisionScene::new(Arc::clone(object.obstacle), &object.world_from_object);
-    let boxes = boxes_of(&tree, params);
+    let boxes = boxes_of(&tree, &params.poses);
     let mut proposals = propose(&boxes, &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed)?;
     let samples = rank::samples(object.mesh);
     let thin = Thin { samples: &samples, boxes: &boxes, up: scene.up() };
@@ -158,10 +158,29 @@ pub fn check_grasps(
     Ok(grasps.par_iter().map(|grasp| hands.check(scene, grasp)).collect())
 }
 
+/// Candidate poses on the faces of boxes, before any filter; outermost box first.
+///
+/// * `centroid`: of the object, in the frame of the boxes; `up`: away from the table, in that frame.
+///
+/// # Errors
+/// As [`plan`], for `params` and the hand.
+pub fn box_grasps(
+    tree: &BoxTree,
+    centroid: &Point3<f64>,
+    up: &Vector3<f64>,
+    hand: &Hand,
+    params: &PoseParams,
+    seed: u64,
+) -> Result<Vec<GraspPose>, PlanError> {
+    params.validate()?;
+    let proposals = propose(&boxes_of(tree, params), centroid, up, hand, params, seed)?;
+    Ok(proposals.into_iter().map(|proposal| proposal.grasp).collect())
+}
+
 /// The leaves, numbered, and after them the box around everything if it is wanted and not the only leaf.
-fn boxes_of(tree: &BoxTree, params: &PlanParams) -> Vec<(usize, OrientedBox)> {
+fn boxes_of(tree: &BoxTree, params: &PoseParams) -> Vec<(usize, OrientedBox)> {
     let mut boxes: Vec<(usize, OrientedBox)> = tree.leaves().copied().enumerate().collect();
-    if params.poses.whole && boxes.len() > 1 {
+    if params.whole && boxes.len() > 1 {
         boxes.push((boxes.len(), tree.nodes[0].bounds));
     }
     boxes

@@ -5,6 +5,7 @@ use crate::errors::CoreError;
 use graspbox_agent::{AgentConfig, Randomization, ResetOptions};
 use graspbox_episode::{ShakeConfig, SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
+use graspbox_perception::{CropConfig, DepthNoise, HandGridConfig, ProposalConfig};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
 use graspbox_sim::config::SolverConfig;
 use graspbox_sim::{Friction, PhysicsConfig, RapierConfig};
@@ -25,6 +26,10 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "CamerasConfig" => json(&config::<CamerasConfig>(text, name)?),
         "PictureConfig" => json(&config::<PictureConfig>(text, name)?),
         "CleanConfig" => json(&config::<CleanOptions>(text, name)?),
+        "CropConfig" => json(&config::<CropConfig>(text, name)?),
+        "DepthNoise" => json(&config::<DepthNoise>(text, name)?),
+        "HandGridConfig" => json(&config::<HandGridConfig>(text, name)?),
+        "ProposalConfig" => json(&config::<ProposalConfig>(text, name)?),
         "DecomposeConfig" => json(&config::<DecomposeParams>(text, name)?),
         "LoadConfig" => json(&config::<LoadOptions>(text, name)?),
         "PlanConfig" => json(&config::<PlanParams>(text, name)?),

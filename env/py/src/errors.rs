@@ -7,6 +7,7 @@ use graspbox_camera::CameraError;
 use graspbox_episode::EpisodeError;
 use graspbox_hand::HandError;
 use graspbox_mesh::MeshError;
+use graspbox_perception::PerceptionError;
 use graspbox_plan::PlanError;
 use graspbox_sim::SimError;
 use graspbox_vision::VisionError;
@@ -99,6 +100,19 @@ impl From<PlanError> for CoreError {
         match error {
             PlanError::OutOfRange(_) | PlanError::TooMany { .. } => Self::Config(error.to_string()),
             _ => Self::Plan(error.to_string()),
+        }
+    }
+}
+
+impl From<PerceptionError> for CoreError {
+    fn from(error: PerceptionError) -> Self {
+        match error {
+            PerceptionError::Camera(source) => source.into(),
+            PerceptionError::Mesh(source) => source.into(),
+            PerceptionError::Hand(source) => source.into(),
+            PerceptionError::Plan(source) => source.into(),
+            PerceptionError::NothingCloses { .. } => Self::Hand(error.to_string()),
+            _ => Self::Config(error.to_string()),
         }
     }
 }

@@ -14,6 +14,7 @@
 //! | [`episode`] | an object at rest, and trials on it |
 //! | [`hand`] | the handle on a hand |
 //! | [`mesh`] | the handle on a mesh |
+//! | [`mod@perception`] | from depth images to candidate grasps, and voxels around the hand |
 //! | [`plan`] | box trees and plans |
 //! | [`objects`] | objects by family and seed |
 //! | [`env_arrays`] | results of environments as arrays by name |
@@ -36,6 +37,7 @@ pub mod json;
 pub mod log;
 pub mod mesh;
 pub mod objects;
+pub mod perception;
 pub mod plan;
 pub mod render;
 pub mod scene_images;
@@ -66,6 +68,8 @@ mod _core {
     use crate::mesh::Mesh;
     #[pymodule_export]
     use crate::objects::{procedural, procedural_families};
+    #[pymodule_export]
+    use crate::perception::{HandGrid, add_depth_noise, channel_names, crops, solids};
     #[pymodule_export]
     use crate::plan::{decompose, plan, rank_weights};
     #[pymodule_export]

@@ -65,6 +65,8 @@ class Codec:
         The control mode; ``grasp_pose`` is that of ``GraspPose-v0``.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
+    vector : {"state", "proprio"}
+        The observation that it reads.
 
     Raises
     ------
@@ -72,18 +74,18 @@ class Codec:
         For a mode that does not exist.
     """
 
-    def __init__(self, control: str, hand: HandArgument = "reflex") -> None:
+    def __init__(self, control: str, hand: HandArgument = "reflex", vector: str = "state") -> None:
         found = spaces.tables(load_hand(hand))
-        self._control, self._period = control, found["control_period"]
+        self._control, self._period, self._vector = control, found["control_period"], vector
         self._actions, observations = spaces.columns_of(control, found)
         self._places: dict[str, slice] = {}
         self.state_size = 0
-        for row in observations["state"]:
+        for row in observations[vector]:
             self._places[row["name"]] = slice(self.state_size, self.state_size + row["size"])
             self.state_size += row["size"]
 
     def column(self, state: ArrayLike, name: str) -> NDArray[np.float64]:
-        """Read a column of a state, by its name in the table of observations.
+        """Read a column of a state (or of the other vector), by its name in the table of observations.
 
         Raises
         ------
@@ -93,12 +95,14 @@ class Codec:
         values = np.asarray(state, dtype=np.float64)
         if values.shape != (self.state_size,):
             raise ConfigError(
-                f"the state has shape {values.shape}; control mode {self._control!r} with obs='state' gives "
-                f"{self.state_size} numbers"
+                f"the {self._vector} has shape {values.shape}; control mode {self._control!r} with "
+                f"obs={self._vector!r} gives {self.state_size} numbers"
             )
         if name not in self._places:
             known = ", ".join(self._places)
-            raise ConfigError(f"a state of control mode {self._control!r} has no column {name!r}; choose from {known}")
+            raise ConfigError(
+                f"a {self._vector} of control mode {self._control!r} has no column {name!r}; choose from {known}"
+            )
         return values[self._places[name]]
 
     def pose(self, state: ArrayLike, name: str) -> Pose:
@@ -114,7 +118,7 @@ class Codec:
         columns = self.column(state, f"{name}_rotation")
         rotation = rotation_from_columns(columns[:3], columns[3:])
         if rotation is None:
-            raise ConfigError(f"{name}_rotation of the state is {columns}; these columns name no rotation")
+            raise ConfigError(f"{name}_rotation of the {self._vector} is {columns}; these columns name no rotation")
         pose = np.eye(4)
         pose[:3, 3], pose[:3, :3] = self.column(state, f"{name}_position"), rotation
         return pose

@@ -103,6 +103,7 @@ def evaluate(
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
     if chosen.obs is not None:
         settings.setdefault("obs", chosen.obs)
+    settings = {**chosen.settings, **settings}
     envs = gymnasium.make_vec(
         env_id, width, objects=objects, split=split, autoreset_mode=AutoresetMode.DISABLED, **settings
     )

@@ -6,6 +6,7 @@
 | ``zero``    | all | zero actions |
 | ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
+| a folder    | all | `DepthGrasp` with the weights that it holds: grasps what one depth camera sees |
 
 ``planner`` and ``expert`` are **privileged**: they observe ``state`` and know the object's mesh. `load` makes a policy
 by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`.
@@ -15,6 +16,7 @@ by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own i
 | `base`    | `Policy`, the interface, and `Task`, the environments that a policy acts in |
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
+| `depth`   | `DepthGrasp` |
 
 A policy is bound to its environments once, told of every episode that begins, and then acts:
 
@@ -35,13 +37,15 @@ A policy is bound to its environments once, told of every episode that begins, a
 """
 
 from collections.abc import Callable
+from pathlib import Path
 
 from graspbox.errors import ConfigError
 from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.depth import DepthGrasp
 from graspbox.policies.planner import Expert, Planner
 from graspbox.policies.simple import Random, Zero
 
-__all__ = ["Actions", "Expert", "Planner", "Policy", "Random", "Task", "Zero", "load", "names"]
+__all__ = ["Actions", "DepthGrasp", "Expert", "Planner", "Policy", "Random", "Task", "Zero", "load", "names"]
 
 _BASELINES: dict[str, Callable[[], Policy]] = {kind.name: kind for kind in (Random, Zero, Planner, Expert)}
 
@@ -57,13 +61,16 @@ def load(name: str) -> Policy:
     Parameters
     ----------
     name : str
-        One of `names`: the table of the module says what each does.
+        One of `names`, or a folder of weights: the table of the module says what each does.
 
     Raises
     ------
     ConfigError
         If there is no policy of that name.
     """
-    if name not in _BASELINES:
-        raise ConfigError(f"there is no policy {name!r}; choose from {', '.join(_BASELINES)}")
-    return _BASELINES[name]()
+    if name in _BASELINES:
+        return _BASELINES[name]()
+    if (Path(name) / "scorer" / "scorer.json").is_file():
+        return DepthGrasp(Path(name))
+    known = ", ".join(_BASELINES)
+    raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with scorer/scorer.json")

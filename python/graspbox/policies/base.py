@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import gymnasium
@@ -12,6 +12,8 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from graspbox import object_sets
+from graspbox.arguments import config_of
+from graspbox.camera_configs import CamerasConfig
 from graspbox.envs import IDS
 from graspbox.envs.settings import OBJECTS, HandArgument, Settings, keywords
 from graspbox.errors import ConfigError
@@ -46,6 +48,8 @@ class Task:
         Control periods per action of ``Grasp-v0``.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
+    cameras : CamerasConfig
+        Keyword ``cameras`` of the environments, with the size of their images.
     """
 
     env_id: str
@@ -57,6 +61,7 @@ class Task:
     control: str
     frame_skip: int
     hand: HandArgument
+    cameras: CamerasConfig
 
     @classmethod
     def of(cls, envs: VectorEnv[Any, Any, Any] | gymnasium.Env[Any, Any]) -> Self:
@@ -85,12 +90,25 @@ class Task:
         obs, split = given.pop("obs"), given.pop("split")
         obs = obs if isinstance(obs, str) else tuple(obs)
         objects = object_sets.load(spec.kwargs.get("objects", OBJECTS.default), split=split)
+        given["cameras"] = _cameras(spec.kwargs)
         return cls(spec.id, num_envs, observation_space, action_space, obs, objects, **given)
 
     @property
     def closed_loop(self) -> bool:
         """Whether an episode is many actions (``Grasp-v0``), not one decision (``GraspPose-v0``)."""
         return self.env_id.startswith("graspbox/Grasp-")
+
+
+def _cameras(given: Mapping[str, Any]) -> CamerasConfig:
+    """Read the cameras of environments off their keywords."""
+    rows = keywords(Settings)
+    found = given.get("cameras", rows["cameras"].default)
+    cameras: CamerasConfig = config_of(CamerasConfig, found, "cameras") if isinstance(found, Mapping) else found
+    size = given.get("image_size", rows["image_size"].default)
+    if size is not None:
+        rows_columns = (size, size) if np.ndim(size) == 0 else tuple(size)
+        cameras = replace(cameras, image_size=rows_columns)
+    return cameras
 
 
 class Policy(ABC):
@@ -109,12 +127,16 @@ class Policy(ABC):
     ----------
     name : str
         Name in results.
-    obs : str or None
-        Observation that the policy needs (as the keyword ``obs`` of the environments names it); None: any.
+    obs : str, tuple of str or None
+        Observations that the policy needs (as the keyword ``obs`` of the environments names them); None: any.
+    settings : mapping
+        Other keywords of environments that suit it; `graspbox.evaluation.evaluate` gives them where its caller does
+        not.
     """
 
     name: str = "policy"
-    obs: str | None = None
+    obs: str | tuple[str, ...] | None = None
+    settings: Mapping[str, Any] = {}
     _task: Task | None = None
 
     @property
@@ -139,7 +161,8 @@ class Policy(ABC):
             If the policy cannot act there, or does not observe what it needs.
         """
         given = (task.obs,) if isinstance(task.obs, str) else task.obs
-        if self.obs is not None and self.obs not in given:
+        needed = (self.obs,) if isinstance(self.obs, str) else self.obs or ()
+        if not set(needed) <= set(given):
             raise ConfigError(
                 f"the policy {self.name!r} needs obs={self.obs!r}; the environments give obs={task.obs!r}"
             )

@@ -34,7 +34,7 @@ class Planner(Policy):
     """
 
     name = "planner"
-    obs: str | None = "state"
+    obs: str | tuple[str, ...] | None = "state"
 
     def _bind(self, task: Task) -> None:
         self._hand = load_hand(task.hand)

@@ -1,0 +1,288 @@
+//! The hand as perception sees it: a grid of cells in its frame, what its fingers sweep as they close, and what is in its way.
+//!
+//! Everything follows from the hand's description, once per preshape, so that a candidate costs one look-up per point of the object.
+
+use crate::PerceptionError;
+use crate::lookup::{CellBox, Solid};
+use graspbox_hand::{Hand, Preshape, Quarter};
+use graspbox_mesh::in_range;
+use graspbox_plan::closing_center;
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Closing is followed in this many steps: a finger of 0.1 m that closes by pi moves its tip by 3 mm in each.
+const STEPS: usize = 96;
+/// The fingers of an open hand may be spread far beyond what it grasps: the first quarter of closing does not count for the grid.
+const SPREAD: usize = STEPS / 4;
+/// Cells along an axis are a multiple of this, so that a network can halve the grid three times.
+const MULTIPLE: usize = 8;
+/// Cells between the swept volume and the border of the grid.
+const MARGIN: f64 = 1.0;
+/// Side of a cell in which collisions are looked up, metres.
+const LOOKUP: f64 = 0.004;
+/// Flag of cells that the open hand passes; lower bits are chains.
+const HAND: u16 = 1 << 15;
+/// Swept volume: value where a finger is when the hand is open, and where it comes last.
+const FIRST_LAST: [f64; 2] = [255.0, 64.0];
+
+/// How the grid is laid out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HandGridConfig {
+    /// Side of a cell, metres.
+    pub cell: f64,
+    /// Room that the open hand must have on every side, metres.
+    pub clearance: f64,
+    /// The hand comes from this far behind, along its -z, metres.
+    pub standoff: f64,
+}
+
+impl Default for HandGridConfig {
+    /// Cells of 10 mm; the approach of a trial.
+    fn default() -> Self {
+        Self { cell: 0.010, clearance: 0.002, standoff: 0.10 }
+    }
+}
+
+impl HandGridConfig {
+    fn check(&self) -> Result<(), PerceptionError> {
+        in_range("cell", self.cell, 0.002..=0.1, "m")?;
+        in_range("clearance", self.clearance, 0.0..=0.05, "m")?;
+        Ok(in_range("standoff", self.standoff, 0.0..=1.0, "m")?)
+    }
+}
+
+/// One preshape of the hand.
+pub(crate) struct Shaped {
+    /// Its number.
+    pub preshape: f64,
+    /// When a finger comes to each cell of the grid: 255 where it is at first, 64 where it comes last, 0 where it never is.
+    pub swept: Vec<u8>,
+    /// The hand may always be turned by a quarter, whatever the extents of the object: fingers oppose each other along its y too.
+    pub turns: bool,
+    /// Where the fingers meet, on the palm's plane.
+    pub center: Vector3<f64>,
+    /// Furthest that a finger reaches along the hand's z as it closes, metres.
+    pub reach: f64,
+    /// Corners of the open hand's shapes, grown by the clearance.
+    corners: Vec<Point3<f64>>,
+    /// What passes each cell of the look-up.
+    flags: Vec<u16>,
+    lookup: CellBox,
+}
+
+/// What is in the way of a hand, and between its fingers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Meeting {
+    /// The open hand meets nothing, at the pose and on the approach.
+    pub free: bool,
+    /// Chains whose closing meets the object, one bit each.
+    pub chains: u16,
+}
+
+/// A hand, prepared for perception; see the module.
+pub struct HandGrid {
+    /// The cells, hand frame.
+    pub cells: CellBox,
+    pub(crate) shaped: Vec<Shaped>,
+    standoff: f64,
+    /// Chains that close.
+    pub(crate) chains: u32,
+    /// Where closed fingers meet, hand frame.
+    pub(crate) center: Point3<f64>,
+    /// The hand itself.
+    pub hand: Hand,
+}
+
+impl HandGrid {
+    /// Prepares a hand: a few milliseconds per preshape.
+    ///
+    /// # Errors
+    /// [`PerceptionError::OutOfRange`] for the config, [`PerceptionError::NothingCloses`], and what the kinematics refuse.
+    pub fn new(hand: &Hand, config: &HandGridConfig) -> Result<Self, PerceptionError> {
+        config.check()?;
+        let motions = hand.preshapes().iter().map(|preshape| closing(hand, preshape)).collect::<Result<Vec<_>, _>>()?;
+        let moving = |motions: &[Vec<Moving>]| motions.iter().flatten().fold(0, |all, part| all | part.chain);
+        let chains = motions.iter().fold(0, |all, motion| all | moving(motion));
+        if chains == 0 {
+            return Err(PerceptionError::NothingCloses { name: hand.name.clone() });
+        }
+        let cells = grid(&motions, config.cell);
+        let shaped = hand.preshapes().iter().zip(&motions);
+        let shaped = shaped.map(|(preshape, motion)| Shaped::new(hand, preshape, motion, &cells, config));
+        let shaped = shaped.collect::<Result<Vec<_>, _>>()?;
+        let (standoff, center) = (config.standoff, hand.grasp.center);
+        Ok(Self { cells, shaped, standoff, chains: chains.count_ones(), center, hand: hand.clone() })
+    }
+
+    /// The preshapes, in the order of the hand's file.
+    pub fn preshapes(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
+        self.shaped.iter().map(|shaped| shaped.preshape)
+    }
+
+    /// The preshape nearest to a number, by its index.
+    #[must_use]
+    pub fn nearest(&self, preshape: f64) -> usize {
+        let distance = |index: &usize| (self.shaped[*index].preshape - preshape).abs();
+        (0..self.shaped.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+    }
+
+    /// When a finger comes to each cell with the preshape of that index, (X, Y, Z): 255 where it is at first, 64 where it comes last, 0 where
+    /// it never is.
+    #[must_use]
+    pub fn swept(&self, index: usize) -> &[u8] {
+        &self.shaped[index].swept
+    }
+
+    /// What the open hand, and the fingers as they close, meet at a pose over the table z = 0.
+    ///
+    /// * `points`: of the object's surface, in the frame in which `pose` is; the first ones are looked up first.
+    /// * `index`: of the preshape.
+    #[must_use]
+    pub fn meets(&self, points: &[Point3<f32>], pose: &Isometry3<f64>, index: usize) -> Meeting {
+        let shaped = &self.shaped[index];
+        let refused = Meeting { free: false, chains: 0 };
+        if shaped.hits_table(pose, self.standoff) {
+            return refused;
+        }
+        let inverse = pose.inverse();
+        let turn = inverse.rotation.to_rotation_matrix().matrix().cast::<f32>() / shaped.lookup.cell as f32;
+        let origin = shaped.lookup.origin.coords;
+        let shift = ((inverse.translation.vector - origin) / shaped.lookup.cell).cast::<f32>();
+        let size = shaped.lookup.shape;
+        let mut chains = 0;
+        for point in points {
+            let at = turn * point.coords + shift;
+            let inside = |axis: usize| at[axis] >= 0.0 && at[axis] < size[axis] as f32;
+            if inside(0) && inside(1) && inside(2) {
+                let flags = shaped.flags[shaped.lookup.index([at.x as usize, at.y as usize, at.z as usize])];
+                if flags & HAND != 0 {
+                    return refused;
+                }
+                chains |= flags;
+            }
+        }
+        Meeting { free: true, chains }
+    }
+}
+
+/// A part of a chain on its way.
+struct Moving {
+    solid: Solid,
+    /// Bit of its chain.
+    chain: u16,
+}
+
+/// The parts of the chains in each step of closing, in two ways: all joints of a chain at once, as with stiff fingers, and one after the
+/// other from the root, as where the root is the softest joint.
+fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, PerceptionError> {
+    let open = hand.open_configuration(preshape.value);
+    let closed = hand.closed_configuration(preshape.value, 1.0);
+    // The place of each coordinate among those of its chain that close, and their number.
+    let chains = hand.chains();
+    let place = |joint: usize| {
+        let closes = |other: &usize| hand.joints[*other].is_independent() && hand.closing_rate(*other) != 0.0;
+        let own = chains.iter().find(|chain| chain.joints.contains(&joint));
+        let own: Vec<usize> = own.into_iter().flat_map(|chain| chain.joints.iter().copied().filter(closes)).collect();
+        (own.iter().position(|other| *other == joint).unwrap_or(0), own.len().max(1))
+    };
+    let places: Vec<(usize, usize)> = hand.coordinates().map(place).collect();
+    let mut steps = Vec::with_capacity(STEPS + 1);
+    for step in 0..=STEPS {
+        let share = step as f64 / STEPS as f64;
+        let mut parts = Vec::new();
+        for in_turn in [false, true] {
+            let between = |index: usize| {
+                let (place, count) = places[index];
+                let own = if in_turn { (share * count as f64 - place as f64).clamp(0.0, 1.0) } else { share };
+                open[index] + own * (closed[index] - open[index])
+            };
+            let configuration: Vec<f64> = (0..open.len()).map(between).collect();
+            for placed in hand.shapes_at(&configuration)? {
+                let moves = |chain: &usize| {
+                    let mut joints = chains[*chain].joints.iter();
+                    joints.any(|joint| hand.closing_rate(*joint) != 0.0)
+                };
+                if let Some(chain) = hand.chain_of_link(placed.link).filter(moves) {
+                    let solid = Solid::new(&placed.collider.shape, &placed.hand_from_shape, 0.0, 0.0);
+                    parts.push(Moving { solid, chain: 1 << chain.min(14) });
+                }
+            }
+        }
+        steps.push(parts);
+    }
+    Ok(steps)
+}
+
+/// Cells around what the chains sweep with any preshape.
+fn grid(motions: &[Vec<Vec<Moving>>], cell: f64) -> CellBox {
+    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+    for part in motions.iter().flat_map(|steps| &steps[SPREAD..]).flatten() {
+        let [from, to] = part.solid.bounds();
+        low = low.inf(&from);
+        high = high.sup(&to);
+    }
+    // What is grasped is in front of the palm, whose surface is z = 0.
+    low.z = low.z.max(0.0);
+    let shape = [0, 1, 2].map(|axis| {
+        let cells = ((high[axis] - low[axis]) / cell + 2.0 * MARGIN - 1e-9).ceil() as usize;
+        cells.next_multiple_of(MULTIPLE)
+    });
+    // The swept volume is in the middle; along the approach it is at the beginning, so that the grid shows what is beyond the fingertips.
+    let middle = (low + high) * 0.5;
+    let mut origin = middle - Vector3::from(shape.map(|n| n as f64)) * (0.5 * cell);
+    origin.z = low.z - MARGIN * cell;
+    CellBox { origin: Point3::from(origin), shape, cell }
+}
+
+impl Shaped {
+    fn new(
+        hand: &Hand,
+        preshape: &Preshape,
+        motion: &[Vec<Moving>],
+        cells: &CellBox,
+        config: &HandGridConfig,
+    ) -> Result<Self, PerceptionError> {
+        let mut swept = vec![0; cells.len()];
+        for (step, parts) in motion.iter().enumerate() {
+            let share = step as f64 / STEPS as f64;
+            let value = (FIRST_LAST[0] + share * (FIRST_LAST[1] - FIRST_LAST[0])).round() as u8;
+            for part in parts {
+                cells.cover(&part.solid, |index| {
+                    if swept[index] == 0 {
+                        swept[index] = value;
+                    }
+                });
+            }
+        }
+        let placed = hand.shapes_at(&hand.open_configuration(preshape.value))?;
+        let solid = |standoff: f64| {
+            let grown = placed.iter();
+            grown.map(move |p| Solid::new(&p.collider.shape, &p.hand_from_shape, config.clearance, standoff))
+        };
+        let way: Vec<Solid> = solid(config.standoff).collect();
+        let bounds = way.iter().map(Solid::bounds).chain(motion.iter().flatten().map(|part| part.solid.bounds()));
+        let [low, high] = bounds
+            .fold([Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)], |[low, high], [from, to]| {
+                [low.inf(&from), high.sup(&to)]
+            });
+        let lookup = CellBox::covering(&low, &high, LOOKUP);
+        let mut flags = vec![0; lookup.len()];
+        way.iter().for_each(|solid| lookup.cover(solid, |index| flags[index] |= HAND));
+        for part in motion.iter().flatten() {
+            lookup.cover(&part.solid, |index| flags[index] |= part.chain);
+        }
+        let reach = motion.iter().flatten().map(|part| part.solid.bounds()[1].z).fold(0.0, f64::max);
+        let center = closing_center(hand, preshape.value)?;
+        let corners = solid(0.0).flat_map(|solid| solid.corners().collect::<Vec<_>>()).collect();
+        let turns = preshape.face.quarter == Quarter::Always;
+        Ok(Self { preshape: preshape.value, swept, turns, center, reach, corners, flags, lookup })
+    }
+
+    /// True where the open hand reaches below z = 0, at the pose or on the approach.
+    fn hits_table(&self, pose: &Isometry3<f64>, standoff: f64) -> bool {
+        let back = (pose.rotation * Vector3::z()).z * standoff;
+        let lowest = self.corners.iter().map(|corner| (pose * corner).z).fold(f64::INFINITY, f64::min);
+        lowest - back.max(0.0) < 0.0
+    }
+}

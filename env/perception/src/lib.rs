@@ -1,0 +1,59 @@
+//! From a depth image to candidate grasps, and to what a network needs to judge them. No dynamics here, and no learning.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`noise`] | noise of a depth camera: axial, lateral, dropouts, 16-bit millimetres |
+//! | [`crop`] | the object above the table, and a frame on the table below it that turns with the camera |
+//! | [`channels`] | voxels of the crop: surface, unseen, table |
+//! | [`solid`](mod@solid) | the object itself in these voxels |
+//! | [`surface`](mod@surface) | points and normals of an occupancy's surface |
+//! | [`proposals`] | candidate grasps of an occupancy, filtered and different |
+//! | [`hand_grid`] | a hand's own grid: what its fingers sweep, and what is in its way |
+//! | [`hand_crops`](mod@hand_crops) | voxels around the hand at many poses |
+//! | `lookup` | cells in the hand frame |
+//! | [`error`] | every way an input can be wrong, one sentence each |
+//!
+//! Units are metres and radians; the table is the plane z = 0 of the world and of a crop.
+//!
+//! A ball on the table is proposed grasps that come from above:
+//!
+//! ```
+//! use graspbox_hand::Hand;
+//! use graspbox_perception::{CropConfig, HandGrid, HandGridConfig, ProposalConfig, propose};
+//! use nalgebra::{Point3, Vector3};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let (hand, grid) = (HandGrid::new(Hand::reflex()?, &HandGridConfig::default())?, CropConfig::default().grid()?);
+//! let ball = |p: Point3<f64>| (p - Point3::new(0.0, 0.0, 0.04)).norm() <= 0.04;
+//! let at = |flat: usize| grid.center([flat / 48 / 48, flat / 48 % 48, flat % 48]);
+//! let occupancy: Vec<u8> = (0..grid.len()).map(|flat| if ball(at(flat)) { 255 } else { 0 }).collect();
+//! let found = propose(&hand, &grid, &occupancy, &ProposalConfig::default())?;
+//! assert!(found.len() == 128);
+//! assert!(found.iter().all(|candidate| (candidate.pose.rotation * Vector3::z()).z < 0.5));
+//! # Ok(())
+//! # }
+//! ```
+
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
+
+pub mod channels;
+pub mod crop;
+pub mod error;
+pub mod hand_crops;
+pub mod hand_grid;
+pub mod lookup;
+pub mod noise;
+pub mod proposals;
+pub mod solid;
+pub mod surface;
+
+pub use channels::{CHANNEL_NAMES, CHANNELS, fill_channels};
+pub use crop::{CropConfig, Observed, observe};
+pub use error::PerceptionError;
+pub use hand_crops::{CropVolume, HAND_CHANNEL_NAMES, HAND_CHANNELS, hand_crops};
+pub use hand_grid::{HandGrid, HandGridConfig, Meeting};
+pub use lookup::CellBox;
+pub use noise::{DepthNoise, add_depth_noise};
+pub use proposals::{Candidate, ProposalConfig, Source, obstacle_points, propose};
+pub use solid::solid;
+pub use surface::{OCCUPIED, SurfacePoint, surface};

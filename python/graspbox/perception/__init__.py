@@ -1,0 +1,39 @@
+"""From one depth image to grasps: no mesh, no true pose, nothing that a camera over a table does not tell.
+
+>>> import graspbox, numpy as np
+>>> from graspbox import perception
+>>> mesh = graspbox.object_sets.load("procedural:can:0")[0].load()
+>>> seen = graspbox.views(mesh, count=2)
+>>> depth = perception.add_depth_noise(seen.depth, seen.intrinsics, seed=0)
+>>> crops = perception.crop(depth, seen.intrinsics, seen.world_from_camera)
+>>> crops.channels.shape, crops.found.tolist()
+((2, 3, 48, 48, 48), [True, True])
+
+| module | what it does |
+|---|---|
+| `configs` | settings of all of it |
+| `crops` | noise of a depth camera; the crop around the object, and its voxels |
+| `hand_grids` | candidate grasps of an occupied volume, and the voxels around the hand at each |
+
+The networks are in modules of their own, which need torch (extra ``train``) and are not imported here: `scenes` renders
+what they learn from, `completion` tells the object's occupancy from a crop, `scorer` tells how likely a grasp holds.
+"""
+
+from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig, ProposalConfig
+from graspbox.perception.crops import CHANNELS, Crops, add_depth_noise, crop, solid_occupancy
+from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid, Proposals
+
+__all__ = [
+    "CHANNELS",
+    "HAND_CHANNELS",
+    "CropConfig",
+    "Crops",
+    "DepthNoise",
+    "HandGrid",
+    "HandGridConfig",
+    "ProposalConfig",
+    "Proposals",
+    "add_depth_noise",
+    "crop",
+    "solid_occupancy",
+]

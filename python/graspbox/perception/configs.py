@@ -1,0 +1,159 @@
+"""Settings of perception, as frozen dataclasses; each mirrors a struct of the core."""
+
+from dataclasses import dataclass
+
+__all__ = ["CropConfig", "DepthNoise", "HandGridConfig", "ProposalConfig"]
+
+
+@dataclass(frozen=True)
+class DepthNoise:
+    """Noise of a depth camera.
+
+    A pixel at depth z, on a surface whose normal is turned by the angle a away from the ray, has axial noise of
+    standard deviation ``axial_floor + axial_growth (z - axial_near)^2 + axial_grazing / sqrt(z) * (a / (pi/2 - a))^2``,
+    where the growth begins at ``axial_near``.
+
+    Attributes
+    ----------
+    axial_floor : float
+        Metres; Nguyen et al.
+    axial_growth : float
+        1/m; Nguyen et al.
+    axial_near : float
+        Metres; Nguyen et al.
+    axial_grazing : float
+        m^1.5; Nguyen et al.
+    lateral : float
+        Standard deviation of the direction of a pixel's ray, radians; Nguyen et al., 0.8 pixels of a lens of 585
+        pixels.
+    edge_step : float
+        A pixel is at an edge where the depth of a neighbour differs by more than this, metres; our choice.
+    edge_dropout : float
+        Probability that a pixel at an edge has no depth; our choice.
+    grazing_angle : float
+        Angle between ray and normal from which a pixel may have no depth, radians; Nguyen et al. measured up to 1.4.
+    grazing_dropout : float
+        Probability that a pixel beyond that angle has no depth; our choice.
+    dropout : float
+        Probability that any pixel has no depth; our choice.
+    quantum : float
+        Step of the numbers that the camera gives, metres.
+
+    References
+    ----------
+    C. Nguyen, S. Izadi, D. Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking",
+    3DIMPVT 2012.
+    """
+
+    axial_floor: float = 0.0012
+    axial_growth: float = 0.0019
+    axial_near: float = 0.4
+    axial_grazing: float = 0.0001
+    lateral: float = 0.0014
+    edge_step: float = 0.02
+    edge_dropout: float = 0.5
+    grazing_angle: float = 1.4
+    grazing_dropout: float = 0.7
+    dropout: float = 0.002
+    quantum: float = 0.001
+
+    @classmethod
+    def none(cls) -> "DepthNoise":
+        """Describe a camera that only rounds to millimetres."""
+        return cls(
+            axial_floor=0.0,
+            axial_growth=0.0,
+            axial_grazing=0.0,
+            lateral=0.0,
+            edge_dropout=0.0,
+            grazing_dropout=0.0,
+            dropout=0.0,
+        )
+
+
+@dataclass(frozen=True)
+class CropConfig:
+    """The cube around the observed object, and how its pixels are told from the table's.
+
+    Attributes
+    ----------
+    side : float
+        Side of the cube, metres.
+    resolution : int
+        Voxels along each side.
+    below : float
+        How far the cube reaches below the table, metres.
+    min_height : float
+        A pixel higher than this above the table, after smoothing, is not the table's, metres.
+    gap : float
+        Widest gap between pixels of one object in plan view, metres.
+    min_pixels : int
+        Fewer pixels are no object.
+    """
+
+    side: float = 0.30
+    resolution: int = 48
+    below: float = 0.0125
+    min_height: float = 0.004
+    gap: float = 0.03
+    min_pixels: int = 8
+
+    @property
+    def voxel_size(self) -> float:
+        """Side of a voxel, metres."""
+        return self.side / self.resolution
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Least corner of the cube in the crop frame, metres."""
+        return (-self.side / 2, -self.side / 2, -self.below)
+
+
+@dataclass(frozen=True)
+class HandGridConfig:
+    """The grid of cells around a hand, and how collisions are looked up.
+
+    Attributes
+    ----------
+    cell : float
+        Side of a cell, metres.
+    clearance : float
+        Room that the open hand must have on every side, metres.
+    standoff : float
+        The hand comes from this far behind, along its -z, metres.
+    """
+
+    cell: float = 0.01
+    clearance: float = 0.002
+    standoff: float = 0.1
+
+
+@dataclass(frozen=True)
+class ProposalConfig:
+    """How candidate grasps are made.
+
+    Attributes
+    ----------
+    seeds : int
+        Surface points that are approached, spread as far apart as possible.
+    standoffs : tuple of float
+        Distances of the palm from the top of the surface, metres.
+    radius : float
+        Radius of the surface around a point along whose least extent the hand closes, metres.
+    boxes : int
+        Boxes of the planner's decomposition whose faces are approached as well; 0 for none.
+    fingers : int
+        Fewest chains that must meet the object as they close; hands with fewer need all.
+    points : int
+        Points of the surface with which collisions are searched.
+    most : int
+        Most candidates.
+    """
+
+    seeds: int = 32
+    standoffs: tuple[float, ...] = (0.005, 0.02, 0.035, 0.05, 0.065)
+    radius: float = 0.05
+    boxes: int = 4
+    fingers: int = 2
+    points: int = 1000
+    most: int = 128

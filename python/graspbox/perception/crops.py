@@ -1,0 +1,183 @@
+"""Depth images of an object on a table: sensor noise, and the voxels of a crop around the object."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox import _core
+from graspbox.arguments import floats, natural, to_json
+from graspbox.by_value import ByValue
+from graspbox.errors import ConfigError
+from graspbox.meshes import MeshLike, as_mesh
+from graspbox.perception.configs import CropConfig, DepthNoise
+from graspbox.views import depth_metres
+
+__all__ = ["CHANNELS", "Crops", "add_depth_noise", "crop", "solid_occupancy"]
+
+#: Names of the channels of a crop, in order.
+CHANNELS: tuple[str, ...] = tuple(_core.channel_names()[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Crops(ByValue):
+    """What n depth images show of the object, in n crop frames.
+
+    A crop frame has its origin on the table below the middle of what is seen of the object, z up, and x horizontally
+    away from the camera.
+
+    Attributes
+    ----------
+    world_from_crop : (n, 4, 4) float64
+        Pose of the crop frame, metres; the identity where no object was found.
+    found : (n,) bool
+        Whether an object was found.
+    object : (n, H, W) bool
+        Pixels of the object.
+    channels : (n, 3, N, N, N) uint8
+        By voxel along x, y and z, 0 to 255 for 0 to 1: `CHANNELS`. ``surface``: how near to a voxel's centre a pixel of
+        the object is. ``unseen``: the share of the voxel behind what is seen. ``table``: its share below the table.
+    """
+
+    world_from_crop: NDArray[np.float64]
+    found: NDArray[np.bool_]
+    object: NDArray[np.bool_]
+    channels: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        """Count the crops."""
+        return len(self.found)
+
+
+def add_depth_noise(
+    depth: ArrayLike,
+    intrinsics: ArrayLike,
+    seed: int | Sequence[int] = 0,
+    noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
+    *,
+    num_threads: int | None = None,
+) -> NDArray[np.uint16]:
+    """Give rendered depth as a camera would measure it.
+
+    Parameters
+    ----------
+    depth : (n, H, W) array
+        Metres along the optical axis, 0 where nothing was seen.
+    intrinsics : (3, 3) array
+        Of every image, pixels.
+    seed : int or sequence of n int
+        The first image's seed, from which the others follow by ones; or one per image. An image depends on its own
+        alone.
+    noise : DepthNoise
+        The camera.
+    num_threads : int, optional
+        Threads to use; the result does not depend on it.
+
+    Returns
+    -------
+    (n, H, W) uint16
+        Millimetres; 0 where the camera measures nothing.
+
+    Raises
+    ------
+    ConfigError
+        For arrays of another shape, depths that are negative or not finite, or a setting out of range.
+    """
+    images = depth_metres(depth)
+    if images.ndim != 3:
+        raise ConfigError(f"depth has shape {images.shape}; give (n, H, W)")
+    if isinstance(seed, int | np.integer):
+        first = natural(seed, "seed", 63)
+        seeds = [first + i for i in range(len(images))]
+    else:
+        seeds = [natural(one, "seed", 64) for one in seed]
+    return _core.add_depth_noise(
+        images, floats(intrinsics, "intrinsics"), seeds, to_json(noise, DepthNoise, "noise"), num_threads
+    )
+
+
+def crop(
+    depth: ArrayLike,
+    intrinsics: ArrayLike,
+    world_from_camera: ArrayLike,
+    *,
+    labels: ArrayLike | None = None,
+    config: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+    num_threads: int | None = None,
+) -> Crops:
+    """Find the object in depth images of a table, and fill the voxels around it.
+
+    Parameters
+    ----------
+    depth : (n, H, W) array
+        Distance along the optical axis, 0 where nothing was measured: metres, or millimetres if the dtype is uint16.
+    intrinsics : (3, 3) array
+        Of every image, pixels.
+    world_from_camera : (n, 4, 4) array
+        Poses of the cameras in a world whose z axis points up and whose table is the plane z = 0. A camera's frame has
+        z forward, x right and y down.
+    labels : (n, H, W) bool array, optional
+        Pixels of the object where they are known; by default the largest group of pixels above the table.
+    config : CropConfig
+        The crop.
+    num_threads : int, optional
+        Threads to use; the result does not depend on it.
+
+    Raises
+    ------
+    ConfigError
+        For arrays of another shape or type, or a setting out of range.
+    """
+    images = depth_metres(depth)
+    flags = None if labels is None else np.ascontiguousarray(labels)
+    if flags is not None and flags.dtype != np.bool_:
+        raise ConfigError(f"labels are of dtype {flags.dtype}; give bool, True for the object")
+    found = _core.crops(
+        images,
+        floats(intrinsics, "intrinsics"),
+        floats(world_from_camera, "world_from_camera"),
+        flags,
+        to_json(config, CropConfig),
+        num_threads,
+    )
+    return Crops(**found)
+
+
+def solid_occupancy(
+    meshes: Sequence[MeshLike],
+    mesh_of: Sequence[int],
+    crop_from_object: ArrayLike,
+    *,
+    config: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+    num_threads: int | None = None,
+) -> NDArray[np.uint8]:
+    """Fill the voxels of crops with the objects themselves.
+
+    Parameters
+    ----------
+    meshes : sequence of Mesh
+        The objects.
+    mesh_of : sequence of n int
+        Which of them each crop holds.
+    crop_from_object : (n, 4, 4) array
+        Where it rests, in the frame of its crop: ``inv(world_from_crop) @ world_from_object``.
+    config : CropConfig
+        The crop.
+    num_threads : int, optional
+        Threads to use; the result does not depend on it.
+
+    Returns
+    -------
+    (n, N, N, N) uint8
+        The share of each voxel that the object fills, 0 to 255 for 0 to 1, in steps of an eighth.
+
+    Raises
+    ------
+    ConfigError
+        For arrays of another shape, an index without a mesh, or a setting out of range.
+    """
+    given = [as_mesh(mesh) for mesh in meshes]
+    indices = [natural(index, "mesh_of") for index in mesh_of]
+    poses = floats(crop_from_object, "crop_from_object")
+    return _core.solids(given, indices, poses, to_json(config, CropConfig), num_threads)

@@ -1,0 +1,231 @@
+"""One decision: from a depth image to the grasp to try.
+
+The steps, each of which can be replaced: crop the object, complete its occupancy, propose grasps, score them, refine
+the best. `GraspFinder` makes the steps and measures their time.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.perception.configs import CropConfig, ProposalConfig
+from graspbox.perception.crops import crop
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import perturbed
+
+__all__ = ["Complete", "FinderConfig", "FoundGrasp", "GraspFinder", "Score", "observed_only"]
+
+#: From channels (n, 3, N, N, N) of crops to occupancies (n, N, N, N), all uint8.
+Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
+#: From a volume (3, N, N, N) uint8 (completed, surface, unseen), poses ``crop_from_hand`` (m, 4, 4) and preshapes (m,)
+#: to scores (m,); greater is better.
+Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class FinderConfig:
+    """How a grasp is found.
+
+    Attributes
+    ----------
+    proposals : ProposalConfig
+        How grasps are proposed.
+    refinements : int
+        Steps of refinement: each tries neighbours of the best grasps.
+    parents, children : int
+        In each step, how many of the best grasps are varied, and how often each.
+    position, rotation : float
+        Standard deviation of the first step along and about each axis of the hand, metres and radians; half of it in
+        each step after.
+    """
+
+    proposals: ProposalConfig = field(default_factory=ProposalConfig)
+    refinements: int = 2
+    parents: int = 4
+    children: int = 8
+    position: float = 0.006
+    rotation: float = 0.10
+
+
+@dataclass(frozen=True, eq=False)
+class FoundGrasp:
+    """A grasp, and how it was found.
+
+    Attributes
+    ----------
+    world_from_hand : (4, 4) float64
+        Where the hand goes, metres.
+    preshape : float
+        See `graspbox.Hand.preshape_limits`.
+    score : float
+        What the scorer gives it.
+    world_from_crop : (4, 4) float64
+        The crop frame.
+    occupancy : (N, N, N) uint8
+        The completed occupancy.
+    poses, preshapes, scores
+        All grasps that were scored: ``crop_from_hand`` (m, 4, 4), (m,), (m,); refined ones last.
+    seconds : dict of str to float
+        Time that each step took.
+    """
+
+    world_from_hand: NDArray[np.float64]
+    preshape: float
+    score: float
+    world_from_crop: NDArray[np.float64]
+    occupancy: NDArray[np.uint8]
+    poses: NDArray[np.float64]
+    preshapes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    seconds: dict[str, float]
+
+
+def observed_only(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Take what is seen of the surface for the object: no completion."""
+    return np.ascontiguousarray(channels[:, 0])
+
+
+class GraspFinder:
+    """Finds grasps in depth images.
+
+    Parameters
+    ----------
+    grid : HandGrid
+        The hand.
+    complete : callable
+        Tells the occupancy of crops: `graspbox.perception.completion.Completion`, or `observed_only`.
+    score : callable
+        Scores grasps: `graspbox.perception.scorer.Scorer`.
+    config : FinderConfig
+        How a grasp is found.
+    crop : CropConfig
+        The crop; that of `grid`.
+    """
+
+    def __init__(
+        self,
+        grid: HandGrid,
+        complete: Complete,
+        score: Score,
+        config: FinderConfig = FinderConfig(),
+        *,
+        crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+    ) -> None:
+        self._grid, self._complete, self._score = grid, complete, score
+        self._config, self._crop = config, crop
+
+    def find(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        world_from_camera: ArrayLike,
+        *,
+        seed: int = 0,
+        complete: Complete | None = None,
+        score: Score | None = None,
+        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
+    ) -> FoundGrasp | None:
+        """Find the grasp to try.
+
+        Parameters
+        ----------
+        depth : (H, W) array
+            Metres, or millimetres if the dtype is uint16; 0 where nothing was measured.
+        intrinsics : (3, 3) array
+            Pixels.
+        world_from_camera : (4, 4) array
+            Pose of the camera; the table is the plane z = 0.
+        seed : int
+            Seed of the refinement.
+        complete, score : callable, optional
+            Replace those of the finder for this decision.
+        on_crop : callable, optional
+            Called with ``world_from_crop`` (4, 4) before `complete` is.
+
+        Returns
+        -------
+        FoundGrasp or None
+            None where no object is seen, or no grasp of it is feasible.
+
+        Raises
+        ------
+        ConfigError
+            For arrays of another shape or type.
+        """
+        clock = _Clock()
+        crops = crop(np.asarray(depth)[None], intrinsics, np.asarray(world_from_camera)[None], config=self._crop)
+        clock.lap("crop")
+        if not crops.found[0]:
+            return None
+        if on_crop is not None:
+            on_crop(crops.world_from_crop[0])
+        occupancy = (complete or self._complete)(crops.channels)[0]
+        clock.lap("complete")
+        proposals = self._grid.propose(occupancy, self._config.proposals)
+        clock.lap("propose")
+        if not len(proposals):
+            return None
+        volume = np.concatenate([occupancy[None], crops.channels[0, :2]])
+        judge = score or self._score
+        scored = _Scored(proposals.poses, proposals.preshape, judge(volume, proposals.poses, proposals.preshape))
+        clock.lap("score")
+        rng = np.random.default_rng(seed)
+        for step in range(self._config.refinements):
+            scored = self._refined(scored, volume, judge, rng, 0.5**step)
+        clock.lap("refine")
+        best = int(np.argmax(scored.scores))
+        return FoundGrasp(
+            world_from_hand=crops.world_from_crop[0] @ scored.poses[best],
+            preshape=float(scored.preshapes[best]),
+            score=float(scored.scores[best]),
+            world_from_crop=crops.world_from_crop[0],
+            occupancy=occupancy,
+            poses=scored.poses,
+            preshapes=scored.preshapes,
+            scores=scored.scores,
+            seconds=clock.seconds,
+        )
+
+    def _refined(
+        self, scored: "_Scored", volume: NDArray[np.uint8], judge: Score, rng: np.random.Generator, scale: float
+    ) -> "_Scored":
+        """Add feasible neighbours of the best grasps."""
+        config = self._config
+        best = np.argsort(-scored.scores, kind="stable")[: config.parents]
+        parents = np.repeat(best, config.children)
+        poses = perturbed(scored.poses[parents], rng, config.position * scale, config.rotation * scale)
+        preshapes = scored.preshapes[parents]
+        free, fingers = self._grid.meets(volume[0], poses, preshapes, points=config.proposals.points)
+        kept = free & (fingers >= min(config.proposals.fingers, 2))
+        if not kept.any():
+            return scored
+        scores = judge(volume, poses[kept], preshapes[kept])
+        return _Scored(
+            np.concatenate([scored.poses, poses[kept]]),
+            np.concatenate([scored.preshapes, preshapes[kept]]),
+            np.concatenate([scored.scores, scores]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Scored:
+    """Grasps with their scores."""
+
+    poses: NDArray[np.float64]
+    preshapes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+
+class _Clock:
+    """Measures the time of steps."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, step: str) -> None:
+        now = time.perf_counter()
+        self.seconds[step], self._last = now - self._last, now

@@ -1,0 +1,22 @@
+"""Small random motions of hand poses."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["perturbed"]
+
+
+def perturbed(
+    poses: NDArray[np.float64], rng: np.random.Generator, position: float, rotation: float
+) -> NDArray[np.float64]:
+    """Move poses (n, 4, 4) along and about each axis of the hand by normal errors, metres and radians."""
+    moved = poses.copy()
+    moved[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], rng.normal(0.0, position, (len(poses), 3)))
+    turns = rng.normal(0.0, rotation, (len(poses), 3))
+    angles = np.linalg.norm(turns, axis=1)[:, None, None]
+    x, y, z = (turns / np.maximum(angles[:, 0], 1e-12)).T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    turned = np.eye(3) + np.sin(angles) * cross + (1.0 - np.cos(angles)) * (cross @ cross)
+    moved[:, :3, :3] = poses[:, :3, :3] @ turned
+    return moved

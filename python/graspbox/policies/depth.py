@@ -1,0 +1,237 @@
+"""``depth``: grasps from one depth camera, without mesh or true pose."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._core import Mesh
+from graspbox.envs.coding import Codec, encode_action, object_pose
+from graspbox.envs.expert import ScriptedGrasp
+from graspbox.errors import ConfigError
+from graspbox.perception.cameras import camera_pose, lens
+from graspbox.perception.configs import CropConfig, DepthNoise
+from graspbox.perception.crops import add_depth_noise, solid_occupancy
+from graspbox.perception.finder import Complete, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import perturbed
+from graspbox.policies.base import Actions, Policy, Task
+from graspbox.simulation import Scene, load_hand
+
+__all__ = ["DepthGrasp", "Oracle"]
+
+#: A part of the policy that the truth can stand in for.
+Oracle = Literal["completion", "scorer"]
+#: Meshes that the oracles keep.
+_MESHES = 128
+#: The oracle of the scorer simulates every proposal once, and then this many successes with a wrong hand this often.
+_ORACLE_FINALISTS, _ORACLE_REPLAYS = 12, 8
+#: Standard deviation of the hand's error in these replays, metres and radians.
+_ORACLE_ERROR = 0.003, 0.05
+
+
+class DepthGrasp(Policy):
+    """Grasps what a depth camera sees: crop, completion, proposals, scores, refinement (`GraspFinder`).
+
+    It looks once per episode, with the first camera of the environments, which must stand in the world. In
+    ``GraspPose-v0`` the grasp is the action; in ``Grasp-v0`` the hand is moved there as the scripted expert does it.
+    Where no object is seen or no grasp is found, its actions are zeros.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Weights: ``completion/weights.pt``, and ``scorer/`` with ``scorer.json``. Neither is read where an oracle stands
+        in. None: no completion (the observed surface alone), and the scorer must be an oracle.
+    oracles : sequence of {"completion", "scorer"}
+        Parts that the truth stands in for, to measure what each part loses. ``completion``: the object's own occupancy.
+        ``scorer``: simulation of the proposals with a wrong hand. With an oracle the policy is **privileged**: it reads
+        ``state`` and ``info["object"]``.
+    noise : DepthNoise
+        Noise that is added to the depth that the environments render.
+    config : FinderConfig
+        How grasps are found.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown oracle, or if there is nothing to score with.
+    """
+
+    name = "depth"
+    settings = {"image_size": 128}  # noqa: RUF012 (read only)
+
+    def __init__(
+        self,
+        folder: Path | None,
+        *,
+        oracles: Sequence[Oracle] = (),
+        noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
+        config: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
+    ) -> None:
+        for oracle in oracles:
+            if oracle not in get_args(Oracle):
+                raise ConfigError(f"there is no oracle {oracle!r}; choose from {', '.join(get_args(Oracle))}")
+        if folder is None and "scorer" not in oracles:
+            raise ConfigError("there is nothing to score grasps with; name a folder of weights, or the oracle 'scorer'")
+        self.obs = ("depth", "proprio", *(("state",) if oracles else ()))
+        self._folder, self._oracles, self._noise, self._config = folder, frozenset(oracles), noise, config
+        #: What was found last in each environment; None where nothing was.
+        self.found: list[FoundGrasp | None] = []
+
+    def _bind(self, task: Task) -> None:
+        camera = task.cameras.cameras[0]
+        if camera.mount != "world":
+            raise ConfigError(f"camera {camera.name!r} is mounted on the hand; put one first whose mount is 'world'")
+        self._hand = load_hand(task.hand)
+        self._world_from_camera = camera_pose(camera)
+        self._intrinsics = lens(camera.fov, task.cameras.image_size)
+        self._crop = CropConfig()
+        self._finder = self._make_finder()
+        self._proprio = Codec(task.control, self._hand, "proprio") if task.closed_loop else None
+        self._waiting: list[int | None] = [None] * task.num_envs
+        self._objects: list[str] = [""] * task.num_envs
+        self._drivers: list[ScriptedGrasp | None] = [None] * task.num_envs
+        self.found = [None] * task.num_envs
+        self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
+        indices = {name: i for i, name in enumerate(task.objects.names)}
+
+        @lru_cache(_MESHES)
+        def mesh(name: str) -> Mesh:
+            if name not in indices:
+                raise ConfigError(f"there is no object {name!r} in the set {task.objects.name!r} that the policy knows")
+            return task.objects[indices[name]].load()
+
+        self._mesh = mesh
+
+    def _make_finder(self) -> GraspFinder:
+        """Load the parts for which no oracle stands in; they need torch."""
+        grid = HandGrid(self._hand, crop=self._crop)
+        complete: Complete = observed_only
+        score: Score = _no_score
+        if self._folder is not None and "completion" not in self._oracles:
+            from graspbox.perception.completion import Completion
+
+            complete = Completion(Path(self._folder) / "completion")
+        if self._folder is not None and "scorer" not in self._oracles:
+            from graspbox.perception.scorer import Scorer, ScorerInputs
+
+            score = Scorer.load(Path(self._folder) / "scorer", ScorerInputs(grid))
+        return GraspFinder(grid, complete, score, self._config, crop=self._crop)
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        if seed is not None:
+            self._streams[env] = np.random.default_rng(seed)
+        # The decision waits for the first observation.
+        self._waiting[env] = int(self._streams[env].integers(2**62))
+        self._drivers[env] = None
+        if self._oracles:
+            if "object" not in info:
+                raise ConfigError("an oracle needs info['object'], the object's name; give reset its info")
+            given = info["object"]
+            self._objects[env] = given if isinstance(given, str) else self.task.objects.names[int(given)]
+
+    def act(self, observation: Any) -> Actions:
+        """Decide where an episode has begun, and move on in the others."""
+        actions = self._zeros()
+        for env in range(self.task.num_envs):
+            seed, self._waiting[env] = self._waiting[env], None
+            if seed is not None:
+                self.found[env] = self._find(env, seed, observation)
+                self._drivers[env] = self._driver(self.found[env], observation, env)
+            found, driver = self.found[env], self._drivers[env]
+            if self._proprio is not None and driver is not None:
+                actions[env] = driver.follow(self._proprio.pose(observation["proprio"][env], "hand"))
+            elif self._proprio is None and seed is not None and found is not None:
+                actions[env] = encode_action(found.world_from_hand, found.preshape, hand=self._hand)
+        return actions
+
+    def _find(self, env: int, seed: int, observation: Any) -> FoundGrasp | None:
+        clean = np.asarray(observation["depth"][env])[None, :, :, 0]
+        depth = add_depth_noise(clean, self._intrinsics, seed, self._noise)[0]
+        truth = None
+        if self._oracles:
+            pose = object_pose(observation["state"][env], hand=self._hand)
+            truth = _Truth(self._mesh(self._objects[env]), pose, self._crop, self._hand, seed)
+        return self._finder.find(
+            depth,
+            self._intrinsics,
+            self._world_from_camera,
+            seed=seed,
+            complete=truth.complete if truth and "completion" in self._oracles else None,
+            score=truth.score if truth and "scorer" in self._oracles else None,
+            on_crop=truth.place if truth else None,
+        )
+
+    def _driver(self, found: FoundGrasp | None, observation: Any, env: int) -> ScriptedGrasp | None:
+        """Make what moves the hand in ``Grasp-v0``."""
+        if self._proprio is None or found is None:
+            return None
+        start = self._proprio.pose(observation["proprio"][env], "hand")
+        filled = np.flatnonzero((found.occupancy >= 64).any(axis=(0, 1)))
+        top = self._crop.origin[2] + (filled[-1] + 1) * self._crop.voxel_size if len(filled) else 0.0
+        task = self.task
+        return ScriptedGrasp(
+            start,
+            found.world_from_hand,
+            found.preshape,
+            float(top),
+            control=task.control,
+            hand=self._hand,
+            frame_skip=task.frame_skip,
+        )
+
+
+def _no_score(
+    volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Stand in for the scorer of a policy whose scorer is an oracle; it is never called."""
+    raise ConfigError("the policy has no scorer; name a folder of weights")
+
+
+class _Truth:
+    """What the simulation knows of one episode, for the oracles."""
+
+    def __init__(
+        self, mesh: Mesh, world_from_object: NDArray[np.float64], crop: CropConfig, hand: Any, seed: int
+    ) -> None:
+        self._mesh, self._pose, self._crop, self._hand = mesh, world_from_object, crop, hand
+        self._rng = np.random.default_rng([seed, 1])
+        self._world_from_crop = np.eye(4)
+        self._simulated = False
+
+    def place(self, world_from_crop: NDArray[np.float64]) -> None:
+        """Learn where the crop is."""
+        self._world_from_crop = world_from_crop
+
+    def complete(self, channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Give the object's own occupancy."""
+        inside = np.linalg.inv(self._world_from_crop) @ self._pose
+        return solid_occupancy([self._mesh], [0], inside[None], config=self._crop)
+
+    def score(
+        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Simulate: all grasps once, then the first successes again with errors of the hand.
+
+        The score is the share of successes, plus a hundredth of the share of secure ones. Grasps of a refinement score
+        0.
+        """
+        if self._simulated:
+            return np.zeros(len(preshapes))
+        self._simulated = True
+        scene = Scene(self._mesh, hand=self._hand, world_from_object=self._pose)
+        object_from_hand = np.linalg.inv(scene.world_from_object) @ self._world_from_crop @ poses
+        outcomes = scene.simulate(object_from_hand, preshapes)
+        scores = 0.1 * (outcomes.success + 0.01 * outcomes.secure)
+        finalists = np.argsort(-scores, kind="stable")[:_ORACLE_FINALISTS]
+        finalists = finalists[outcomes.success[finalists]]
+        if len(finalists):
+            rows = np.repeat(finalists, _ORACLE_REPLAYS)
+            again = scene.simulate(perturbed(object_from_hand[rows], self._rng, *_ORACLE_ERROR), preshapes[rows])
+            shares = again.success.reshape(-1, _ORACLE_REPLAYS).mean(axis=1)
+            secure = again.secure.reshape(-1, _ORACLE_REPLAYS).mean(axis=1)
+            scores[finalists] = 0.2 + shares + 0.01 * secure
+        return np.asarray(scores, dtype=np.float64)

@@ -1,0 +1,338 @@
+"""Networks of perception: both learn one batch by heart, training resumes with the same bits, choices are cautious."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from graspbox import errors, object_sets
+from graspbox.perception import CropConfig, HandGrid, ProposalConfig
+
+torch = pytest.importorskip("torch")
+
+from graspbox.perception.collect import CollectConfig, collect, load_trials  # noqa: E402
+from graspbox.perception.completion import (  # noqa: E402
+    CompletionBatch,
+    CompletionNet,
+    completion_losses,
+    iou,
+    train_completion,
+)
+from graspbox.perception.scenes import SceneConfig, SceneSampler  # noqa: E402
+from graspbox.perception.scorer import (  # noqa: E402
+    Scorer,
+    ScorerBatch,
+    ScorerInputs,
+    ScorerNet,
+    fit_temperature,
+    scorer_losses,
+)
+from graspbox.perception.scorer_training import auc, train_scorer  # noqa: E402
+from graspbox.perception.training import TrainConfig, Trainer, load_weights  # noqa: E402
+from graspbox.perception.trials import GraspTrials  # noqa: E402
+
+pytestmark = pytest.mark.train
+
+N = CropConfig().resolution
+
+
+@pytest.fixture(scope="module")
+def inputs() -> ScorerInputs:
+    return ScorerInputs(HandGrid())
+
+
+def sampler(name: str = "procedural:can:0-1") -> SceneSampler:
+    return SceneSampler(object_sets.load(name), SceneConfig(image_size=96), 0)
+
+
+def test_scenes_follow_from_their_number() -> None:
+    first, again, other = sampler().sample(3, 2, 2), sampler().sample(3, 2, 2), sampler().sample(4, 2, 2)
+    np.testing.assert_array_equal(first.crops.channels, again.crops.channels)
+    assert first.crops.channels.shape[1:] == (3, N, N, N)
+    assert not np.array_equal(first.crops.channels[:2], other.crops.channels[:2])
+    # What is seen is the surface of the object itself: within a voxel and a half of it.
+    solids = first.solids(CropConfig())
+    for channels, solid in zip(first.crops.channels, solids, strict=True):
+        near = solid >= 128
+        for axis in range(3):
+            near = near | np.roll(near, 1, axis) | np.roll(near, -1, axis)
+        seen = channels[0] >= 128
+        assert seen.sum() > 50
+        assert (seen & near).sum() > 0.97 * seen.sum()
+
+
+def test_a_completion_learns_one_batch_by_heart() -> None:
+    torch.manual_seed(0)
+    scenes = sampler("procedural:box:0-1").sample(0, 2, 2)
+    channels = torch.from_numpy(scenes.crops.channels).float() / 255
+    batch = CompletionBatch(channels, torch.from_numpy(scenes.solids(CropConfig())).float() / 255)
+    net = CompletionNet(width=8)
+    optimizer = torch.optim.Adam(net.parameters(), 1e-2)
+    for _ in range(70):
+        optimizer.zero_grad()
+        torch.stack(list(completion_losses(net, batch).values())).sum().backward()
+        optimizer.step()
+    with torch.no_grad():
+        found = iou(torch.sigmoid(net(batch.channels)), batch.solid)
+    # What is seen of the surface alone covers far less.
+    assert float(iou(channels[:, 0], batch.solid).max()) < 0.5
+    assert float(found.min()) > 0.7
+
+
+def test_a_scorer_learns_one_batch_by_heart(inputs: ScorerInputs) -> None:
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    volumes = (rng.random((4, 3, N, N, N)) * 255).astype(np.uint8)
+    poses = np.tile(np.eye(4), (48, 1, 1))
+    poses[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    poses[:, :3, 3] = rng.uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (48, 3))
+    made = inputs.make(volumes, np.arange(48) % 4, poses, rng.choice(inputs.grid.preshapes, 48))
+    targets = torch.from_numpy((rng.random((48, 3)) < 0.5).astype(np.float32))
+    net = ScorerNet(inputs.grid.swept)
+    optimizer = torch.optim.Adam(net.parameters(), 2e-3)
+    batch = ScorerBatch(*made, targets)
+    for _ in range(40):
+        optimizer.zero_grad()
+        torch.stack(list(scorer_losses(net, batch).values())).sum().backward()
+        optimizer.step()
+    with torch.no_grad():
+        logits, loss = net(*made), float(scorer_losses(net, batch)["success"])
+    assert ((logits[:, 0] > 0) == (targets[:, 0] > 0.5)).all()
+    assert loss < 0.3
+
+
+def test_scalars_of_a_grasp_are_what_they_say(inputs: ScorerInputs) -> None:
+    volume = np.zeros((1, 3, N, N, N), dtype=np.uint8)
+    # A lump 0.05 m beside the hand's axis and 0.08 m in front of the palm.
+    at = np.round((np.array([0.05, 0.0, 0.07]) - np.array(CropConfig().origin)) / CropConfig().voxel_size).astype(int)
+    volume[0, 0, at[0] - 2 : at[0] + 2, at[1] - 2 : at[1] + 2, at[2] - 2 : at[2] + 2] = 255
+    pose = np.eye(4)
+    pose[:3, :3], pose[2, 3] = np.diag([1.0, -1.0, -1.0]), 0.15
+    cells, scalars, preshape = inputs.make(volume, np.zeros(1, dtype=np.int64), pose[None], np.array([1.5]))
+    values = scalars[0].numpy()
+    np.testing.assert_allclose(values[:3], [0, 0, 1], atol=1e-6)
+    assert values[3] == pytest.approx(1.5)
+    middle = inputs.grid.origin + 0.5 * np.array(inputs.grid.shape) * inputs.grid.cell
+    np.testing.assert_allclose(values[4:7] / 10 + middle, [0.05, 0.0, 0.08], atol=4e-3)
+    assert inputs.grid.preshapes[int(preshape)] == pytest.approx(np.pi / 2)
+    assert values[7] == pytest.approx(float(cells[0, 0].sum()) / 255 / cells[0, 0].numel() * 10, rel=1e-5)
+
+
+def test_the_hardest_three_quarters_count() -> None:
+    logits = torch.tensor([[5.0, 0, 0], [5.0, 0, 0], [0.0, 0, 0], [-2.0, 0, 0]])
+
+    class Fixed(torch.nn.Module):  # type: ignore[misc, name-defined]
+        def forward(self, *_: Any) -> Any:
+            return logits
+
+    empty = torch.zeros(0)
+    found = scorer_losses(Fixed(), ScorerBatch(empty, empty, empty, torch.ones(4, 3)))
+    entropies = np.log1p(np.exp(-np.array([5.0, 0.0, -2.0])))
+    assert float(found["success"]) == pytest.approx(entropies.mean(), rel=1e-5)
+    assert float(found["secure"]) == pytest.approx(0.3 * np.log(2), rel=1e-5)
+
+
+def test_auc_counts_pairs() -> None:
+    rng = np.random.default_rng(0)
+    scores, success = rng.integers(0, 8, 40).astype(float), rng.random(40) < 0.4
+    pairs = [(a > b) + 0.5 * (a == b) for a in scores[success] for b in scores[~success]]
+    assert auc(scores, success) == pytest.approx(np.mean(pairs))
+    assert auc(scores, np.ones(40, dtype=np.bool_)) == 0.5
+
+
+def test_temperature_makes_logits_say_how_often() -> None:
+    rng = np.random.default_rng(0)
+    true = rng.normal(0.5, 1.5, 20_000)
+    success = rng.random(20_000) < 1 / (1 + np.exp(-true))
+    assert fit_temperature(true * 2.5, success) == pytest.approx(2.5, rel=0.06)
+    with pytest.raises(errors.ConfigError, match="calibrate"):
+        fit_temperature(np.zeros(0), np.zeros(0, dtype=np.bool_))
+
+
+def scorer_of(folder: Path, inputs: ScorerInputs, biases: list[float], **settings: Any) -> Scorer:
+    """Make an ensemble whose members give their bias, whatever they see."""
+    for number, bias in enumerate(biases):
+        net = ScorerNet(inputs.grid.swept)
+        for parameter in net.head[-1].parameters():
+            torch.nn.init.zeros_(parameter)
+        torch.nn.init.constant_(net.head[-1].bias, bias)
+        (folder / f"member_{number}").mkdir(parents=True)
+        torch.save(net.state_dict(), folder / f"member_{number}" / "weights.pt")
+    Scorer.describe(folder, [f"member_{i}" for i in range(len(biases))], settings.get("temperature", 1.0))
+    return Scorer.load(folder, inputs)
+
+
+def test_an_ensemble_chooses_by_mean_minus_half_a_deviation(tmp_path: Path, inputs: ScorerInputs) -> None:
+    volume = np.zeros((3, N, N, N), dtype=np.uint8)
+    poses, preshape = np.tile(np.eye(4), (30, 1, 1)), np.zeros(30)
+    biases = [2.0, 0.0, -1.0]
+    scores = scorer_of(tmp_path / "three", inputs, biases, temperature=2.0)(volume, poses, preshape)
+    logit = (np.mean(biases) - 0.5 * np.std(biases)) / 2.0
+    assert (np.isclose(scores, 1 / (1 + np.exp(-logit)), atol=1e-6)).sum() == 24
+    assert (np.isclose(scores, 1 / (1 + np.exp(-0.5)), atol=1e-6)).sum() == 6
+    alone = scorer_of(tmp_path / "one", inputs, [1.0])(volume, poses, preshape)
+    np.testing.assert_allclose(alone, 1 / (1 + np.exp(-1.0)), atol=1e-6)
+    assert alone.shape == (30,)
+    with pytest.raises(errors.ConfigError, match=r"scorer\.json"):
+        Scorer.load(tmp_path, inputs)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+class Toy:
+    """A line through noisy points, learned by a `Trainer`."""
+
+    def __init__(self, folder: Path, fail_at: int | None = None, **settings: Any) -> None:
+        torch.manual_seed(0)
+        self.net, self.fail_at, self.steps = torch.nn.Linear(3, 1), fail_at, 0
+        given = {"batch_size": 4, "max_steps": 12, "validate_every": 3, "learning_rate": 0.1, **settings}
+        self.trainer: Trainer[Any] = Trainer(
+            self.net,
+            folder,
+            TrainConfig(**given),
+            batch=lambda step: torch.randn(4, 3, generator=torch.Generator().manual_seed(step)),
+            losses=self.losses,
+            validate=lambda net: {"measure": -float((net.weight - 1.0).abs().sum())},
+        )
+
+    def losses(self, net: Any, batch: Any) -> dict[str, Any]:
+        """Give the squared error, or fail at the step that was asked for."""
+        self.steps += 1
+        if self.steps == self.fail_at:
+            raise KeyboardInterrupt
+        return {"error": ((net(batch) - batch.sum(1, keepdim=True)) ** 2).mean()}
+
+
+def test_an_interrupted_training_ends_with_the_same_bits(tmp_path: Path) -> None:
+    whole = Toy(tmp_path / "whole")
+    result = whole.trainer.run()
+    assert (result.reason, result.step) == ("steps", 12)
+    broken = Toy(tmp_path / "broken", fail_at=9)
+    with pytest.raises(KeyboardInterrupt):
+        broken.trainer.run()
+    again = Toy(tmp_path / "broken")
+    assert again.trainer.run().step == 12
+    assert again.steps == 12 - 6
+    for one, other in zip(whole.net.parameters(), again.net.parameters(), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=0)
+    logs = [rows_of(tmp_path / name / "log.csv") for name in ("whole", "broken")]
+    assert [row["step"] for row in logs[0]] == ["3", "6", "9", "12"]
+    for a, b in zip(*logs, strict=True):
+        assert {k: v for k, v in a.items() if k != "seconds"} == {k: v for k, v in b.items() if k != "seconds"}
+    with pytest.raises(errors.ConfigError, match="other settings"):
+        Toy(tmp_path / "whole", max_steps=13).trainer.run()
+    # A run that is over stays so.
+    over = Toy(tmp_path / "whole")
+    assert over.trainer.run().step == 12
+    assert over.steps == 0
+
+
+def test_training_stops_when_nothing_gets_better_and_keeps_the_best(tmp_path: Path) -> None:
+    toy = Toy(tmp_path, max_steps=100, patience=2)
+    measures = iter([0.1, 0.5, 0.4, 0.3, 0.9])
+    toy.trainer._validate = lambda net: {"measure": next(measures)}
+    result = toy.trainer.run()
+    assert (result.reason, result.step, result.best) == ("patience", 12, 0.5)
+    best = torch.nn.Linear(3, 1)
+    load_weights(best, tmp_path / "weights.pt")
+    torch.testing.assert_close(best.weight, toy.net.weight, rtol=0, atol=0)
+    with pytest.raises(errors.ConfigError, match="another network"):
+        load_weights(torch.nn.Linear(4, 1), tmp_path / "weights.pt")
+    with pytest.raises(errors.ConfigError, match="no weights"):
+        load_weights(best, tmp_path / "nothing.pt")
+
+
+def test_training_stops_in_time(tmp_path: Path) -> None:
+    result = Toy(tmp_path, max_steps=10**6, validate_every=10**6, max_seconds=0.01).trainer.run()
+    assert result.reason == "time"
+    with pytest.raises(errors.ConfigError, match="learning_rate"):
+        TrainConfig(learning_rate=0.0)
+
+
+def trials() -> GraspTrials:
+    """Make up five trials in three scenes."""
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, 0, 3] = np.arange(5)
+    flags = np.array([True, False, True, False, True])
+    sources = np.array(["procedural:can:0", "procedural:can:1", "procedural:can:1"])
+    objects = np.tile(np.eye(4), (3, 1, 1))
+    objects[2, 0, 3] = 0.1
+    return GraspTrials(sources, objects, np.array([0, 1, 1, 2, 2]), poses, np.zeros(5), flags, flags, ~flags)
+
+
+def test_trials_are_kept_by_scene(tmp_path: Path) -> None:
+    part = trials().of_scenes(np.array([True, False, True]))
+    assert part.source.tolist() == ["procedural:can:0", "procedural:can:1"]
+    assert part.scene_of.tolist() == [0, 1, 1]
+    assert part.world_from_hand[:, 0, 3].tolist() == [0, 3, 4]
+    both = GraspTrials.joined([part, trials()])
+    assert both.scene_of.tolist() == [0, 1, 1, 2, 3, 3, 4, 4]
+    both.save(tmp_path / "some.npz")
+    assert len(load_trials(tmp_path)) == 8
+    with pytest.raises(errors.ConfigError, match="no trials"):
+        GraspTrials.joined([])
+
+
+def test_columns_of_a_data_set_are_grouped_by_scene() -> None:
+    given = trials()
+    order = [3, 0, 4, 2, 1]
+    columns = {
+        "source": given.source[given.scene_of][order].tolist(),
+        "world_from_object": [pose.ravel().tolist() for pose in given.world_from_object[given.scene_of][order]],
+        "executed_world_from_hand": [pose.ravel().tolist() for pose in given.world_from_hand[order]],
+        "preshape": given.preshape[order],
+        "success": given.success[order],
+        "secure": given.secure[order],
+        "failure": ["slipped", "", "", "", "no_contact"],
+        "mass": [1.0] * 5,
+    }
+    found = GraspTrials.from_columns(columns)
+    assert found.scene_of.tolist() == [0, 1, 0, 2, 2]
+    assert found.source.tolist() == ["procedural:can:1", "procedural:can:0", "procedural:can:1"]
+    assert found.world_from_object[:, 0, 3].tolist() == [0.1, 0.0, 0.0]
+    assert found.slip.tolist() == [True, False, False, False, False]
+    with pytest.raises(errors.ConfigError, match="lack success"):
+        GraspTrials.from_columns({k: v for k, v in columns.items() if k != "success"})
+
+
+def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inputs: ScorerInputs) -> None:
+    config = CollectConfig(per_scene=4, proposals=ProposalConfig(most=32))
+    calls: list[int] = []
+
+    def noted(volume: NDArray[np.uint8], poses: NDArray[np.float64], preshape: NDArray[np.float64]) -> Any:
+        calls.append(len(preshape))
+        return -poses[:, 2, 3]
+
+    scenes = sampler()
+    found = collect(tmp_path / "trials", scenes, range(2), inputs.grid, config, score=noted)
+    assert len(found) == 8
+    assert len(calls) == 2
+    again = collect(tmp_path / "trials", scenes, range(3), inputs.grid, config, score=noted)
+    assert len(calls) == 3
+    np.testing.assert_array_equal(again.world_from_hand[:8], found.world_from_hand)
+    train = TrainConfig(batch_size=16, max_steps=2, validate_every=1)
+    result = train_scorer(tmp_path / "run", again, found, inputs, train, SceneConfig(image_size=96))
+    assert result.step == 2
+    rows = rows_of(tmp_path / "run" / "log.csv")
+    assert {"auc", "entropy", "chosen", "all", "train_success", "train_slip"} <= set(rows[0])
+    assert float(rows[0]["all"]) == pytest.approx(found.success.mean())
+
+
+def test_a_completion_trains_and_is_read_again(tmp_path: Path) -> None:
+    from graspbox.perception.completion import Completion
+
+    objects = object_sets.load("procedural:can:0-1")
+    settings = SceneConfig(image_size=64)
+    config = TrainConfig(batch_size=4, max_steps=2, validate_every=2)
+    result = train_completion(tmp_path, objects, objects, config, settings)
+    assert 0.0 <= result.best <= 1.0
+    scenes = SceneSampler(objects, settings, 0).sample(0, 1, 2)
+    found = Completion(tmp_path)(scenes.crops.channels)
+    assert found.shape == (2, N, N, N)
+    assert found.dtype == np.uint8
