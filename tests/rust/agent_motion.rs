@@ -330,14 +330,14 @@ fn a_varied_object_weighs_and_slides_as_it_was_told() {
     }
 }
 
-/// What a real robot senses does not tell where the object is.
+/// What a real robot senses does not tell where the object is (but in the last digits: the solver ends for object and hand together).
 #[test]
 fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
     let objects = objects(&[Family::Can, Family::Banana]);
     let pool = pool(&objects, Control::Twist, 1);
     let sensed = |object: usize, place: [f64; 3]| {
-        let options =
-            ResetOptions { object: Some(ObjectChoice::Index(object)), place: Some(place), ..ResetOptions::default() };
+        let object = Some(ObjectChoice::Index(object));
+        let options = ResetOptions { object, place: Some(place), ..ResetOptions::default() };
         pool.reset(&[Some(5)], None, &options).unwrap();
         let moved = pool.step(&vertical(&pool, 0.3)).unwrap().now;
         let of = |name| pool.spec().observations.iter().position(|spec| spec.observation == name).unwrap();
@@ -345,7 +345,8 @@ fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
             .map(|name| moved.observations[of(name)].clone())
     };
     let (a, b) = (sensed(0, [0.05, 0.0, 0.0]), sensed(1, [-0.05, 0.02, 1.0]));
-    assert_eq!((&a[0], &a[1]), (&b[0], &b[1]));
+    assert!(a[0].iter().zip(&b[0]).all(|(a, b)| (a - b).abs() < 1e-6), "{:?} and {:?}", a[0], b[0]);
+    assert_eq!(a[1], b[1]);
     assert_ne!(a[2], b[2]);
 }
 
