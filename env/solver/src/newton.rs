@@ -113,7 +113,7 @@ impl Newton {
         if !self.last.factors.is_valid() || self.last.points != problem.points.len() {
             return (now, false);
         }
-        loop {
+        for _ in 0..model.solver.max_iterations {
             self.descend(problem);
             if !self.last.factors.solve(&mut self.direction) {
                 return (now, false);
@@ -122,7 +122,9 @@ impl Newton {
             self.from.copy_from_slice(&problem.v);
             self.move_by(problem, 1.0);
             let then = problem.evaluate(model, kinematics, Bounds::Follow);
-            if then.is_nan() || then > now * (1.0 - DESCENT) {
+            // Not where it falls to nothing from nothing, either: a share of that is no number.
+            let falls = then < now * (1.0 - DESCENT);
+            if !falls {
                 problem.v.copy_from_slice(&self.from);
                 return (problem.evaluate(model, kinematics, Bounds::Follow), false);
             }
@@ -135,6 +137,7 @@ impl Newton {
             }
             now = then;
         }
+        (now, false)
     }
 
     /// Newton's method on the true balance, bounds and all, from where the residual has size `now`; false where it does not get on.
