@@ -24,9 +24,9 @@ class ByValue:
 
 
 def _equal(first: Any, second: Any) -> bool:
-    """Compare two fields, one of which may be None."""
+    """Compare two fields, one of which may be None; only NaN differs from itself."""
     if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
         return np.array_equal(first, second, equal_nan=first.dtype.kind == second.dtype.kind == "f")
     if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
         return False
-    return bool(first == second)
+    return bool(first == second or (first != first and second != second))

@@ -16,9 +16,9 @@ __all__ = ["FailureKind", "Outcome", "Outcomes", "Trace"]
 FailureKind = Literal["infeasible", "no_contact", "slipped", "dropped", "unstable"]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """Outcome of one trial; the fields mean what they mean in `Outcomes`.
+@dataclass(frozen=True, eq=False)
+class Outcome(ByValue):
+    """Outcome of one trial; the fields mean what they mean in `Outcomes`. Two are equal if all their values are.
 
     Attributes
     ----------
