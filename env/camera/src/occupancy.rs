@@ -10,7 +10,7 @@
 //! Occupied takes precedence over free, because a view at a grazing angle has long rays through the voxels of a surface. Details thinner
 //! than a pixel may be missed, and a surface is misplaced by as much as its depth changes within half a pixel.
 //!
-//! Most voxels are far in front of what is seen, or far behind it: [`blocks`] tells so for many of them at once.
+//! Most voxels are far in front of what is seen, or far behind it: `blocks` tells so for many of them at once.
 
 mod blocks;
 

@@ -1,7 +1,7 @@
 //! The shake at the end of a trial: the hand moves to and fro along, then about, each of its axes.
 //!
-//! On every axis the displacement is `A e(u) sin(2 pi u)` with `u` in cycles. The envelope `e` grows over [`RAMP`] cycles, is 1 for
-//! [`ShakeConfig::cycles`], and fades over [`RAMP`] cycles again, as `sin^2(pi u / (2 RAMP))`. Position, velocity and acceleration are
+//! On every axis the displacement is `A e(u) sin(2 pi u)` with `u` in cycles. The envelope `e` grows over `RAMP` cycles, is 1 for
+//! [`ShakeConfig::cycles`], and fades over `RAMP` cycles again, as `sin^2(pi u / (2 RAMP))`. Position, velocity and acceleration are
 //! continuous, and the hand is back where it began when the next axis begins.
 
 use crate::EpisodeError;
