@@ -123,7 +123,7 @@ SHOWN = ("env.frame_skip=4", "env.max_episode_steps=50", "normalize.reward=false
 
 def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
     """The first evaluation of a run is that of the cloned policy."""
-    small = ("steps=32", "model.n_steps=8", "model.batch_size=32", "clone_epochs=80", "value_warmup=1000")
+    small = ("steps=32", "model.n_steps=8", "model.batch_size=32", "clone_epochs=300", "value_warmup=1000")
     changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', *small)
     folder = tmp_path / "run"
     assert run("ppo", folder, changes, episodes=12) == 0
