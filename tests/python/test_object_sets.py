@@ -91,6 +91,15 @@ def test_procedural_names_families_and_seeds() -> None:
     assert len(object_sets.load("procedural:0-1")) == 2 * len(families)
 
 
+def test_families_are_either_seen_or_unseen() -> None:
+    def families(name: str) -> set[str | None]:
+        return {spec.family for spec in object_sets.load(name)}
+
+    assert families("procedural:unseen:3") == set(object_sets.UNSEEN_FAMILIES)
+    assert families("procedural:seen:3") == families("procedural:3") - set(object_sets.UNSEEN_FAMILIES)
+    assert len(object_sets.load("procedural:unseen:0-9")) == 10 * len(object_sets.UNSEEN_FAMILIES)
+
+
 def test_procedural_objects_are_watertight_and_have_a_mass() -> None:
     for spec in object_sets.load("procedural:3"):
         mesh = spec.load()
