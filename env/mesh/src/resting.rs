@@ -13,8 +13,10 @@ use crate::trimesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A face of the hull that is thinner than this share of the hull's extent is a sliver.
-const SLIVER: f64 = 1e-6;
+/// A face of the hull that is thinner than this share of the hull's extent may be a sliver, whose normal is rounding alone.
+const THIN: f64 = 1e-3;
+/// It is one where a corner of the hull lies beyond its plane by more than this share of the hull's extent.
+const BEYOND: f64 = 1e-4;
 
 /// Which poses count.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -136,13 +138,7 @@ fn roll(facets: &[Facet], at: usize) -> Option<usize> {
 
 fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
     let count = hull.faces().len();
-    // A sliver's normal is rounding alone: one that points sideways would put the centre of mass outside the hull.
-    let thin = SLIVER * hull.extent();
-    let area = |f: usize| {
-        let (area, [a, b, c]) = (hull.face_area_vector(f), hull.triangle(f));
-        let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-        if area.norm() > thin * longest { area } else { Vector3::zeros() }
-    };
+    let area = |f: usize| if is_sliver(hull, f) { Vector3::zeros() } else { hull.face_area_vector(f) };
     let areas: Vec<Vector3<f64>> = (0..count).map(area).collect();
     let around = neighbors(hull);
     let label = merge(&areas, &around, merge_angle.cos());
@@ -168,6 +164,20 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
             }
         })
         .collect()
+}
+
+/// Whether a face's normal is rounding alone: one that points sideways would put the centre of mass outside the hull.
+fn is_sliver(hull: &TriMesh, face: usize) -> bool {
+    let (area, [a, b, c]) = (hull.face_area_vector(face), hull.triangle(face));
+    let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+    if area.norm() > THIN * hull.extent() * longest {
+        return false;
+    }
+    let beyond = |normal: Vector3<f64>| {
+        let most = hull.vertices().iter().map(|p| (p - a).dot(&normal)).fold(0.0, f64::max);
+        most > BEYOND * hull.extent()
+    };
+    area.try_normalize(0.0).is_none_or(beyond)
 }
 
 /// Faces that share an edge.

@@ -4,7 +4,8 @@
 mod shapes;
 
 use graspbox_mesh::{
-    Mass, MassMethod, RestingOptions, check_manifold, convex_hull, mass_properties, resting_poses, sample_surface,
+    Mass, MassMethod, RestingOptions, TriMesh, check_manifold, convex_hull, mass_properties, resting_poses,
+    sample_surface,
 };
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -106,6 +107,30 @@ fn a_box_rests_on_its_six_sides_as_often_as_it_sees_them() {
     assert!(low[0].face_normal.z < -0.99 && low[0].probability > 0.4);
     assert_near(low.iter().map(|p| p.probability).sum(), 1.0, 1e-9);
     assert!(resting_poses(&mesh, &Point3::new(0.0, 0.0, 0.2), &RestingOptions::default()).is_err());
+}
+
+/// Hulls are computed in single precision: a corner in the middle of an edge leaves a face without width, which may look anywhere.
+#[test]
+fn a_sliver_of_the_hull_has_no_say() {
+    let cube = cuboid(Vector3::new(0.1, 0.1, 0.1));
+    let corners = cube.vertices();
+    let [a, b, c] = cube.faces()[0];
+    let (start, end) = (corners[a as usize], corners[b as usize]);
+    let (middle, inward) = (nalgebra::center(&start, &end), (Point3::origin() - nalgebra::center(&start, &end)));
+    for width in [1e-8, 1e-6, 1e-5] {
+        let vertices: Vec<_> = corners.iter().copied().chain([middle + inward.normalize() * width]).collect();
+        let new = corners.len() as u32;
+        let faces = [[a, b, new], [a, new, c], [new, b, c]].into_iter().chain(cube.faces()[1..].iter().copied());
+        let hull = TriMesh::new(vertices, faces.collect()).unwrap();
+        for com in [Point3::new(0.0, 0.0, 0.0), Point3::new(0.03, 0.01, -0.02), Point3::new(-0.03, -0.02, 0.01)] {
+            let [expected, found] =
+                [&cube, &hull].map(|hull| resting_poses(hull, &com, &RestingOptions::default()).unwrap());
+            assert_eq!(found.len(), expected.len());
+            for (found, expected) in found.iter().zip(&expected) {
+                assert!((found.probability - expected.probability).abs() < 1e-3, "{width}: {found:?} {expected:?}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -255,11 +255,12 @@ fn report() {
     }
 }
 
-/// Hulls of turned shapes have slivers, whose normals are rounding alone; taken for facets, one in four objects could not rest.
+/// Hulls of turned shapes have slivers, whose normals are rounding alone; taken for facets, one in four objects could not rest. (Scissors 32
+/// have one that is wide enough to seem a facet.)
 #[test]
 fn every_object_can_rest() {
     for family in Family::ALL {
-        for seed in 0..6 {
+        for seed in (0..6).chain([32]) {
             let object = generate(family, seed).unwrap();
             let hull = graspbox_mesh::convex_hull(object.mesh.vertices()).unwrap();
             let center = graspbox_mesh::mass_properties(&object.mesh, graspbox_mesh::Mass::Kilograms(object.mass))
