@@ -23,7 +23,6 @@ Near-duplicates form a group, which has one split: objects whose names differ in
 
 import csv
 import hashlib
-import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -36,20 +35,13 @@ from typing import Literal, get_args, overload
 from graspbox import _core
 from graspbox._core import Mesh
 from graspbox.errors import FileError, MissingExtraError, ObjectSetError
+from graspbox.mesh_folders import MESH_SUFFIXES, meshes_in
 from graspbox.meshes import load_mesh
 
 Split = Literal["train", "validation", "test"]
 
 #: Cumulative shares of the splits: 70 % train, 15 % validation, 15 % test.
 _SPLIT_ENDS: tuple[tuple[float, Split], ...] = ((0.70, "train"), (0.85, "validation"), (1.0, "test"))
-_MESH_SUFFIXES = frozenset({".stl", ".ply", ".obj", ".off"})
-#: Files that represent their folder, best first: YCB (two reconstructions, and the scanner's), APC 2015.
-_LAYOUTS = (
-    "meshes/tsdf_mesh.stl",
-    "meshes/poisson_mesh.stl",
-    "google_16k/nontextured.stl",
-    "textured_meshes/optimized_tsdf_textured_mesh.ply",
-)
 #: Names of a series: a number, a letter, and what the series is.
 _SERIES = re.compile(r"(\d{3})-[a-z](_.+)")
 #: YCB objects of nearly the same shape: their sides, cube roots of volume and square roots of area differ by less than
@@ -68,8 +60,6 @@ _GROUPS = ("seen", "unseen")
 _DEFAULT_SEEDS = range(10)
 #: Larger sets are refused: their names alone would fill the memory.
 _MAX_OBJECTS = 1_000_000
-#: Larger folders are refused: they are a mistake, such as ``dir:/``.
-_MAX_FILES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -257,7 +247,7 @@ def _file(name: str, scale: float) -> tuple[ObjectSpec, ...]:
         raise ObjectSetError(f"{_text(name)[:200]!r} names no object set: {error}") from None
     if folder:
         raise ObjectSetError(f"{name!r} is a folder; write 'dir:{name}' for the meshes in it")
-    if path.suffix.lower() in _MESH_SUFFIXES:
+    if path.suffix.lower() in MESH_SUFFIXES:
         if not there:
             raise ObjectSetError(f"there is no mesh file {name!r}")
         return (_from_file(path.stem, path, scale),)
@@ -359,7 +349,7 @@ def _folder(folder: Path, scale: float) -> tuple[ObjectSpec, ...]:
     if not folder.is_dir():
         raise ObjectSetError(f"there is no folder {str(folder)!r}")
     try:
-        found = _meshes(folder)
+        found = meshes_in(folder)
     except OSError as error:
         raise FileError(
             error.errno, f"{error.strerror}, in a folder of meshes", error.filename or str(folder)
@@ -372,33 +362,3 @@ def _folder(folder: Path, scale: float) -> tuple[ObjectSpec, ...]:
         spec if count[name] == 1 else replace(spec, name=_text(f"{name}{path.suffix}"))
         for spec, (name, path) in zip(specs, found, strict=True)
     )
-
-
-def _meshes(folder: Path) -> list[tuple[str, Path]]:
-    """Find the meshes of a folder with their names; a subfolder in a known layout is one object, called as it is."""
-    found: list[tuple[str, Path]] = []
-    for entry in sorted(folder.iterdir()):
-        if entry.is_file() and entry.suffix.lower() in _MESH_SUFFIXES:
-            found.append((entry.stem, entry))
-        elif entry.is_dir():
-            layout = next((entry / file for file in _LAYOUTS if (entry / file).is_file()), None)
-            found += [(entry.name, layout)] if layout else _below(folder, entry)
-    return found
-
-
-def _below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
-    """Find the meshes in a folder and the folders below it, named by their path from `root`; links are not followed."""
-
-    def fail(error: OSError) -> None:
-        raise error
-
-    paths: list[Path] = []
-    seen = 0
-    for parent, _, names in os.walk(folder, onerror=fail):
-        seen += len(names)
-        if seen > _MAX_FILES:
-            raise ObjectSetError(f"there are more than {_MAX_FILES} files in {str(folder)!r}; name a smaller folder")
-        paths += [Path(parent, name) for name in names if Path(name).suffix.lower() in _MESH_SUFFIXES]
-    for path in sorted(paths):
-        if path.is_file():
-            yield path.relative_to(root).with_suffix("").as_posix(), path

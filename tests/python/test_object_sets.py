@@ -267,7 +267,7 @@ def test_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pyte
     assert str(caught.value.filename).startswith("/proc")
     write_mesh(tmp_path / "more/a.off")
     write_mesh(tmp_path / "more/b.off")
-    monkeypatch.setattr(object_sets, "_MAX_FILES", 1)
+    monkeypatch.setattr("graspbox.mesh_folders._MAX_FILES", 1)
     with pytest.raises(errors.ObjectSetError, match="more than 1 files"):
         object_sets.load(f"dir:{tmp_path}")
     with pytest.raises(errors.ObjectSetError, match="names no object set"):
