@@ -8,9 +8,10 @@ use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
 use graspbox_tests::scenes::{planned, procedural, scene};
 
-/// Largest share of 300 labels that may change when the time step is halved; 3.3 and 4.7 % did in the last two measurements.
+/// Largest share of 300 labels that may change when the time step is halved. The goal, 2 %, is not met: 4 % of 600 such labels change, and
+/// 2 % when the hand starts 10 um aside at the same time step.
 const MAY_TURN: f64 = 0.05;
-/// The same for 40 labels, where three more or less are chance. (Moving the hand by 10 um at the same time step changed 2 % of 88.)
+/// The same for 40 labels, where three more or less are chance.
 const FEW_MAY_TURN: f64 = 0.15;
 
 /// One pose and the outcomes of three kinds of trial.
@@ -73,7 +74,7 @@ fn check(rows: &[Row], may_turn: f64) {
     let time = |f: fn(&Row) -> f64| rows.iter().map(f).sum::<f64>() / rows.len() as f64;
     println!(
         "{} labels, {:.0} % successes; early stops turned {given_up} (goal 0) and save {:.0} % of the simulated time; \
-         half the time step turned {turned}: {:.1} % (goal 5 %)",
+         half the time step turned {turned}: {:.1} % (goal 2 %)",
         rows.len(),
         100.0 * share(successes),
         100.0 * (1.0 - time(|r| r.early.time) / time(|r| r.whole.time)),
