@@ -46,6 +46,22 @@ def _rate(count: int, trials: int) -> str:
     return f"{count / trials:.1%} ({low:.1%} to {high:.1%})"
 
 
+def _result(name: str, found: Mapping[str, Any]) -> str:
+    """Tell what came of a stage; what has a table of its own is left out."""
+    if name.startswith("collect"):
+        return "; ".join(
+            f"{split}: {part['trials']} trials, {part['success']:.1%} success, {part['secure']:.1%} secure"
+            for split, part in found.items()
+            if split != "seconds"
+        )
+    if name in ("calibrate", "evaluate", "export"):
+        return ""
+    if name == "data":
+        return f"{found['train']} trials to learn from, {found['validation']} to validate"
+    measure = "overlap (IoU)" if name == "completion" else "AUC"
+    return f"{found['steps']} steps, {measure} {found['best']:.3f}"
+
+
 def write_card(
     folder: Path, *, config: Any, command: str, settings: Any, scenes: Any, stages: Mapping[str, Mapping[str, Any]]
 ) -> None:
@@ -91,9 +107,7 @@ def write_card(
         f"the policy chose on `{settings.fresh}`.\n\n| stage | time | result |\n|---|--:|---|\n"
     )
     for name, found in stages.items():
-        shown = {k: v for k, v in found.items() if k != "seconds"} if name != "evaluate" else {}
-        told = ", ".join(f"{k} {v}" for k, v in shown.items() if not isinstance(v, dict | list))
-        text += f"| {name} | {shown_time(found['seconds'])} | {told} |\n"
+        text += f"| {name} | {shown_time(found['seconds'])} | {_result(name, found)} |\n"
     text += f"| all | {shown_time(sum(found['seconds'] for found in stages.values()))} | |\n"
     near, far = scenes.distance
     text += _LIMITS.format(near=near, far=far, elevation=scenes.elevation * 57.29578)

@@ -126,6 +126,7 @@ def train_completion(
     scenes: SceneConfig = SceneConfig(),  # noqa: B008 (frozen)
     *,
     validation_objects: int = 48,
+    width: int = 16,
     progress: Callable[[TrainProgress], None] | None = None,
 ) -> Trained:
     """Train a completion in a folder, or continue there; see `graspbox.perception.training`.
@@ -143,6 +144,8 @@ def train_completion(
         How objects are seen.
     validation_objects : int
         Objects whose views validate; the same at every validation.
+    width : int
+        See `CompletionNet`.
     progress : callable, optional
         Called after each step.
     """
@@ -159,7 +162,7 @@ def train_completion(
         found = torch.cat([iou(torch.sigmoid(net(b.channels)), b.solid) for b in kept])
         return {"iou": float(found.mean()), "iou_of_worst_tenth": float(found.quantile(0.1))}
 
-    net = CompletionNet()
+    net = CompletionNet(width)
     trainer = Trainer(net, Path(folder), config, batch=batch, losses=completion_losses, validate=validate)
     return trainer.run(progress)
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox.arguments import floats
 from graspbox.errors import ConfigError, FileError, MissingExtraError
 
-__all__ = ["camera_over_table", "check_intrinsics", "fit_table", "read_depth", "read_pose", "thinned"]
+__all__ = ["camera_over_table", "check_intrinsics", "check_table", "fit_table", "read_depth", "read_pose", "thinned"]
 
 #: Metres per unit of images of integers, as most cameras write them.
 _INTEGERS = 0.001
@@ -18,6 +18,8 @@ _INTEGERS = 0.001
 _FARTHEST, _NEAREST = 20.0, 0.05
 #: Planes that are tried, pixels that vote, and the least share of them that a table has.
 _PLANES, _VOTERS, _TABLE_SHARE = 400, 4000, 0.25
+#: Least share of the pixels that are on the table where the camera's pose is given.
+_SEEN_TABLE = 0.12
 #: A pixel is the table's within this distance and this share of its depth, metres.
 _ON_TABLE, _ON_TABLE_GROWTH = 0.004, 0.004
 #: Least angle between the table and the optical axis, radians.
@@ -111,7 +113,8 @@ def _check_unit(depth: NDArray[np.float64], metres: float, path: Path) -> None:
             )
     if middle < _NEAREST and _NEAREST < middle / metres < _FARTHEST:
         raise ConfigError(
-            f"the middle depth of {path} would be {middle:.3g} m; the file seems to hold metres, so give the depth scale 1"
+            f"the middle depth of {path} would be {middle:.3g} m; the file seems to hold metres, so give the depth "
+            "scale 1"
         )
     if not _NEAREST < middle < _FARTHEST:
         raise ConfigError(
@@ -137,7 +140,8 @@ def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[n
         raise ConfigError(f"the focal lengths are {fx:g} and {fy:g}; give positive numbers of pixels")
     if fx < 0.2 * columns:
         raise ConfigError(
-            f"the focal length is {fx:g} pixels in an image of {columns} columns; give FX FY CX CY in pixels of this image"
+            f"the focal length is {fx:g} pixels in an image of {columns} columns; give FX FY CX CY in pixels "
+            "of this image"
         )
     for name, center, size in (("CX", cx, columns), ("CY", cy, rows)):
         if not 0.0 < center < size:
@@ -180,8 +184,8 @@ def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
         raise ConfigError(f"{path} mirrors; the axes of a camera are x right, y down, z forward")
     if pose[2, 3] <= 0 or turn[2, 2] >= 0:
         raise ConfigError(
-            f"{path} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give table_from_camera, not "
-            "its inverse, with z up and z = 0 on the table"
+            f"{path} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give "
+            "table_from_camera, not its inverse, with z up and z = 0 on the table"
         )
     return pose
 
@@ -274,6 +278,28 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
             f"the largest plane is seen at {np.degrees(tilt):.0f} degrees, as a wall is; give the camera's pose"
         )
     return camera_over_table(height, tilt, float(np.arctan2(-up[0], -up[1])) if tilt < np.pi / 2 - 1e-6 else 0.0)
+
+
+def check_table(
+    depth: NDArray[np.float64], intrinsics: NDArray[np.float64], table_from_camera: NDArray[np.float64]
+) -> None:
+    """Check that an image shows the table where the camera's pose says that it is; arguments as above.
+
+    Raises
+    ------
+    ConfigError
+        If less than an eighth of the image is on it.
+    """
+    points = _points(depth, intrinsics)
+    heights = points @ table_from_camera[2, :3] + table_from_camera[2, 3]
+    near = np.abs(heights) < 2 * (_ON_TABLE + _ON_TABLE_GROWTH * points[:, 2])
+    share = float(near.mean()) if len(points) else 0.0
+    if share < _SEEN_TABLE:
+        middle = f"; the middle height of its pixels is {np.median(heights):.3g} m" if len(points) else ""
+        raise ConfigError(
+            f"the camera's pose does not fit the image: {share:.0%} of it is at the height of the table{middle}. "
+            "Check the pose (table_from_camera, not its inverse), its units and the depth scale"
+        )
 
 
 def _points(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -88,7 +88,7 @@ class FoundGrasp:
     @property
     def occupancy(self) -> NDArray[np.uint8]:
         """The completed occupancy (N, N, N), 0 to 255 for 0 to 1."""
-        return self.volume[0]
+        return np.asarray(self.volume[0])
 
     def best(self) -> tuple[NDArray[np.float64], float]:
         """Give the grasp in the crop frame: ``crop_from_hand`` (4, 4) and preshape."""

@@ -8,6 +8,7 @@ import os
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -97,12 +98,12 @@ class PolicyTraining:
         if self.settings.data is None:
             stage("data", hours.data, self.make_data)
         stage("completion", hours.completion, self.complete)
-        stage("scorer", hours.scorer, lambda s: self.member(s, 0, 0))
+        stage("scorer", hours.scorer, partial(self.member, number=0, rounds=0))
         for n in range(1, sizes.rounds + 1):
-            stage(f"collect-{n}", hours.collect, lambda s, n=n: self.collect(s, n))
-            stage(f"round-{n}", hours.round, lambda s, n=n: self.member(s, 0, n))
+            stage(f"collect-{n}", hours.collect, partial(self.collect, number=n))
+            stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
         for n in range(1, sizes.members):
-            stage(f"member-{n}", hours.member, lambda s, n=n: self.member(s, n, sizes.rounds))
+            stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
         found = stage("calibrate", hours.calibrate, self.calibrate)
         weight = found["secure_weight"]
         calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), weight)
@@ -162,6 +163,7 @@ class PolicyTraining:
             config,
             self.scenes,
             validation_objects=count,
+            width=sizes.completion_width,
             progress=reporter(stage, "overlap"),
         )
         export_completion(self.completion_net(), stage.folder / "completion.onnx", self.scenes.crop)
@@ -169,7 +171,7 @@ class PolicyTraining:
 
     def completion_net(self) -> CompletionNet:
         """Load the trained completion."""
-        net = CompletionNet()
+        net = CompletionNet(self.sizes.completion_width)
         load_weights(net, self.out / "completion" / "weights.pt")
         return net
 
@@ -226,7 +228,8 @@ class PolicyTraining:
         graph = ScorerGraph([self.member_net(0, number - 1)], Calibration(), FINALISTS)
         scorer = Scorer(torch_network(graph), self.inputs, FINALISTS)
         results: dict[str, Any] = {}
-        for split, scenes in (("validation", self.sizes.held_out_scenes), ("train", self.sizes.scenes)):
+        counts: dict[object_sets.Split, int] = {"validation": self.sizes.held_out_scenes, "train": self.sizes.scenes}
+        for split, scenes in counts.items():
             sampler = self.sampler(self.settings.fresh, split, self.seed + 1000 * number)
 
             def report(scene: int, trials: GraspTrials, split: str = split, scenes: int = scenes) -> None:

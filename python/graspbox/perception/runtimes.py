@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError, FileError, MissingExtraError
-from graspbox.perception.grasp_inputs import ScorerInputs
+from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.policy_folders import DepthPolicyConfig
 
@@ -157,7 +157,7 @@ class Scorer:
         if count < self._finalists:
             # The last grasp is repeated; all of them are finalists.
             rows = np.minimum(np.arange(self._finalists), count - 1)
-            made = type(made)(*(array[rows] for array in made))
+            made = GraspInputs(made.cells[rows], made.poses[rows], made.preshape[rows])
         found = self._network(made._asdict())
         return Judged(*(found[name][:count].astype(np.float64) for name in Judged._fields))
 

@@ -127,7 +127,8 @@ class ScorerBatch:
     @classmethod
     def of(cls, inputs: Sequence[NDArray[np.generic]], targets: NDArray[np.float32]) -> "ScorerBatch":
         """Take arrays."""
-        return cls(*(torch.from_numpy(array) for array in inputs), torch.from_numpy(targets))
+        cells, poses, preshape = (torch.from_numpy(array) for array in inputs)
+        return cls(cells, poses, preshape, torch.from_numpy(targets))
 
 
 def scorer_losses(net: nn.Module, batch: ScorerBatch) -> dict[str, Tensor]:

@@ -132,8 +132,8 @@ class Run:
             return found
         self.log(f"{name}: begins, at most {shown_time(limit)}")
         stage = Stage(name, self.folder / name, limit, self.log)
-        found = work(stage)
-        results = {"seconds": round(stage.seconds, 1), **found}
+        made = work(stage)
+        results = {"seconds": round(stage.seconds, 1), **made}
         stage.record()
         write_text(path, dumps(results) + "\n")
         self.log(f"{name}: over after {shown_time(stage.seconds)}; {json.dumps(results)}")

@@ -215,7 +215,7 @@ class Trainer(Generic[Batch]):
     def _share(self) -> float:
         """Give what is over of the steps or of the time, whichever is more."""
         state, config = self._state, self._config
-        return min(1.0, max(state["step"] / config.max_steps, state["seconds"] / config.max_seconds))
+        return float(min(1.0, max(state["step"] / config.max_steps, state["seconds"] / config.max_seconds)))
 
     def _step(self, batch: Batch) -> dict[str, float]:
         config, step = self._config, self._state["step"]

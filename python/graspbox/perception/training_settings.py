@@ -37,6 +37,8 @@ class Sizes:
     round_steps: int = 6_000
     batch: int = 256
     completion_batch: int = 16
+    completion_width: int = 16
+    """Channels of the completion's first layer."""
     width: int = 64
     """Channels of the scorer's first layer."""
     rounds: int = 3
@@ -61,7 +63,8 @@ QUICK = Sizes(
     round_steps=6,
     batch=32,
     completion_batch=4,
-    width=16,
+    completion_width=4,
+    width=8,
     scenes=4,
     held_out_scenes=2,
     choices=6,
