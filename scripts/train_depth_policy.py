@@ -28,8 +28,8 @@ from pathlib import Path
 import tyro
 
 from graspbox.errors import GraspboxError
-from graspbox.perception.policy_training import PolicyTraining
-from graspbox.perception.training_settings import Settings
+from graspbox.policy_training.depth import PolicyTraining
+from graspbox.policy_training.settings import Settings
 
 
 def main() -> int:

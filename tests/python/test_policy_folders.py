@@ -14,10 +14,10 @@ import pytest
 import tiny_policy
 from graspbox import errors, evaluation, policies
 from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
-from graspbox.perception.cards import write_card
 from graspbox.perception.policy_folders import file_hash, read_depth_policy, write_depth_policy
 from graspbox.perception.scenes import SceneConfig
 from graspbox.policies import DepthGrasp
+from graspbox.policy_training.cards import write_card
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
 pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")

@@ -16,7 +16,7 @@ from graspbox import errors, policies
 from graspbox.perception import HandGrid
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.policy_folders import read_depth_policy
-from graspbox.perception.stages import Run, Stage
+from graspbox.policy_training.stages import Run, Stage
 
 pytestmark = pytest.mark.train
 SCRIPT = Path(__file__).parents[2] / "scripts" / "train_depth_policy.py"

@@ -16,23 +16,23 @@ SLOPE = -10.0
 FINALISTS = 4
 
 
-def make(folder: Path, **changes: Any) -> DepthPolicyConfig:
-    """Write the policy's folder; fields of the config may be changed."""
+def _save(path: Path, nodes: list[Any], inputs: list[Any], outputs: list[Any], constants: dict[str, Any]) -> None:
     import onnx
-    from onnx import TensorProto, helper, numpy_helper
+    from onnx import helper, numpy_helper
 
-    folder.mkdir(parents=True, exist_ok=True)
+    held = [numpy_helper.from_array(value, key) for key, value in constants.items()]
+    graph = helper.make_graph(nodes, path.stem, inputs, outputs, held)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
 
-    def save(name: str, nodes: list[Any], inputs: list[Any], outputs: list[Any], constants: dict[str, Any]) -> None:
-        held = [numpy_helper.from_array(value, key) for key, value in constants.items()]
-        graph = helper.make_graph(nodes, name, inputs, outputs, held)
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
-        onnx.checker.check_model(model)
-        onnx.save(model, str(folder / f"{name}.onnx"))
+
+def _save_networks(folder: Path) -> None:
+    from onnx import TensorProto, helper
 
     node, info = helper.make_node, helper.make_tensor_value_info
-    save(
-        "completion",
+    _save(
+        folder / "completion.onnx",
         [node("Gather", ["channels", "first"], ["occupancy"], axis=1)],
         [info("channels", TensorProto.UINT8, ["n", 3, 48, 48, 48])],
         [info("occupancy", TensorProto.UINT8, ["n", 48, 48, 48])],
@@ -42,8 +42,8 @@ def make(folder: Path, **changes: Any) -> DepthPolicyConfig:
         info("cells", TensorProto.UINT8, ["m", 4, 24, 24, 16]),
         info("preshape", TensorProto.INT64, ["m"]),
     )
-    save(
-        "scorer",
+    _save(
+        folder / "scorer.onnx",
         [
             node("Gather", ["poses", "row"], ["rows"], axis=1),
             node("Gather", ["rows", "column"], ["height"], axis=1),
@@ -67,6 +67,12 @@ def make(folder: Path, **changes: Any) -> DepthPolicyConfig:
             "axis": np.array([1], dtype=np.int64),
         },
     )
+
+
+def make(folder: Path, **changes: Any) -> DepthPolicyConfig:
+    """Write the policy's folder; fields of the config may be changed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _save_networks(folder)
     config = DepthPolicyConfig(
         name="tiny",
         graspbox="0",

@@ -48,7 +48,7 @@ class ScorerNet(nn.Module):  # type: ignore[misc]
     swept: Tensor
     moments: Tensor
 
-    def __init__(self, grid: HandGrid, width: int = 64) -> None:
+    def __init__(self, grid: HandGrid, width: int = 48) -> None:
         super().__init__()
         x, y, z = grid.shape
         self.register_buffer("swept", torch.from_numpy(np.ascontiguousarray(grid.swept)))

@@ -119,7 +119,7 @@ def train_scorer(
     *,
     on_policy: GraspTrials | None = None,
     start: Path | None = None,
-    width: int = 64,
+    width: int = 48,
     progress: Callable[[TrainProgress], None] | None = None,
 ) -> Trained:
     """Train one member of a scorer in a folder, or continue there; see `graspbox.perception.training`.

@@ -17,7 +17,6 @@ import numpy as np
 from graspbox import dataset, evaluation, object_sets
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
-from graspbox.perception.cards import write_card
 from graspbox.perception.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.perception.collect import CollectConfig, collect, load_trials
 from graspbox.perception.completion import CompletionNet, train_completion
@@ -30,11 +29,12 @@ from graspbox.perception.runtimes import Completion, Scorer, load_parts, onnx_ne
 from graspbox.perception.scenes import SceneConfig, SceneSampler
 from graspbox.perception.scorer import ScorerNet
 from graspbox.perception.scorer_training import train_scorer
-from graspbox.perception.stages import Run, Stage
 from graspbox.perception.training import TrainConfig, Trained, TrainProgress, load_weights
-from graspbox.perception.training_settings import QUICK, QUICK_OBJECTS, Settings
 from graspbox.perception.trials import GraspTrials
 from graspbox.policies import DepthGrasp
+from graspbox.policy_training.cards import write_card
+from graspbox.policy_training.settings import QUICK, QUICK_OBJECTS, Settings
+from graspbox.policy_training.stages import Run, Stage
 
 __all__ = ["FINDER", "PolicyTraining"]
 

@@ -39,7 +39,7 @@ class Sizes:
     completion_batch: int = 16
     completion_width: int = 16
     """Channels of the completion's first layer."""
-    width: int = 64
+    width: int = 48
     """Channels of the scorer's first layer."""
     rounds: int = 3
     members: int = 3

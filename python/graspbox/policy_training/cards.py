@@ -76,7 +76,7 @@ def write_card(
     command : str
         What made it.
     settings : Settings
-        Arguments of the training (`graspbox.perception.policy_training`).
+        Arguments of the training (`graspbox.policy_training.depth`).
     scenes : SceneConfig
         How scenes were seen.
     stages : mapping
