@@ -50,7 +50,7 @@ class SceneViews:
         seed: int,
         *,
         count: int = 8,
-        memory: int = 600_000_000,
+        memory: int = 400_000_000,
     ) -> None:
         self._source, self._poses, self._scenes = source, world_from_object, scenes
         self._complete, self._seed = complete, seed
