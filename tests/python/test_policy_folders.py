@@ -113,6 +113,12 @@ def test_a_file_that_is_no_network_is_refused(tmp_path: Path) -> None:
         evaluation.evaluate(str(tmp_path), objects="procedural:can:0", trials=1)
 
 
+def test_without_onnxruntime_the_extra_is_named(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(errors.MissingExtraError, match=r"pip install 'graspbox\[onnx\]'"):
+        evaluation.evaluate(str(tiny), objects="procedural:can:0", trials=1)
+
+
 def test_another_hand_and_another_backend_are_refused(tiny: Path, tmp_path: Path) -> None:
     with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
         evaluation.evaluate(str(tiny), objects="procedural:can:0", trials=1, hand="panda_gripper")

@@ -17,6 +17,7 @@ by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own i
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
 | `depth`   | `DepthGrasp` |
+| `depth_oracles` | the truth in place of its parts, to measure what each loses |
 
 A policy is bound to its environments once, told of every episode that begins, and then acts:
 

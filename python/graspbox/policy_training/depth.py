@@ -5,7 +5,6 @@
 
 import json
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -78,7 +77,7 @@ class PolicyTraining:
         self.finder, self.scenes = FINDER, SceneConfig()
         self.grid = HandGrid(crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
-        self.data = settings.data or self.out / "data" / "trials"
+        self.data = settings.data or self.out / "data" / "set"
         kept = {k: v for k, v in asdict(settings).items() if k not in ("out", "hours", "publish")}
         self.run = Run(self.out, json.loads(json.dumps(kept, default=str)), echo)
 
@@ -308,7 +307,6 @@ class PolicyTraining:
 
     def export(self, calibration: Calibration) -> dict[str, Any]:
         """Write the policy's folder."""
-        shutil.rmtree(self.policy_folder(), ignore_errors=True)
         config = export_depth_policy(
             self.policy_folder(),
             self.settings.name,
