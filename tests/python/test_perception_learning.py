@@ -179,7 +179,8 @@ def test_views_of_a_scene_are_the_same_when_they_are_made_again() -> None:
     poses = np.stack([object_sets.load(f"procedural:can:{i}")[0].load().resting_poses()[0][0] for i in range(2)])
     settings = SceneConfig(image_size=96)
     given = (["procedural:can:0", "procedural:can:1"], poses, settings, None, 5)
-    kept, small = SceneViews(*given), SceneViews(*given, memory=1)
+    kept, small = SceneViews(*given), SceneViews(*given, count=8, memory=1)
+    assert (kept.count, SceneViews(*given, memory=100_000).count) == (8, 3)
     volumes = []
     for scene, view in ((0, 0), (0, 1), (1, 0), (0, 0)):
         one, other = kept.get(scene, view), small.get(scene, view)
