@@ -17,7 +17,7 @@ from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
 from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.finder import Complete, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.policy_folders import read_depth_policy
+from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, Scorer, load_parts
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth_oracles import Truth
@@ -88,7 +88,7 @@ class DepthGrasp(Policy):
             raise ConfigError(f"there is no backend {backend!r}; choose from {', '.join(get_args(Backend))}")
         self._folder, self._oracles, self._noise = folder, frozenset(oracles), noise
         self._backend, self._num_threads = backend, num_threads
-        self._published = None if folder is None else read_depth_policy(Path(folder))
+        self._published = None if folder is None else self._read(Path(folder))
         self._config = config or (self._published.finder if self._published else FinderConfig())
         if self._published is not None:
             self.name = self._published.name
@@ -96,6 +96,10 @@ class DepthGrasp(Policy):
         self.scorer: Scorer | None = None
         #: What was found last in each environment; None where nothing was.
         self.found: list[FoundGrasp | None] = []
+
+    def _read(self, folder: Path) -> DepthPolicyConfig | None:
+        """Read what a folder holds; None in a subclass that makes its finder from other files."""
+        return read_depth_policy(folder)
 
     def _bind(self, task: Task) -> None:
         camera = task.cameras.cameras[0]
