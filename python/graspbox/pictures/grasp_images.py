@@ -17,8 +17,6 @@ from graspbox.pictures.view import Camera, View
 
 #: A voxel is drawn from this value on, as perception counts it as occupied.
 _OCCUPIED = 64
-#: Closing of the hand in the picture: 0 open, 1 closed.
-_CLOSED = 0.35
 #: Sides of a voxel, as corner offsets counter-clockwise from outside, and the neighbour beyond each.
 _SIDES = (
     ((1, 0, 0), ((1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1))),
@@ -34,7 +32,7 @@ def save_grasp_image(path: PathLike, found: ImageGrasps) -> None:
     """Write what a policy found in a depth image.
 
     Left: the image, the object's outline, and a small hand at each grasp, the best in green. Right: the voxels that the
-    policy takes the object for, and the hand at the best grasp.
+    policy takes the object for, and the open hand at the best grasp.
 
     Parameters
     ----------
@@ -89,13 +87,12 @@ def _draw_image(axes: Any, found: ImageGrasps) -> None:
 
 
 def _draw_space(axes: Any, found: ImageGrasps) -> None:
-    """Draw the completed object, and the hand at the best grasp."""
+    """Draw the completed object, and the open hand at the best grasp."""
     mesh = _voxel_mesh(found)
     hand = None
     shown = [] if mesh is None else [place(mesh.vertices, found.table_from_crop)]
     if len(found):
-        loaded, preshape = load_hand(found.policy.hand), float(found.preshape[0])
-        hand = PosedHand(loaded, found.table_from_hand[0], loaded.closed(preshape, _CLOSED))
+        hand = PosedHand.open(load_hand(found.policy.hand), found.table_from_hand[0], float(found.preshape[0]))
         shown.append(hand.corners())
     axes.set_axis_off()
     axes.set_title("the object as completed, and the best grasp", fontsize=10)
