@@ -157,6 +157,7 @@ def test_stages_keep_their_time_and_results(tmp_path: Path) -> None:
     def long(stage: Stage) -> dict[str, Any]:
         assert stage.seconds >= 100.0
         stage.report("half of it", 0.5)
+        assert float((stage.folder / "seconds.json").read_text()) >= 100.0
         return {}
 
     run.stage("long", 150.0, long)

@@ -57,7 +57,7 @@ class Stage:
         write_text(self._clock, f"{self.seconds:.1f}\n")
 
     def report(self, text: str, share: float, remaining: float | None = None) -> None:
-        """Log progress, now and then: what is done, and the time that is left.
+        """Log progress, now and then: what is done, and the time that is left; records the time taken.
 
         Parameters
         ----------
@@ -72,6 +72,7 @@ class Stage:
         if now - self._told < _EVERY:
             return
         self._told = now
+        self.record()
         if remaining is None:
             remaining = self.seconds * (1.0 / share - 1.0) if share > 0 else float("inf")
         left = min(remaining, max(0.0, self.limit - self.seconds))
