@@ -38,8 +38,8 @@ $(STAMPS)/venv:
 
 # One stamp for each set of extras; `maturin develop` installs the package in place together with what the extras name.
 EXTRAS_demo := cli,ycb
-EXTRAS_dev := cli,ycb,data,dev
-EXTRAS_train := cli,ycb,data,dev,ray,train
+EXTRAS_dev := cli,ycb,data,onnx,dev
+EXTRAS_train := cli,ycb,data,onnx,dev,ray,train
 $(STAMPS)/demo $(STAMPS)/dev $(STAMPS)/train: $(STAMPS)/%: pyproject.toml $(STAMPS)/venv
 	maturin develop --release --extras $(EXTRAS_$*)
 	touch $@ $(STAMPS)/core

@@ -1,13 +1,21 @@
-"""A progress bar on standard error that needs no library."""
+"""A progress bar on standard error that needs no library, and times for people."""
 
 import sys
 import time
 from types import TracebackType
 
-__all__ = ["ProgressBar"]
+__all__ = ["ProgressBar", "shown_time"]
 
 #: Characters of the bar.
 _WIDTH = 30
+
+
+def shown_time(seconds: float) -> str:
+    """Write a time for people: ``2:05:09``, or ``-`` where it is not known."""
+    if seconds == float("inf"):
+        return "-"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
 
 
 class ProgressBar:

@@ -208,3 +208,23 @@ def test_the_best_pose_is_robust_then_secure_then_still(table: Any) -> None:
     assert ordered(kindness_rate=[0.4, 0.3, 0.2, 0.1], secure=[True, False, True, False]) == [2, 0, 3, 1]
     assert ordered(secure=[True, False, False, True], replays=[4] * 4, replay_successes=[1, 4, 2, 3]) == [1, 3, 2, 0]
     assert ordered(success=[True, False, False, True]) == [0, 3]
+
+
+def test_trials_to_learn_from_are_read_shard_by_shard(made: Path, table: Any) -> None:
+    """`GraspTrials.from_dataset` gives what the rows of a split hold, and knows their scenes."""
+    from graspbox.perception.trials import GraspTrials
+
+    for split in sorted(set(table["split"].to_pylist())):
+        rows = dataset.load(made, split)
+        found = GraspTrials.from_dataset(made, split)
+        assert len(found) == len(rows)
+        np.testing.assert_array_equal(found.success, dataset.column(rows, "success"))
+        np.testing.assert_array_equal(found.secure, dataset.column(rows, "secure"))
+        np.testing.assert_array_equal(found.world_from_hand, dataset.matrices(rows, "executed_world_from_hand"))
+        np.testing.assert_array_equal(
+            found.world_from_object[found.scene_of], dataset.matrices(rows, "world_from_object")
+        )
+        assert found.source[found.scene_of].tolist() == rows["source"].to_pylist()
+        assert found.slip.tolist() == [kind in ("slipped", "dropped") for kind in rows["failure"].to_pylist()]
+    with pytest.raises(errors.ConfigError, match="no split"):
+        GraspTrials.from_dataset(made, "tests")

@@ -13,6 +13,7 @@ from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 
 torch = pytest.importorskip("torch")
 
+from graspbox.perception.calibration import Calibration  # noqa: E402
 from graspbox.perception.collect import CollectConfig, collect, load_trials  # noqa: E402
 from graspbox.perception.completion import (  # noqa: E402
     CompletionBatch,
@@ -21,15 +22,13 @@ from graspbox.perception.completion import (  # noqa: E402
     iou,
     train_completion,
 )
+from graspbox.perception.finder import FinderConfig  # noqa: E402
+from graspbox.perception.graphs import CompletionGraph, ScorerGraph  # noqa: E402
+from graspbox.perception.grasp_inputs import ScorerInputs  # noqa: E402
+from graspbox.perception.runtimes import Completion, Scorer, torch_network  # noqa: E402
+from graspbox.perception.scene_views import SceneViews  # noqa: E402
 from graspbox.perception.scenes import SceneConfig, SceneSampler  # noqa: E402
-from graspbox.perception.scorer import (  # noqa: E402
-    Scorer,
-    ScorerBatch,
-    ScorerInputs,
-    ScorerNet,
-    fit_temperature,
-    scorer_losses,
-)
+from graspbox.perception.scorer import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
 from graspbox.perception.scorer_training import auc, train_scorer  # noqa: E402
 from graspbox.perception.training import TrainConfig, Trainer, load_weights  # noqa: E402
 from graspbox.perception.trials import GraspTrials  # noqa: E402
@@ -90,16 +89,16 @@ def test_a_scorer_learns_one_batch_by_heart(inputs: ScorerInputs) -> None:
     poses[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
     poses[:, :3, 3] = rng.uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (48, 3))
     made = inputs.make(volumes, np.arange(48) % 4, poses, rng.choice(inputs.grid.preshapes, 48))
-    targets = torch.from_numpy((rng.random((48, 3)) < 0.5).astype(np.float32))
-    net = ScorerNet(inputs.grid.swept)
+    batch = ScorerBatch.of(made, (rng.random((48, 3)) < 0.5).astype(np.float32))
+    net, targets = ScorerNet(inputs.grid, width=32), batch.targets
     optimizer = torch.optim.Adam(net.parameters(), 2e-3)
-    batch = ScorerBatch(*made, targets)
     for _ in range(40):
         optimizer.zero_grad()
         torch.stack(list(scorer_losses(net, batch).values())).sum().backward()
         optimizer.step()
     with torch.no_grad():
-        logits, loss = net(*made), float(scorer_losses(net, batch)["success"])
+        logits = net(batch.cells, batch.poses, batch.preshape)
+        loss = float(scorer_losses(net, batch)["success"])
     assert ((logits[:, 0] > 0) == (targets[:, 0] > 0.5)).all()
     assert loss < 0.3
 
@@ -111,14 +110,15 @@ def test_scalars_of_a_grasp_are_what_they_say(inputs: ScorerInputs) -> None:
     volume[0, 0, at[0] - 2 : at[0] + 2, at[1] - 2 : at[1] + 2, at[2] - 2 : at[2] + 2] = 255
     pose = np.eye(4)
     pose[:3, :3], pose[2, 3] = np.diag([1.0, -1.0, -1.0]), 0.15
-    cells, scalars, preshape = inputs.make(volume, np.zeros(1, dtype=np.int64), pose[None], np.array([1.5]))
+    cells, poses, preshape = inputs.make(volume, np.zeros(1, dtype=np.int64), pose[None], np.array([1.5]))
+    scalars = ScorerNet(inputs.grid, width=8).scalars(torch.from_numpy(cells), torch.from_numpy(poses))
     values = scalars[0].numpy()
     np.testing.assert_allclose(values[:3], [0, 0, 1], atol=1e-6)
     assert values[3] == pytest.approx(1.5)
     middle = inputs.grid.origin + 0.5 * np.array(inputs.grid.shape) * inputs.grid.cell
     np.testing.assert_allclose(values[4:7] / 10 + middle, [0.05, 0.0, 0.08], atol=4e-3)
-    assert inputs.grid.preshapes[int(preshape)] == pytest.approx(np.pi / 2)
-    assert values[7] == pytest.approx(float(cells[0, 0].sum()) / 255 / cells[0, 0].numel() * 10, rel=1e-5)
+    assert inputs.grid.preshapes[int(preshape[0])] == pytest.approx(np.pi / 2)
+    assert values[7] == pytest.approx(float(cells[0, 0].sum()) / 255 / cells[0, 0].size * 10, rel=1e-5)
 
 
 def test_the_hardest_three_quarters_count() -> None:
@@ -132,7 +132,7 @@ def test_the_hardest_three_quarters_count() -> None:
     found = scorer_losses(Fixed(), ScorerBatch(empty, empty, empty, torch.ones(4, 3)))
     entropies = np.log1p(np.exp(-np.array([5.0, 0.0, -2.0])))
     assert float(found["success"]) == pytest.approx(entropies.mean(), rel=1e-5)
-    assert float(found["secure"]) == pytest.approx(0.3 * np.log(2), rel=1e-5)
+    assert float(found["secure"]) == pytest.approx(0.5 * np.log(2), rel=1e-5)
 
 
 def test_auc_counts_pairs() -> None:
@@ -143,41 +143,55 @@ def test_auc_counts_pairs() -> None:
     assert auc(scores, np.ones(40, dtype=np.bool_)) == 0.5
 
 
-def test_temperature_makes_logits_say_how_often() -> None:
-    rng = np.random.default_rng(0)
-    true = rng.normal(0.5, 1.5, 20_000)
-    success = rng.random(20_000) < 1 / (1 + np.exp(-true))
-    assert fit_temperature(true * 2.5, success) == pytest.approx(2.5, rel=0.06)
-    with pytest.raises(errors.ConfigError, match="calibrate"):
-        fit_temperature(np.zeros(0), np.zeros(0, dtype=np.bool_))
-
-
-def scorer_of(folder: Path, inputs: ScorerInputs, biases: list[float], **settings: Any) -> Scorer:
+def graph_of(inputs: ScorerInputs, biases: list[float], calibration: Calibration, finalists: int = 24) -> ScorerGraph:
     """Make an ensemble whose members give their bias, whatever they see."""
-    for number, bias in enumerate(biases):
-        net = ScorerNet(inputs.grid.swept)
-        for parameter in net.head[-1].parameters():
+    members = []
+    for bias in biases:
+        members.append(ScorerNet(inputs.grid, width=8))
+        for parameter in members[-1].head[-1].parameters():
             torch.nn.init.zeros_(parameter)
-        torch.nn.init.constant_(net.head[-1].bias, bias)
-        (folder / f"member_{number}").mkdir(parents=True)
-        torch.save(net.state_dict(), folder / f"member_{number}" / "weights.pt")
-    Scorer.describe(folder, [f"member_{i}" for i in range(len(biases))], settings.get("temperature", 1.0))
-    return Scorer.load(folder, inputs)
+        torch.nn.init.constant_(members[-1].head[-1].bias, bias)
+    return ScorerGraph(members, calibration, finalists)
 
 
-def test_an_ensemble_chooses_by_mean_minus_half_a_deviation(tmp_path: Path, inputs: ScorerInputs) -> None:
+def test_an_ensemble_chooses_by_mean_minus_half_a_deviation(inputs: ScorerInputs) -> None:
     volume = np.zeros((3, N, N, N), dtype=np.uint8)
     poses, preshape = np.tile(np.eye(4), (30, 1, 1)), np.zeros(30)
     biases = [2.0, 0.0, -1.0]
-    scores = scorer_of(tmp_path / "three", inputs, biases, temperature=2.0)(volume, poses, preshape)
-    logit = (np.mean(biases) - 0.5 * np.std(biases)) / 2.0
-    assert (np.isclose(scores, 1 / (1 + np.exp(-logit)), atol=1e-6)).sum() == 24
-    assert (np.isclose(scores, 1 / (1 + np.exp(-0.5)), atol=1e-6)).sum() == 6
-    alone = scorer_of(tmp_path / "one", inputs, [1.0])(volume, poses, preshape)
-    np.testing.assert_allclose(alone, 1 / (1 + np.exp(-1.0)), atol=1e-6)
-    assert alone.shape == (30,)
-    with pytest.raises(errors.ConfigError, match=r"scorer\.json"):
-        Scorer.load(tmp_path, inputs)
+    calibration = Calibration(success=(0.5, 0.1), secure=(2.0, 0.0), secure_weight=0.5)
+    judged = Scorer(torch_network(graph_of(inputs, biases, calibration)), inputs, 24).judge(volume, poses, preshape)
+    logit = np.mean(biases) - 0.5 * np.std(biases)
+    for expected, count in ((logit, 24), (biases[0] - 1.0, 6)):
+        rows = np.isclose(judged.logits[:, 0], expected, atol=1e-6)
+        assert rows.sum() == count
+        success, secure = 1 / (1 + np.exp(-0.5 * expected - 0.1)), 1 / (1 + np.exp(-2.0 * expected))
+        np.testing.assert_allclose(judged.success[rows], success, atol=1e-6)
+        np.testing.assert_allclose(judged.secure[rows], secure, atol=1e-6)
+        np.testing.assert_allclose(judged.choice[rows], (success + 0.5 * secure) / 1.5, atol=1e-6)
+    # Fewer grasps than finalists are padded, and one member alone loses nothing.
+    alone = Scorer(torch_network(graph_of(inputs, [1.0], Calibration())), inputs, 24)
+    few = alone.judge(volume, poses[:3], preshape[:3])
+    np.testing.assert_allclose(few.success, 1 / (1 + np.exp(-np.ones(3))), atol=1e-6)
+    assert len(alone(volume, poses[:0], preshape[:0])) == 0
+
+
+def test_views_of_a_scene_are_the_same_when_they_are_made_again() -> None:
+    poses = np.stack([object_sets.load(f"procedural:can:{i}")[0].load().resting_poses()[0][0] for i in range(2)])
+    settings = SceneConfig(image_size=96)
+    given = (["procedural:can:0", "procedural:can:1"], poses, settings, None, 5)
+    kept, small = SceneViews(*given), SceneViews(*given, count=8, memory=1)
+    assert (kept.count, SceneViews(*given, memory=100_000).count) == (8, 3)
+    volumes = []
+    for scene, view in ((0, 0), (0, 1), (1, 0), (0, 0)):
+        one, other = kept.get(scene, view), small.get(scene, view)
+        assert one is not None
+        assert other is not None
+        np.testing.assert_array_equal(one[0], other[0])
+        np.testing.assert_array_equal(one[1], other[1])
+        volumes.append(one[0])
+    assert volumes[0].shape == (3, N, N, N)
+    np.testing.assert_array_equal(volumes[0], volumes[3])
+    assert not np.array_equal(volumes[0], volumes[1])
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -302,7 +316,7 @@ def test_columns_of_a_data_set_are_grouped_by_scene() -> None:
 
 
 def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inputs: ScorerInputs) -> None:
-    config = CollectConfig(per_scene=4, proposals=ProposalConfig(most=32))
+    config = CollectConfig(per_scene=4, finder=FinderConfig(ProposalConfig(most=32), refinements=0))
     calls: list[int] = []
 
     def noted(volume: NDArray[np.uint8], poses: NDArray[np.float64], preshape: NDArray[np.float64]) -> Any:
@@ -317,22 +331,43 @@ def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inpu
     assert len(calls) == 3
     np.testing.assert_array_equal(again.world_from_hand[:8], found.world_from_hand)
     train = TrainConfig(batch_size=16, max_steps=2, validate_every=1)
-    result = train_scorer(tmp_path / "run", again, found, inputs, train, SceneConfig(image_size=96))
+    settings = SceneConfig(image_size=96)
+    result = train_scorer(tmp_path / "run", again, found, inputs, train, settings, width=8)
     assert result.step == 2
     rows = rows_of(tmp_path / "run" / "log.csv")
     assert {"auc", "entropy", "chosen", "all", "train_success", "train_slip"} <= set(rows[0])
     assert float(rows[0]["all"]) == pytest.approx(found.success.mean())
+    # The next round begins with these weights, and has trials of both kinds in each batch.
+    start = tmp_path / "run" / "weights.pt"
+    shares: list[float] = []
+    result = train_scorer(
+        tmp_path / "next",
+        again,
+        found,
+        inputs,
+        TrainConfig(batch_size=16, max_steps=1, validate_every=1, learning_rate=1e-9),
+        settings,
+        on_policy=found,
+        start=start,
+        width=8,
+        progress=lambda progress: shares.append(progress.share),
+    )
+    assert shares == [1.0]
+    first, second = (torch.load(path, weights_only=True) for path in (start, tmp_path / "next" / "weights.pt"))
+    torch.testing.assert_close(first["head.0.weight"], second["head.0.weight"], atol=1e-6, rtol=0)
+    stopped = collect(tmp_path / "trials", scenes, range(9), inputs.grid, config, score=noted, stop=lambda: True)
+    assert len(stopped.source) == 3
 
 
 def test_a_completion_trains_and_is_read_again(tmp_path: Path) -> None:
-    from graspbox.perception.completion import Completion
-
     objects = object_sets.load("procedural:can:0-1")
     settings = SceneConfig(image_size=64)
     config = TrainConfig(batch_size=4, max_steps=2, validate_every=2)
     result = train_completion(tmp_path, objects, objects, config, settings)
     assert 0.0 <= result.best <= 1.0
     scenes = SceneSampler(objects, settings, 0).sample(0, 1, 2)
-    found = Completion(tmp_path)(scenes.crops.channels)
+    net = CompletionNet()
+    load_weights(net, tmp_path / "weights.pt")
+    found = Completion(torch_network(CompletionGraph(net)))(scenes.crops.channels)
     assert found.shape == (2, N, N, N)
     assert found.dtype == np.uint8

@@ -22,17 +22,10 @@ from graspbox.cli.common import (
     print_table,
 )
 from graspbox.configs import ShakeConfig, TrialConfig
+from graspbox.progress import shown_time
 
 #: Time between two lines of progress where nothing can be drawn again, seconds.
 _LINE_EVERY = 30.0
-
-
-def shown_time(seconds: float) -> str:
-    """Write a time for people: ``2:05:09``, or ``-`` where it is not known."""
-    if seconds == float("inf"):
-        return "-"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
 
 
 class _Reporter:

@@ -1,6 +1,7 @@
 """Rows of a data set as tables of Arrow, and their columns as arrays."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from graspbox.errors import ConfigError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["column", "lists", "load", "load_images", "matrices", "stored_images"]
+__all__ = ["column", "lists", "load", "load_images", "matrices", "shards", "stored_images"]
 
 SPLITS = ("train", "validation", "test")
 
@@ -45,15 +46,28 @@ def load_images(
     return _read(folder, "images", split, columns)
 
 
+def shards(
+    folder: str | os.PathLike[str], split: str | None = None, columns: list[str] | None = None
+) -> Iterator["pa.Table"]:
+    """Read the trials of a data set one file at a time; arguments and errors as `load`."""
+    yield from _shards(folder, "trials", split, columns)
+
+
 def _read(folder: str | os.PathLike[str], kind: str, split: str | None, columns: list[str] | None) -> "pa.Table":
+    return pyarrow().concat_tables(_shards(folder, kind, split, columns))
+
+
+def _shards(
+    folder: str | os.PathLike[str], kind: str, split: str | None, columns: list[str] | None
+) -> Iterator["pa.Table"]:
     if split is not None and split not in SPLITS:
         raise ConfigError(f"there is no split {split!r}; choose from {', '.join(SPLITS)}")
     wanted = SPLITS if split is None else (split,)
     paths = [path for name in wanted for path in sorted((Path(folder) / kind).glob(f"{name}-*.parquet"))]
     if not paths:
         raise ConfigError(f"{os.fspath(folder)!r} holds no {kind}" + (f" of the split {split!r}" if split else ""))
-    tables = [parquet().read_table(path, columns=columns).replace_schema_metadata(None) for path in paths]
-    return pyarrow().concat_tables(tables)
+    for path in paths:
+        yield parquet().read_table(path, columns=columns).replace_schema_metadata(None)
 
 
 def column(table: "pa.Table", name: str) -> NDArray[Any]:

@@ -4,6 +4,7 @@
 objects as they rest (`graspbox.perception.scenes`) and fills the same voxels with their meshes.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,14 +16,12 @@ from torch.nn import functional
 
 from graspbox import object_sets
 from graspbox.perception.scenes import SceneConfig, SceneSampler
-from graspbox.perception.training import TrainConfig, Trained, Trainer, load_weights
+from graspbox.perception.training import TrainConfig, Trained, Trainer, TrainProgress
 
-__all__ = ["Completion", "CompletionBatch", "CompletionNet", "completion_losses", "iou", "train_completion"]
+__all__ = ["CompletionBatch", "CompletionNet", "completion_losses", "iou", "train_completion"]
 
 #: Views of each object in a batch: preparing an object costs more than rendering it.
 _VIEWS = 4
-#: Objects whose views validate; the same at every validation.
-_VALIDATION_OBJECTS = 48
 #: Number of the first validation scene; training counts from 0.
 _VALIDATION_FROM = 1 << 40
 #: A voxel is occupied from this share on, as for `graspbox.perception.HandGrid`.
@@ -119,40 +118,16 @@ def iou(found: Tensor, solid: Tensor) -> Tensor:
     return torch.where(union > 0, (a & b).sum((1, 2, 3)) / union.clamp(min=1), 1.0)
 
 
-class Completion:
-    """A trained completion.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's folder: ``weights.pt``.
-
-    Raises
-    ------
-    ConfigError
-        If there are no weights, or they are another network's.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.net = CompletionNet()
-        load_weights(self.net, Path(folder) / "weights.pt")
-
-    def __call__(self, channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Complete crops: channels (n, 3, N, N, N) to occupancy (n, N, N, N), both uint8, 0 to 255 for 0 to 1."""
-        given = _unit(channels)
-        # For a single sample torch takes its slow convolution, which costs more than two samples of the fast one.
-        padded = given.expand(2, -1, -1, -1, -1) if len(given) == 1 else given
-        with torch.no_grad():
-            shares = torch.sigmoid(self.net(padded))[: len(given)]
-        return np.asarray((shares * 255.0).round().byte().numpy())
-
-
 def train_completion(
     folder: Path,
     objects: object_sets.ObjectSet,
     validation: object_sets.ObjectSet,
     config: TrainConfig = TrainConfig(),  # noqa: B008 (frozen)
     scenes: SceneConfig = SceneConfig(),  # noqa: B008 (frozen)
+    *,
+    validation_objects: int = 48,
+    width: int = 16,
+    progress: Callable[[TrainProgress], None] | None = None,
 ) -> Trained:
     """Train a completion in a folder, or continue there; see `graspbox.perception.training`.
 
@@ -167,6 +142,12 @@ def train_completion(
         How it is trained.
     scenes : SceneConfig
         How objects are seen.
+    validation_objects : int
+        Objects whose views validate; the same at every validation.
+    width : int
+        See `CompletionNet`.
+    progress : callable, optional
+        Called after each step.
     """
     torch.manual_seed(config.seed)
     sampler, held_out = SceneSampler(objects, scenes, config.seed), SceneSampler(validation, scenes, config.seed)
@@ -177,12 +158,13 @@ def train_completion(
 
     def validate(net: nn.Module) -> dict[str, float]:
         if not kept:
-            kept.extend(_batch(held_out, _VALIDATION_FROM + i, 4) for i in range(_VALIDATION_OBJECTS // 4))
+            kept.extend(_batch(held_out, _VALIDATION_FROM + i, 4) for i in range(max(1, validation_objects // 4)))
         found = torch.cat([iou(torch.sigmoid(net(b.channels)), b.solid) for b in kept])
         return {"iou": float(found.mean()), "iou_of_worst_tenth": float(found.quantile(0.1))}
 
-    trainer = Trainer(CompletionNet(), Path(folder), config, batch=batch, losses=completion_losses, validate=validate)
-    return trainer.run()
+    net = CompletionNet(width)
+    trainer = Trainer(net, Path(folder), config, batch=batch, losses=completion_losses, validate=validate)
+    return trainer.run(progress)
 
 
 def _batch(sampler: SceneSampler, number: int, objects: int) -> CompletionBatch:

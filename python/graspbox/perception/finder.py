@@ -6,13 +6,13 @@ the best. `GraspFinder` makes the steps and measures their time.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox.perception.configs import CropConfig, ProposalConfig
-from graspbox.perception.crops import crop
+from graspbox.perception.crops import Crops, crop
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 
@@ -64,23 +64,36 @@ class FoundGrasp:
         What the scorer gives it.
     world_from_crop : (4, 4) float64
         The crop frame.
-    occupancy : (N, N, N) uint8
-        The completed occupancy.
+    object : (H, W) bool
+        Pixels of the object.
+    volume : (3, N, N, N) uint8
+        Completed, surface, unseen.
     poses, preshapes, scores
         All grasps that were scored: ``crop_from_hand`` (m, 4, 4), (m,), (m,); refined ones last.
     seconds : dict of str to float
-        Time that each step took.
+        Time that each step took: ``crop``, ``complete``, ``propose``, ``score``, ``refine``.
     """
 
     world_from_hand: NDArray[np.float64]
     preshape: float
     score: float
     world_from_crop: NDArray[np.float64]
-    occupancy: NDArray[np.uint8]
+    object: NDArray[np.bool_]
+    volume: NDArray[np.uint8]
     poses: NDArray[np.float64]
     preshapes: NDArray[np.float64]
     scores: NDArray[np.float64]
     seconds: dict[str, float]
+
+    @property
+    def occupancy(self) -> NDArray[np.uint8]:
+        """The completed occupancy (N, N, N), 0 to 255 for 0 to 1."""
+        return np.asarray(self.volume[0])
+
+    def best(self) -> tuple[NDArray[np.float64], float]:
+        """Give the grasp in the crop frame: ``crop_from_hand`` (4, 4) and preshape."""
+        index = int(np.argmax(self.scores))
+        return self.poses[index], float(self.preshapes[index])
 
 
 def observed_only(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -96,13 +109,15 @@ class GraspFinder:
     grid : HandGrid
         The hand.
     complete : callable
-        Tells the occupancy of crops: `graspbox.perception.completion.Completion`, or `observed_only`.
+        Tells the occupancy of crops: `graspbox.perception.runtimes.Completion`, or `observed_only`.
     score : callable
-        Scores grasps: `graspbox.perception.scorer.Scorer`.
+        Scores grasps: `graspbox.perception.runtimes.Scorer`.
     config : FinderConfig
         How a grasp is found.
     crop : CropConfig
         The crop; that of `grid`.
+    num_threads : int, optional
+        Threads of the crop; by default one per core.
     """
 
     def __init__(
@@ -113,9 +128,10 @@ class GraspFinder:
         config: FinderConfig = FinderConfig(),
         *,
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+        num_threads: int | None = None,
     ) -> None:
         self._grid, self._complete, self._score = grid, complete, score
-        self._config, self._crop = config, crop
+        self._config, self._crop, self._num_threads = config, crop, num_threads
 
     def find(
         self,
@@ -155,13 +171,22 @@ class GraspFinder:
         ConfigError
             For arrays of another shape or type.
         """
-        clock = _Clock()
-        crops = crop(np.asarray(depth)[None], intrinsics, np.asarray(world_from_camera)[None], config=self._crop)
-        clock.lap("crop")
+        began = time.perf_counter()
+        images, poses = np.asarray(depth)[None], np.asarray(world_from_camera)[None]
+        crops = crop(images, intrinsics, poses, config=self._crop, num_threads=self._num_threads)
+        taken = time.perf_counter() - began
+        if crops.found[0] and on_crop is not None:
+            on_crop(crops.world_from_crop[0])
+        found = self.decide(crops, seed=seed, complete=complete, score=score)
+        return None if found is None else replace(found, seconds={"crop": taken, **found.seconds})
+
+    def decide(
+        self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
+    ) -> FoundGrasp | None:
+        """Find the grasp to try in a single crop; arguments and result as `find`."""
         if not crops.found[0]:
             return None
-        if on_crop is not None:
-            on_crop(crops.world_from_crop[0])
+        clock = _Clock()
         occupancy = (complete or self._complete)(crops.channels)[0]
         clock.lap("complete")
         proposals = self._grid.propose(occupancy, self._config.proposals)
@@ -182,7 +207,8 @@ class GraspFinder:
             preshape=float(scored.preshapes[best]),
             score=float(scored.scores[best]),
             world_from_crop=crops.world_from_crop[0],
-            occupancy=occupancy,
+            object=crops.object[0],
+            volume=volume,
             poses=scored.poses,
             preshapes=scored.preshapes,
             scores=scored.scores,

@@ -1,7 +1,7 @@
-"""Training of the scorer on grasp trials, each seen by a new noisy camera whenever it is drawn."""
+"""Training of the scorer on grasp trials, seen by noisy cameras."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,25 +10,21 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from graspbox import object_sets
-from graspbox._core import Mesh
 from graspbox.errors import ConfigError
-from graspbox.perception.crops import solid_occupancy
 from graspbox.perception.finder import Complete
-from graspbox.perception.scenes import SceneConfig, look
-from graspbox.perception.scorer import TARGETS, ScorerBatch, ScorerInputs, ScorerNet, scorer_losses
-from graspbox.perception.training import TrainConfig, Trained, Trainer
+from graspbox.perception.grasp_inputs import ScorerInputs
+from graspbox.perception.scene_views import SceneViews
+from graspbox.perception.scenes import SceneConfig
+from graspbox.perception.scorer import TARGETS, ScorerBatch, ScorerNet, scorer_losses
+from graspbox.perception.training import TrainConfig, Trained, Trainer, TrainProgress, load_weights
 from graspbox.perception.trials import GraspTrials
 
 __all__ = ["TrialSampler", "auc", "train_scorer"]
 
 #: Trials of one scene in a batch: a view of the scene costs as much as some of them.
 _PER_SCENE = 16
-#: Scenes that validate, and the number of the first.
+#: Scenes of each validation set that validate.
 _VALIDATION_SCENES = 128
-_VALIDATION_FROM = 1 << 40
-#: Meshes that are kept, ready to render.
-_MESHES = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,28 +62,22 @@ class TrialSampler:
     ) -> None:
         if not len(trials):
             raise ConfigError("there are no trials to learn from; collect some first")
-        self._trials, self._inputs, self._scenes = trials, inputs, scenes
-        self._complete, self._seed = complete, seed
+        self._trials, self._inputs, self._seed = trials, inputs, seed
         order = np.argsort(trials.scene_of, kind="stable")
         starts = np.searchsorted(trials.scene_of[order], np.arange(len(trials.source) + 1))
         self._rows = [order[a:b] for a, b in pairwise(starts)]
         #: Scenes with trials.
         self.scenes = np.array([scene for scene, rows in enumerate(self._rows) if len(rows)])
-
-        @lru_cache(_MESHES)
-        def mesh(source: str) -> Mesh:
-            return object_sets.load(source)[0].load()
-
-        self._mesh = mesh
+        self._views = SceneViews(trials.source.tolist(), trials.world_from_object, scenes, complete, seed)
 
     def draw(self, number: int, scenes: NDArray[np.int64], per_scene: int) -> _Drawn:
         """Draw up to `per_scene` trials of each scene, seen once; scenes whose object is not found are left out."""
         rng = np.random.default_rng([self._seed, number])
         volumes: list[NDArray[np.uint8]] = []
         poses, rows, crop_of = [], [], []
-        for place, scene in enumerate(scenes.tolist()):
-            seen = self._volume(scene, [self._seed, number, place])
+        for scene in scenes.tolist():
             chosen = rng.permutation(self._rows[scene])[:per_scene]
+            seen = self._views.get(scene, int(rng.integers(self._views.count)))
             if seen is None:
                 continue
             volume, world_from_crop = seen
@@ -98,34 +88,11 @@ class TrialSampler:
         if not rows:
             raise ConfigError("no camera found an object in any scene of a batch; widen `fov` or come nearer")
         picked = np.concatenate(rows)
-        made = self._inputs.make(
-            self._completed(np.stack(volumes)),
-            np.concatenate(crop_of),
-            np.concatenate(poses),
-            self._trials.preshape[picked],
-        )
+        preshape = self._trials.preshape[picked]
+        made = self._inputs.make(np.stack(volumes), np.concatenate(crop_of), np.concatenate(poses), preshape)
         columns = [getattr(self._trials, name)[picked] for name in TARGETS]
-        targets = torch.from_numpy(np.stack(columns, axis=1)).float()
-        return _Drawn(ScorerBatch(*made, targets), self._trials.scene_of[picked])
-
-    def _volume(self, scene: int, seed: list[int]) -> tuple[NDArray[np.uint8], NDArray[np.float64]] | None:
-        """Look at a scene: completed, surface and unseen, and ``world_from_crop``."""
-        mesh = self._mesh(str(self._trials.source[scene]))
-        pose = self._trials.world_from_object[scene]
-        crops = look(mesh, pose, self._scenes, seed, 1)
-        if not crops.found[0]:
-            return None
-        volume = crops.channels[0].copy()
-        if self._complete is None:
-            at = np.linalg.inv(crops.world_from_crop) @ pose
-            # The table's channel makes room: it is known everywhere.
-            volume = np.concatenate([solid_occupancy([mesh], [0], at, config=self._scenes.crop), volume[:2]])
-        return volume, crops.world_from_crop[0]
-
-    def _completed(self, volumes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        if self._complete is None:
-            return volumes
-        return np.concatenate([self._complete(volumes)[:, None], volumes[:, :2]], axis=1)
+        targets = np.stack(columns, axis=1).astype(np.float32)
+        return _Drawn(ScorerBatch.of(made, targets), self._trials.scene_of[picked])
 
 
 def auc(scores: NDArray[np.float64], success: NDArray[np.bool_]) -> float:
@@ -149,6 +116,11 @@ def train_scorer(
     config: TrainConfig = TrainConfig(batch_size=256, max_steps=10_000, validate_every=250),  # noqa: B008 (frozen)
     scenes: SceneConfig = SceneConfig(),  # noqa: B008 (frozen)
     complete: Complete | None = None,
+    *,
+    on_policy: GraspTrials | None = None,
+    start: Path | None = None,
+    width: int = 48,
+    progress: Callable[[TrainProgress], None] | None = None,
 ) -> Trained:
     """Train one member of a scorer in a folder, or continue there; see `graspbox.perception.training`.
 
@@ -166,39 +138,61 @@ def train_scorer(
         How scenes are seen.
     complete : callable, optional
         Tells the object's occupancy from the channels of crops; by default it is the true one.
+    on_policy : GraspTrials, optional
+        Trials of what the proposals give (`graspbox.perception.collect`): half of each batch.
+    start : Path, optional
+        A file of weights with which training begins.
+    width : int
+        See `ScorerNet`.
+    progress : callable, optional
+        Called after each step.
+
+    Raises
+    ------
+    ConfigError
+        If there are no trials, or `start` holds another network.
     """
     torch.manual_seed(config.seed)
-    sampler = TrialSampler(trials, inputs, scenes, complete, config.seed)
+    samplers = [
+        TrialSampler(given, inputs, scenes, complete, config.seed) for given in (trials, on_policy) if given is not None
+    ]
     held_out = TrialSampler(validation, inputs, scenes, complete, 0)
-    per_batch = max(1, config.batch_size // _PER_SCENE)
+    per_batch = max(1, config.batch_size // _PER_SCENE // len(samplers))
     kept: list[_Drawn] = []
 
     def batch(step: int) -> ScorerBatch:
-        chosen = np.random.default_rng([config.seed, step, 1]).choice(sampler.scenes, per_batch)
-        return sampler.draw(step, chosen, _PER_SCENE).batch
+        parts = []
+        for number, sampler in enumerate(samplers):
+            chosen = np.random.default_rng([config.seed, step, number + 1]).choice(sampler.scenes, per_batch)
+            parts.append(sampler.draw(step, chosen, _PER_SCENE).batch)
+        names = ScorerBatch.__dataclass_fields__
+        return ScorerBatch(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
 
     def validate(net: nn.Module) -> dict[str, float]:
         if not kept:
             chosen = held_out.scenes[:: max(1, len(held_out.scenes) // _VALIDATION_SCENES)]
-            parts = np.array_split(chosen, max(1, len(chosen) // 16))
-            kept.extend(held_out.draw(_VALIDATION_FROM + i, part, 64) for i, part in enumerate(parts))
+            groups = np.array_split(chosen, max(1, len(chosen) // 16))
+            kept.extend(held_out.draw(i, group, 64) for i, group in enumerate(groups))
         return _measures(net, kept)
 
-    net = ScorerNet(inputs.grid.swept)
+    net = ScorerNet(inputs.grid, width)
+    if start is not None:
+        load_weights(net, start)
     trainer = Trainer(net, Path(folder), config, batch=batch, losses=scorer_losses, validate=validate)
-    return trainer.run()
+    return trainer.run(progress)
 
 
 def _measures(net: nn.Module, kept: list[_Drawn]) -> dict[str, float]:
     """Give AUC, mean cross-entropy, and the shares of successes: of each scene's best-scored trial, and of all."""
-    logits = torch.cat([net(d.batch.cells, d.batch.scalars, d.batch.preshape)[:, 0] for d in kept]).double()
-    targets: Tensor = torch.cat([d.batch.targets[:, 0] for d in kept])
+    logits = torch.cat([net(d.batch.cells, d.batch.poses, d.batch.preshape)[:, :2] for d in kept]).double()
+    targets: Tensor = torch.cat([d.batch.targets[:, :2] for d in kept])
     scene_of = np.concatenate([d.scene_of for d in kept])
-    scores, success = logits.numpy(), targets.numpy() > 0.5
-    entropy = nn.functional.binary_cross_entropy_with_logits(logits, targets.double())
+    (scores, firm), (success, secure) = logits.numpy().T, targets.numpy().T > 0.5
+    entropy = nn.functional.binary_cross_entropy_with_logits(logits[:, 0], targets[:, 0].double())
     best = [success[rows][scores[rows].argmax()] for scene in np.unique(scene_of) for rows in [scene_of == scene]]
     return {
         "auc": auc(scores, success),
+        "auc_secure": auc(firm, secure),
         "entropy": float(entropy),
         "chosen": float(np.mean(best)),
         "all": float(success.mean()),

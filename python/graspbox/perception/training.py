@@ -28,7 +28,7 @@ from torch import Tensor, nn
 from graspbox.errors import ConfigError
 from graspbox.files import replacing, write_text
 
-__all__ = ["TrainConfig", "Trained", "Trainer", "load_weights", "save_atomic"]
+__all__ = ["TrainConfig", "TrainProgress", "Trained", "Trainer", "load_weights", "save_atomic"]
 
 Batch = TypeVar("Batch")
 #: Share of the steps in which the learning rate rises to its greatest value.
@@ -42,7 +42,8 @@ class TrainConfig:
     Attributes
     ----------
     learning_rate : float
-        Greatest learning rate of AdamW; it rises over the first steps and falls to 0 along a cosine.
+        Greatest learning rate of AdamW; it rises over the first steps and falls to 0 along a cosine, which ends with
+        the steps or with the time, whichever comes first.
     weight_decay : float
         Of AdamW.
     batch_size : int
@@ -77,6 +78,33 @@ class TrainConfig:
         for name in ("batch_size", "max_steps", "validate_every", "patience"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"{name} is {getattr(self, name)}; give 1 or more")
+
+
+@dataclass(frozen=True)
+class TrainProgress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    step : int
+        Steps made.
+    seconds : float
+        Time that they took, with validations and those before interruptions.
+    share : float
+        What is over of the steps or of the time, whichever is more, 0 to 1.
+    best : float
+        Best validation measure so far; minus infinity before the first.
+    """
+
+    step: int
+    seconds: float
+    share: float
+    best: float
+
+    @property
+    def remaining(self) -> float:
+        """Expected time to the end, seconds; patience may end it before."""
+        return self.seconds / self.share - self.seconds if self.share > 0 else float("inf")
 
 
 @dataclass(frozen=True)
@@ -135,8 +163,14 @@ class Trainer(Generic[Batch]):
         self._optimizer = torch.optim.AdamW(net.parameters(), config.learning_rate, weight_decay=config.weight_decay)
         self._state: dict[str, Any] = {"step": 0, "seconds": 0.0, "best": -float("inf"), "since": 0, "reason": ""}
 
-    def run(self) -> Trained:
-        """Train until a limit is reached; raises ConfigError if the folder is a run with other settings."""
+    def run(self, progress: Callable[[TrainProgress], None] | None = None) -> Trained:
+        """Train until a limit is reached; `progress` is called after each step.
+
+        Raises
+        ------
+        ConfigError
+            If the folder is a run with other settings.
+        """
         self._open()
         state, config = self._state, self._config
         started, means = time.monotonic() - state["seconds"], _Means()
@@ -153,6 +187,8 @@ class Trainer(Generic[Batch]):
                     self._check(means, late)
                     state["seconds"] = time.monotonic() - started
                     means = _Means()
+                if progress is not None:
+                    progress(TrainProgress(state["step"], state["seconds"], self._share(), state["best"]))
         self._net.load_state_dict(torch.load(self._folder / "weights.pt", weights_only=True))
         self._net.eval()
         return Trained(state["reason"], state["step"], state["seconds"], state["best"])
@@ -176,10 +212,16 @@ class Trainer(Generic[Batch]):
             if self._state["since"] >= self._config.patience:
                 self._state["reason"] = "patience"
 
+    def _share(self) -> float:
+        """Give what is over of the steps or of the time, whichever is more."""
+        state, config = self._state, self._config
+        return float(min(1.0, max(state["step"] / config.max_steps, state["seconds"] / config.max_seconds)))
+
     def _step(self, batch: Batch) -> dict[str, float]:
         config, step = self._config, self._state["step"]
-        rate = min(1.0, (step + 1) / (_WARM_UP * config.max_steps))
-        rate *= 0.5 * (1.0 + math.cos(math.pi * step / config.max_steps))
+        share = self._share()
+        rate = min(1.0, max((step + 1) / config.max_steps, share) / _WARM_UP)
+        rate *= 0.5 * (1.0 + math.cos(math.pi * share))
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * rate
         self._net.train()

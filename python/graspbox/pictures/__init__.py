@@ -7,6 +7,7 @@
 | `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
 | `save_kindness` | relative speed of hand and object, for a failed and a firm grasp (its figures 3.17 and 3.18) |
 | `save_stages`   | grasps in stages: open, closed, lifting, held |
+| `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best of them in space |
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and the images observed in it |
 
 Paths are str or Path; their extension, one of `SUFFIXES`, chooses the format. Paths are checked before the work, and a
@@ -53,6 +54,7 @@ _import_matplotlib()
 # The imports below need matplotlib.
 from graspbox.pictures.episodes import save_episode  # noqa: E402
 from graspbox.pictures.files import SUFFIXES, check_path  # noqa: E402
+from graspbox.pictures.grasp_images import save_grasp_image  # noqa: E402
 from graspbox.pictures.hands import PosedHand  # noqa: E402
 from graspbox.pictures.plans import GraspExample, save_gallery, save_plan  # noqa: E402
 from graspbox.pictures.solids import Solid  # noqa: E402
@@ -74,6 +76,7 @@ __all__ = [
     "firm_and_failed",
     "save_episode",
     "save_gallery",
+    "save_grasp_image",
     "save_kindness",
     "save_plan",
     "save_stages",

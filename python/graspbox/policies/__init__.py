@@ -6,7 +6,7 @@
 | ``zero``    | all | zero actions |
 | ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
-| a folder    | all | `DepthGrasp` with the weights that it holds: grasps what one depth camera sees |
+| a folder    | all | `DepthGrasp` with the networks that it holds: grasps what one depth camera sees |
 
 ``planner`` and ``expert`` are **privileged**: they observe ``state`` and know the object's mesh. `load` makes a policy
 by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`.
@@ -17,6 +17,7 @@ by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own i
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
 | `depth`   | `DepthGrasp` |
+| `depth_oracles` | the truth in place of its parts, to measure what each loses |
 
 A policy is bound to its environments once, told of every episode that begins, and then acts:
 
@@ -40,6 +41,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from graspbox.errors import ConfigError
+from graspbox.perception.policy_folders import KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 from graspbox.policies.planner import Expert, Planner
@@ -47,6 +49,8 @@ from graspbox.policies.simple import Random, Zero
 
 __all__ = ["Actions", "DepthGrasp", "Expert", "Planner", "Policy", "Random", "Task", "Zero", "load", "names"]
 
+#: Policies of a folder, by the kind that its ``config.json`` names.
+_KINDS: dict[str, Callable[[Path], Policy]] = {KIND: DepthGrasp}
 _BASELINES: dict[str, Callable[[], Policy]] = {kind.name: kind for kind in (Random, Zero, Planner, Expert)}
 
 
@@ -61,16 +65,21 @@ def load(name: str) -> Policy:
     Parameters
     ----------
     name : str
-        One of `names`, or a folder of weights: the table of the module says what each does.
+        One of `names`, or a folder of a published policy: the table of the module says what each does.
 
     Raises
     ------
     ConfigError
-        If there is no policy of that name.
+        If there is no policy of that name, or the folder's ``config.json`` is wrong.
+    FileError
+        If the folder lacks a file.
     """
     if name in _BASELINES:
         return _BASELINES[name]()
-    if (Path(name) / "scorer" / "scorer.json").is_file():
-        return DepthGrasp(Path(name))
-    known = ", ".join(_BASELINES)
-    raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with scorer/scorer.json")
+    folder, known = Path(name), ", ".join(_BASELINES)
+    if not folder.is_dir():
+        raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with config.json")
+    kind = read_kind(folder)
+    if kind not in _KINDS:
+        raise ConfigError(f"{name} holds a policy of the kind {kind!r}; this version knows {', '.join(_KINDS)}")
+    return _KINDS[kind](folder)

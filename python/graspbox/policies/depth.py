@@ -13,13 +13,15 @@ from graspbox.envs.coding import Codec, encode_action, object_pose
 from graspbox.envs.expert import ScriptedGrasp
 from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose, lens
-from graspbox.perception.configs import CropConfig, DepthNoise
-from graspbox.perception.crops import add_depth_noise, solid_occupancy
+from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
+from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.finder import Complete, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.perturbations import perturbed
+from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
+from graspbox.perception.runtimes import Backend, Scorer, load_parts
 from graspbox.policies.base import Actions, Policy, Task
-from graspbox.simulation import Scene, load_hand
+from graspbox.policies.depth_oracles import Truth
+from graspbox.simulation import load_hand
 
 __all__ = ["DepthGrasp", "Oracle"]
 
@@ -27,10 +29,6 @@ __all__ = ["DepthGrasp", "Oracle"]
 Oracle = Literal["completion", "scorer"]
 #: Meshes that the oracles keep.
 _MESHES = 128
-#: The oracle of the scorer simulates every proposal once, and then this many successes with a wrong hand this often.
-_ORACLE_FINALISTS, _ORACLE_REPLAYS = 12, 8
-#: Standard deviation of the hand's error in these replays, metres and radians.
-_ORACLE_ERROR = 0.003, 0.05
 
 
 class DepthGrasp(Policy):
@@ -43,21 +41,28 @@ class DepthGrasp(Policy):
     Parameters
     ----------
     folder : Path or None
-        Weights: ``completion/weights.pt``, and ``scorer/`` with ``scorer.json``. Neither is read where an oracle stands
-        in. None: no completion (the observed surface alone), and the scorer must be an oracle.
+        A policy's folder (`graspbox.perception.policy_folders`). None: no completion (the observed surface alone), and
+        the scorer must be an oracle.
     oracles : sequence of {"completion", "scorer"}
         Parts that the truth stands in for, to measure what each part loses. ``completion``: the object's own occupancy.
         ``scorer``: simulation of the proposals with a wrong hand. With an oracle the policy is **privileged**: it reads
         ``state`` and ``info["object"]``.
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
-    config : FinderConfig
-        How grasps are found.
+    config : FinderConfig, optional
+        How grasps are found; by default as the folder says.
+    backend : {"onnx", "torch"}
+        What runs the networks: onnxruntime (extra ``onnx``), or torch.
+    num_threads : int, optional
+        Threads of a decision; by default one per core. Geometry does not depend on it; networks differ in the last
+        digits.
 
     Raises
     ------
     ConfigError
-        For an unknown oracle, or if there is nothing to score with.
+        For an unknown oracle or backend, if there is nothing to score with, or the folder is wrong.
+    FileError
+        If the folder lacks a file.
     """
 
     name = "depth"
@@ -69,7 +74,9 @@ class DepthGrasp(Policy):
         *,
         oracles: Sequence[Oracle] = (),
         noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
-        config: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
+        config: FinderConfig | None = None,
+        backend: Backend = "onnx",
+        num_threads: int | None = None,
     ) -> None:
         for oracle in oracles:
             if oracle not in get_args(Oracle):
@@ -77,9 +84,22 @@ class DepthGrasp(Policy):
         if folder is None and "scorer" not in oracles:
             raise ConfigError("there is nothing to score grasps with; name a folder of weights, or the oracle 'scorer'")
         self.obs = ("depth", "proprio", *(("state",) if oracles else ()))
-        self._folder, self._oracles, self._noise, self._config = folder, frozenset(oracles), noise, config
+        if backend not in get_args(Backend):
+            raise ConfigError(f"there is no backend {backend!r}; choose from {', '.join(get_args(Backend))}")
+        self._folder, self._oracles, self._noise = folder, frozenset(oracles), noise
+        self._backend, self._num_threads = backend, num_threads
+        self._published = None if folder is None else self._read(Path(folder))
+        self._config = config or (self._published.finder if self._published else FinderConfig())
+        if self._published is not None:
+            self.name = self._published.name
+        #: The scorer, once the policy is bound; None where an oracle stands in.
+        self.scorer: Scorer | None = None
         #: What was found last in each environment; None where nothing was.
         self.found: list[FoundGrasp | None] = []
+
+    def _read(self, folder: Path) -> DepthPolicyConfig | None:
+        """Read what a folder holds; None in a subclass that makes its finder from other files."""
+        return read_depth_policy(folder)
 
     def _bind(self, task: Task) -> None:
         camera = task.cameras.cameras[0]
@@ -88,7 +108,7 @@ class DepthGrasp(Policy):
         self._hand = load_hand(task.hand)
         self._world_from_camera = camera_pose(camera)
         self._intrinsics = lens(camera.fov, task.cameras.image_size)
-        self._crop = CropConfig()
+        self._crop = self._published.crop if self._published else CropConfig()
         self._finder = self._make_finder()
         self._proprio = Codec(task.control, self._hand, "proprio") if task.closed_loop else None
         self._waiting: list[int | None] = [None] * task.num_envs
@@ -107,19 +127,19 @@ class DepthGrasp(Policy):
         self._mesh = mesh
 
     def _make_finder(self) -> GraspFinder:
-        """Load the parts for which no oracle stands in; they need torch."""
-        grid = HandGrid(self._hand, crop=self._crop)
+        """Load the parts for which no oracle stands in."""
+        grid_config = self._published.grid if self._published else HandGridConfig()
+        grid = HandGrid(self._hand, grid_config, crop=self._crop, num_threads=self._num_threads)
         complete: Complete = observed_only
         score: Score = _no_score
-        if self._folder is not None and "completion" not in self._oracles:
-            from graspbox.perception.completion import Completion
-
-            complete = Completion(Path(self._folder) / "completion")
-        if self._folder is not None and "scorer" not in self._oracles:
-            from graspbox.perception.scorer import Scorer, ScorerInputs
-
-            score = Scorer.load(Path(self._folder) / "scorer", ScorerInputs(grid))
-        return GraspFinder(grid, complete, score, self._config, crop=self._crop)
+        if self._folder is not None and self._published is not None:
+            if (name := self._hand.name) != self._published.hand:
+                raise ConfigError(f"the policy {self.name!r} knows the hand {self._published.hand!r}, not {name!r}")
+            parts = load_parts(Path(self._folder), self._published, grid, self._backend, self._num_threads)
+            complete = complete if "completion" in self._oracles else parts[0]
+            self.scorer = None if "scorer" in self._oracles else parts[1]
+            score = self.scorer or score
+        return GraspFinder(grid, complete, score, self._config, crop=self._crop, num_threads=self._num_threads)
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         if seed is not None:
@@ -154,7 +174,7 @@ class DepthGrasp(Policy):
         truth = None
         if self._oracles:
             pose = object_pose(observation["state"][env], hand=self._hand)
-            truth = _Truth(self._mesh(self._objects[env]), pose, self._crop, self._hand, seed)
+            truth = Truth(self._mesh(self._objects[env]), pose, self._crop, self._hand, seed)
         return self._finder.find(
             depth,
             self._intrinsics,
@@ -189,49 +209,3 @@ def _no_score(
 ) -> NDArray[np.float64]:
     """Stand in for the scorer of a policy whose scorer is an oracle; it is never called."""
     raise ConfigError("the policy has no scorer; name a folder of weights")
-
-
-class _Truth:
-    """What the simulation knows of one episode, for the oracles."""
-
-    def __init__(
-        self, mesh: Mesh, world_from_object: NDArray[np.float64], crop: CropConfig, hand: Any, seed: int
-    ) -> None:
-        self._mesh, self._pose, self._crop, self._hand = mesh, world_from_object, crop, hand
-        self._rng = np.random.default_rng([seed, 1])
-        self._world_from_crop = np.eye(4)
-        self._simulated = False
-
-    def place(self, world_from_crop: NDArray[np.float64]) -> None:
-        """Learn where the crop is."""
-        self._world_from_crop = world_from_crop
-
-    def complete(self, channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Give the object's own occupancy."""
-        inside = np.linalg.inv(self._world_from_crop) @ self._pose
-        return solid_occupancy([self._mesh], [0], inside[None], config=self._crop)
-
-    def score(
-        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Simulate: all grasps once, then the first successes again with errors of the hand.
-
-        The score is the share of successes, plus a hundredth of the share of secure ones. Grasps of a refinement score
-        0.
-        """
-        if self._simulated:
-            return np.zeros(len(preshapes))
-        self._simulated = True
-        scene = Scene(self._mesh, hand=self._hand, world_from_object=self._pose)
-        object_from_hand = np.linalg.inv(scene.world_from_object) @ self._world_from_crop @ poses
-        outcomes = scene.simulate(object_from_hand, preshapes)
-        scores = 0.1 * (outcomes.success + 0.01 * outcomes.secure)
-        finalists = np.argsort(-scores, kind="stable")[:_ORACLE_FINALISTS]
-        finalists = finalists[outcomes.success[finalists]]
-        if len(finalists):
-            rows = np.repeat(finalists, _ORACLE_REPLAYS)
-            again = scene.simulate(perturbed(object_from_hand[rows], self._rng, *_ORACLE_ERROR), preshapes[rows])
-            shares = again.success.reshape(-1, _ORACLE_REPLAYS).mean(axis=1)
-            secure = again.secure.reshape(-1, _ORACLE_REPLAYS).mean(axis=1)
-            scores[finalists] = 0.2 + shares + 0.01 * secure
-        return np.asarray(scores, dtype=np.float64)

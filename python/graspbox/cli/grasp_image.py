@@ -1,0 +1,113 @@
+"""``graspbox grasp-image``: grasps for a depth image of one's own."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from graspbox.cli.common import Json, Seed, console, print_json, print_table
+from graspbox.errors import ConfigError
+from graspbox.files import check_output, dumps, write_text
+from graspbox.perception.depth_images import camera_over_table, check_intrinsics, fit_table, read_depth, read_pose
+from graspbox.perception.grasp_image import ImageGrasps, grasp_image
+
+
+def _pose(
+    depth: NDArray[np.float64],
+    lens: NDArray[np.float64],
+    file: Path | None,
+    height: float | None,
+    tilt: float | None,
+) -> NDArray[np.float64]:
+    """Find the camera's pose in the way that the options say."""
+    if file is not None and (height is not None or tilt is not None):
+        raise ConfigError("--camera-pose and --camera-height are two ways to say where the camera is; give one")
+    if (height is None) != (tilt is None):
+        raise ConfigError("a camera's pose needs both --camera-height and --tilt; without both the table is searched")
+    if file is not None:
+        return read_pose(file)
+    if height is not None and tilt is not None:
+        return camera_over_table(height, float(np.radians(tilt)))
+    pose = fit_table(depth, lens)
+    tilted = np.degrees(np.arcsin(-pose[2, 2]))
+    console.print(f"table found: the camera is {pose[2, 3]:.3f} m above it and looks down by {tilted:.1f} degrees")
+    return pose
+
+
+def _print(found: ImageGrasps) -> None:
+    rows: list[tuple[str, ...]] = []
+    for rank, pose in enumerate(found.camera_from_hand):
+        place = " ".join(f"{x:.3f}" for x in pose[:3, 3])
+        way = " ".join(f"{x:.2f}" for x in pose[:3, 2])
+        shares = (f"{found.success[rank]:.0%}", f"{found.secure[rank]:.0%}", f"{found.preshape[rank]:.2f}")
+        rows.append((str(rank + 1), *shares, place, way))
+    columns = ("rank", "success", "secure", "preshape", "position / m", "approach")
+    print_table(f"grasps of {found.policy.hand}, camera frame", columns, rows)
+
+
+def grasp_image_command(
+    image: Annotated[
+        Path, typer.Argument(metavar="DEPTH", help="Depth image: .npy (H, W), or .png with 16 bits per pixel.")
+    ],
+    policy: Annotated[Path, typer.Option("--policy", help="Folder of a published policy.")],
+    intrinsics: Annotated[
+        tuple[float, float, float, float],
+        typer.Option("--intrinsics", metavar="FX FY CX CY", help="Focal lengths and principal point, pixels."),
+    ],
+    depth_scale: Annotated[
+        float | None,
+        typer.Option("--depth-scale", help="Metres per unit of the file; by default 1 for floats, 0.001 for integers."),
+    ] = None,
+    camera_pose: Annotated[
+        Path | None,
+        typer.Option(
+            "--camera-pose",
+            help="File of table_from_camera, 4x4 (.npy, .json or text); z up, the table at z = 0, metres. "
+            "Without it and --camera-height the table is found in the image.",
+        ),
+    ] = None,
+    camera_height: Annotated[
+        float | None, typer.Option("--camera-height", help="Height of the camera over the table, metres.")
+    ] = None,
+    tilt: Annotated[
+        float | None, typer.Option("--tilt", help="Degrees by which it looks down: 0 horizontal, 90 straight down.")
+    ] = None,
+    region: Annotated[
+        tuple[int, int, int, int] | None,
+        typer.Option("--region", metavar="LEFT TOP RIGHT BOTTOM", help="Pixels within which the object is looked for."),
+    ] = None,
+    count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the grasps into this JSON file.")] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", help="Write a picture into this file.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Find grasps of the object in a depth image of your own, with a published policy.
+
+    Poses are those of the hand's grasp frame, in the frames of the camera (x right, y down, z forward) and of the
+    table.
+    """
+    depth = read_depth(image, depth_scale)
+    fx, fy, cx, cy = intrinsics
+    lens = check_intrinsics([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], (depth.shape[0], depth.shape[1]))
+    if out is not None:
+        check_output(out)
+    if picture is not None:
+        from graspbox import pictures
+
+        pictures.check_path(picture)
+    pose = _pose(depth, lens, camera_pose, camera_height, tilt)
+    found = grasp_image(depth, lens, pose, policy, count=count, region=region, seed=seed)
+    if out is not None:
+        write_text(out, dumps(found.to_json()) + "\n")
+    if picture is not None:
+        pictures.save_grasp_image(picture, found)
+    if as_json:
+        print_json(found.to_json())
+    else:
+        _print(found)
+    if not len(found):
+        console.print("no grasp of the object is feasible", style="red")
+        raise typer.Exit(1)

@@ -1,0 +1,139 @@
+"""What a policy chooses, tried in simulation: the trials that a scorer is calibrated and measured on."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.errors import ConfigError
+from graspbox.files import replacing
+from graspbox.perception.finder import Complete, FinderConfig, GraspFinder
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.runtimes import Scorer
+from graspbox.perception.scenes import SceneSampler
+from graspbox.perception.seen_scenes import see
+
+__all__ = ["SECURE_WEIGHTS", "Choices", "try_choices"]
+
+#: Weights of a secure hold with which choices are compared.
+SECURE_WEIGHTS = (0.0, 0.3, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Choices:
+    """One choice for each of w weights in each of n scenes; scenes without a grasp have none.
+
+    Attributes
+    ----------
+    logits : (n, w, 2) float64
+        What the scorer gives the choice, of success and secure, before calibration.
+    judged : (n, w, 2) float64
+        The probabilities that it makes of them.
+    success, secure : (n, w) bool
+        How its trial ended.
+    """
+
+    logits: NDArray[np.float64]
+    judged: NDArray[np.float64]
+    success: NDArray[np.bool_]
+    secure: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        """Count the scenes."""
+        return len(self.success)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Put choices together.
+
+        Raises
+        ------
+        ConfigError
+            If there are none.
+        """
+        if not sum(len(part) for part in parts):
+            raise ConfigError("no grasp was chosen in any scene; the networks or the proposals find nothing")
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+
+    def save(self, path: Any) -> None:
+        """Write an ``.npz`` file."""
+        np.savez(path, **{f.name: getattr(self, f.name) for f in fields(self)})
+
+    @classmethod
+    def load(cls, path: Any) -> Self:
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as arrays:
+            return cls(**{f.name: arrays[f.name] for f in fields(cls)})
+
+
+def try_choices(
+    folder: Path,
+    sampler: SceneSampler,
+    scenes: range,
+    grid: HandGrid,
+    complete: Complete,
+    scorer: Scorer,
+    finder: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
+    *,
+    weights: Sequence[float] = SECURE_WEIGHTS,
+    progress: Callable[[int, Choices], None] | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Choices:
+    """Choose a grasp in each scene by each weight and try it, exactly where it was chosen; resumes as `collect` does.
+
+    Parameters
+    ----------
+    folder : Path
+        Where a file per scene is.
+    sampler : SceneSampler
+        Samples objects and how they rest.
+    scenes : range
+        Numbers of the scenes.
+    grid, complete, scorer, finder
+        What decides.
+    weights : sequence of float
+        A grasp is chosen by its probability of success plus weight times that of a secure hold.
+    progress : callable, optional
+        Called with the number of each scene and its choices.
+    stop : callable
+        Asked before each scene that is not there yet; once it says so, no other is tried.
+
+    Raises
+    ------
+    ConfigError
+        If no scene has a grasp.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = []
+    for number in scenes:
+        path = folder / f"{number:07d}.npz"
+        if not path.exists():
+            if stop():
+                break
+            made = _try_scene(sampler, number, GraspFinder(grid, complete, scorer, finder), scorer, weights)
+            with replacing(path) as temporary:
+                made.save(temporary)
+        parts.append(Choices.load(path))
+        if progress is not None:
+            progress(number, parts[-1])
+    return Choices.joined(parts)
+
+
+def _try_scene(
+    sampler: SceneSampler, number: int, finder: GraspFinder, scorer: Scorer, weights: Sequence[float]
+) -> Choices:
+    """Choose and try in one scene."""
+    seen = see(sampler, number, np.random.default_rng([sampler.seed, number, 7]))
+    found = None if seen.crops is None else finder.decide(seen.crops, seed=number)
+    if found is None or seen.scene is None or seen.crops is None:
+        flags, numbers = np.zeros((0, len(weights)), dtype=np.bool_), np.zeros((0, len(weights), 2))
+        return Choices(numbers, numbers, flags, flags)
+    judged = scorer.judge(found.volume, found.poses, found.preshapes)
+    best = np.array([int(np.argmax(judged.success + weight * judged.secure)) for weight in weights])
+    object_from_hand = np.linalg.inv(seen.world_from_object) @ found.world_from_crop @ found.poses[best]
+    outcomes = seen.scene.simulate(object_from_hand, found.preshapes[best])
+    probabilities = np.stack([judged.success[best], judged.secure[best]], axis=1)
+    return Choices(judged.logits[best][None], probabilities[None], outcomes.success[None], outcomes.secure[None])

@@ -1,0 +1,330 @@
+"""Depth images of one's own: read from files, units checked, and the camera's pose from the table that they show."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.arguments import floats
+from graspbox.errors import ConfigError, FileError, MissingExtraError
+
+__all__ = ["camera_over_table", "check_intrinsics", "check_table", "fit_table", "read_depth", "read_pose", "thinned"]
+
+#: Metres per unit of images of integers, as most cameras write them.
+_INTEGERS = 0.001
+#: The middle of an image is not farther or nearer than this, metres: otherwise its units are others.
+_FARTHEST, _NEAREST = 20.0, 0.05
+#: Planes that are tried, pixels that vote, and the least share of them that a table has.
+_PLANES, _VOTERS, _TABLE_SHARE = 400, 4000, 0.25
+#: Least share of the pixels that are on the table where the camera's pose is given.
+_SEEN_TABLE = 0.12
+#: A pixel is the table's within this distance and this share of its depth, metres.
+_ON_TABLE, _ON_TABLE_GROWTH = 0.004, 0.004
+#: Least angle between the table and the optical axis, radians.
+_LEAST_TILT = 0.17
+#: Focal length of the images that policies learn from, pixels.
+_FOCAL = 230.0
+
+
+def read_depth(path: str | os.PathLike[str], scale: float | None = None) -> NDArray[np.float64]:
+    """Read a depth image in metres from a ``.npy`` file or a 16-bit ``.png``.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The file: (H, W), or (H, W, 1).
+    scale : float, optional
+        Metres per unit; by default 1 for floats and 0.001 for integers.
+
+    Returns
+    -------
+    (H, W) float64
+        Metres along the optical axis; 0 where nothing was measured (0, NaN or infinity in the file).
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    ConfigError
+        If it holds no depth image, a negative depth, or depths whose unit must be another.
+    MissingExtraError
+        For a ``.png`` without Pillow (extra ``cli``).
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(2, "there is no such depth image", str(path))
+    values = _read_png(path) if path.suffix.lower() == ".png" else _read_npy(path)
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[..., 0]
+    if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
+        raise ConfigError(
+            f"{path} holds {values.dtype} of shape {values.shape}; give one depth image (H, W) of numbers"
+        )
+    if scale is not None and not 0.0 < scale < float("inf"):
+        raise ConfigError(f"the depth scale is {scale}; give metres per unit of the file, such as 0.001")
+    metres = scale if scale is not None else (1.0 if values.dtype.kind == "f" else _INTEGERS)
+    depth = np.where(np.isfinite(values), values, 0).astype(np.float64) * metres
+    if depth.min() < 0:
+        raise ConfigError(f"{path} holds the depth {depth.min():.3g} m; depths are distances along the optical axis")
+    _check_unit(depth, metres, path)
+    return depth
+
+
+def _read_npy(path: Path) -> NDArray[np.generic]:
+    try:
+        found = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ConfigError(f"{path} is no array that numpy.save wrote: {error}") from None
+    if not isinstance(found, np.ndarray):
+        raise ConfigError(f"{path} holds several arrays; save the depth image alone with numpy.save")
+    return found
+
+
+def _read_png(path: Path) -> NDArray[np.generic]:
+    try:
+        from PIL import Image
+    except ModuleNotFoundError:
+        raise MissingExtraError("PNG files need Pillow, from the extra 'cli': pip install 'graspbox[cli]'") from None
+    try:
+        with Image.open(path) as image:
+            mode, values = image.mode, np.asarray(image)
+    except OSError as error:
+        raise ConfigError(f"{path} is no PNG: {error}") from None
+    if not mode.startswith("I"):
+        raise ConfigError(
+            f"{path} is a picture of the kind {mode!r} with 8 bits per value, which a depth image for people is; "
+            "give the camera's own 16-bit image, of one channel"
+        )
+    return values
+
+
+def _check_unit(depth: NDArray[np.float64], metres: float, path: Path) -> None:
+    seen = depth[depth > 0]
+    if not len(seen):
+        raise ConfigError(f"{path} holds no depth at all; every pixel is 0 or not finite")
+    middle = float(np.median(seen))
+    for factor, unit in ((0.001, "millimetres"), (0.0001, "tenths of millimetres")):
+        if middle > _FARTHEST and _NEAREST < middle / metres * factor < _FARTHEST:
+            raise ConfigError(
+                f"the middle depth of {path} would be {middle:.4g} m; the file seems to hold {unit}, so give the depth "
+                f"scale {factor:g}"
+            )
+    if middle < _NEAREST and _NEAREST < middle / metres < _FARTHEST:
+        raise ConfigError(
+            f"the middle depth of {path} would be {middle:.3g} m; the file seems to hold metres, so give the depth "
+            "scale 1"
+        )
+    if not _NEAREST < middle < _FARTHEST:
+        raise ConfigError(
+            f"the middle depth of {path} would be {middle:.3g} m, with {metres:g} m per unit; give the depth scale, in "
+            "metres per unit of the file"
+        )
+
+
+def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Check the intrinsics (3, 3) of an image of rows and columns; gives them as float64.
+
+    Raises
+    ------
+    ConfigError
+        If they are no pinhole camera, or cannot be those of an image of that size.
+    """
+    given = floats(intrinsics, "intrinsics")
+    rows, columns = shape
+    if given.shape != (3, 3) or not np.isfinite(given).all():
+        raise ConfigError(f"intrinsics have shape {given.shape}; give a finite 3x3 matrix")
+    fx, fy, cx, cy = given[0, 0], given[1, 1], given[0, 2], given[1, 2]
+    if not (fx > 0 and fy > 0):
+        raise ConfigError(f"the focal lengths are {fx:g} and {fy:g}; give positive numbers of pixels")
+    if fx < 0.2 * columns:
+        raise ConfigError(
+            f"the focal length is {fx:g} pixels in an image of {columns} columns; give FX FY CX CY in pixels "
+            "of this image"
+        )
+    for name, center, size in (("CX", cx, columns), ("CY", cy, rows)):
+        if not 0.0 < center < size:
+            raise ConfigError(
+                f"{name} is {center:g}, outside of an image of {columns} x {rows} pixels; the intrinsics belong to an "
+                "image of another size"
+            )
+    return given
+
+
+def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+    """Read the pose ``table_from_camera`` (4, 4) of a camera from ``.npy``, ``.json`` or text of 16 numbers.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    ConfigError
+        If it is no pose, in metres, of a camera above the table.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(2, "there is no such camera pose", str(path))
+    try:
+        if path.suffix.lower() == ".npy":
+            values = np.load(path, allow_pickle=False)
+        elif path.suffix.lower() == ".json":
+            values = np.array(json.loads(path.read_text()), dtype=np.float64)
+        else:
+            values = np.loadtxt(path, delimiter="," if "," in path.read_text() else None)
+    except (ValueError, EOFError) as error:
+        raise ConfigError(f"{path} holds no matrix of numbers: {error}") from None
+    if values.size != 16:
+        raise ConfigError(f"{path} holds {values.size} numbers; give the 16 of table_from_camera, row by row")
+    pose = np.asarray(values, dtype=np.float64).reshape(4, 4)
+    turn = pose[:3, :3]
+    if not np.allclose(pose[3], (0, 0, 0, 1)) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
+        raise ConfigError(f"{path} is no rigid motion: rotation and translation in metres, with 0 0 0 1 below")
+    if np.linalg.det(turn) < 0:
+        raise ConfigError(f"{path} mirrors; the axes of a camera are x right, y down, z forward")
+    if pose[2, 3] <= 0 or turn[2, 2] >= 0:
+        raise ConfigError(
+            f"{path} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give "
+            "table_from_camera, not its inverse, with z up and z = 0 on the table"
+        )
+    return pose
+
+
+def camera_over_table(height: float, tilt: float, roll: float = 0.0) -> NDArray[np.float64]:
+    """Give the pose ``table_from_camera`` (4, 4) of a camera: the table's frame has its origin below the camera.
+
+    Its z axis points up and its x axis where the camera looks, horizontally; for one that looks straight down, to the
+    upper border of its images.
+
+    Parameters
+    ----------
+    height : float
+        Of the camera over the table, metres.
+    tilt : float
+        Angle by which it looks down, radians: 0 is horizontal, pi/2 straight down.
+    roll : float
+        Turn about its optical axis, radians, clockwise as it looks.
+
+    Raises
+    ------
+    ConfigError
+        If it is not above the table, or does not look down.
+    """
+    if not 0.0 < height < 10.0:
+        raise ConfigError(f"the camera's height is {height} m; give metres over the table")
+    if not 0.0 < tilt <= np.pi / 2 + 1e-9:
+        raise ConfigError(
+            f"the camera's tilt is {np.degrees(tilt):g} degrees; give 0 (horizontal) to 90 (straight down)"
+        )
+    forward = np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
+    right = np.array([0.0, -1.0, 0.0])
+    upright = np.stack([right, np.cross(forward, right), forward], axis=1)
+    c, s = np.cos(roll), np.sin(roll)
+    pose = np.eye(4)
+    pose[:3, :3] = upright @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    pose[2, 3] = height
+    return pose
+
+
+def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Find the table, the largest plane in a depth image, and give ``table_from_camera`` (4, 4).
+
+    Parameters
+    ----------
+    depth : (H, W) float64
+        Metres; 0 where nothing was measured.
+    intrinsics : (3, 3) float64
+        Pixels.
+
+    Returns
+    -------
+    (4, 4) float64
+        In the frame of `camera_over_table`.
+
+    Raises
+    ------
+    ConfigError
+        If no plane has a quarter of the pixels, or the largest is no table below the camera.
+    """
+    points = _points(depth, intrinsics)
+    rng = np.random.default_rng(0)
+    voters = points[rng.permutation(len(points))[:_VOTERS]]
+    if len(voters) < 3:
+        raise ConfigError("the depth image shows no table; give the camera's pose")
+    corners = voters[rng.integers(len(voters), size=(_PLANES, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.maximum(lengths, 1e-12)
+    offsets = np.einsum("ij,ij->i", normals, corners[:, 0])
+    near = _ON_TABLE + _ON_TABLE_GROWTH * voters[:, 2]
+    votes = (np.abs(voters @ normals.T - offsets) < near[:, None]).sum(axis=0) * (lengths[:, 0] > 1e-9)
+    best = int(np.argmax(votes))
+    if votes[best] < _TABLE_SHARE * len(voters):
+        raise ConfigError(
+            f"the largest plane has {votes[best] / len(voters):.0%} of the pixels; no table was found, so give the "
+            "camera's pose"
+        )
+    normal, offset = normals[best], offsets[best]
+    for _ in range(5):
+        own = points[np.abs(points @ normal - offset) < _ON_TABLE + _ON_TABLE_GROWTH * points[:, 2]]
+        middle = own.mean(axis=0)
+        normal = np.linalg.svd((own - middle).T @ (own - middle))[0][:, 2]
+        offset = float(normal @ middle)
+    # Up is where the camera is.
+    up, height = (-normal, offset) if offset > 0 else (normal, -offset)
+    tilt = float(np.arcsin(np.clip(-up[2], -1.0, 1.0)))
+    if tilt < _LEAST_TILT:
+        raise ConfigError(
+            f"the largest plane is seen at {np.degrees(tilt):.0f} degrees, as a wall is; give the camera's pose"
+        )
+    return camera_over_table(height, tilt, float(np.arctan2(-up[0], -up[1])) if tilt < np.pi / 2 - 1e-6 else 0.0)
+
+
+def check_table(
+    depth: NDArray[np.float64], intrinsics: NDArray[np.float64], table_from_camera: NDArray[np.float64]
+) -> None:
+    """Check that an image shows the table where the camera's pose says that it is; arguments as above.
+
+    Raises
+    ------
+    ConfigError
+        If less than an eighth of the image is on it.
+    """
+    points = _points(depth, intrinsics)
+    heights = points @ table_from_camera[2, :3] + table_from_camera[2, 3]
+    near = np.abs(heights) < 2 * (_ON_TABLE + _ON_TABLE_GROWTH * points[:, 2])
+    share = float(near.mean()) if len(points) else 0.0
+    if share < _SEEN_TABLE:
+        middle = f"; the middle height of its pixels is {np.median(heights):.3g} m" if len(points) else ""
+        raise ConfigError(
+            f"the camera's pose does not fit the image: {share:.0%} of it is at the height of the table{middle}. "
+            "Check the pose (table_from_camera, not its inverse), its units and the depth scale"
+        )
+
+
+def _points(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give the points (n, 3) that an image shows, camera frame."""
+    rows, columns = np.nonzero(depth)
+    z = depth[rows, columns]
+    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(z))])
+    points: NDArray[np.float64] = ((np.linalg.inv(intrinsics) @ pixels) * z).T
+    return points
+
+
+def thinned(
+    depth: NDArray[np.float64], intrinsics: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Keep every k-th pixel of a fine image, so that it is about as coarse as those that policies learn from.
+
+    Returns
+    -------
+    (h, w) float64, (3, 3) float64, int
+        The image, its intrinsics, and k.
+    """
+    step = max(1, int(intrinsics[0, 0] / _FOCAL))
+    first = step // 2
+    kept = np.ascontiguousarray(depth[first::step, first::step])
+    scaled = intrinsics.copy()
+    scaled[:2] /= step
+    scaled[:2, 2] = (intrinsics[:2, 2] - first - 0.5) / step + 0.5
+    return kept, scaled, step

@@ -1,0 +1,205 @@
+"""Export of trained networks: weights as safetensors, and each network as one ONNX file (extra ``train``)."""
+
+import logging
+import shutil
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+import graspbox
+from graspbox.errors import ConfigError
+from graspbox.files import replacing, write_bytes
+from graspbox.perception.calibration import Calibration
+from graspbox.perception.completion import CompletionNet
+from graspbox.perception.configs import CropConfig, HandGridConfig
+from graspbox.perception.finder import FinderConfig
+from graspbox.perception.graphs import CompletionGraph, ScorerGraph
+from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid
+from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, read_depth_policy, write_depth_policy
+from graspbox.perception.runtimes import onnx_network, torch_network
+from graspbox.perception.scorer import ScorerNet
+
+__all__ = ["FINALISTS", "PARITY", "export_completion", "export_depth_policy", "export_scorer", "load_graphs"]
+
+#: Grasps that all members of a scorer judge.
+FINALISTS = 16
+#: Greatest difference between what ONNX and torch give; bytes may differ by 1.
+PARITY = 1e-4
+_OPSET = 18
+_COMPLETION, _SCORER = "completion", "scorer"
+
+
+def _write_onnx(graph: nn.Module, example: Sequence[Tensor], dynamic: bool, path: Path) -> None:
+    """Write a graph and compare the file with it.
+
+    Raises
+    ------
+    ConfigError
+        If they differ.
+    """
+    rows = torch.export.Dim("rows", min=2)
+    shapes = tuple({0: rows} for _ in example) if dynamic else None
+    quiet = logging.getLogger("torch.onnx")
+    level = quiet.level
+    quiet.setLevel(logging.ERROR)
+    with replacing(path) as temporary, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecations inside the exporter
+        torch.onnx.export(
+            graph,
+            tuple(example),
+            str(temporary),
+            input_names=list(graph.inputs),
+            output_names=list(graph.outputs),
+            dynamic_shapes=shapes,
+            opset_version=_OPSET,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+        )
+    quiet.setLevel(level)
+    inputs = {name: tensor.numpy() for name, tensor in zip(graph.inputs, example, strict=True)}
+    found, expected = onnx_network(path)(inputs), torch_network(graph)(inputs)
+    for name, values in expected.items():
+        worst = _difference(found[name], values)
+        if worst > PARITY:
+            raise ConfigError(f"{path} differs from the network by {worst:.2g} in {name!r}; it was not exported right")
+
+
+def _difference(a: NDArray[Any], b: NDArray[Any]) -> float:
+    """Give the greatest difference; bytes that differ by one count as equal, since a rounding decides."""
+    worst = float(np.abs(a.astype(np.float64) - b.astype(np.float64)).max())
+    return max(0.0, worst - 1.0) if a.dtype == np.uint8 else worst
+
+
+def export_completion(net: CompletionNet, path: Path, crop: CropConfig = CropConfig()) -> None:  # noqa: B008 (frozen)
+    """Write a completion as ONNX: ``channels`` (1, 3, N, N, N) uint8 to ``occupancy`` (1, N, N, N) uint8.
+
+    Raises
+    ------
+    ConfigError
+        If the file does not give what the network gives.
+    """
+    generator = torch.Generator().manual_seed(0)
+    n = crop.resolution
+    example = torch.randint(0, 256, (1, 3, n, n, n), dtype=torch.uint8, generator=generator)
+    _write_onnx(CompletionGraph(net), [example], False, path)
+
+
+def export_scorer(
+    members: Sequence[ScorerNet], calibration: Calibration, grid: HandGrid, path: Path, *, finalists: int = FINALISTS
+) -> None:
+    """Write a scorer as ONNX, from `GraspInputs` to `Judged`; raises as `export_completion`."""
+    generator = torch.Generator().manual_seed(0)
+    m = finalists + 7
+    shape = (m, len(HAND_CHANNELS), *grid.shape)
+    cells = torch.randint(0, 256, shape, dtype=torch.uint8, generator=generator)
+    poses = torch.eye(4).repeat(m, 1, 1) + 0.1 * torch.randn(m, 4, 4, generator=generator)
+    preshape = torch.randint(0, len(grid.preshapes), (m,), generator=generator)
+    _write_onnx(ScorerGraph(members, calibration, finalists), [cells, poses, preshape], True, path)
+
+
+def export_depth_policy(
+    folder: Path,
+    name: str,
+    completion: CompletionNet,
+    members: Sequence[ScorerNet],
+    calibration: Calibration,
+    *,
+    hand: str = "reflex",
+    crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+    grid: HandGridConfig = HandGridConfig(),  # noqa: B008 (frozen)
+    finder: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
+    licence: Path | None = None,
+) -> DepthPolicyConfig:
+    """Write a policy's folder: networks, weights, ``config.json`` last.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it is made.
+    name : str
+        Name of the policy in results.
+    completion, members
+        Trained networks.
+    calibration : Calibration
+        What makes the scorer's logits probabilities.
+    hand : str
+        Name of the hand.
+    crop, grid, finder
+        Settings.
+    licence : Path, optional
+        A file that is copied as ``LICENSE``.
+
+    Raises
+    ------
+    ConfigError
+        If an ONNX file does not give what its network gives.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    hand_grid = HandGrid(hand, grid, crop=crop)
+    export_completion(completion, folder / f"{_COMPLETION}.onnx", crop)
+    export_scorer(members, calibration, hand_grid, folder / f"{_SCORER}.onnx")
+    _save(completion, folder / f"{_COMPLETION}.safetensors")
+    for number, member in enumerate(members):
+        _save(member, folder / f"{_SCORER}-{number}.safetensors")
+    kept = [f"{part}.onnx" for part in (_COMPLETION, _SCORER)]
+    kept += [f"{_COMPLETION}.safetensors", *(f"{_SCORER}-{number}.safetensors" for number in range(len(members)))]
+    config = DepthPolicyConfig(
+        name=name,
+        graspbox=graspbox.__version__,
+        hand=hand,
+        calibration=calibration,
+        files={file: file_hash(folder / file) for file in kept},
+        members=len(members),
+        width=members[0].stem.out_channels,
+        finalists=FINALISTS,
+        completion_width=completion.stem.out_channels,
+        crop=crop,
+        grid=grid,
+        finder=finder,
+    )
+    if licence is not None:
+        shutil.copyfile(licence, folder / "LICENSE")
+    write_depth_policy(folder, config)
+    return config
+
+
+def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
+    """Load the networks of a policy's folder from their weights.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `read_depth_policy`, or if weights are another network's.
+    """
+    config = read_depth_policy(Path(folder))
+    grid = HandGrid(config.hand, config.grid, crop=config.crop)
+    completion = CompletionNet(config.completion_width)
+    _restore(completion, Path(folder) / f"{_COMPLETION}.safetensors")
+    members = [ScorerNet(grid, config.width) for _ in range(config.members)]
+    for member, name in zip(members, config.weights, strict=True):
+        _restore(member, Path(folder) / name)
+    return CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
+
+
+def _save(net: nn.Module, path: Path) -> None:
+    from safetensors.torch import save
+
+    write_bytes(path, save({name: tensor.contiguous() for name, tensor in net.state_dict().items()}))
+
+
+def _restore(net: nn.Module, path: Path) -> None:
+    from safetensors.torch import load_file
+
+    try:
+        net.load_state_dict(load_file(str(path)))
+    except RuntimeError as error:
+        raise ConfigError(f"{path} holds the weights of another network: {str(error).splitlines()[0]}") from None
+    net.eval()

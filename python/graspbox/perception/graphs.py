@@ -1,0 +1,72 @@
+"""Trained networks as functions of what perception gives: bytes in, bytes and calibrated probabilities out (torch).
+
+They are what `graspbox.perception.export` writes as ONNX; `graspbox.perception.runtimes` runs either.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from graspbox.perception.calibration import CAUTION, OTHERS, Calibration
+from graspbox.perception.completion import CompletionNet
+from graspbox.perception.scorer import ScorerNet
+
+__all__ = ["CompletionGraph", "ScorerGraph"]
+
+
+class CompletionGraph(nn.Module):  # type: ignore[misc]
+    """From channels (n, 3, N, N, N) uint8 of crops to occupancy (n, N, N, N) uint8."""
+
+    inputs = ("channels",)
+    outputs = ("occupancy",)
+
+    def __init__(self, net: CompletionNet) -> None:
+        super().__init__()
+        self.net = net.eval()
+
+    def forward(self, channels: Tensor) -> Tensor:
+        """Give the share of each voxel that the object fills, 0 to 255 for 0 to 1."""
+        shares = torch.sigmoid(self.net(channels.float() / 255.0))
+        return (shares * 255.0).round().to(torch.uint8)
+
+
+class ScorerGraph(nn.Module):  # type: ignore[misc]
+    """An ensemble of scorers: the first member ranks all grasps, all of them judge those that it finds best.
+
+    Parameters
+    ----------
+    members : sequence of ScorerNet
+        At least one.
+    calibration : Calibration
+        Makes logits probabilities, and says how grasps are chosen.
+    finalists : int
+        Grasps that all members judge; at least as many must be given.
+    """
+
+    inputs = ("cells", "poses", "preshape")
+    outputs = ("choice", "success", "secure", "logits")
+
+    def __init__(self, members: Sequence[ScorerNet], calibration: Calibration, finalists: int) -> None:
+        super().__init__()
+        self.members = nn.ModuleList([member.eval() for member in members])
+        self._success, self._secure = calibration.success, calibration.secure
+        self._weight, self._finalists = calibration.secure_weight, finalists
+
+    def _judged(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Probabilities of success and of a secure hold, and what grasps are chosen by, from logits (m, 2)."""
+        success = torch.sigmoid(logits[:, 0] * self._success[0] + self._success[1])
+        secure = torch.sigmoid(logits[:, 1] * self._secure[0] + self._secure[1])
+        return (success + self._weight * secure) / (1.0 + self._weight), success, secure
+
+    def forward(self, cells: Tensor, poses: Tensor, preshape: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Give choice, success and secure (m,), and the logits (m, 2) before calibration."""
+        logits = self.members[0](cells, poses, preshape)[:, :2]
+        if len(self.members) > 1:
+            best = self._judged(logits)[0].topk(self._finalists).indices
+            chosen = cells[best], poses[best], preshape[best]
+            votes = torch.stack([logits[best], *(member(*chosen)[:, :2] for member in list(self.members)[1:])])
+            mean = votes.mean(0)
+            cautious = mean - CAUTION * (votes - mean).square().mean(0).sqrt()
+            logits = (logits - OTHERS).scatter(0, best[:, None].expand(-1, 2), cautious)
+        return *self._judged(logits), logits

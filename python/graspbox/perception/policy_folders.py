@@ -1,0 +1,163 @@
+"""Folders of published policies: ``config.json`` says what the networks beside it are; read and checked without torch.
+
+| file | contents |
+|---|---|
+| ``config.json``            | `DepthPolicyConfig` |
+| ``completion.onnx``, ``completion.safetensors`` | the completion; its weights |
+| ``scorer.onnx``, ``scorer-N.safetensors``       | the scorer with all its members; their weights |
+| ``README.md``              | the card: data, command, time, seed, scores, limits |
+| ``LICENSE``                | the licence of the weights |
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from graspbox.arguments import config_of, to_json
+from graspbox.errors import ConfigError, FileError
+from graspbox.files import dumps, read_bounded, write_text
+from graspbox.perception.calibration import Calibration
+from graspbox.perception.configs import CropConfig, HandGridConfig
+from graspbox.perception.finder import FinderConfig
+
+__all__ = ["FORMAT", "KIND", "DepthPolicyConfig", "file_hash", "read_depth_policy", "read_kind", "write_depth_policy"]
+
+#: Version of the folder's format.
+FORMAT = 1
+#: Kind of the policy that `DepthPolicyConfig` describes.
+KIND = "depth-grasp"
+_LARGEST_CONFIG = 1 << 20
+_LARGEST_FILE = 1 << 30
+
+
+@dataclass(frozen=True)
+class DepthPolicyConfig:
+    """What a policy that grasps from one depth image consists of.
+
+    Attributes
+    ----------
+    name : str
+        Name in results.
+    graspbox : str
+        Version that exported it.
+    hand : str
+        The hand that it was trained with.
+    calibration : Calibration
+        What made the scorer's logits probabilities; it is part of ``scorer.onnx``.
+    files : mapping of str to str
+        SHA-256 of every file of the networks.
+    members : int
+        Members of the scorer.
+    width : int
+        `graspbox.perception.scorer.ScorerNet`.
+    finalists : int
+        `graspbox.perception.graphs.ScorerGraph`.
+    completion_width : int
+        `graspbox.perception.completion.CompletionNet`.
+    crop, grid, finder
+        Settings with which it was trained, and with which grasps are found.
+    """
+
+    name: str
+    graspbox: str
+    hand: str
+    calibration: Calibration
+    files: Mapping[str, str]
+    members: int
+    width: int
+    finalists: int
+    completion_width: int
+    crop: CropConfig = field(default_factory=CropConfig)
+    grid: HandGridConfig = field(default_factory=HandGridConfig)
+    finder: FinderConfig = field(default_factory=FinderConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("name", "graspbox", "hand"):
+            if not isinstance(getattr(self, name), str) or not getattr(self, name):
+                raise ConfigError(f"{name} is {getattr(self, name)!r}; give a text")
+        for name in ("members", "width", "finalists", "completion_width"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+                raise ConfigError(f"{name} is {value!r}; give a positive integer")
+        if not isinstance(self.files, Mapping) or not all(isinstance(text, str) for text in self.files.values()):
+            raise ConfigError(f"files is {self.files!r}; give the SHA-256 of each file by its name")
+
+    @property
+    def weights(self) -> tuple[str, ...]:
+        """Files of the members' weights."""
+        return tuple(f"scorer-{i}.safetensors" for i in range(self.members))
+
+
+def file_hash(path: Path) -> str:
+    """Give the SHA-256 of a file, in hexadecimal digits."""
+    return hashlib.sha256(read_bounded(path, _LARGEST_FILE)).hexdigest()
+
+
+def write_depth_policy(folder: Path, config: DepthPolicyConfig) -> None:
+    """Write ``config.json``."""
+    content = {"format": FORMAT, "kind": KIND, **json.loads(to_json(config, DepthPolicyConfig))}
+    write_text(Path(folder) / "config.json", dumps(content) + "\n")
+
+
+def read_kind(folder: Path) -> str:
+    """Tell which kind of policy a folder holds.
+
+    Raises
+    ------
+    FileError
+        If it has no ``config.json``.
+    ConfigError
+        If that is no JSON object of a format that is known, or names no kind.
+    """
+    return str(_content(folder)["kind"])
+
+
+def read_depth_policy(folder: Path) -> DepthPolicyConfig:
+    """Read ``config.json`` of a policy that grasps from one depth image, and check the files that it names.
+
+    Raises
+    ------
+    FileError
+        If a file is missing.
+    ConfigError
+        If the policy is of another kind, an entry is missing, unknown or wrong, or a file is not the one that was
+        exported.
+    """
+    path = Path(folder) / "config.json"
+    content = _content(folder)
+    if content["kind"] != KIND:
+        raise ConfigError(f"{path} describes a policy of the kind {content['kind']!r}; expected {KIND!r}")
+    given = {name: value for name, value in content.items() if name not in ("format", "kind")}
+    try:
+        config = config_of(DepthPolicyConfig, given, str(path))
+    except TypeError as error:
+        # Of the class's own __init__: "missing ... required positional arguments: 'hand'".
+        raise ConfigError(f"{path} is incomplete: {str(error).partition('__init__() ')[2]}") from None
+    except ConfigError as error:
+        text = str(error)
+        raise ConfigError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+    for name, expected in config.files.items():
+        if Path(name).name != name:
+            raise ConfigError(f"{path} names the file {name!r}; files of a policy are in its own folder")
+        if file_hash(Path(folder) / name) != expected:
+            raise ConfigError(f"{Path(folder) / name} is not the file that {path} names; export the policy again")
+    return config
+
+
+def _content(folder: Path) -> dict[str, Any]:
+    path = Path(folder) / "config.json"
+    if not path.is_file():
+        raise FileError(2, "there is no policy in this folder", str(path))
+    try:
+        content = json.loads(read_bounded(path, _LARGEST_CONFIG))
+    except ValueError as error:
+        raise ConfigError(f"{path} is no JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        found = content.get("format") if isinstance(content, dict) else None
+        raise ConfigError(f"{path} has the format {found!r}; this version of graspbox reads {FORMAT}")
+    if not isinstance(content.get("kind"), str):
+        raise ConfigError(f"{path} names no kind of policy; its entry 'kind' is {content.get('kind')!r}")
+    return content

@@ -1,0 +1,123 @@
+"""Grasps found in one depth image: the image with the hands drawn into it, and the best grasp in space."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from graspbox.hands import load_hand
+from graspbox.meshes import Mesh, mesh_from_arrays
+from graspbox.perception.grasp_image import ImageGrasps
+from graspbox.pictures.episodes import colored
+from graspbox.pictures.files import PathLike, check_path, pixels, write
+from graspbox.pictures.hands import PosedHand, glyphs
+from graspbox.pictures.solids import NOT_SIMULATED, OBJECT, SUCCESS, Floats, Solid, place
+from graspbox.pictures.view import Camera, View
+
+#: A voxel is drawn from this value on, as perception counts it as occupied.
+_OCCUPIED = 64
+#: Sides of a voxel, as corner offsets counter-clockwise from outside, and the neighbour beyond each.
+_SIDES = (
+    ((1, 0, 0), ((1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1))),
+    ((-1, 0, 0), ((0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0))),
+    ((0, 1, 0), ((0, 1, 0), (0, 1, 1), (1, 1, 1), (1, 1, 0))),
+    ((0, -1, 0), ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))),
+    ((0, 0, 1), ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))),
+    ((0, 0, -1), ((0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0))),
+)
+
+
+def save_grasp_image(path: PathLike, found: ImageGrasps) -> None:
+    """Write what a policy found in a depth image.
+
+    Left: the image, the object's outline, and a small hand at each grasp, the best in green. Right: the voxels that the
+    policy takes the object for, and the open hand at the best grasp.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
+    found : ImageGrasps
+        What was found.
+
+    Raises
+    ------
+    ConfigError
+        If the path names no picture.
+    FileError
+        If the file cannot be written.
+    """
+    target = check_path(path)
+    figure = Figure(figsize=(10.5, 5.0), dpi=115)
+    left, right = figure.subplots(1, 2)
+    figure.subplots_adjust(left=0.01, right=0.99, bottom=0.03, top=0.86, wspace=0.03)
+    _draw_image(left, found)
+    _draw_space(right, found)
+    best = f"the best: success {found.success[0]:.0%}, secure {found.secure[0]:.0%}" if len(found) else "no grasp found"
+    figure.suptitle(f"{found.policy.name}: {len(found)} grasps; {best}", fontsize=12, weight="bold", y=0.975)
+    write(figure, target, palette=False)
+
+
+def _draw_image(axes: Any, found: ImageGrasps) -> None:
+    """Draw the image around the object, its outline and the hands."""
+    rows, columns = found.depth.shape
+    axes.imshow(colored(found.depth[..., None].astype(np.float32)), extent=(0, columns, rows, 0))
+    if found.object.any():
+        axes.contour(
+            np.arange(columns) + 0.5,
+            np.arange(rows) + 0.5,
+            found.object.astype(float),
+            levels=[0.5],
+            colors="white",
+            linewidths=1.2,
+        )
+    lines = glyphs(load_hand(found.policy.hand), found.camera_from_hand, found.preshape)
+    for rank in reversed(range(len(found))):
+        flat = lines[rank] @ found.intrinsics.T
+        segments = list(flat[..., :2] / np.maximum(flat[..., 2:], 1e-3))
+        width = 2.6 if rank == 0 else 1.3
+        axes.add_collection(LineCollection(segments, colors="white", linewidths=width + 1.4, capstyle="round"))
+        color = SUCCESS if rank == 0 else NOT_SIMULATED
+        axes.add_collection(LineCollection(segments, colors=color, linewidths=width, capstyle="round"))
+    axes.set_xlim(0, columns)
+    axes.set_ylim(rows, 0)
+    axes.set_axis_off()
+    axes.set_title("depth (yellow near, violet far; white: not measured)", fontsize=10)
+
+
+def _draw_space(axes: Any, found: ImageGrasps) -> None:
+    """Draw the completed object, and the open hand at the best grasp."""
+    mesh = _voxel_mesh(found)
+    hand = None
+    shown = [] if mesh is None else [place(mesh.vertices, found.table_from_crop)]
+    if len(found):
+        hand = PosedHand.open(load_hand(found.policy.hand), found.table_from_hand[0], float(found.preshape[0]))
+        shown.append(hand.corners())
+    axes.set_axis_off()
+    axes.set_title("the object as completed, and the best grasp", fontsize=10)
+    if not shown:
+        return
+    points = np.concatenate(shown)
+    camera = Camera() if hand is None else Camera.across(hand.world_from_hand[:3, 2])
+    solids = [] if mesh is None else [Solid(mesh, OBJECT, found.table_from_crop)]
+    # The table's frame may have its origin anywhere; above the table alone matters.
+    View(solids, camera, shown=points, size=pixels(axes), hand=hand, table=points).show(axes)
+
+
+def _voxel_mesh(found: ImageGrasps) -> Mesh | None:
+    """Make the surface of the occupied voxels, crop frame; None where there are none."""
+    filled = np.pad(found.occupancy >= _OCCUPIED, 1)
+    corners: list[Floats] = []
+    for neighbour, side in _SIDES:
+        open_side = filled & ~np.roll(filled, tuple(-n for n in neighbour), axis=(0, 1, 2))
+        cells = np.argwhere(open_side) - 1
+        corners.append(cells[:, None].astype(np.float64) + np.array(side, dtype=np.float64))
+    quads = np.concatenate(corners)
+    if not len(quads):
+        return None
+    crop = found.policy.crop
+    points, index = np.unique(quads.reshape(-1, 3), axis=0, return_inverse=True)
+    quad = index.reshape(-1, 4)
+    faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+    return mesh_from_arrays(points * crop.voxel_size + np.array(crop.origin), faces, name="completed")

@@ -1,0 +1,115 @@
+"""The card of a published policy: a page that says how it was made and what it can do, from measured values alone."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import graspbox
+from graspbox.evaluation import wilson
+from graspbox.files import write_text
+from graspbox.progress import shown_time
+
+__all__ = ["write_card"]
+
+_HEAD = """# {name}
+
+Grasps an object on a table from one depth image: no mesh, no true pose. Made by graspbox {version}, for the hand
+`{hand}`.
+
+```
+graspbox evaluate {folder} --objects procedural:unseen:0-19
+graspbox grasp-image DEPTH.npy --intrinsics FX FY CX CY --policy {folder}
+```
+
+## Scores
+
+First attempt in `GraspPose-v0`, on objects of which nothing was learnt; the camera has the noise of a real one. In
+brackets the 95 % intervals (Wilson). ECE is the expected calibration error of the stated probability of success.
+
+| objects | trials | success | secure | ECE |
+|---|--:|--:|--:|--:|
+"""
+
+_LIMITS = """
+## Limits
+
+- One object on a flat table, no larger than a cube of 0.3 m, seen from {near} to {far} m and at least
+  {elevation:.0f} degrees above the table.
+- Depth of a camera with the noise of a structured-light sensor; it learnt nothing of transparent and shiny surfaces,
+  which such cameras do not see.
+- Masses and friction are those of the simulation; probabilities hold there, not on a real arm.
+"""
+
+
+def _rate(count: int, trials: int) -> str:
+    low, high = wilson(count, trials)
+    return f"{count / trials:.1%} ({low:.1%} to {high:.1%})"
+
+
+def _result(name: str, found: Mapping[str, Any]) -> str:
+    """Tell what came of a stage; what has a table of its own is left out."""
+    if name.startswith("collect"):
+        return "; ".join(
+            f"{split}: {part['trials']} trials, {part['success']:.1%} success, {part['secure']:.1%} secure"
+            for split, part in found.items()
+            if split != "seconds"
+        )
+    if name in ("calibrate", "evaluate", "export"):
+        return ""
+    if name == "data":
+        return f"{found['train']} trials to learn from, {found['validation']} to validate"
+    measure = "overlap (IoU)" if name == "completion" else "AUC"
+    return f"{found['steps']} steps, {measure} {found['best']:.3f}"
+
+
+def write_card(
+    folder: Path, *, config: Any, command: str, settings: Any, scenes: Any, stages: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Write ``README.md`` into a policy's folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    config : DepthPolicyConfig
+        What the folder holds.
+    command : str
+        What made it.
+    settings : Settings
+        Arguments of the training (`graspbox.policy_training.depth`).
+    scenes : SceneConfig
+        How scenes were seen.
+    stages : mapping
+        Results of each stage by name, with its seconds.
+    """
+    text = _HEAD.format(
+        name=config.name, version=graspbox.__version__, hand=config.hand, folder=f"policies/{folder.name}"
+    )
+    for objects, found in stages["evaluate"].items():
+        if objects == "seconds":
+            continue
+        trials = found["trials"]
+        cells = [_rate(found[key], trials) for key in ("succeeded", "secure")]
+        text += f"| `{objects}` | {trials} | {cells[0]} | {cells[1]} | {found['ece']:.3f} |\n"
+    calibrated = stages["calibrate"]
+    text += (
+        f"\nA grasp is chosen by (success + {config.calibration.secure_weight} secure) / "
+        f"{1 + config.calibration.secure_weight}. On {calibrated['choices']} held-out scenes other weights gave:\n\n"
+        "| weight of a secure hold | success | secure |\n|--:|--:|--:|\n"
+    )
+    text += "".join(f"| {w} | {a:.1%} | {b:.1%} |\n" for w, (a, b) in calibrated["rates"].items())
+    text += f"\n## Data and training\n\n```\n{command}\n```\n\n"
+    data = f"`{settings.data}`" if settings.data else " and ".join(f"`{name}`" for name in settings.objects)
+    first = stages["scorer"]
+    on_policy = max(found.get("on_policy", 0) for found in stages.values())
+    text += (
+        f"Seed {settings.seed}. {first['trials']} trials of {data} (split `train`), then {on_policy} trials that\n"
+        f"the policy chose on `{settings.fresh}`.\n\n| stage | time | result |\n|---|--:|---|\n"
+    )
+    for name, found in stages.items():
+        text += f"| {name} | {shown_time(found['seconds'])} | {_result(name, found)} |\n"
+    text += f"| all | {shown_time(sum(found['seconds'] for found in stages.values()))} | |\n"
+    near, far = scenes.distance
+    text += _LIMITS.format(near=near, far=far, elevation=scenes.elevation * 57.29578)
+    text += "\n## Licence\n\nApache-2.0; see `LICENSE`. Objects: `graspbox objects` names their licences.\n"
+    write_text(folder / "README.md", text)

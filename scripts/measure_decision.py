@@ -1,0 +1,80 @@
+"""Measure how long a policy of one depth image takes to decide, step by step, with onnxruntime and with torch.
+
+    python scripts/measure_decision.py policies/depth --decisions 50
+
+The backends take turns on the same images. A table gives medians of wall time and of processor time (all threads), in
+milliseconds; processor time changes little where other programs compete for the cores.
+"""
+
+import argparse
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from graspbox import object_sets
+from graspbox.perception.crops import add_depth_noise
+from graspbox.perception.finder import FoundGrasp, GraspFinder
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.policy_folders import read_depth_policy
+from graspbox.perception.runtimes import Backend, load_parts
+from graspbox.perception.scenes import SceneConfig, SceneSampler
+from graspbox.views import ViewPlan, views
+
+STEPS = ("crop", "complete", "propose", "score", "refine")
+
+
+def finder_of(folder: Path, backend: Backend, num_threads: int | None) -> GraspFinder:
+    """Make the policy's finder with one backend."""
+    config = read_depth_policy(folder)
+    grid = HandGrid(config.hand, config.grid, crop=config.crop, num_threads=num_threads)
+    completion, scorer = load_parts(folder, config, grid, backend, num_threads)
+    return GraspFinder(grid, completion, scorer, config.finder, crop=config.crop, num_threads=num_threads)
+
+
+def main() -> None:
+    """Run as a script."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("policy", type=Path, help="folder of the policy")
+    parser.add_argument("--objects", default="procedural:unseen:0-9")
+    parser.add_argument("--decisions", type=int, default=50)
+    parser.add_argument("--threads", type=int, help="threads; by default one per core")
+    parser.add_argument("--backends", nargs="+", default=["onnx", "torch"])
+    args = parser.parse_args()
+    if "torch" in args.backends and args.threads:
+        import torch
+
+        torch.set_num_threads(args.threads)
+    finders = {backend: finder_of(args.policy, backend, args.threads) for backend in args.backends}
+    scenes = SceneConfig()
+    sampler = SceneSampler(object_sets.load(args.objects), scenes, 0)
+    plan = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.1, distance=scenes.distance)
+    wall: dict[str, dict[str, list[float]]] = {backend: defaultdict(list) for backend in finders}
+    processor: dict[str, list[float]] = defaultdict(list)
+    same = 0
+    for number in range(args.decisions):
+        _, mesh, pose = sampler.rest(np.random.default_rng(number))
+        seen = views(mesh, plan=plan, seed=number, count=1, image_size=128, images="depth", world_from_object=pose)
+        depth = add_depth_noise(seen.depth, seen.intrinsics, number)[0]
+        found: dict[str, FoundGrasp | None] = {}
+        for backend, finder in finders.items():
+            began, cpu = time.perf_counter(), time.process_time()
+            found[backend] = finder.find(depth, seen.intrinsics, seen.world_from_camera[0], seed=number)
+            wall[backend]["all"].append(time.perf_counter() - began)
+            processor[backend].append(time.process_time() - cpu)
+            for step, seconds in (one.seconds if (one := found[backend]) else {}).items():
+                wall[backend][step].append(seconds)
+        grasps = [None if one is None else one.world_from_hand for one in found.values()]
+        same += all((a is None) == (grasps[0] is None) for a in grasps) and (
+            grasps[0] is None or all(np.allclose(grasps[0], a, atol=1e-6) for a in grasps if a is not None)
+        )
+    print("backend  " + "".join(f"{step:>10}" for step in (*STEPS, "wall", "processor")))
+    for backend in finders:
+        numbers = [np.median(wall[backend][step]) for step in (*STEPS, "all")] + [np.median(processor[backend])]
+        print(f"{backend:<9}" + "".join(f"{1e3 * number:10.1f}" for number in numbers))
+    print(f"{same} of {args.decisions} decisions are the same with all backends")
+
+
+if __name__ == "__main__":
+    main()

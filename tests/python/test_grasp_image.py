@@ -1,0 +1,236 @@
+"""Grasps for a depth image of one's own: files and their units, the camera's pose, the command, the picture."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import tiny_policy
+from graspbox import errors, object_sets
+from graspbox.perception import add_depth_noise
+from graspbox.perception.depth_images import (
+    camera_over_table,
+    check_intrinsics,
+    fit_table,
+    read_depth,
+    read_pose,
+    thinned,
+)
+from graspbox.views import ViewPlan, Views, views
+
+
+@pytest.fixture(scope="module")
+def seen() -> Views:
+    """Render a mug, in an image of another size than policies learn from."""
+    mesh = object_sets.load("procedural:mug:3")[0].load()
+    plan = ViewPlan("random", axis=(-1.0, 0.0, 1.2), cap=0.2, distance=(0.6, 0.6))
+    return views(mesh, plan=plan, count=2, seed=2, image_size=(240, 320), images="depth", fov=0.5)
+
+
+@pytest.fixture(scope="module")
+def depth(seen: Views) -> NDArray[np.float64]:
+    return np.asarray(add_depth_noise(seen.depth, seen.intrinsics, 1)[0] / 1000.0)
+
+
+def test_units_are_recognized(tmp_path: Path, depth: NDArray[np.float64]) -> None:
+    cases: list[tuple[Any, float | None, str | None]] = [
+        (depth.astype(np.float32), None, None),
+        ((depth * 1000).round().astype(np.uint16), None, None),
+        ((depth * 10_000).round().astype(np.uint16), 0.0001, None),
+        (depth[..., None], None, None),
+        ((depth * 1000).astype(np.float32), None, "seems to hold millimetres, so give the depth scale 0.001"),
+        ((depth * 1000).astype(np.uint16), 1.0, "seems to hold millimetres"),
+        (depth, 0.001, "seems to hold metres, so give the depth scale 1"),
+        (depth * 0, None, "no depth at all"),
+        (-depth, None, "distances along the optical axis"),
+        (depth[:, :, None].repeat(3, axis=2), None, r"one depth image \(H, W\)"),
+        (depth, -1.0, "the depth scale is -1"),
+    ]
+    for number, (values, scale, message) in enumerate(cases):
+        path = tmp_path / f"{number}.npy"
+        np.save(path, values)
+        if message is None:
+            np.testing.assert_allclose(read_depth(path, scale), depth, atol=1e-4)
+        else:
+            with pytest.raises(errors.ConfigError, match=message):
+                read_depth(path, scale)
+    holes = depth.copy()
+    holes[0, :2] = np.nan, np.inf
+    np.save(tmp_path / "holes.npy", holes)
+    assert read_depth(tmp_path / "holes.npy")[0, :2].tolist() == [0.0, 0.0]
+    with pytest.raises(errors.FileError, match="no such depth image"):
+        read_depth(tmp_path / "missing.npy")
+    (tmp_path / "text.npy").write_text("text")
+    with pytest.raises(errors.ConfigError, match=r"numpy\.save"):
+        read_depth(tmp_path / "text.npy")
+
+
+def test_pictures_of_16_bits_are_read(tmp_path: Path, depth: NDArray[np.float64]) -> None:
+    image = pytest.importorskip("PIL.Image", reason="pictures need the extra 'cli'")
+    image.fromarray((depth * 1000).round().astype(np.uint16)).save(tmp_path / "depth.png")
+    np.testing.assert_allclose(read_depth(tmp_path / "depth.png"), depth, atol=1e-9)
+    image.fromarray(np.zeros((4, 4), dtype=np.uint8)).save(tmp_path / "grey.png")
+    with pytest.raises(errors.ConfigError, match="8 bits per value"):
+        read_depth(tmp_path / "grey.png")
+
+
+def test_the_table_is_found_in_the_image(seen: Views) -> None:
+    for number, clean in enumerate(seen.depth):
+        measured = add_depth_noise(clean[None], seen.intrinsics, number)[0] / 1000.0
+        true, found = seen.world_from_camera[number], fit_table(measured, seen.intrinsics)
+        assert found[2, 3] == pytest.approx(true[2, 3], abs=0.003)
+        # Up, as the camera sees it.
+        assert np.degrees(np.arccos(np.clip(found[2, :3] @ true[2, :3], -1, 1))) < 0.5
+        np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-9)
+        # The x axis is where the camera looks.
+        assert found[1, 2] == pytest.approx(0.0, abs=1e-9)
+        assert found[0, 2] > 0
+
+
+@pytest.mark.parametrize("roll", [-0.4, 0.0, 1.2])
+def test_a_rolled_camera_over_a_plane_is_found(roll: float) -> None:
+    true = camera_over_table(0.7, 0.9, roll)
+    lens = np.array([[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1.0]])
+    columns, rows = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(lens).T
+    depth = -true[2, 3] / (rays @ true[2, :3])
+    np.testing.assert_allclose(fit_table(depth, lens), true, atol=1e-6)
+
+
+def test_what_is_no_table_is_refused() -> None:
+    lens = np.array([[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1.0]])
+    with pytest.raises(errors.ConfigError, match="as a wall is"):
+        fit_table(wall(lens), lens)
+    rough = np.random.default_rng(0).uniform(0.3, 3.0, (120, 160))
+    with pytest.raises(errors.ConfigError, match="no table was found"):
+        fit_table(rough, lens)
+
+
+def wall(lens: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depth of a wall beside a camera that looks along it."""
+    columns = np.arange(160) + 0.5
+    slope = (columns - lens[0, 2]) / lens[0, 0]
+    return np.tile(np.where(slope > 0.05, 0.3 / np.maximum(slope, 0.05), 0.0), (120, 1))
+
+
+def test_poses_of_cameras_are_checked(tmp_path: Path) -> None:
+    pose = camera_over_table(0.5, np.pi / 2)
+    np.testing.assert_allclose(pose[:3, :3] @ [0, 0, 1], [0, 0, -1], atol=1e-12)
+    # The upper border of the image is where x points.
+    np.testing.assert_allclose(pose[:3, :3] @ [0, -1, 0], [1, 0, 0], atol=1e-12)
+    assert np.linalg.det(camera_over_table(0.5, 0.7, 0.3)[:3, :3]) == pytest.approx(1.0)
+    np.save(tmp_path / "pose.npy", pose)
+    (tmp_path / "pose.json").write_text(json.dumps(pose.tolist()))
+    np.savetxt(tmp_path / "pose.txt", pose)
+    np.savetxt(tmp_path / "pose.csv", pose, delimiter=",")
+    for suffix in ("npy", "json", "txt", "csv"):
+        np.testing.assert_allclose(read_pose(tmp_path / f"pose.{suffix}"), pose, atol=1e-12)
+    for change, message in (
+        (np.eye(4), "lets it look up; give table_from_camera"),
+        (np.diag([2.0, 2.0, 2.0, 1.0]), "no rigid motion"),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), "mirrors"),
+        (np.eye(3), "holds 9 numbers"),
+    ):
+        np.save(tmp_path / "wrong.npy", change)
+        with pytest.raises(errors.ConfigError, match=message):
+            read_pose(tmp_path / "wrong.npy")
+    with pytest.raises(errors.ConfigError, match="height is -1"):
+        camera_over_table(-1.0, 1.0)
+    with pytest.raises(errors.ConfigError, match="tilt is 120"):
+        camera_over_table(1.0, np.radians(120))
+
+
+def test_intrinsics_of_another_image_are_refused() -> None:
+    good = np.array([[300.0, 0, 160], [0, 300.0, 120], [0, 0, 1]])
+    assert check_intrinsics(good, (240, 320))[0, 0] == 300.0
+    with pytest.raises(errors.ConfigError, match="CX is 160, outside of an image of 128 x 128"):
+        check_intrinsics(good, (128, 128))
+    with pytest.raises(errors.ConfigError, match=r"focal length is 0\.9"):
+        check_intrinsics(np.diag([0.003, 0.003, 1.0]) @ good, (240, 320))
+    with pytest.raises(errors.ConfigError, match="shape"):
+        check_intrinsics(np.eye(2), (240, 320))
+
+
+def test_thinning_keeps_the_rays() -> None:
+    lens = np.array([[930.0, 0, 401.5], [0, 930.0, 299.0], [0, 0, 1.0]])
+    image = np.arange(600 * 800, dtype=np.float64).reshape(600, 800)
+    small, scaled, step = thinned(image, lens)
+    assert step == 4
+    assert small[10, 20] == image[42, 82]
+    ray, same = (np.linalg.inv(m) @ p for m, p in ((lens, [82.5, 42.5, 1.0]), (scaled, [20.5, 10.5, 1.0])))
+    np.testing.assert_allclose(ray, same, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    folder = tmp_path_factory.mktemp("policies") / "tiny"
+    tiny_policy.make(folder)
+    return folder
+
+
+def test_grasps_are_ranked_and_differ(seen: Views, depth: NDArray[np.float64], tiny: Path) -> None:
+    from graspbox.perception.grasp_image import grasp_image
+
+    found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, count=4)
+    assert len(found) == 4
+    assert (np.diff(found.choice) <= 0).all()
+    np.testing.assert_allclose(found.table_from_camera @ found.camera_from_hand, found.table_from_hand, atol=1e-9)
+    # Above the table, and within reach of the mug at the origin.
+    assert (found.table_from_hand[:, 2, 3] > 0).all()
+    assert (np.linalg.norm(found.table_from_hand[:, :2, 3], axis=1) < 0.3).all()
+    apart = np.linalg.norm(found.table_from_hand[0, :3, 3] - found.table_from_hand[1:, :3, 3], axis=1)
+    turned = np.einsum("nij,ij->n", found.table_from_hand[1:, :3, :3], found.table_from_hand[0, :3, :3])
+    assert ((apart >= 0.01) | (np.arccos(np.clip((turned - 1) / 2, -1, 1)) >= 0.26)).all()
+    # The same in another frame of the table, and where the region holds the mug.
+    turn = np.eye(4)
+    turn[:2, :2], turn[:2, 3] = [[0.0, -1.0], [1.0, 0.0]], (0.3, -0.2)
+    moved = grasp_image(depth, seen.intrinsics, turn @ seen.world_from_camera[0], tiny, count=4)
+    np.testing.assert_allclose(moved.camera_from_hand, found.camera_from_hand, atol=2e-3)
+    rows, columns = np.nonzero(found.object)
+    step = thinned(depth, seen.intrinsics)[2]
+    box = (columns.min() * step - 4, rows.min() * step - 4, columns.max() * step + 5, rows.max() * step + 5)
+    within = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, region=tuple(int(x) for x in box))  # type: ignore[arg-type]
+    assert (within.object == found.object).mean() > 0.999
+    with pytest.raises(errors.ConfigError, match="no object stands out"):
+        grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, region=(0, 0, 20, 20))
+    with pytest.raises(errors.ConfigError, match="the camera's pose does not fit the image: 4% of it"):
+        grasp_image(depth, seen.intrinsics, np.linalg.inv(seen.world_from_camera[0]), tiny)
+    with pytest.raises(errors.ConfigError, match="left < right"):
+        grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, region=(20, 0, 10, 20))
+
+
+def test_the_command_writes_grasps_and_a_picture(
+    seen: Views, depth: NDArray[np.float64], tiny: Path, tmp_path: Path
+) -> None:
+    runner = pytest.importorskip("typer.testing", reason="the command line needs the extra 'cli'").CliRunner()
+    image = pytest.importorskip("PIL.Image")
+    from graspbox.cli import typer_app
+
+    np.save(tmp_path / "depth.npy", (depth * 1000).round().astype(np.uint16))
+    np.save(tmp_path / "pose.npy", seen.world_from_camera[0])
+    lens = [str(seen.intrinsics[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2))]
+    words = ["grasp-image", str(tmp_path / "depth.npy"), "--policy", str(tiny), "--intrinsics", *lens, "--count", "2"]
+    out, picture = tmp_path / "grasps.json", tmp_path / "grasps.png"
+    result = runner.invoke(typer_app, [*words, "--out", str(out), "--picture", str(picture)])
+    assert result.exit_code == 0, result.output
+    written = json.loads(out.read_text())
+    assert [grasp["rank"] for grasp in written["grasps"]] == [1, 2]
+    assert written["policy"] == "tiny"
+    with image.open(picture) as opened:
+        pixels = np.asarray(opened.convert("RGB"))
+    assert pixels.shape[0] > 400
+    # The best grasp is drawn in green.
+    assert (np.abs(pixels.astype(int) - [0, 158, 115]).sum(axis=2) < 20).sum() > 50
+    posed = runner.invoke(typer_app, [*words, "--camera-pose", str(tmp_path / "pose.npy"), "--json"])
+    assert posed.exit_code == 0
+    pose = np.array(json.loads(posed.stdout)["table_from_camera"])
+    np.testing.assert_allclose(pose, seen.world_from_camera[0])
+    both = runner.invoke(typer_app, [*words, "--camera-pose", str(tmp_path / "pose.npy"), "--camera-height", "1"])
+    assert isinstance(both.exception, errors.ConfigError)
+    half = runner.invoke(typer_app, [*words, "--tilt", "30"])
+    assert "needs both --camera-height and --tilt" in str(half.exception)

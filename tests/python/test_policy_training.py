@@ -1,0 +1,166 @@
+"""The command that trains a policy of one depth image: all stages, after SIGKILL too; ONNX gives what torch gives."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspbox import errors, policies
+from graspbox.perception import HandGrid
+from graspbox.perception.calibration import Calibration
+from graspbox.perception.policy_folders import read_depth_policy
+from graspbox.policy_training.stages import Run, Stage
+
+pytestmark = pytest.mark.train
+SCRIPT = Path(__file__).parents[2] / "scripts" / "train_depth_policy.py"
+#: Stages of ``--quick``, in order.
+STAGES = ["data", "completion", "scorer"]
+STAGES += ["collect-1", "round-1", "collect-2", "round-2", "collect-3", "round-3", "member-1", "member-2"]
+STAGES += ["calibrate", "export", "evaluate"]
+
+
+def command(out: Path) -> list[str]:
+    return [sys.executable, str(SCRIPT), "--out", str(out), "--quick"]
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train quickly; the command is killed in two stages, and each time continues."""
+    for module in ("torch", "tyro", "pyarrow", "onnx", "onnxruntime", "onnxscript", "safetensors"):
+        pytest.importorskip(module, reason="the training needs the extras 'data' and 'train'")
+    out = tmp_path_factory.mktemp("training") / "run"
+    env = {**os.environ, "OMP_NUM_THREADS": "1"}
+    for sign in ("scorer/checkpoint.pt", "collect-2/train/0000000.npz"):
+        process = subprocess.Popen(command(out), stdout=subprocess.DEVNULL, env=env)
+        while not (out / sign).exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not (out / "evaluate.json").exists()
+    subprocess.run(command(out), check=True, env=env, stdout=subprocess.DEVNULL)
+    return out
+
+
+def test_all_stages_leave_their_results(trained: Path) -> None:
+    results = {name: json.loads((trained / f"{name}.json").read_text()) for name in STAGES}
+    assert results["data"]["train"] > 0
+    assert results["scorer"]["steps"] == 12
+    assert results["collect-1"]["train"]["trials"] > 0
+    assert results["round-3"]["on_policy"] > results["round-1"]["on_policy"] > 0
+    assert results["calibrate"]["choices"] > 0
+    assert results["evaluate"]["procedural:bottle:30-33"]["trials"] == 6
+    log = (trained / "log.txt").read_text()
+    # The first stages were over when the command ran for the third time.
+    assert log.count("completion: begins") == 1
+    assert "completion: over since an earlier run" in log
+    assert all(f"{name}: begins" in log for name in STAGES)
+    card = (trained / "policy" / "README.md").read_text()
+    assert "| `procedural:bottle:30-33` | 6 |" in card
+    assert "--quick" in card
+    assert (trained / "policy" / "LICENSE").read_text() == (SCRIPT.parents[1] / "LICENSE").read_text()
+    again = subprocess.run(command(trained), capture_output=True, text=True, check=True)
+    assert again.stdout.count("over since an earlier run") == len(STAGES)
+    other = subprocess.run([*command(trained), "--seed", "1"], capture_output=True, text=True, check=False)
+    assert other.returncode == 2
+    assert "a run with another seed" in other.stderr
+
+
+def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -> None:
+    from graspbox import evaluation
+    from graspbox.perception.export import PARITY
+    from graspbox.policies import DepthGrasp
+
+    folder = trained / "policy"
+    assert policies.load(str(folder)).name == "depth"
+    runs = {}
+    for backend in ("onnx", "torch"):
+        policy = DepthGrasp(folder, backend=backend)
+        result = evaluation.evaluate(policy, objects="procedural:bottle:30-33", trials=3, seed=1, num_envs=3)
+        runs[backend] = (policy.found, result.trials)
+    assert runs["onnx"][1] == runs["torch"][1]
+    for one, other in zip(runs["onnx"][0], runs["torch"][0], strict=True):
+        assert one is not None
+        assert other is not None
+        assert np.abs(one.volume.astype(int) - other.volume).max() <= 1
+        if np.array_equal(one.volume, other.volume):
+            np.testing.assert_allclose(one.scores, other.scores, atol=PARITY)
+
+
+def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    torch = pytest.importorskip("torch")
+    from graspbox.perception import export
+    from graspbox.perception.graphs import ScorerGraph
+    from graspbox.perception.runtimes import onnx_network, torch_network
+    from graspbox.perception.scorer import ScorerNet
+
+    grid = HandGrid()
+    torch.manual_seed(0)
+    members = [ScorerNet(grid, width=8) for _ in range(2)]
+    export.export_scorer(members, Calibration((1.5, -0.2), (0.8, 0.1)), grid, tmp_path / "scorer.onnx")
+    # It takes any number of grasps from the finalists on.
+    network = onnx_network(tmp_path / "scorer.onnx")
+    graph = torch_network(ScorerGraph(members, Calibration((1.5, -0.2), (0.8, 0.1)), export.FINALISTS))
+    rng = np.random.default_rng(1)
+    for count in (export.FINALISTS, 61):
+        inputs: dict[str, Any] = {
+            "cells": rng.integers(0, 256, (count, 4, *grid.shape), dtype=np.uint8),
+            "poses": rng.normal(size=(count, 4, 4)).astype(np.float32),
+            "preshape": rng.integers(0, 3, count),
+        }
+        found, expected = network(inputs), graph(inputs)
+        for name, values in expected.items():
+            np.testing.assert_allclose(found[name], values, atol=export.PARITY)
+    monkeypatch.setattr(
+        export,
+        "torch_network",
+        lambda graph: lambda inputs: {k: v + 1 for k, v in torch_network(graph)(inputs).items()},
+    )
+    with pytest.raises(errors.ConfigError, match="differs from the network by 1"):
+        export.export_scorer(members, Calibration(), grid, tmp_path / "other.onnx")
+
+
+def test_weights_of_another_network_are_refused(trained: Path, tmp_path: Path) -> None:
+    import shutil
+    from dataclasses import replace
+
+    from graspbox.perception.export import load_graphs
+    from graspbox.perception.policy_folders import write_depth_policy
+
+    folder = tmp_path / "policy"
+    shutil.copytree(trained / "policy", folder)
+    write_depth_policy(folder, replace(read_depth_policy(folder), completion_width=6))
+    with pytest.raises(errors.ConfigError, match="weights of another network"):
+        load_graphs(folder)
+
+
+def test_stages_keep_their_time_and_results(tmp_path: Path) -> None:
+    lines: list[str] = []
+    run = Run(tmp_path, {"seed": 0}, lines.append)
+
+    def late(stage: Stage) -> dict[str, Any]:
+        assert stage.late()
+        return {"found": (1, 2)}
+
+    assert run.stage("late", 0.0, late)["found"] == [1, 2]
+    assert Run(tmp_path, {"seed": 0}, lines.append).stage("late", 9.0, late)["found"] == [1, 2]
+    (tmp_path / "long").mkdir()
+    (tmp_path / "long" / "seconds.json").write_text("100.0\n")
+
+    def long(stage: Stage) -> dict[str, Any]:
+        assert stage.seconds >= 100.0
+        stage.report("half of it", 0.5)
+        assert float((stage.folder / "seconds.json").read_text()) >= 100.0
+        return {}
+
+    run.stage("long", 150.0, long)
+    assert any("half of it; 0:01:40 taken, 0:00:50 left" in line for line in lines)
+    with pytest.raises(errors.ConfigError, match="another seed"):
+        Run(tmp_path, {"seed": 1}, lines.append)
