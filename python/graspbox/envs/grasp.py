@@ -177,7 +177,8 @@ and distal link of finger 3. ``segmentation`` is privileged, since its labels co
 Reward
 ------
 The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; ``reward="dense"`` has the weights
-`graspbox.envs.reward.DENSE`. ``reward_weights`` replaces weights by name.
+`graspbox.envs.reward.DENSE`, and ``reward="firm"`` those of `graspbox.envs.reward.FIRM`, which pay for a secure hold.
+``reward_weights`` replaces weights by name.
 
 <!-- generated: reward of Grasp-v0 -->
 

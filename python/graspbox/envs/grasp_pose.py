@@ -110,7 +110,7 @@ Reward
 ------
 The sum of weights times terms, as in `graspbox.envs.grasp`; ``reward_weights`` replaces weights by name.
 ``reward="sparse"`` is 1 for a success as `graspbox.simulation` defines it, else 0; ``reward="dense"`` has the weights
-`graspbox.envs.reward.DECISION`. The terms of an attempt, of which those of ``Grasp-v0`` that are missing here are 0:
+`graspbox.envs.reward.DECISION`, ``reward="firm"`` those of `graspbox.envs.reward.FIRM_DECISION`. The terms of an attempt, of which those of ``Grasp-v0`` that are missing here are 0:
 
 <!-- generated: reward of GraspPose-v0 -->
 
