@@ -14,6 +14,17 @@ from graspbox.evaluation import MAX_ENVS
 
 _FORMATS = ("minari", "lerobot")
 
+Environments = Annotated[
+    int,
+    typer.Option(
+        "--num-envs", min=1, max=MAX_ENVS, help="Number of environments stepped together; episodes do not depend on it."
+    ),
+]
+Noise = Annotated[
+    float,
+    typer.Option("--noise", min=0, max=1, help="Noise that disturbs the actions, in shares; it is not recorded."),
+]
+
 
 def _keywords(given: list[str] | None) -> dict[str, Any]:
     """Read ``name=value``; a value that is no JSON is text."""
@@ -55,21 +66,14 @@ def record(
     keep: Annotated[
         str, typer.Option("--keep", help="Which episodes: secure successes, all successes ('success'), or 'all'.")
     ] = "secure",
+    noise: Noise = 0.0,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", help="Other keyword of the environment, such as frame_skip=4; may be repeated."),
     ] = None,
     split: Split = None,
     seed: Seed = 0,
-    num_envs: Annotated[
-        int,
-        typer.Option(
-            "--num-envs",
-            min=1,
-            max=MAX_ENVS,
-            help="Number of environments stepped together; episodes do not depend on it.",
-        ),
-    ] = 32,
+    num_envs: Environments = 32,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
@@ -85,6 +89,7 @@ def record(
             obs or ["state"],
             seed,
             keep=keep,
+            noise=noise,
             split=split,  # type: ignore[arg-type]
             num_envs=num_envs,
             progress=lambda kept, trials: bar.update(task, completed=kept, description=f"{policy}, {trials} trials"),

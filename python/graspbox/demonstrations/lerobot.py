@@ -93,7 +93,7 @@ def _is_image(name: str, shape: tuple[int, ...], dtype: str) -> bool:
 
 
 def _features(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
-    """The features of ``info.json``, and the name of each observation's."""
+    """Describe the features for ``info.json``; gives the name of each observation's too."""
     features: dict[str, Any] = {}
     names: dict[str, str] = {}
     for name, space in settings["observations"].items():
@@ -251,13 +251,12 @@ class _Stats:
         self.keeps = keeps
         self._rows: list[NDArray[np.float32]] = []
         self._count, self._frames = 0, 0
+        zero: NDArray[np.float64] = np.zeros(())
+        self._low, self._high, self._total, self._square = zero + np.inf, zero - np.inf, zero, zero
 
     def add(self, rows: NDArray[np.float64], frames: int) -> None:
-        low, high, total, square = rows.min(0), rows.max(0), rows.sum(0), (rows**2).sum(0)
-        if self._count:
-            low, high = np.minimum(low, self._low), np.maximum(high, self._high)
-            total, square = total + self._total, square + self._square
-        self._low, self._high, self._total, self._square = low, high, total, square
+        self._low, self._high = np.minimum(self._low, rows.min(0)), np.maximum(self._high, rows.max(0))
+        self._total, self._square = self._total + rows.sum(0), self._square + (rows**2).sum(0)
         self._count += len(rows)
         self._frames += frames
         if self.keeps:
@@ -279,8 +278,8 @@ def _write_json(path: Path, value: Any) -> None:
 
 
 def _write_tasks(path: Path) -> None:
-    """A table of tasks as pandas writes it, with the sentence as its index."""
-    columns = [
+    """Write the table of tasks as pandas does, with the sentence as its index."""
+    columns: list[dict[str, Any]] = [
         {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64"},
         {"name": None, "field_name": "__index_level_0__", "pandas_type": "unicode", "numpy_type": "object"},
     ]

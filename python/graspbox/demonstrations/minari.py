@@ -75,9 +75,7 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
                 jpeg_encoding=False,
                 **about,
             )
-        rows = [
-            {"object": one.object, "success": one.success, "secure": one.secure} for one in demonstrations.episodes
-        ]
+        rows = [{"object": one.object, "success": one.success, "secure": one.secure} for one in demonstrations.episodes]
         found.storage.update_episode_metadata(rows)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

@@ -18,7 +18,7 @@ from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import TrialResult
 from graspbox.evaluation.trials import Steps, TrialRun, trial_seeds
-from graspbox.policies import Policy, Task
+from graspbox.policies import Actions, Policy, Task
 
 __all__ = ["KEEP", "record"]
 
@@ -44,6 +44,7 @@ def record(
     seed: SupportsIndex = 0,
     *,
     keep: str = "secure",
+    noise: float = 0.0,
     split: object_sets.Split | None = None,
     num_envs: SupportsIndex = 32,
     file_episodes: SupportsIndex = 64,
@@ -73,6 +74,10 @@ def record(
         Determines the seeds of the trials.
     keep : {"secure", "success", "all"}
         Which episodes are kept.
+    noise : float
+        Standard deviation of what is added to the actions before they are carried out, in shares of an action, at most
+        1; what is recorded are the policy's own actions. A clone then learns how to come back where it errs (Laskey,
+        Lee, Fox, Dragan, Goldberg, "DART: noise injection for robust imitation learning", 2017).
     split : {"train", "validation", "test"}, optional
         Sample objects from this split only.
     num_envs : int
@@ -99,6 +104,8 @@ def record(
     chosen = policies.load(policy) if isinstance(policy, str) else policy
     if keep not in KEEP:
         raise ConfigError(f"keep is {keep!r}; choose from {', '.join(KEEP)}")
+    if not 0.0 <= noise <= 1.0:
+        raise ConfigError(f"noise is {noise}; give a number between 0 and 1")
     wanted, width, per_file = (
         _positive(name, value)
         for name, value in (("episodes", episodes), ("num_envs", num_envs), ("file_episodes", file_episodes))
@@ -109,6 +116,7 @@ def record(
         **_describe(env_id, names, kwargs),
         "policy": chosen.name,
         "keep": keep,
+        "noise": float(noise),
         "seed": natural(seed, "seed", bits=64),
         "file_episodes": per_file,
         "versions": {"graspbox": _core.__version__, "numpy": version("numpy"), "pyarrow": version("pyarrow")},
@@ -121,8 +129,9 @@ def record(
     together = tuple(dict.fromkeys([*names, *needed]))
     envs = gymnasium.make_vec(env_id, width, obs=together, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
     try:
-        chosen.bind(Task.of(envs))
-        _Recording(chosen, envs, names, store, wanted, KEEP[keep]).run(described, done, progress)
+        noisy = _Noisy(chosen, noise)
+        noisy.bind(Task.of(envs))
+        _Recording(noisy, envs, names, store, wanted, KEEP[keep]).run(described, done, progress)
     finally:
         envs.close()
     return Demonstrations(out)
@@ -136,7 +145,7 @@ def _positive(name: str, value: SupportsIndex) -> int:
 
 
 def _describe(env_id: str, names: tuple[str, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
-    """What identifies the environment and its spaces, as plain JSON values."""
+    """Describe the environment and its spaces in plain JSON values."""
     if env_id.removeprefix("graspbox:") not in IDS:
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
     if not names:
@@ -159,12 +168,44 @@ def _describe(env_id: str, names: tuple[str, ...], kwargs: dict[str, Any]) -> di
     return {"env_id": env.spec.id, "env_spec": spec, "observations": observations, "action_size": size, "fps": fps}
 
 
+class _Noisy(Policy):
+    """Adds noise to the actions of a policy, and remembers what they were."""
+
+    def __init__(self, policy: Policy, noise: float) -> None:
+        self._policy, self._noise = policy, noise
+        self.name, self.obs, self.settings = policy.name, policy.obs, policy.settings
+
+    def _bind(self, task: Task) -> None:
+        self._policy.bind(task)
+        self._streams = [np.random.default_rng(0) for _ in range(task.num_envs)]
+        self.chosen = self._zeros()
+
+    def reset(self, seed: Any = None, *, mask: Any = None, info: Any = None) -> None:
+        """Begin episodes, and the noise of each with its seed."""
+        self._policy.reset(seed, mask=mask, info=info)
+        super().reset(seed, mask=mask, info=info)
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        del info
+        self._streams[env] = np.random.default_rng(seed)
+
+    def act(self, observation: Any) -> Actions:
+        """Act as the policy does, with noise."""
+        chosen: Actions = np.clip(self._policy.act(observation), -1.0, 1.0)
+        self.chosen = chosen
+        if not self._noise:
+            return chosen
+        noise = np.stack([stream.normal(0.0, self._noise, chosen.shape[1]) for stream in self._streams])
+        disturbed: Actions = np.clip(chosen + noise, -1.0, 1.0).astype(np.float32)
+        return disturbed
+
+
 class _Recording:
     """Episodes in progress, and finished ones that wait for those of earlier trials."""
 
     def __init__(
         self,
-        policy: Policy,
+        policy: _Noisy,
         envs: Any,
         names: tuple[str, ...],
         store: Store,
@@ -214,7 +255,7 @@ class _Recording:
             seen = {name: steps.observation[name][row] for name in self._names}
             ended = bool(steps.terminated[row] | steps.truncated[row])
             last = {name: steps.following[name][row] for name in self._names} if ended else None
-            action = np.clip(steps.action[row], -1.0, 1.0)
+            action = self._policy.chosen[steps.env[row]]
             ends = bool(steps.terminated[row]), bool(steps.truncated[row])
             self._open.setdefault(trial, []).append((seen, action, float(steps.reward[row]), *ends, last))
 

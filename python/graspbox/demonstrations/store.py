@@ -26,6 +26,8 @@ _MAX_MANIFEST = 1 << 26
 #: Key of the facts about the episodes of a file in its metadata.
 _KEY = b"graspbox"
 _COMPRESSION_LEVEL = 3
+#: Keywords of the environment that were those of the recording alone.
+_OWN = ("obs", "split", "num_threads")
 #: Rows of a row group: what is decompressed at once.
 _ROW_GROUP = 1024
 
@@ -127,6 +129,19 @@ class Demonstrations:
         """Length of an action."""
         return int(self.settings["action_size"])
 
+    def environment(self, obs: tuple[str, ...] = ()) -> tuple[str, dict[str, Any]]:
+        """Id and keywords of the environment, for a policy that learns from them.
+
+        Parameters
+        ----------
+        obs : tuple of str
+            What the policy observes; one name gives an array, several give a mapping, none gives ``state``.
+        """
+        spec = self.settings["env_spec"]
+        keywords = {name: value for name, value in spec["kwargs"].items() if name not in _OWN and value is not None}
+        seen: Any = list(obs) if len(obs) > 1 else (*obs, "state")[0]
+        return self.settings["env_id"], {**keywords, "max_episode_steps": spec["max_episode_steps"], "obs": seen}
+
     def read(self, names: tuple[str, ...] | None = None) -> Iterator[EpisodeSteps]:
         """Read episode by episode; one file is in memory at a time.
 
@@ -143,7 +158,9 @@ class Demonstrations:
         known = self.settings["observations"]
         for name in names or ():
             if name not in known:
-                raise ConfigError(f"there is no observation {name!r} in {str(self.folder)!r}; it has {', '.join(known)}")
+                raise ConfigError(
+                    f"there is no observation {name!r} in {str(self.folder)!r}; it has {', '.join(known)}"
+                )
         wanted = tuple(known) if names is None else names
         columns = ["action", "reward", "terminated", "truncated", *(f"observation.{name}" for name in wanted)]
         for path, facts in self._files:
@@ -318,7 +335,9 @@ def _table(episodes: list[EpisodeSteps], first: int, settings: Mapping[str, Any]
         "step": np.concatenate([np.arange(count, dtype=np.int32) for count in counts] or [np.zeros(0, np.int32)]),
     }
     for name, space in settings["observations"].items():
-        parts = [one.observations[name].reshape(len(one.observations[name]), -1) for one in episodes]
+        parts: list[NDArray[Any]] = [
+            one.observations[name].reshape(len(one.observations[name]), -1) for one in episodes
+        ]
         size = int(np.prod(space["shape"]))
         flat = np.concatenate([*parts, np.zeros((0, size), dtype=space["dtype"])]).astype(space["dtype"], copy=False)
         columns[f"observation.{name}"] = pa.FixedSizeListArray.from_arrays(pa.array(flat.reshape(-1)), size)

@@ -67,8 +67,8 @@ class Steps:
 
     Attributes
     ----------
-    trial : (rows,) int64
-        Index of the trial in the list of seeds.
+    trial, env : (rows,) int64
+        Index of the trial in the list of seeds, and of its environment.
     observation, following : (rows, ...) array, or mapping of them
         What the policy saw, and what its action led to.
     action : (rows, k) float32
@@ -80,6 +80,7 @@ class Steps:
     """
 
     trial: NDArray[np.int64]
+    env: NDArray[np.int64]
     observation: Any
     action: Actions
     reward: NDArray[np.float64]
@@ -174,7 +175,7 @@ class TrialRun:
             acted[active] = actions
             before = _rows(self._observation, rows)
             ends = terminated, truncated
-            self._watch(Steps(self._trial[rows], before, acted[rows], rewards, *ends, observation))
+            self._watch(Steps(self._trial[rows], rows, before, acted[rows], rewards, *ends, observation))
         self._observation = _scatter(self._observation, observation, rows)
         self._steps[rows] += 1
         self._rewards[rows] += rewards
@@ -197,7 +198,7 @@ class TrialRun:
 
 
 def _rows(values: Any, rows: NDArray[np.intp]) -> Any:
-    """Some rows of an observation, an array or a dictionary of arrays."""
+    """Take some rows of an observation, an array or a dictionary of arrays."""
     return {name: part[rows] for name, part in values.items()} if isinstance(values, dict) else values[rows]
 
 
