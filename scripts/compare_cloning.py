@@ -74,12 +74,21 @@ class Settings:
     """Steps of all environments together, of each run that learns from rewards."""
     episodes: int = 500
     """Trials of the comparison."""
+    evaluations: int = 10
+    """Evaluations of each run that learns from rewards, after the one at its start."""
+    watched: int = 100
+    """Trials of each of them, and of the clone's; with other objects than those of the comparison."""
     seed: int = 0
     """Seed of the training."""
     dense: bool = False
     """Tune with the reward `dense` too."""
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Replace a parameter of every run that learns from rewards; may be repeated."""
+
+
+def call(words: list[str], output: bool) -> subprocess.CompletedProcess[str]:
+    """Run a program; its output is kept, or shown."""
+    return subprocess.run(words, stdout=subprocess.PIPE if output else None, text=True)
 
 
 @dataclass(frozen=True)
@@ -103,7 +112,7 @@ class Step:
         console.print(self.text())
         script = self.command[0].endswith(".py")
         words = [sys.executable, *self.command] if script else [sys.executable, "-m", "graspbox", *self.command[1:]]
-        done = subprocess.run(words, stdout=subprocess.PIPE if self.output else None, text=True)
+        done = call(words, self.output)
         if done.returncode == 130:
             raise KeyboardInterrupt
         if done.returncode:
@@ -132,10 +141,10 @@ def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
     folder = settings.folder
     clone = folder / f"clone-{given}"
     words = [str(SCRIPTS / "clone_sb3.py"), "ppo", str(shown), str(clone), "--resume", "--seed", str(settings.seed)]
-    words += ["--epochs", str(settings.epochs), "--shown", str(settings.shown)]
+    words += ["--epochs", str(settings.epochs), "--shown", str(settings.shown), "--episodes", str(settings.watched)]
     words += [word for name in INPUTS[given] for word in ("--obs", name)]
     found = [Step(clone.name, tuple(words), folder / f"{clone.name}.done.json")]
-    kinds = {"rl": ("firm", SCRATCH, ()), "tuned": ("firm", (), ("--clone", str(clone)))}
+    kinds: dict[str, Any] = {"rl": ("firm", SCRATCH, ()), "tuned": ("firm", (), ("--clone", str(clone)))}
     if settings.dense:
         kinds["dense"] = ("dense", (), ("--clone", str(clone)))
     obs = INPUTS[given][0] if len(INPUTS[given]) == 1 else "[" + ", ".join(INPUTS[given]) + "]"
@@ -143,6 +152,7 @@ def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
         run = folder / f"{kind}-{given}"
         changes = (f"env.reward={reward}", f"env.obs={obs}", *changes, *settings.set)
         words = [str(SCRIPTS / "train_sb3.py"), "ppo", str(run), "--resume", *more, "--steps", str(settings.steps)]
+        words += ["--evaluations", str(settings.evaluations), "--episodes", str(settings.watched)]
         words += ["--seed", str(settings.seed), *(word for change in changes for word in ("--set", change))]
         found.append(Step(run.name, tuple(words), folder / f"{run.name}.done.json"))
     return [step for one in found for step in (one, _test(settings, folder / one.name))]

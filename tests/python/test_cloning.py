@@ -260,7 +260,8 @@ def test_a_comparison_runs_once_and_explains_itself(
 
     program, ran = script("compare_cloning"), []
 
-    def run(words: list[str], **_: Any) -> Any:
+    def call(words: list[str], output: bool) -> Any:
+        assert output == (Path(words[1]).stem == "evaluate_sb3")
         ran.append(Path(words[1]).stem)
         if words[1] == "-m":
             done = CliRunner().invoke(typer_app, words[3:], catch_exceptions=False)
@@ -272,9 +273,9 @@ def test_a_comparison_runs_once_and_explains_itself(
             return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
         return subprocess.CompletedProcess(words, script(ran[-1]).main(words[2:]))
 
-    monkeypatch.setattr(program.subprocess, "run", run)
+    monkeypatch.setattr(program, "call", call)
     words = [str(tmp_path / "out"), "--inputs", "state", "--shown", "10", "--epochs", "1", "--steps", "64"]
-    words += ["--episodes", "3", "--noise", "0.0"]
+    words += ["--episodes", "3", "--noise", "0.0", "--evaluations", "1", "--watched", "2"]
     words += [word for change in PPO[:-1] for word in ("--set", change)]
     assert program.main(words) == 0
     assert ran == ["-m", "clone_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3"]
