@@ -81,13 +81,15 @@ def main(
     if as_json:
         print_json(found)
         return
-    names = ("success", "secure", "return", "length")
     rows = []
     for who, row in found.items():
-        low, high = row["ci95"]
-        rows.append((who, *(f"{row[name]:.3f}" for name in names), f"{low:.3f} to {high:.3f}"))
-    title = f"{episodes} trials, split {split}, seed {seed}"
-    print_table(title, ("", *names, "95 % interval of success"), rows)
+        intervals = ("{:.3f} to {:.3f}".format(*row[name]) for name in ("ci95", "secure_ci95"))
+        success, secure = (
+            f"{row[name]:.3f} ({interval})" for name, interval in zip(("success", "secure"), intervals, strict=True)
+        )
+        rows.append((who, success, secure, f"{row['return']:.3f}", f"{row['length']:.1f}"))
+    title = f"{episodes} trials, split {split}, seed {seed}; in brackets 95 % intervals"
+    print_table(title, ("", "success", "secure", "return", "length"), rows)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
     python scripts/train_sb3.py ppo out/train/ppo
     python scripts/train_sb3.py sac out/train/sac --env graspbox/GraspPose-v0 --evaluate test --baselines
     python scripts/train_sb3.py sac out/train/sac --env graspbox/GraspPose-v0 --resume --steps 48000
+    python scripts/train_sb3.py ppo out/train/tuned --clone out/clone --set env.reward=firm
     python scripts/plot_sb3.py out/train/ppo
     python scripts/evaluate_sb3.py out/train/ppo
 
@@ -11,6 +12,10 @@ A run ends after its number of steps, which is in ``scripts/sb3.yaml`` like all 
 finished one where ``--steps`` is larger; its episodes begin anew, and a learning rate that falls to zero starts again
 at the share of the new total that remains. Ctrl-C ends a run after its current step and saves it (twice: at once,
 keeping the last checkpoint). The files of a run's folder are documented in `graspbox.sb3.running`.
+
+With ``--clone`` a run begins with the policy of ``clone_sb3.py``; it must have the same observations and networks. Its
+value function learns alone for the first ``value_warmup`` steps, and a cloning loss, whose weight falls from
+``clone_weight`` to zero within ``clone_steps``, keeps it near its demonstrations.
 
 Exit status: 0 for a run that came to its end and, with ``--target``, reached it; 1 for one that did not reach it, 2 for
 wrong arguments, 130 for an interrupted run.
@@ -33,6 +38,8 @@ from graspbox import sb3
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.resume_log import ResumeLog
+from graspbox.sb3.parameters import Parameters
+from graspbox.sb3.parameters import read_parameters as read_entry
 
 PARAMETERS = Path(__file__).with_name("sb3.yaml")
 ALGORITHMS = ("ppo", "sac", "td3")
@@ -52,6 +59,8 @@ class Settings:
     """Id of the environment."""
     parameters: Path = PARAMETERS
     """File of parameters, by algorithm and environment."""
+    clone: Path | None = None
+    """Begin with the policy that `clone_sb3.py` left in this folder, instead of with demonstrations of its own."""
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Replace a parameter, for example model.gamma=0.98 or env.obs=depth; may be repeated."""
     steps: int | None = None
@@ -80,27 +89,6 @@ class Settings:
     """Print JSON, and nothing else, on standard output."""
 
 
-@dataclass(frozen=True)
-class Parameters:
-    """An entry of ``scripts/sb3.yaml``: an algorithm in an environment."""
-
-    #: Steps of all environments together.
-    steps: int
-    num_envs: int
-    #: Whether vector observations, and rewards, are scaled by running statistics.
-    normalize: dict[str, bool]
-    #: Keywords of the environment.
-    env: dict[str, Any]
-    #: Arguments of the algorithm.
-    model: dict[str, Any]
-    #: Successful episodes of the scripted expert: sac and td3 replay them, ppo clones them.
-    demonstrations: int = 0
-    #: Passes over the demonstrations when cloning.
-    clone_epochs: int = 60
-    #: Number of first steps in which a cloned policy's value function learns alone.
-    value_warmup: int = 0
-
-
 def check(settings: Settings) -> None:
     """Refuse arguments that are out of range."""
     if settings.algorithm not in ALGORITHMS:
@@ -116,28 +104,9 @@ def check(settings: Settings) -> None:
 
 
 def read_parameters(settings: Settings) -> Parameters:
-    """Read the entry of an algorithm and an environment, and replace what ``--set`` and ``--steps`` name."""
-    found = yaml.safe_load(settings.parameters.read_text())
-    try:
-        values = found[settings.algorithm][settings.env]
-    except (KeyError, TypeError):
-        where = str(settings.parameters)
-        raise ConfigError(f"{where!r} has no entry {settings.algorithm!r}, {settings.env!r}; add one") from None
-    for change in settings.set:
-        path, equals, value = change.partition("=")
-        *parents, name = path.split(".")
-        place = values
-        for parent in parents:
-            place = place.get(parent) if isinstance(place, dict) else None
-        if not equals or not isinstance(place, dict):
-            raise ConfigError(f"--set {change!r} names no parameter; write, for example, model.gamma=0.98")
-        place[name] = yaml.safe_load(value)
-    if settings.steps is not None:
-        values["steps"] = settings.steps
-    try:
-        return Parameters(**values)
-    except TypeError as error:
-        raise ConfigError(f"parameters are {', '.join(Parameters.__annotations__)} ({error})") from None
+    """Read the parameters of a run; a clone takes the place of demonstrations."""
+    found = read_entry(settings.parameters, settings.algorithm, settings.env, settings.set, settings.steps)
+    return found if settings.clone is None else replace(found, demonstrations=0)
 
 
 def has_run(folder: Path) -> bool:
@@ -157,6 +126,7 @@ def open_log(settings: Settings, parameters: Parameters, begun: bool) -> ResumeL
     what = {"algorithm": settings.algorithm, "id": settings.env, "evaluate": settings.evaluate}
     # A run may be extended.
     what |= {"seed": settings.seed, "episodes": settings.episodes, **asdict(replace(parameters, steps=0))}
+    what |= {"begins_as": None if settings.clone is None else str(settings.clone.resolve())}
     path = settings.folder / "evaluations.jsonl"
     if not begun:
         # Left by a run that was interrupted before its first checkpoint.
@@ -166,6 +136,7 @@ def open_log(settings: Settings, parameters: Parameters, begun: bool) -> ResumeL
 
 def make_model(settings: Settings, parameters: Parameters, env: Any, begun: bool) -> tuple[Any, float]:
     """Load the model of a run, or make one; with its training time so far in seconds, demonstrations included."""
+    from graspbox.sb3 import fine_tuning
     from graspbox.sb3.running import ALGORITHMS, load
     from graspbox.sb3.training import add_demonstrations, model_arguments
 
@@ -180,6 +151,8 @@ def make_model(settings: Settings, parameters: Parameters, env: Any, begun: bool
     if parameters.demonstrations and settings.algorithm == "ppo" and parameters.normalize["reward"]:
         raise ConfigError("a cloned policy needs the statistics of its demonstrations; set normalize.reward=false")
     model = algorithm(env=env, seed=settings.seed, **arguments, **logs)
+    if settings.clone is not None:
+        fine_tuning.begin_as(model, settings.clone)
     if parameters.demonstrations:
         with progress() as bar:
             task = bar.add_task("demonstrations", total=parameters.demonstrations)
@@ -234,6 +207,7 @@ def train(settings: Settings) -> int:
         seconds=seconds,
         value_warmup=parameters.value_warmup if parameters.demonstrations else 0,
     )
+    keep_near_clone(settings, parameters, model)
     before = model.num_timesteps
     try:
         learn(model, run, settings.algorithm, parameters.steps, begun)
@@ -241,6 +215,22 @@ def train(settings: Settings) -> int:
         env.close()
         test.close()
     return report(settings, run, model.num_timesteps - before, run.seconds - seconds)
+
+
+def keep_near_clone(settings: Settings, parameters: Parameters, model: Any) -> None:
+    """Let the value function of a clone warm up, and add the cloning loss to what is minimized."""
+    if settings.clone is None:
+        return
+    from graspbox.sb3.fine_tuning import CloningTerm, settings_of, steps_of
+
+    CloningTerm(
+        model,
+        steps_of(settings_of(settings.clone)),
+        weight=parameters.clone_weight,
+        decay=parameters.clone_steps,
+        warmup=parameters.value_warmup,
+        seed=settings.seed + model.num_timesteps,
+    )
 
 
 def learn(model: Any, run: Any, name: str, steps: int, begun: bool) -> None:

@@ -14,7 +14,7 @@ from acting import OBJECTS, expert_actions, pressing
 from graspbox import errors, outcomes
 from graspbox.configs import CamerasConfig, Randomization
 from graspbox.envs import grasp, reward, spaces
-from graspbox.envs.coding import object_pose
+from graspbox.envs.coding import Codec, object_pose
 
 ID = "graspbox/Grasp-v0"
 
@@ -100,6 +100,34 @@ def test_reward_is_the_weighted_sum_of_its_terms() -> None:
     assert ("dense", True) in seen
     assert ("own", True) in seen
     assert ("sparse", True) not in seen
+
+
+def test_a_firm_hold_is_paid_for() -> None:
+    """``slip`` adds up to how far the object has moved in the hand, ``secure`` comes with the info's flag."""
+    env: Any = make(objects="procedural:can:0", reward="firm").unwrapped
+    reads = Codec("twist", graspbox.load_hand())
+    actions = expert_actions(env, 0)
+    env.reset(seed=0)
+    slipped, greatest = 0.0, 0.0
+    for action in actions:
+        state, value, _, _, info = env.step(action)
+        terms = info["reward_terms"]
+        assert value == pytest.approx(sum(reward.FIRM.get(name, 0.0) * x for name, x in terms.items()), abs=1e-12)
+        slipped += terms["slip"]
+        shift, turn = (reads.column(state, name)[0] for name in ("shift", "turn"))
+        assert -slipped == pytest.approx(min(max(shift / 0.05, turn / np.radians(15)), 1.0), abs=1e-5)
+        greatest = max(greatest, -slipped)
+        assert terms["secure"] == float(info["is_secure"])
+    assert info["is_success"]
+    assert greatest > 0.01
+    decision: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0", reward="firm").unwrapped
+    decision.reset(seed=0)
+    _, value, _, _, info = decision.step(decision.action_space.sample())
+    terms = info["reward_terms"]
+    assert value == pytest.approx(sum(reward.FIRM_DECISION.get(name, 0.0) * x for name, x in terms.items()))
+    for weights, firm in ((reward.DENSE, reward.FIRM), (reward.DECISION, reward.FIRM_DECISION)):
+        # A secure success is worth more than before, a loose one less.
+        assert firm["success"] < weights["success"] < firm["success"] + firm["secure"]
 
 
 def test_state_restores_the_future() -> None:

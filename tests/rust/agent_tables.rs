@@ -192,7 +192,8 @@ fn columns_before_a_decision_hold_what_their_names_say() {
 
 fn potentials(first: f64) -> Potentials {
     let at = |k: f64| first + 0.07 * k * k;
-    Potentials { reach: at(0.0), contact: at(1.0), closure: at(2.0), lift: at(3.0), hold: at(1.5), push: at(2.5) }
+    let (lift, push, slip) = (at(3.0), at(2.5), at(2.2));
+    Potentials { reach: at(0.0), contact: at(1.0), closure: at(2.0), lift, hold: at(1.5), push, slip }
 }
 
 /// The value of the term `name`.
@@ -207,6 +208,7 @@ fn terms_of_a_step_are_what_their_names_say() {
     let base = Transition { before, after, effort: 0.31, ..Transition::default() };
     let cases = [
         ("success", Transition { success: true, ..base }),
+        ("secure", Transition { secure: true, ..base }),
         ("failure", Transition { lost: true, ..base }),
         ("table", Transition { table: true, ..base }),
         ("stop", Transition { stop: true, ..base }),
@@ -221,7 +223,8 @@ fn terms_of_a_step_are_what_their_names_say() {
                 "lift" => after.lift - before.lift,
                 "hold" => after.hold - before.hold,
                 "push" => before.push - after.push,
-                "success" => flag("success"),
+                "slip" => before.slip - after.slip,
+                gain @ ("success" | "secure") => flag(gain),
                 "effort" => -0.31,
                 cost @ ("failure" | "table" | "stop") => -flag(cost),
                 other => panic!("no expected value for the term {other}: add one"),
@@ -237,8 +240,8 @@ fn terms_of_a_step_are_what_their_names_say() {
 #[test]
 fn terms_of_a_decision_are_what_their_names_say() {
     let potentials = potentials(0.1);
-    for (success, infeasible) in [(true, false), (false, true)] {
-        let values = Attempt { potentials, success, infeasible }.terms();
+    for (success, secure, infeasible) in [(true, true, false), (true, false, false), (false, false, true)] {
+        let values = Attempt { potentials, success, secure, infeasible }.terms();
         for row in TERMS {
             let expected = match row.name {
                 "reach" => potentials.reach,
@@ -247,7 +250,9 @@ fn terms_of_a_decision_are_what_their_names_say() {
                 "lift" => potentials.lift,
                 "hold" => potentials.hold,
                 "push" => -potentials.push,
+                "slip" => -potentials.slip,
                 "success" => flag(success),
+                "secure" => flag(secure),
                 "failure" => -flag(infeasible),
                 "effort" | "table" | "stop" => 0.0,
                 other => panic!("no expected value for the term {other}: add one"),
@@ -257,7 +262,8 @@ fn terms_of_a_decision_are_what_their_names_say() {
         }
     }
     let names: Vec<_> = term_table(Control::GraspPose).iter().map(|row| row.name).collect();
-    assert_eq!(names, ["reach", "contact", "closure", "lift", "hold", "success", "failure", "push"]);
+    let shaped = ["reach", "contact", "closure", "lift", "hold", "success", "failure", "push"];
+    assert_eq!(names, [&shaped[..], &["secure", "slip"]].concat());
     assert_eq!(term_table(Control::Twist).len(), TERMS.len());
 }
 

@@ -122,6 +122,7 @@ impl AgentEpisode {
         }
         let diverged = self.episode.world().has_diverged();
         transition.success &= !diverged;
+        transition.secure = transition.success && self.episode.verdict().secure;
         transition.lost = !transition.success && (diverged || self.lost());
         transition.effort = effort(&self.arm, self.episode.world());
         self.record.success = transition.success;

@@ -59,7 +59,7 @@ impl Decision<'_> {
             return self.trial(episode, world_from_hand, preshape, &before);
         }
         let failure = Some(if feasible { FailureKind::NoContact } else { FailureKind::Infeasible });
-        let attempt = Attempt { potentials: before, success: false, infeasible: !feasible };
+        let attempt = Attempt { potentials: before, infeasible: !feasible, ..Attempt::default() };
         Ok(Outcome { episode, attempt, failure, touched: false, survives_shake: false })
     }
 
@@ -84,11 +84,12 @@ impl Decision<'_> {
             reach: before.reach,
             lift: if highest.is_finite() { highest.clamp(0.0, 1.0) } else { 0.0 },
             hold: lifted.hold,
+            slip: lifted.slip,
             ..closed
         };
         Ok(Outcome {
             episode,
-            attempt: Attempt { potentials, success: outcome.success, infeasible: false },
+            attempt: Attempt { potentials, success: outcome.success, secure: outcome.secure, infeasible: false },
             failure: outcome.failure,
             touched: outcome.failure != Some(FailureKind::NoContact),
             survives_shake: outcome.survives_shake == Some(true),

@@ -3,6 +3,7 @@
 use crate::grasp_quality::epsilon;
 use crate::objects::Prepared;
 use graspbox_episode::Episode;
+use graspbox_episode::judge::{SECURE_SHIFT, SECURE_TURN};
 use graspbox_hand::Hand;
 use graspbox_sim::HandContact;
 use nalgebra::{Point3, Vector3};
@@ -30,6 +31,8 @@ pub struct Potentials {
     pub hold: f64,
     /// Share of the sideways motion that counts.
     pub push: f64,
+    /// Motion in the hand since the object left the table, as a share of what a secure grasp allows.
+    pub slip: f64,
 }
 
 impl Potentials {
@@ -49,6 +52,7 @@ impl Potentials {
         let held = touching && !judge.on_scenery();
         let lift = world.object_center().z - judge.resting_height();
         let pushed = (world.object_center() - first_center).xy().norm();
+        let verdict = judge.verdict(world);
         let share = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
         Self {
             reach: share(1.0 - outside / REACH),
@@ -57,6 +61,7 @@ impl Potentials {
             lift: if held { share(lift / judge.criterion().lift_height) } else { 0.0 },
             hold: share(judge.held_share(world)),
             push: share(pushed / PUSHED),
+            slip: share((verdict.shift / SECURE_SHIFT).max(verdict.turn / SECURE_TURN)),
         }
     }
 }

@@ -42,6 +42,8 @@ pub struct Transition {
     pub after: Potentials,
     /// The grasp succeeded.
     pub success: bool,
+    /// The grasp succeeded, and is secure.
+    pub secure: bool,
     /// The object is lost for good.
     pub lost: bool,
     /// The hand touched table or ground.
@@ -55,10 +57,12 @@ pub struct Transition {
 /// What the terms of a decision depend on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Attempt {
-    /// Nearness before the hand closed; contact, closure and push when it had closed; lift and hold at the end.
+    /// Nearness before the hand closed; contact, closure and push when it had closed; lift, hold and slip at the end.
     pub potentials: Potentials,
     /// The grasp succeeded.
     pub success: bool,
+    /// The grasp succeeded, and is secure.
+    pub secure: bool,
     /// The hand could not reach its pose.
     pub infeasible: bool,
 }
@@ -162,6 +166,29 @@ pub const TERMS: &[Term] = &[
         name: "stop",
         step: cost(|| "-1 while the protective stop holds the hand".into(), |t| -indicator(t.stop)),
         decision: None,
+    },
+    Term {
+        name: "secure",
+        step: within([0.0, 1.0], || "1 at a secure success".into(), |t| indicator(t.secure)),
+        decision: share(|| "1 at a secure success".into(), |a| indicator(a.secure)),
+    },
+    Term {
+        name: "slip",
+        step: change(
+            || {
+                let allowed = "as a share of what a secure grasp allows";
+                format!("minus the change of how far the object moved in the hand since it left the table, {allowed}")
+            },
+            |t| t.before.slip - t.after.slip,
+        ),
+        decision: Some(cost(
+            || {
+                "minus how far the object moved in the hand since it left the table, as a share of what a secure grasp \
+                 allows"
+                    .into()
+            },
+            |a| -a.potentials.slip,
+        )),
     },
 ];
 

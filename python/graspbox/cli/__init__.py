@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 import graspbox
-from graspbox.cli import bench, dataset, demo, evaluate, grasp, grasp_image, objects, plan, prepare, voxelize
+from graspbox.cli import bench, dataset, demo, evaluate, grasp, grasp_image, objects, plan, prepare, record, voxelize
 from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -24,6 +24,8 @@ typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)
 typer_app.command("grasp-image")(grasp_image.grasp_image_command)
 typer_app.command("dataset")(dataset.dataset)
+typer_app.command("record")(record.record)
+typer_app.command("export")(record.export)
 typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)

@@ -177,7 +177,8 @@ and distal link of finger 3. ``segmentation`` is privileged, since its labels co
 Reward
 ------
 The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; ``reward="dense"`` has the weights
-`graspbox.envs.reward.DENSE`. ``reward_weights`` replaces weights by name.
+`graspbox.envs.reward.DENSE`, and ``reward="firm"`` those of `graspbox.envs.reward.FIRM`, which pay for a secure hold.
+``reward_weights`` replaces weights by name.
 
 <!-- generated: reward of Grasp-v0 -->
 
@@ -194,6 +195,8 @@ The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; 
 | push | -1 | 1 | minus the change of how far the object was moved sideways, up to 0.2 m, as a share |
 | table | -1 | 0 | -1 while the hand touches the table |
 | stop | -1 | 0 | -1 while the protective stop holds the hand |
+| secure | 0 | 1 | 1 at a secure success |
+| slip | -1 | 1 | minus the change of how far the object moved in the hand since it left the table, as a share of what a secure grasp allows |
 
 <!-- end -->
 
@@ -287,7 +290,7 @@ class GraspEnv(SingleEnv):
         Sample from this split only.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
-    reward : {"sparse", "dense"}
+    reward : {"sparse", "dense", "firm"}
         Weights of the reward terms.
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.

@@ -110,7 +110,7 @@ Reward
 ------
 The sum of weights times terms, as in `graspbox.envs.grasp`; ``reward_weights`` replaces weights by name.
 ``reward="sparse"`` is 1 for a success as `graspbox.simulation` defines it, else 0; ``reward="dense"`` has the weights
-`graspbox.envs.reward.DECISION`. The terms of an attempt, of which those of ``Grasp-v0`` that are missing here are 0:
+`graspbox.envs.reward.DECISION`, ``reward="firm"`` those of `graspbox.envs.reward.FIRM_DECISION`. The terms of an attempt, of which those of ``Grasp-v0`` that are missing here are 0:
 
 <!-- generated: reward of GraspPose-v0 -->
 
@@ -124,6 +124,8 @@ The sum of weights times terms, as in `graspbox.envs.grasp`; ``reward_weights`` 
 | success | 0 | 1 | 1 at success |
 | failure | -1 | 0 | -1 if the attempt is infeasible |
 | push | -1 | 0 | minus how far the object was moved sideways while the hand closed, up to 0.2 m, as a share |
+| secure | 0 | 1 | 1 at a secure success |
+| slip | -1 | 0 | minus how far the object moved in the hand since it left the table, as a share of what a secure grasp allows |
 
 <!-- end -->
 
@@ -193,7 +195,7 @@ class GraspPoseEnv(SingleEnv):
         Sample from this split only.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
-    reward : {"sparse", "dense"}
+    reward : {"sparse", "dense", "firm"}
         Weights of the reward terms.
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.
@@ -253,7 +255,7 @@ class GraspPoseVectorEnv(NativeVectorEnv):
         Sample from this split only.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
-    reward : {"sparse", "dense"}
+    reward : {"sparse", "dense", "firm"}
         Weights of the reward terms.
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 from graspbox.envs.spaces import Tables
 from graspbox.errors import ConfigError
 
-__all__ = ["DECISION", "DECISION_WEIGHTS", "DENSE", "SPARSE", "WEIGHTS", "term_weights", "total"]
+__all__ = [
+    "DECISION",
+    "DECISION_WEIGHTS",
+    "DENSE",
+    "FIRM",
+    "FIRM_DECISION",
+    "SPARSE",
+    "WEIGHTS",
+    "term_weights",
+    "total",
+]
 
 #: 1 for a success, else 0.
 SPARSE: Mapping[str, float] = MappingProxyType({"success": 1.0})
@@ -52,10 +62,19 @@ DECISION: Mapping[str, float] = MappingProxyType(
     }
 )
 
+#: `DENSE`, but a success is worth more where it is secure, and what moves in the hand costs as much as lifting it pays:
+#: half of the reward is for a firm hold.
+FIRM: Mapping[str, float] = MappingProxyType({**DENSE, "success": 5.0, "secure": 10.0, "slip": 3.0})
+
+#: `DECISION`, changed in the same way.
+FIRM_DECISION: Mapping[str, float] = MappingProxyType({**DECISION, "success": 2.0, "secure": 4.0, "slip": 1.0})
+
 #: Weights by the name of the reward.
-WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE, "dense": DENSE})
+WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE, "dense": DENSE, "firm": FIRM})
 #: The same for one decision an episode.
-DECISION_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE, "dense": DECISION})
+DECISION_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {"sparse": SPARSE, "dense": DECISION, "firm": FIRM_DECISION}
+)
 
 
 def term_weights(
@@ -65,7 +84,7 @@ def term_weights(
 
     Parameters
     ----------
-    reward : {"sparse", "dense"}
+    reward : {"sparse", "dense", "firm"}
         Which weights.
     given : mapping of str to float, optional
         Weights that replace those of the same name.

@@ -49,7 +49,7 @@ __all__ = [
 ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
 HandArgument = str | Hand | tuple[str, str]
 Control = Literal["twist", "delta_pose", "target_pose"]
-Reward = Literal["sparse", "dense"]
+Reward = Literal["sparse", "dense", "firm"]
 Info = Literal["full", "numeric"]
 Rendering = Literal["human", "rgb_array"]
 RenderMode = Rendering | None
@@ -84,7 +84,7 @@ class _Common(TypedDict, total=False):
         str | Sequence[str],
         Keyword("state", "str or sequence of str", "Observation: a name, or several names, which give a ``Dict``."),
     ]
-    reward: Annotated[Reward, Keyword("sparse", '{"sparse", "dense"}', "Weights of the reward terms.")]
+    reward: Annotated[Reward, Keyword("sparse", '{"sparse", "dense", "firm"}', "Weights of the reward terms.")]
     reward_weights: Annotated[
         Mapping[str, float] | None,
         Keyword(None, "mapping of str to float, optional", "Weights that replace those of the same name in `reward`."),

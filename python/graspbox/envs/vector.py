@@ -330,7 +330,7 @@ class GraspVectorEnv(NativeVectorEnv):
         Sample from this split only.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
-    reward : {"sparse", "dense"}
+    reward : {"sparse", "dense", "firm"}
         Weights of the reward terms.
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.

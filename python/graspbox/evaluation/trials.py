@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation.results import Evaluation, TrialResult
 from graspbox.policies import Actions, Policy
 
-__all__ = ["run_trials", "trial_seeds"]
+__all__ = ["Steps", "TrialRun", "run_trials", "trial_seeds"]
 
 
 def trial_seeds(seed: int, trials: int) -> list[int]:
@@ -51,13 +52,7 @@ def run_trials(
     MeshError, FileError, SimulationError
         If an object cannot be read or simulated.
     """
-    if not seeds:
-        raise ConfigError("there are no seeds; give one for each trial")
-    if envs.metadata.get("autoreset_mode") != AutoresetMode.DISABLED:
-        raise ConfigError("trials begin by an explicit reset; make the environments with autoreset_mode='Disabled'")
-    if policy.task.num_envs != envs.num_envs:
-        raise ConfigError(f"the policy is bound to {policy.task.num_envs} environments, these are {envs.num_envs}")
-    run = _Run(policy, envs, seeds)
+    run = TrialRun(policy, envs, seeds)
     results: dict[int, TrialResult] = {}
     for trial, result in run.results():
         results[trial] = result
@@ -66,11 +61,64 @@ def run_trials(
     return Evaluation(policy.name, policy.task.env_id, ordered, 1e3 * run.seconds / run.decisions)
 
 
-class _Run:
-    """Trials in progress: the environments take the next trial whenever they are free."""
+@dataclass(frozen=True)
+class Steps:
+    """One step of some trials; each row is one trial.
 
-    def __init__(self, policy: Policy, envs: VectorEnv[Any, Any, Any], seeds: Sequence[int]) -> None:
-        self._policy, self._seeds = policy, seeds
+    Attributes
+    ----------
+    trial, env : (rows,) int64
+        Index of the trial in the list of seeds, and of its environment.
+    observation, following : (rows, ...) array, or mapping of them
+        What the policy saw, and what its action led to.
+    action : (rows, k) float32
+        What it did.
+    reward : (rows,) float64
+        What it was paid.
+    terminated, truncated : (rows,) bool
+        Whether the trial ended, and how.
+    """
+
+    trial: NDArray[np.int64]
+    env: NDArray[np.int64]
+    observation: Any
+    action: Actions
+    reward: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    following: Any
+
+
+class TrialRun:
+    """Trials in progress: the environments take the next trial whenever they are free.
+
+    Parameters
+    ----------
+    policy, envs, seeds
+        As for `run_trials`.
+    watch : callable, optional
+        Called with every step of every trial (`Steps`), before the results of the trials that end with it.
+
+    Raises
+    ------
+    ConfigError
+        As `run_trials`.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        envs: VectorEnv[Any, Any, Any],
+        seeds: Sequence[int],
+        watch: Callable[[Steps], None] | None = None,
+    ) -> None:
+        if not seeds:
+            raise ConfigError("there are no seeds; give one for each trial")
+        if envs.metadata.get("autoreset_mode") != AutoresetMode.DISABLED:
+            raise ConfigError("trials begin by an explicit reset; make the environments with autoreset_mode='Disabled'")
+        if policy.task.num_envs != envs.num_envs:
+            raise ConfigError(f"the policy is bound to {policy.task.num_envs} environments, these are {envs.num_envs}")
+        self._policy, self._seeds, self._watch = policy, seeds, watch
         # Seeds per environment, send and recv are more than Gymnasium's class knows.
         self._native: Any = envs.unwrapped
         self.seconds, self.decisions = 0.0, 0
@@ -83,7 +131,7 @@ class _Run:
         self._observation: Any = None
 
     def results(self) -> Iterator[tuple[int, TrialResult]]:
-        """Run all trials; gives each with its number when it ends."""
+        """Run all trials; gives each with its index when it ends."""
         while True:
             self._begin()
             active = np.flatnonzero(self._trial >= 0)
@@ -122,6 +170,12 @@ class _Run:
         self._native.send(actions, active)
         observation, rewards, terminated, truncated, info = self._native.recv(len(active))
         rows = info["env_id"]
+        if self._watch is not None:
+            acted = np.zeros((self._native.num_envs, actions.shape[1]), dtype=np.float32)
+            acted[active] = actions
+            before = _rows(self._observation, rows)
+            ends = terminated, truncated
+            self._watch(Steps(self._trial[rows], rows, before, acted[rows], rewards, *ends, observation))
         self._observation = _scatter(self._observation, observation, rows)
         self._steps[rows] += 1
         self._rewards[rows] += rewards
@@ -141,6 +195,11 @@ class _Run:
             steps=int(self._steps[env]),
             reward=float(self._rewards[env]),
         )
+
+
+def _rows(values: Any, rows: NDArray[np.intp]) -> Any:
+    """Take some rows of an observation, an array or a dictionary of arrays."""
+    return {name: part[rows] for name, part in values.items()} if isinstance(values, dict) else values[rows]
 
 
 def _scatter(old: Any, new: Any, rows: NDArray[np.intp]) -> Any:

@@ -8,6 +8,9 @@
 | `graspbox.sb3.training` | makes the model of a run: parameters, policy class, demonstrations |
 | `graspbox.sb3.running` | evaluation on held-out objects, checkpoints |
 | `graspbox.sb3.demonstrations` | demonstrations of the scripted expert: behaviour cloning, replay |
+| `graspbox.sb3.parameters` | entries of ``scripts/sb3.yaml`` |
+| `graspbox.sb3.cloning` | behaviour cloning of recorded demonstrations: steps, statistics, loss |
+| `graspbox.sb3.fine_tuning` | a model begins as a clone and stays near its demonstrations at first |
 | `graspbox.sb3.ppo` | PPO with a learning rate of its own for the value function |
 
 Nothing of Stable-Baselines3 is imported before one of these is asked for; `require` tells whether it is there.

@@ -27,16 +27,21 @@ class ModelPolicy(Policy):
         Scales the observations; its statistics are read, not updated.
     name : str
         Name in results.
+
+    Attributes
+    ----------
+    model, statistics
+        The same.
     """
 
     def __init__(self, model: BaseAlgorithm, statistics: VecNormalize | None = None, name: str = "policy") -> None:
-        self._model, self._statistics, self.name = model, statistics, name
+        self.model, self.statistics, self.name = model, statistics, name
 
     def act(self, observation: Any) -> Actions:
         """Scale the observations and predict."""
-        if self._statistics is not None:
-            observation = self._statistics.normalize_obs(observation)
-        actions, _ = self._model.predict(observation, deterministic=True)
+        if self.statistics is not None:
+            observation = self.statistics.normalize_obs(observation)
+        actions, _ = self.model.predict(observation, deterministic=True)
         return np.asarray(actions, dtype=np.float32)
 
 
@@ -46,14 +51,15 @@ def summary(found: Evaluation) -> dict[str, Any]:
     Returns
     -------
     dict
-        Shares of ``success`` and ``secure``, ``ci95`` of the success (Wilson), mean ``return`` and ``length``, number
-        of ``episodes``, and number of ``failures`` by kind.
+        Shares of ``success`` and ``secure``, their 95 % intervals ``ci95`` and ``secure_ci95`` (Wilson), mean
+        ``return`` and ``length``, number of ``episodes``, and number of ``failures`` by kind.
     """
     trials = found.trials
     return {
         "success": found.rate,
         "ci95": list(found.ci95),
         "secure": found.secure / len(trials),
+        "secure_ci95": list(found.secure_ci95),
         "return": float(np.mean([trial.reward for trial in trials])),
         "length": float(np.mean([trial.steps for trial in trials])),
         "episodes": len(trials),

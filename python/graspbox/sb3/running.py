@@ -78,8 +78,15 @@ def _fresh(folder: Path, write: Callable[[Path], None]) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def save(model: BaseAlgorithm, folder: Path, seconds: float, *, buffer: bool = True) -> None:
-    """Save all that a resumed run needs."""
+def save(
+    model: BaseAlgorithm,
+    folder: Path,
+    seconds: float,
+    *,
+    buffer: bool = True,
+    also: Callable[[Path], None] = lambda _: None,
+) -> None:
+    """Save all that a resumed run needs; `also` writes more into the folder."""
 
     def write(new: Path) -> None:
         model.save(new / "model.zip")
@@ -89,6 +96,7 @@ def save(model: BaseAlgorithm, folder: Path, seconds: float, *, buffer: bool = T
         if buffer and isinstance(model, OffPolicyAlgorithm):
             model.save_replay_buffer(new / "replay_buffer.pkl")
         (new / "progress.json").write_text(json.dumps({"timesteps": model.num_timesteps, "seconds": seconds}))
+        also(new)
 
     _fresh(folder, write)
 

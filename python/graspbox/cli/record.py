@@ -1,0 +1,121 @@
+"""``graspbox record`` and ``graspbox export``: demonstrations of a policy, in graspbox's format and in others."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from graspbox import demonstrations, policies
+from graspbox.cli.common import Json, Seed, Split, Threads, print_json, progress
+from graspbox.envs import IDS
+from graspbox.errors import ConfigError
+from graspbox.evaluation import MAX_ENVS
+
+_FORMATS = ("minari", "lerobot")
+
+Environments = Annotated[
+    int,
+    typer.Option(
+        "--num-envs", min=1, max=MAX_ENVS, help="Number of environments stepped together; episodes do not depend on it."
+    ),
+]
+Noise = Annotated[
+    float,
+    typer.Option("--noise", min=0, max=1, help="Noise that disturbs the actions, in shares; it is not recorded."),
+]
+
+
+def _keywords(given: list[str] | None) -> dict[str, Any]:
+    """Read ``name=value``; a value that is no JSON is text."""
+    found: dict[str, Any] = {}
+    for one in given or []:
+        name, equals, value = one.partition("=")
+        if not equals or not name.isidentifier():
+            raise ConfigError(f"--set {one!r} names no keyword; write, for example, frame_skip=4")
+        try:
+            found[name] = json.loads(value)
+        except ValueError:
+            found[name] = value
+    return found
+
+
+def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
+    rows = made.episodes
+    return {
+        "folder": str(made.folder),
+        "trials": made.trials,
+        "episodes": len(rows),
+        "steps": sum(row.steps for row in rows),
+        "success": sum(row.success for row in rows),
+        "secure": sum(row.secure for row in rows),
+    }
+
+
+def record(
+    policy: Annotated[str, typer.Argument(help=f"Policy: {', '.join(policies.names())}.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder; what it holds already is continued.")],
+    env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = "graspbox/Grasp-v0",
+    objects: Annotated[
+        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
+    ] = None,
+    episodes: Annotated[int, typer.Option("--episodes", min=1, help="Episodes to keep.")] = 500,
+    obs: Annotated[
+        list[str] | None, typer.Option("--obs", help="Observation to record, 'state' by default; may be repeated.")
+    ] = None,
+    keep: Annotated[
+        str, typer.Option("--keep", help="Which episodes: secure successes, all successes ('success'), or 'all'.")
+    ] = "secure",
+    noise: Noise = 0.0,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Other keyword of the environment, such as frame_skip=4; may be repeated."),
+    ] = None,
+    split: Split = None,
+    seed: Seed = 0,
+    num_envs: Environments = 32,
+    threads: Threads = None,
+    as_json: Json = False,
+) -> None:
+    """Record episodes of a policy as Parquet files, to learn from them."""
+    with progress() as bar:
+        task = bar.add_task(policy, total=episodes)
+        made = demonstrations.record(
+            policy,
+            out,
+            env,
+            objects or ["procedural"],
+            episodes,
+            obs or ["state"],
+            seed,
+            keep=keep,
+            noise=noise,
+            split=split,  # type: ignore[arg-type]
+            num_envs=num_envs,
+            progress=lambda kept, trials: bar.update(task, completed=kept, description=f"{policy}, {trials} trials"),
+            **{"num_threads": threads, **_keywords(settings)},
+        )
+    found = _counts(made)
+    if as_json:
+        print_json(found)
+        return
+    typer.echo(
+        f"{out}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
+        f"{found['success']} successes, {found['secure']} secure"
+    )
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(help="What `graspbox record` wrote.")],
+    form: Annotated[str, typer.Option("--format", help=f"Format: {' or '.join(_FORMATS)}.")],
+    out: Annotated[str, typer.Option("--out", help="Folder of the LeRobotDataset, or id of the Minari data set.")],
+) -> None:
+    """Write recorded demonstrations in the format of Minari or LeRobot."""
+    if form not in _FORMATS:
+        raise ConfigError(f"--format is {form!r}; choose from {', '.join(_FORMATS)}")
+    made = demonstrations.Demonstrations(folder)
+    if form == "minari":
+        where = demonstrations.to_minari(made, out).spec.data_path
+    else:
+        where = demonstrations.to_lerobot(made, out)
+    typer.echo(f"{len(made.episodes)} episodes: {where}")

@@ -1,0 +1,29 @@
+"""Demonstrations: episodes of a policy, recorded for learning from them (extra ``[data]``).
+
+`record` runs a policy in many environments at once and keeps the episodes that are worth imitating; ``graspbox record``
+does the same on the command line. The folder holds
+
+| file | contents |
+|---|---|
+| ``manifest.json`` | settings, environment (``env_spec``), observations, counts |
+| ``episodes-00000.parquet``, ... | a row per observation: ``episode``, ``step``, ``observation.NAME``, ``action``, ``reward``, ``terminated``, ``truncated`` |
+
+The last row of an episode holds its last observation; what follows an action is null there. Each file is written whole;
+an interrupted call continues after the last one. Episodes do not depend on the number of environments or threads, nor
+do the bytes of the files.
+
+`Demonstrations` reads them, `to_minari` and `to_lerobot` write them in the formats of these projects, and
+``scripts/clone_sb3.py`` trains a policy of Stable-Baselines3 on them.
+
+>>> import graspbox.demonstrations as demonstrations
+>>> made = demonstrations.record("expert", "out/shown", objects="procedural:can:0-3", episodes=2, obs=("proprio",))
+>>> [(episode.object, episode.secure) for episode in made.episodes]
+[('can-000000', True), ('can-000003', True)]
+"""  # noqa: E501 (table)
+
+from graspbox.demonstrations.lerobot import to_lerobot
+from graspbox.demonstrations.minari import to_minari
+from graspbox.demonstrations.recording import KEEP, record
+from graspbox.demonstrations.store import Demonstrations, Episode, EpisodeSteps
+
+__all__ = ["KEEP", "Demonstrations", "Episode", "EpisodeSteps", "record", "to_lerobot", "to_minari"]

@@ -1,0 +1,293 @@
+"""Demonstrations as a LeRobotDataset, version 3.0 of the format (extra ``[lerobot]``).
+
+The folder can be loaded with ``lerobot.datasets.LeRobotDataset(repo_id, root=folder)``, and uploaded as it is. The
+layout is that of https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
+
+| feature | what it is here |
+|---|---|
+| ``observation.state`` | ``proprio``: what the arm and the hand measure |
+| ``observation.environment_state`` | ``state``: the privileged vector |
+| ``observation.images.NAME`` | colour images, as PNG |
+| ``observation.NAME`` | every other observation, such as ``tactile`` or ``depth`` (float, metres) |
+| ``action`` | in [-1, 1] |
+| ``next.reward``, ``next.done``, ``next.success`` | what followed the action |
+
+The last observation of an episode, which no action follows, is left out, as LeRobot does.
+"""
+
+import io
+import json
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.dataset.extras import parquet, pyarrow
+from graspbox.demonstrations.store import Demonstrations, EpisodeSteps
+from graspbox.errors import ConfigError, MissingExtraError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["to_lerobot"]
+
+_VERSION = "v3.0"
+_TASK = "Grasp the object and lift it."
+_CHUNK = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+#: Files of a chunk, and megabytes of a file (LeRobot's defaults).
+_FILES, _MEGABYTES = 1000, 100
+_QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
+_NAMES = {"proprio": "observation.state", "state": "observation.environment_state"}
+#: Columns that every data set has; all of them are one number a frame.
+_DEFAULT = {
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+
+
+def to_lerobot(demonstrations: Demonstrations, out: str | Path) -> Path:
+    """Write demonstrations as a LeRobotDataset.
+
+    Parameters
+    ----------
+    demonstrations : Demonstrations
+        At least one episode.
+    out : str or Path
+        The folder, which must not exist; it is written whole or not at all.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    ConfigError
+        If there is no episode, or the folder exists.
+    MissingExtraError
+        Without pyarrow, or, for colour images, without pillow.
+    """
+    folder = Path(out)
+    if folder.exists():
+        raise ConfigError(f"{str(folder)!r} exists; remove it, or name another folder")
+    if not demonstrations.episodes:
+        raise ConfigError(f"{str(demonstrations.folder)!r} holds no episode; record some")
+    unfinished = folder.with_name(f".{folder.name}.unfinished")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    try:
+        _Writer(unfinished, demonstrations).write()
+        unfinished.rename(folder)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    return folder
+
+
+def _is_image(name: str, shape: tuple[int, ...], dtype: str) -> bool:
+    return name.partition("_")[0] == "rgb" and dtype == "uint8" and len(shape) == 3
+
+
+def _features(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Describe the features for ``info.json``; gives the name of each observation's too."""
+    features: dict[str, Any] = {}
+    names: dict[str, str] = {}
+    for name, space in settings["observations"].items():
+        shape, dtype = tuple(space["shape"]), space["dtype"]
+        if _is_image(name, shape, dtype):
+            names[name] = f"observation.images.{name}"
+            features[names[name]] = {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}
+        else:
+            names[name] = _NAMES.get(name, f"observation.{name}")
+            features[names[name]] = {"dtype": dtype, "shape": shape, "names": None}
+    features["action"] = {"dtype": "float32", "shape": (settings["action_size"],), "names": None}
+    for name, dtype in (("reward", "float32"), ("done", "bool"), ("success", "bool")):
+        features[f"next.{name}"] = {"dtype": dtype, "shape": (1,), "names": None}
+    features |= {name: {"dtype": dtype, "shape": (1,), "names": None} for name, dtype in _DEFAULT.items()}
+    return features, names
+
+
+class _Writer:
+    """Writes one data set, episode by episode."""
+
+    def __init__(self, folder: Path, demonstrations: Demonstrations) -> None:
+        self._folder, self._demonstrations = folder, demonstrations
+        self._features, self._names = _features(demonstrations.settings)
+        self._file, self._bytes, self._frames = 0, 0, 0
+        self._writer: Any = None
+        self._rows: list[dict[str, Any]] = []
+        self._stats = {name: _Stats(len(entry["shape"]) == 1) for name, entry in self._features.items()}
+
+    def write(self) -> None:
+        """Write everything."""
+        try:
+            for index, one in enumerate(self._demonstrations.read()):
+                self._episode(index, one)
+        finally:
+            if self._writer is not None:
+                self._writer.close()
+        path = self._path("meta/episodes/", 0)
+        parquet().write_table(pyarrow().Table.from_pylist(self._rows), path)
+        _write_tasks(self._folder / "meta/tasks.parquet")
+        stats = {name: found.result() for name, found in self._stats.items()}
+        _write_json(self._folder / "meta/stats.json", stats)
+        _write_json(self._folder / "meta/info.json", self._info())
+
+    def _info(self) -> dict[str, Any]:
+        fps = self._demonstrations.settings["fps"]
+        return {
+            "codebase_version": _VERSION,
+            "robot_type": "graspbox",
+            "total_episodes": len(self._rows),
+            "total_frames": self._frames,
+            "total_tasks": 1,
+            "chunks_size": _FILES,
+            "data_files_size_in_mb": _MEGABYTES,
+            "video_files_size_in_mb": 200,
+            "fps": round(fps),
+            "splits": {"train": f"0:{len(self._rows)}"},
+            "data_path": f"data/{_CHUNK}",
+            "video_path": None,
+            "features": self._features,
+        }
+
+    def _path(self, start: str, file: int) -> Path:
+        path = self._folder / (start + _CHUNK.format(chunk_index=file // _FILES, file_index=file % _FILES))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def _episode(self, index: int, one: EpisodeSteps) -> None:
+        values = self._values(index, one)
+        table = pyarrow().table({name: self._column(name, value) for name, value in values.items()})
+        if self._writer is not None and self._bytes + table.nbytes > _MEGABYTES << 20:
+            self._writer.close()
+            self._writer, self._file, self._bytes = None, self._file + 1, 0
+        if self._writer is None:
+            self._writer = parquet().ParquetWriter(self._path("data/", self._file), table.schema)
+        self._writer.write_table(table)
+        self._bytes += table.nbytes
+        first, self._frames = self._frames, self._frames + table.num_rows
+        row: dict[str, Any] = {
+            "episode_index": index,
+            "tasks": [_TASK],
+            "length": table.num_rows,
+            "data/chunk_index": self._file // _FILES,
+            "data/file_index": self._file % _FILES,
+            "dataset_from_index": first,
+            "dataset_to_index": self._frames,
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+        }
+        for name, value in values.items():
+            own = _Stats(self._stats[name].keeps)
+            for stats in (own, self._stats[name]):
+                stats.add(_as_numbers(value, self._features[name]["dtype"] == "image"), len(value))
+            row |= {f"stats/{name}/{what}": number for what, number in own.result().items()}
+        self._rows.append(row)
+
+    def _values(self, index: int, one: EpisodeSteps) -> dict[str, NDArray[Any]]:
+        """Frames of every feature, (frames, *shape)."""
+        count, fps = len(one.actions), self._demonstrations.settings["fps"]
+        found: dict[str, Any] = {self._names[name]: rows[:-1] for name, rows in one.observations.items()}
+        frames = np.arange(count)
+        ended = one.terminated | one.truncated
+        found |= {
+            "action": one.actions,
+            "next.reward": one.rewards,
+            "next.done": ended,
+            "next.success": ended & one.episode.success,
+            "timestamp": frames / fps,
+            "frame_index": frames,
+            "episode_index": np.full(count, index),
+            "index": self._frames + frames,
+            "task_index": np.zeros(count),
+        }
+        kinds = {name: "uint8" if row["dtype"] == "image" else row["dtype"] for name, row in self._features.items()}
+        return {name: np.asarray(found[name]).astype(kinds[name]) for name in self._features}
+
+    def _column(self, name: str, values: NDArray[Any]) -> "pa.Array":
+        pa = pyarrow()
+        if self._features[name]["dtype"] == "image":
+            kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+            return pa.array([{"bytes": _png(image), "path": None} for image in values], type=kind)
+        found = pa.array(np.ascontiguousarray(values).reshape(-1))
+        shape = values.shape[1:]
+        if len(shape) == 1:
+            return pa.FixedSizeListArray.from_arrays(found, shape[0])
+        # From the innermost axis outwards.
+        for axis in range(len(shape) - 1, -1, -1):
+            offsets = np.arange(0, len(found) + 1, shape[axis], dtype=np.int32)
+            found = pa.ListArray.from_arrays(pa.array(offsets), found)
+        return found
+
+
+def _png(image: NDArray[np.uint8]) -> bytes:
+    try:
+        from PIL import Image
+    except ModuleNotFoundError as error:
+        if error.name != "PIL":
+            raise
+        raise MissingExtraError("colour images need pillow: pip install 'graspbox[lerobot]'") from None
+    raw = io.BytesIO()
+    Image.fromarray(image).save(raw, format="PNG")
+    return raw.getvalue()
+
+
+def _as_numbers(values: NDArray[Any], image: bool) -> NDArray[np.float64]:
+    """Rows of which statistics are taken; those of an image are of its channels, in [0, 1]."""
+    if image:
+        return values.reshape(-1, 3, 1, 1) / 255.0
+    return values.reshape(len(values), *(values.shape[1:] or (1,))).astype(np.float64)
+
+
+class _Stats:
+    """Statistics over rows that come in parts; quantiles too where all rows can be kept."""
+
+    def __init__(self, keeps: bool) -> None:
+        self.keeps = keeps
+        self._rows: list[NDArray[np.float32]] = []
+        self._count, self._frames = 0, 0
+        zero: NDArray[np.float64] = np.zeros(())
+        self._low, self._high, self._total, self._square = zero + np.inf, zero - np.inf, zero, zero
+
+    def add(self, rows: NDArray[np.float64], frames: int) -> None:
+        self._low, self._high = np.minimum(self._low, rows.min(0)), np.maximum(self._high, rows.max(0))
+        self._total, self._square = self._total + rows.sum(0), self._square + (rows**2).sum(0)
+        self._count += len(rows)
+        self._frames += frames
+        if self.keeps:
+            self._rows.append(rows.astype(np.float32))
+
+    def result(self) -> dict[str, Any]:
+        mean = self._total / self._count
+        std = np.sqrt(np.maximum(self._square / self._count - mean**2, 0.0))
+        found = {"min": self._low, "max": self._high, "mean": mean, "std": std, "count": np.array([self._frames])}
+        if self.keeps:
+            rows = np.concatenate(self._rows)
+            found |= {f"q{round(100 * q):02d}": np.quantile(rows, q, axis=0) for q in _QUANTILES}
+        return {name: value.tolist() for name, value in found.items()}
+
+
+def _write_json(path: Path, value: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(value, indent=4, allow_nan=False))
+
+
+def _write_tasks(path: Path) -> None:
+    """Write the table of tasks as pandas does, with the sentence as its index."""
+    columns: list[dict[str, Any]] = [
+        {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64"},
+        {"name": None, "field_name": "__index_level_0__", "pandas_type": "unicode", "numpy_type": "object"},
+    ]
+    about = {
+        "index_columns": ["__index_level_0__"],
+        "column_indexes": [],
+        "columns": [{**column, "metadata": None} for column in columns],
+        "pandas_version": "2.0.0",
+    }
+    table = pyarrow().table({"task_index": np.zeros(1, dtype=np.int64), "__index_level_0__": [_TASK]})
+    parquet().write_table(table.replace_schema_metadata({b"pandas": json.dumps(about)}), path)

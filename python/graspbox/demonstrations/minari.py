@@ -1,0 +1,108 @@
+"""Demonstrations as a data set of Minari (extra ``[minari]``)."""
+
+import json
+import shutil
+import warnings
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from gymnasium.envs.registration import EnvSpec
+
+from graspbox.demonstrations.store import Demonstrations
+from graspbox.errors import ConfigError, MissingExtraError
+
+__all__ = ["to_minari"]
+
+_CODE = "https://github.com/graspbox/graspbox"
+
+
+def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
+    """Write demonstrations where Minari keeps its data sets: ``MINARI_DATASETS_PATH``, or ``~/.minari/datasets``.
+
+    ``minari.load_dataset(dataset_id)`` loads them, and its ``recover_environment()`` makes the environment. Images are
+    stored without loss. One file of demonstrations is in memory at a time. The metadata of an episode hold its seed,
+    its object, and whether it was a success and secure.
+
+    Parameters
+    ----------
+    demonstrations : Demonstrations
+        At least one episode.
+    dataset_id : str
+        Such as ``graspbox/expert-v0``.
+
+    Returns
+    -------
+    minari.MinariDataset
+
+    Raises
+    ------
+    ConfigError
+        If there is no episode, Minari does not take the id, or has such a data set already.
+    MissingExtraError
+        Without Minari.
+    """
+    minari, buffers, roots = _minari()
+    if not demonstrations.episodes:
+        raise ConfigError(f"{str(demonstrations.folder)!r} holds no episode; record some")
+    settings = demonstrations.settings
+    spec = EnvSpec.from_json(json.dumps(settings["env_spec"]))
+    try:
+        minari.dataset.minari_dataset.parse_dataset_id(dataset_id)
+    except ValueError as error:
+        raise ConfigError(f"Minari does not take the id {dataset_id!r}: {error}") from None
+    folder = Path(roots.get_dataset_path(dataset_id))
+    if folder.exists():
+        raise ConfigError(f"{str(folder)!r} exists; remove it, or give another id")
+    about = {
+        "algorithm_name": settings["policy"],
+        "code_permalink": _CODE,
+        "description": f"Episodes of the policy {settings['policy']!r} in {settings['env_id']}, made by graspbox "
+        f"{settings['versions']['graspbox']}; kept: {settings['keep']}.",
+        "requirements": ["graspbox"],
+    }
+    try:
+        with warnings.catch_warnings():
+            # Authors are for who publishes the data set to name.
+            warnings.filterwarnings("ignore", message=r"`(author|author_email|eval_env)` is set to None")
+            found = minari.create_dataset_from_buffers(
+                dataset_id,
+                # Any iterable will do: the storage takes one episode after the other.
+                _buffers(demonstrations, buffers.EpisodeBuffer),
+                env=spec,
+                data_format="parquet",
+                jpeg_encoding=False,
+                **about,
+            )
+        rows = [{"object": one.object, "success": one.success, "secure": one.secure} for one in demonstrations.episodes]
+        found.storage.update_episode_metadata(rows)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return found
+
+
+def _buffers(demonstrations: Demonstrations, kind: Any) -> Iterator[Any]:
+    # An environment with one name of an observation gives a mapping all the same: it was made with a sequence of names.
+    for index, one in enumerate(demonstrations.read()):
+        yield kind(
+            id=index,
+            seed=one.episode.seed,
+            observations=one.observations,
+            actions=one.actions,
+            rewards=one.rewards.tolist(),
+            terminations=one.terminated.tolist(),
+            truncations=one.truncated.tolist(),
+        )
+
+
+def _minari() -> tuple[Any, Any, Any]:
+    try:
+        parts = "minari", "minari.data_collector.episode_buffer", "minari.storage.datasets_root_dir"
+        first, second, third = (import_module(part) for part in parts)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "minari":
+            raise
+        raise MissingExtraError("the format of Minari needs minari: pip install 'graspbox[minari]'") from None
+    return first, second, third

@@ -1,0 +1,295 @@
+"""Behaviour cloning and fine-tuning from a clone: `scripts/clone_sb3.py`, ``train_sb3.py --clone``, the comparison.
+
+Needs the extra ``train``.
+"""
+
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspbox.demonstrations import Demonstrations, record
+from graspbox.errors import ConfigError
+from test_scripts import script
+
+pytestmark = pytest.mark.train
+
+sb3 = pytest.importorskip("stable_baselines3")
+torch = pytest.importorskip("torch")
+typer = pytest.importorskip("typer")
+pytest.importorskip("pyarrow")
+cloning = pytest.importorskip("graspbox.sb3.cloning")
+fine_tuning = pytest.importorskip("graspbox.sb3.fine_tuning")
+running = pytest.importorskip("graspbox.sb3.running")
+
+OBJECTS = ("procedural:can:0-9",)
+SEEING = ("depth", "proprio", "tactile")
+NETWORKS = "model.policy_kwargs={net_arch: [32], log_std_init: -3.0}"
+PPO = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.n_epochs=1", NETWORKS)
+SAC = ("num_envs=2", "model.learning_starts=8", "model.buffer_size=256", "model.batch_size=16",
+       "model.gradient_steps=1", "model.policy_kwargs={net_arch: [32]}")  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Leave the number of torch's threads as it was: runs set it."""
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten episodes of the expert."""
+    out = tmp_path_factory.mktemp("cloning") / "shown"
+    keywords: dict[str, Any] = {"objects": OBJECTS, "frame_skip": 4, "max_episode_steps": 50, "image_size": 16}
+    record("expert", out, episodes=10, obs=("state", *SEEING), num_envs=4, split="train", reward="firm", **keywords)
+    return out
+
+
+def clone(algorithm: str, source: Path, folder: Path, **settings: Any) -> dict[str, Any]:
+    """Clone in this process."""
+    program = script("clone_sb3")
+    changes = PPO if algorithm == "ppo" else SAC
+    given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, **settings}
+    return dict(program.clone(program.Settings(algorithm, source, folder, **given)))
+
+
+def train(algorithm: str, folder: Path, **settings: Any) -> int:
+    """Train in this process; the exit status."""
+    program = script("train_sb3")
+    changes = PPO if algorithm == "ppo" else SAC
+    env = ("env.objects=[procedural:can:0-9]", "env.reward=firm", "env.image_size=16")
+    given = {"episodes": 2, "evaluations": 1, **settings, "set": (*changes, *env, *settings.get("set", ()))}
+    return int(program.train(program.Settings(algorithm, folder, **given)))
+
+
+def weights(folder: Path, part: str) -> Any:
+    """Parameters of a part of the policy of a run, as one vector."""
+    settings = json.loads((folder / "evaluations.jsonl").read_text().splitlines()[0])["settings"]
+    policy = running.load_policy(settings["algorithm"], folder / "checkpoint").model.policy
+    return torch.cat([p.detach().flatten() for p in policy.get_submodule(part).parameters()])
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+@pytest.mark.parametrize("obs", ["state", SEEING])
+def test_a_batch_is_learnt_by_heart(shown: Path, algorithm: str, obs: Any) -> None:
+    """Every policy, from the vector and from depth with touch, can reproduce the actions of a batch."""
+    from graspbox.sb3.training import model_arguments
+
+    steps = cloning.ClonedSteps(Demonstrations(shown), obs)
+    keywords = {**Demonstrations(shown).environment()[1], "obs": obs}
+    env = running.normalized(running.make_env("graspbox/Grasp-v0", 1, **keywords), 0.9, observations=True, reward=False)
+    given = {"policy_kwargs": {"net_arch": [128, 128]}, "gamma": 0.9}
+    given |= {"n_steps": 8, "batch_size": 8} if algorithm == "ppo" else {"buffer_size": 1}
+    kind = running.ALGORITHMS[algorithm]
+    model = kind(env=env, device="cpu", seed=0, **model_arguments(kind, given, env, 0))
+    cloning.observe(env, steps)
+    observations, actions = steps[list(range(0, len(steps), 4))]
+    optimizer = torch.optim.Adam(cloning.actor_parameters(model), lr=2e-3)
+    errors = []
+    for _ in range(300):
+        loss, error = cloning.cloning_loss(model, observations, actions)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        errors.append(error.item())
+    assert errors[-1] < 2e-3 < 0.05 < errors[0]
+    # What a deterministic policy does is what was learnt.
+    policy = script_policy(model, env)
+    arrays = (
+        {name: rows.numpy() for name, rows in observations.items()} if isinstance(obs, tuple) else observations.numpy()
+    )
+    acted = policy.act(arrays)
+    assert np.mean((acted - actions.numpy()) ** 2) < 2e-3
+    if algorithm == "sac":
+        spread = cloning.mean_actions(model, observations)[1]
+        assert spread.mean().item() == pytest.approx(-2.4, abs=0.5)
+    env.close()
+
+
+def script_policy(model: Any, env: Any) -> Any:
+    from graspbox.sb3.policy import ModelPolicy
+
+    return ModelPolicy(model, env)
+
+
+def test_statistics_are_those_of_the_demonstrations(shown: Path, tmp_path: Path) -> None:
+    """Vectors are scaled by their mean and deviation in the demonstrations; images are left alone."""
+    clone("ppo", shown, tmp_path / "c", obs=SEEING, epochs=1)
+    policy = running.load_policy("ppo", tmp_path / "c/checkpoint")
+    steps = cloning.ClonedSteps(Demonstrations(shown), SEEING)
+    assert set(policy.statistics.obs_rms) == {"proprio", "tactile"}
+    scaled = policy.statistics.normalize_obs(steps.arrays())
+    assert scaled["proprio"].mean(axis=0) == pytest.approx(0.0, abs=0.02)
+    assert (scaled["depth"] == steps.arrays()["depth"]).all()
+    assert not policy.statistics.training
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_an_interrupted_clone_is_continued(shown: Path, tmp_path: Path, algorithm: str, monkeypatch: Any) -> None:
+    """Stopped after three of four epochs, of which the last was not saved, it ends as one that was not stopped."""
+    whole = clone(algorithm, shown, tmp_path / "whole", epochs=4, save_every=2)
+    program = script("clone_sb3")
+    measure = program.Loop.measure
+
+    def stop(loop: Any) -> float:
+        if loop.epoch == 3:
+            raise KeyboardInterrupt
+        return float(measure(loop))
+
+    given = {"epochs": 4, "episodes": 2, "batch": 64, "save_every": 2, "set": PPO if algorithm == "ppo" else SAC}
+    settings = program.Settings(algorithm, shown, tmp_path / "parts", **given)
+    monkeypatch.setattr(program.Loop, "measure", stop)
+    with pytest.raises(KeyboardInterrupt):
+        program.clone(settings)
+    monkeypatch.undo()
+    with pytest.raises(ConfigError, match="--resume"):
+        clone(algorithm, shown, tmp_path / "parts", epochs=4, save_every=2)
+    again = clone(algorithm, shown, tmp_path / "parts", epochs=4, save_every=2, resume=True)
+    for name in ("epoch", "updates", "trained", "held_out", "success"):
+        assert again[name] == whole[name]
+    part = "mlp_extractor.policy_net" if algorithm == "ppo" else "actor"
+    assert (weights(tmp_path / "whole", part) == weights(tmp_path / "parts", part)).all()
+    rows = [json.loads(line) for line in (tmp_path / "parts/losses.jsonl").read_text().splitlines()[1:]]
+    assert [row["epoch"] for row in rows] == [1, 2, 3, 4]
+    assert rows[-1]["trained"] < rows[0]["trained"]
+    # A finished run has nothing left to do, and is evaluated as any run.
+    assert clone(algorithm, shown, tmp_path / "parts", epochs=4, save_every=2, resume=True) == again
+    found = script("evaluate_sb3").measure(tmp_path / "parts", {"split": "validation"}, 2, 10_000)["policy"]
+    assert (found["success"], found["secure"]) == (whole["success"], whole["secure"])
+
+
+@pytest.mark.parametrize(("algorithm", "obs"), [("ppo", ("state",)), ("ppo", SEEING), ("sac", ("state",))])
+def test_a_clone_is_tuned(shown: Path, tmp_path: Path, algorithm: str, obs: tuple[str, ...]) -> None:
+    """It begins as the clone does; at first its value function learns alone, then the actor moves too."""
+    clone(algorithm, shown, tmp_path / "clone", obs=obs)
+    seen = obs[0] if len(obs) == 1 else "[" + ", ".join(obs) + "]"
+    changes = (f"env.obs={seen}", "value_warmup=65", "clone_weight=5.0", "clone_steps=1000", "model.learning_rate=1e-3")
+    run = tmp_path / "run"
+    assert train(algorithm, run, clone=tmp_path / "clone", steps=64, set=changes) == 0
+    actor = "action_net" if algorithm == "ppo" else "actor"
+    value = "value_net" if algorithm == "ppo" else "critic"
+    assert (weights(run, actor) == weights(tmp_path / "clone", actor)).all()
+    assert (weights(run, value) != weights(tmp_path / "clone", value)).any()
+    before, after = (running.load_policy(algorithm, tmp_path / name / "checkpoint") for name in ("clone", "run"))
+    first = before.statistics.obs_rms
+    for name, rms in (
+        after.statistics.obs_rms.items() if isinstance(first, dict) else [(None, after.statistics.obs_rms)]
+    ):
+        assert (rms.mean == (first[name] if name else first).mean).all()
+    first_row = json.loads((run / "evaluations.jsonl").read_text().splitlines()[1])
+    found = script("evaluate_sb3").measure(tmp_path / "clone", {"split": "validation"}, 2, 10_000)["policy"]
+    assert first_row["return"] == pytest.approx(found["return"])
+    # Beyond the warm-up, after a resumption.
+    assert train(algorithm, run, clone=tmp_path / "clone", steps=192, set=changes, resume=True) == 0
+    assert (weights(run, actor) != weights(tmp_path / "clone", actor)).any()
+
+
+def test_the_cloning_term_fades(shown: Path) -> None:
+    """Alone it pulls the actor to the demonstrations, with a weight that falls to zero; the value function stays."""
+    from stable_baselines3.common.logger import Logger
+
+    keywords = Demonstrations(shown).environment()[1]
+    env = running.make_env("graspbox/Grasp-v0", 1, **keywords)
+    model = running.ALGORITHMS["ppo"]("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu", seed=0)
+    model.set_logger(Logger(None, []))
+    steps = cloning.ClonedSteps(Demonstrations(shown), "state")
+    term = fine_tuning.CloningTerm(model, steps, weight=2.0, decay=100, warmup=10)
+    value = model.policy.value_net.weight.detach().clone()
+    losses = []
+    for done, expected in ((0, 2.0), (50, 1.0), (100, 0.0), (500, 0.0)):
+        model.num_timesteps = done
+        assert term.weight == pytest.approx(expected)
+        before = model.policy.action_net.weight.detach().clone()
+        for _ in range(20):
+            model.policy.optimizer.zero_grad()
+            model.policy.optimizer.step()
+        losses.append(cloning.cloning_loss(model, *steps[list(range(len(steps)))])[1].item())
+        moved = bool((before != model.policy.action_net.weight).any())
+        assert moved == (done == 50)
+    assert losses[1] < losses[0]
+    assert (value == model.policy.value_net.weight).all()
+    term.remove()
+    model.num_timesteps = 50
+    before = model.policy.action_net.weight.detach().clone()
+    model.policy.optimizer.step()
+    assert (before == model.policy.action_net.weight).all()
+    env.close()
+
+
+def test_what_cannot_be_is_refused(shown: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no algorithm 'dqn'"):
+        clone("dqn", shown, tmp_path / "x")
+    with pytest.raises(ConfigError, match="--epochs is 0; give 1 or more"):
+        clone("ppo", shown, tmp_path / "x", epochs=0)
+    with pytest.raises(ConfigError, match=r"--rate is 2\.0"):
+        clone("ppo", shown, tmp_path / "x", rate=2.0)
+    with pytest.raises(ConfigError, match="no observation 'voxels'"):
+        clone("ppo", shown, tmp_path / "x", obs=("voxels",))
+    with pytest.raises(ConfigError, match="5 episodes are too few"):
+        clone("ppo", shown, tmp_path / "y", shown=5)
+    with pytest.raises(ConfigError, match="keep is 'some'"):
+        clone("ppo", shown, tmp_path / "x", keep="some")
+    with pytest.raises(ConfigError, match="there is no clone in"):
+        train("ppo", tmp_path / "run", clone=tmp_path / "none", steps=64)
+    clone("ppo", shown, tmp_path / "clone", epochs=1)
+    for given, message in (
+        ({"algorithm": "sac"}, "is a policy of ppo; train it with that"),
+        ({"set": ("env.obs=[proprio, tactile]",)}, "has the observation_space"),
+        ({"set": ("model.policy_kwargs={net_arch: [16]}",)}, "has other networks"),
+        ({"set": ("normalize.observations=false",)}, "normalize.observations differs"),
+        ({"set": ("normalize.reward=true",)}, "set normalize.reward=false"),
+    ):
+        settings: dict[str, Any] = {"algorithm": "ppo", "clone": tmp_path / "clone", "steps": 64, **given}
+        with pytest.raises(ConfigError, match=message):
+            train(folder=tmp_path / f"run-{message[:9]}", **settings)
+
+
+def test_a_comparison_runs_once_and_explains_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All of its programs, tiny and in this process; a second call runs none of them."""
+    from typer.testing import CliRunner
+
+    from graspbox.cli import typer_app
+
+    program, ran = script("compare_cloning"), []
+
+    def call(words: list[str], output: bool) -> Any:
+        assert output == (Path(words[1]).stem == "evaluate_sb3")
+        ran.append(Path(words[1]).stem)
+        if words[1] == "-m":
+            done = CliRunner().invoke(typer_app, words[3:], catch_exceptions=False)
+            return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
+        if ran[-1] == "evaluate_sb3":
+            app = typer.Typer()
+            app.command()(script(ran[-1]).main)
+            done = CliRunner().invoke(app, words[2:], catch_exceptions=False)
+            return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
+        return subprocess.CompletedProcess(words, script(ran[-1]).main(words[2:]))
+
+    monkeypatch.setattr(program, "call", call)
+    words = [str(tmp_path / "out"), "--inputs", "state", "--shown", "10", "--epochs", "1", "--steps", "64"]
+    words += ["--episodes", "3", "--noise", "0.0", "--evaluations", "1", "--watched", "2"]
+    words += [word for change in PPO[:-1] for word in ("--set", change)]
+    assert program.main(words) == 0
+    assert ran == ["-m", "clone_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3"]
+    page = (tmp_path / "out/README.md").read_text()
+    for name in ("clone-state", "rl-state", "tuned-state", "expert", "planner"):
+        assert f"\n| {name} | " in page
+    assert page.count("train_sb3.py ppo") == 2
+    assert (tmp_path / "out/curves.png").stat().st_size > 10_000
+    ran.clear()
+    assert program.main(words) == 0
+    assert not ran
+    # A longer run is resumed, and tested again; the rest is done.
+    assert program.main([word if word != "64" else "128" for word in words]) == 0
+    assert ran == ["train_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3"]
+    capsys.readouterr()
+    assert program.main([*words, "--inputs", "smell"]) == 2
+    assert "--inputs names 'smell'" in capsys.readouterr().err
