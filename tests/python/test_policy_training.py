@@ -118,6 +118,12 @@ def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch
         found, expected = network(inputs), graph(inputs)
         for name, values in expected.items():
             np.testing.assert_allclose(found[name], values, atol=export.PARITY)
+    # Members that are sure of everything give many grasps the same probability; which are finalists does not matter.
+    sure = [ScorerNet(grid, width=8) for _ in range(2)]
+    with torch.no_grad():
+        for member in sure:
+            member.head[-1].bias.fill_(40.0)
+    export.export_scorer(sure, Calibration(), grid, tmp_path / "sure.onnx")
     monkeypatch.setattr(
         export,
         "torch_network",

@@ -3,7 +3,7 @@
 import logging
 import shutil
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,9 @@ from graspbox.perception.completion import CompletionNet
 from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import FinderConfig
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph
-from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid
+from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import perturbed
 from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, read_depth_policy, write_depth_policy
 from graspbox.perception.runtimes import onnx_network, torch_network
 from graspbox.perception.scorer import ScorerNet
@@ -35,8 +37,14 @@ _OPSET = 18
 _COMPLETION, _SCORER = "completion", "scorer"
 
 
-def _write_onnx(graph: nn.Module, example: Sequence[Tensor], dynamic: bool, path: Path) -> None:
-    """Write a graph and compare the file with it.
+def _write_onnx(
+    graph: nn.Module,
+    example: Sequence[Tensor],
+    dynamic: bool,
+    path: Path,
+    checks: Sequence[Mapping[str, NDArray[Any]]],
+) -> None:
+    """Write a graph, traced with an example, and compare the file with it on given inputs.
 
     Raises
     ------
@@ -63,12 +71,13 @@ def _write_onnx(graph: nn.Module, example: Sequence[Tensor], dynamic: bool, path
             verbose=False,
         )
     quiet.setLevel(level)
-    inputs = {name: tensor.numpy() for name, tensor in zip(graph.inputs, example, strict=True)}
-    found, expected = onnx_network(path)(inputs), torch_network(graph)(inputs)
-    for name, values in expected.items():
-        worst = _difference(found[name], values)
-        if worst > PARITY:
-            raise ConfigError(f"{path} differs from the network by {worst:.2g} in {name!r}; it was not exported right")
+    network, reference = onnx_network(path), torch_network(graph)
+    for inputs in checks:
+        found, expected = network(inputs), reference(inputs)
+        for name, values in expected.items():
+            worst = _difference(found[name], values)
+            if worst > PARITY:
+                raise ConfigError(f"{path} differs from the network by {worst:.2g} in {name!r}; do not use it")
 
 
 def _difference(a: NDArray[Any], b: NDArray[Any]) -> float:
@@ -88,20 +97,36 @@ def export_completion(net: CompletionNet, path: Path, crop: CropConfig = CropCon
     generator = torch.Generator().manual_seed(0)
     n = crop.resolution
     example = torch.randint(0, 256, (1, 3, n, n, n), dtype=torch.uint8, generator=generator)
-    _write_onnx(CompletionGraph(net), [example], False, path)
+    _write_onnx(CompletionGraph(net), [example], False, path, [{"channels": example.numpy()}])
 
 
 def export_scorer(
     members: Sequence[ScorerNet], calibration: Calibration, grid: HandGrid, path: Path, *, finalists: int = FINALISTS
 ) -> None:
     """Write a scorer as ONNX, from `GraspInputs` to `Judged`; raises as `export_completion`."""
-    generator = torch.Generator().manual_seed(0)
-    m = finalists + 7
-    shape = (m, len(HAND_CHANNELS), *grid.shape)
-    cells = torch.randint(0, 256, shape, dtype=torch.uint8, generator=generator)
-    poses = torch.eye(4).repeat(m, 1, 1) + 0.1 * torch.randn(m, 4, 4, generator=generator)
-    preshape = torch.randint(0, len(grid.preshapes), (m,), generator=generator)
-    _write_onnx(ScorerGraph(members, calibration, finalists), [cells, poses, preshape], True, path)
+    given = _grasps_of_a_block(grid, 4 * finalists)
+    example = [torch.from_numpy(array[: finalists + 7]) for array in given]
+    # With finalists alone, nothing depends on which of two grasps that score alike to the last digit is one.
+    checks = [{k: v[i : i + finalists] for k, v in given._asdict().items()} for i in range(0, 4 * finalists, finalists)]
+    _write_onnx(ScorerGraph(members, calibration, finalists), example, True, path, checks)
+
+
+def _grasps_of_a_block(grid: HandGrid, count: int) -> GraspInputs:
+    """Make inputs of grasps of a block of 6 x 6 x 10 cm, as a scorer meets them."""
+    n, size = grid.crop.resolution, grid.crop.voxel_size
+    centers = (np.indices((n, n, n)).reshape(3, -1).T + 0.5) * size + np.array(grid.crop.origin)
+    inside = (np.abs(centers[:, :2]) < 0.03).all(axis=1) & (centers[:, 2] > 0) & (centers[:, 2] < 0.1)
+    occupancy = (255 * inside).astype(np.uint8).reshape(n, n, n)
+    found = grid.propose(occupancy)
+    # A hand for which nothing is proposed is placed above the block.
+    above = np.diag([1.0, -1.0, -1.0, 1.0])
+    above[2, 3] = 0.15
+    poses = found.poses if len(found) else above[None]
+    preshapes = found.preshape if len(found) else grid.preshapes[:1]
+    rows = np.arange(count) % len(poses)
+    moved = perturbed(poses[rows], np.random.default_rng(0), 0.005, 0.05)
+    volume = np.stack([occupancy, occupancy, np.zeros_like(occupancy)])
+    return ScorerInputs(grid).make(volume[None], np.zeros(count, dtype=np.int64), moved, preshapes[rows])
 
 
 def export_depth_policy(

@@ -76,6 +76,8 @@ class HandGrid:
     ) -> None:
         self._core = _core.HandGrid(load_hand(hand), to_json(config, HandGridConfig))
         self._crop = to_json(crop, CropConfig, "crop")
+        #: The crops that it is given.
+        self.crop = crop
         self._num_threads = num_threads
 
     @property
