@@ -14,11 +14,12 @@
 | `configs` | settings of all of it |
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
 | `hand_grids` | candidate grasps of an occupied volume, and the voxels around the hand at each |
+| `anchors` | a grid of steep grasps, and poses between them |
 
 The networks are in modules of their own, which need torch (extra ``train``) and are not imported here: `scenes` renders
 what they learn from, `completion` tells the object's occupancy from a crop, `scorer` tells how likely a grasp holds.
 `export` writes them into the folder of a policy (`policy_folders`); `runtimes` runs them there with onnxruntime, and
-`grasp_image` finds grasps in an image of one's own.
+`grasp_image` finds grasps in an image of one's own. `heads` predict a grasp alone.
 """
 
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig, ProposalConfig

@@ -6,7 +6,7 @@
 | ``zero``    | all | zero actions |
 | ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
-| a folder    | all | `DepthGrasp` with the networks that it holds: grasps what one depth camera sees |
+| a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
 
 ``planner`` and ``expert`` are **privileged**: they observe ``state`` and know the object's mesh. `load` makes a policy
 by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`.
@@ -17,6 +17,7 @@ by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own i
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
 | `depth`   | `DepthGrasp` |
+| `head`    | `HeadGrasp`: one network |
 | `depth_oracles` | the truth in place of its parts, to measure what each loses |
 
 A policy is bound to its environments once, told of every episode that begins, and then acts:
@@ -44,10 +45,23 @@ from graspbox.errors import ConfigError
 from graspbox.perception.policy_folders import KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
+from graspbox.policies.head import HEAD, HeadGrasp
 from graspbox.policies.planner import Expert, Planner
 from graspbox.policies.simple import Random, Zero
 
-__all__ = ["Actions", "DepthGrasp", "Expert", "Planner", "Policy", "Random", "Task", "Zero", "load", "names"]
+__all__ = [
+    "Actions",
+    "DepthGrasp",
+    "Expert",
+    "HeadGrasp",
+    "Planner",
+    "Policy",
+    "Random",
+    "Task",
+    "Zero",
+    "load",
+    "names",
+]
 
 #: Policies of a folder, by the kind that its ``config.json`` names.
 _KINDS: dict[str, Callable[[Path], Policy]] = {KIND: DepthGrasp}
@@ -79,6 +93,8 @@ def load(name: str) -> Policy:
     folder, known = Path(name), ", ".join(_BASELINES)
     if not folder.is_dir():
         raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with config.json")
+    if (folder / HEAD).is_file():
+        return HeadGrasp(folder)
     kind = read_kind(folder)
     if kind not in _KINDS:
         raise ConfigError(f"{name} holds a policy of the kind {kind!r}; this version knows {', '.join(_KINDS)}")

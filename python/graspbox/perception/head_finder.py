@@ -1,0 +1,89 @@
+"""One decision by one network: from a depth image to the grasp to try, without proposals or scorer."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.perception.configs import CropConfig
+from graspbox.perception.crops import crop
+from graspbox.perception.finder import Complete, FoundGrasp, Score, observed_only
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.heads import HeadNet
+
+__all__ = ["HeadFinder"]
+
+#: Candidates of a head that the collision filter goes through.
+_FILTERED = 1024
+
+
+class HeadFinder:
+    """Finds grasps in depth images by a head; stands where a `graspbox.perception.finder.GraspFinder` does.
+
+    Parameters
+    ----------
+    grid : HandGrid
+        The hand.
+    net : AnchorNet or PoseNet
+        A trained head (`graspbox.perception.head_training.load_head`).
+    crop : CropConfig
+        The crop; that of `grid`.
+    filtered : bool
+        Take the best candidate with which the open hand touches neither what is seen of the object nor the table, if
+        there is one; by default the best of all.
+    """
+
+    def __init__(
+        self,
+        grid: HandGrid,
+        net: HeadNet,
+        *,
+        crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+        filtered: bool = False,
+    ) -> None:
+        self._grid, self._net, self._crop, self._filtered = grid, net, crop, filtered
+
+    def find(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        world_from_camera: ArrayLike,
+        *,
+        seed: int = 0,
+        complete: Complete | None = None,
+        score: Score | None = None,
+        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
+    ) -> FoundGrasp | None:
+        """Find the grasp to try; arguments and errors as for `GraspFinder.find`, of which the last four change nothing.
+
+        Returns
+        -------
+        FoundGrasp or None
+            Its occupancy is the observed surface, its scores are the head's, best first. None where no object is seen.
+        """
+        del seed, complete, score, on_crop
+        started = time.perf_counter()
+        crops = crop(np.asarray(depth)[None], intrinsics, np.asarray(world_from_camera)[None], config=self._crop)
+        cropped = time.perf_counter()
+        if not crops.found[0]:
+            return None
+        found = self._net.candidates(crops.channels[0], _FILTERED if self._filtered else 1)
+        predicted = time.perf_counter()
+        occupancy, chosen = observed_only(crops.channels)[0], 0
+        preshapes = self._grid.preshapes[found.preshape]
+        if self._filtered:
+            free, _ = self._grid.meets(occupancy, found.poses, preshapes)
+            chosen = int(np.argmax(free))
+        seconds = {"crop": cropped - started, "head": predicted - cropped, "filter": time.perf_counter() - predicted}
+        return FoundGrasp(
+            world_from_hand=crops.world_from_crop[0] @ found.poses[chosen],
+            preshape=float(preshapes[chosen]),
+            score=float(found.scores[chosen]),
+            world_from_crop=crops.world_from_crop[0],
+            occupancy=occupancy,
+            poses=found.poses,
+            preshapes=preshapes,
+            scores=found.scores,
+            seconds=seconds,
+        )
