@@ -126,7 +126,7 @@ def _same(batch: HeadBatch, volume: NDArray[np.uint8]) -> bool:
     return np.array_equal(shown, volume) or np.array_equal(shown, volume[:, :, ::-1])
 
 
-def volumes(count: int) -> torch.Tensor:
+def volumes(count: int) -> Any:
     """Draw channels at random."""
     shape = (count, 2, *(CropConfig().resolution,) * 3)
     return torch.from_numpy(np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8))

@@ -60,7 +60,9 @@ class HeadFinder:
         Returns
         -------
         FoundGrasp or None
-            Its occupancy is the observed surface, its scores are the head's, best first. None where no object is seen.
+            Its completed occupancy is the observed surface. Its grasps are the head's, best first, without those that
+            the filter leaves out, and its seconds those of ``crop``, ``head`` and ``filter``. None where no object is
+            seen.
         """
         del seed, complete, score, on_crop
         started = time.perf_counter()
@@ -70,20 +72,22 @@ class HeadFinder:
             return None
         found = self._net.candidates(crops.channels[0], _FILTERED if self._filtered else 1)
         predicted = time.perf_counter()
-        occupancy, chosen = observed_only(crops.channels)[0], 0
-        preshapes = self._grid.preshapes[found.preshape]
+        occupancy = observed_only(crops.channels)[0]
+        poses, preshapes, scores = found.poses, self._grid.preshapes[found.preshape], found.scores
         if self._filtered:
-            free, _ = self._grid.meets(occupancy, found.poses, preshapes)
-            chosen = int(np.argmax(free))
+            free, _ = self._grid.meets(occupancy, poses, preshapes)
+            if free.any():
+                poses, preshapes, scores = poses[free], preshapes[free], scores[free]
         seconds = {"crop": cropped - started, "head": predicted - cropped, "filter": time.perf_counter() - predicted}
         return FoundGrasp(
-            world_from_hand=crops.world_from_crop[0] @ found.poses[chosen],
-            preshape=float(preshapes[chosen]),
-            score=float(found.scores[chosen]),
+            world_from_hand=crops.world_from_crop[0] @ poses[0],
+            preshape=float(preshapes[0]),
+            score=float(scores[0]),
             world_from_crop=crops.world_from_crop[0],
-            occupancy=occupancy,
-            poses=found.poses,
+            object=crops.object[0],
+            volume=np.concatenate([occupancy[None], crops.channels[0, :2]]),
+            poses=poses,
             preshapes=preshapes,
-            scores=found.scores,
+            scores=scores,
             seconds=seconds,
         )
