@@ -19,11 +19,11 @@ from torch import Tensor
 from graspbox import object_sets
 from graspbox._core import Mesh
 from graspbox.errors import ConfigError
-from graspbox.learning.rotations import rotation_from_quaternion
 from graspbox.perception.anchor_net import AnchorSamples
 from graspbox.perception.anchors import Anchors
 from graspbox.perception.crops import solid_occupancy
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import perturbed
 from graspbox.perception.scenes import SceneConfig, look
 from graspbox.perception.trials import GraspTrials
 
@@ -69,8 +69,7 @@ def untried_scenes(objects: object_sets.ObjectSet, count: int, seed: int) -> Gra
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         spec = objects[int(rng.integers(len(objects)))]
-        pose = np.eye(4)
-        pose[:3, :3] = rotation_from_quaternion(rng.normal(size=(1, 4)))[0]
+        pose = perturbed(np.eye(4)[None], rng, 0.0, np.pi)[0]
         pose[2, 3] = -(spec.load().vertices @ pose[2, :3]).min()
         found.append(GraspTrials.empty(spec.source, pose))
     return GraspTrials.joined(found)
