@@ -41,6 +41,7 @@ from graspbox.pictures.files import Figure, write
 SCRIPTS = Path(__file__).parent
 OBJECTS = ("procedural:box:0-99", "procedural:can:0-99", "procedural:ball:0-99")
 UNSEEN = ("procedural:box:1000-1199", "procedural:can:1000-1199", "procedural:ball:1000-1199")
+COLORS = {"rl": "tab:blue", "tuned": "tab:orange", "dense": "tab:green"}
 INPUTS = {"state": ("state",), "seeing": ("proprio", "tactile", "depth")}
 #: Seeds of the demonstrations, and of the trials of the comparison; training evaluates on others.
 SHOWN_SEED, TEST_SEED = 20_000, 90_000
@@ -209,17 +210,16 @@ def curves(settings: Settings) -> Figure:
     for column, given in enumerate(settings.inputs):
         for line, (name, interval) in enumerate((("success", "ci95"), ("secure", "secure_ci95"))):
             panel = panels[line, column]
-            for kind in ("rl", "tuned", "dense"):
+            for kind, color in COLORS.items():
                 rows = rows_of(settings.folder / f"{kind}-{given}")
                 if not rows:
                     continue
                 places = [row["timesteps"] for row in rows]
-                (drawn,) = panel.plot(places, [row[name] for row in rows], marker=".", label=kind)
+                panel.plot(places, [row[name] for row in rows], marker=".", label=kind, color=color)
                 bands = np.array([row[interval] for row in rows]).T
-                panel.fill_between(places, *bands, color=drawn.get_color(), alpha=0.15, lw=0)
-            for row, style in ((rows_of(settings.folder / f"clone-{given}")[-1:], "--"),):
-                for one in row:
-                    panel.axhline(one[name], ls=style, color="0.3", lw=1, label="clone")
+                panel.fill_between(places, *bands, color=color, alpha=0.15, lw=0)
+            for row in rows_of(settings.folder / f"clone-{given}")[-1:]:
+                panel.axhline(row[name], ls="--", color="0.3", lw=1, label="clone")
             if settings.demonstrator in found:
                 rate = found[settings.demonstrator][name]
                 panel.axhline(rate, ls=":", color="0.3", lw=1, label=f"{settings.demonstrator}, on test objects")
