@@ -3,8 +3,10 @@
 import errno
 import hashlib
 import json
+from collections.abc import Iterator
 from multiprocessing import active_children
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,6 +139,21 @@ def test_resumes_what_is_missing(made: Path, tmp_path: Path) -> None:
     result = dataset.generate(OBJECTS, tmp_path, config=settings, runner=dataset.local(1))
     assert (result.made, result.resumed, result.trials) == (2, 4, 20)
     assert contents(tmp_path) == contents(made)
+
+
+def test_a_part_of_a_data_set_is_diverse(tmp_path: Path) -> None:
+    order: list[str] = []
+
+    def stop(shards: Any, *_: Any) -> Iterator[Any]:
+        order.extend(shard.tasks[0].subject.spec.family for shard in shards)
+        yield from ()
+
+    objects = ["procedural:can:0-29", "procedural:box:0-29"]
+    dataset.generate(objects, tmp_path, config=config(rests=1), runner=stop)
+    assert len(order) == 60
+    assert 5 < order[:20].count("can") < 15
+    assert sorted(order) != order
+    assert sorted(order, reverse=True) != order
 
 
 def test_other_settings_are_refused(made: Path) -> None:

@@ -4,7 +4,6 @@
 """
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -132,13 +131,8 @@ class PolicyTraining:
             if stage.late():
                 raise TimeUp
 
-        def first(shards: Any, hand: Any, made: dataset.DatasetConfig) -> Any:
-            """Make shards in an order of which each part shows all objects; what validates comes first."""
-            order = sorted(shards, key=lambda shard: (not shard.name.startswith("validation"), shard.fingerprint))
-            return dataset.local(os.cpu_count() or 1)(order, hand, made)
-
         try:
-            dataset.generate(list(self.settings.objects), self.data, config=config, runner=first, progress=report)
+            dataset.generate(list(self.settings.objects), self.data, config=config, progress=report)
         except TimeUp:
             self.run.log("data: the time is over; training goes on with what there is")
         return {split: len(GraspTrials.from_dataset(self.data, split)) for split in ("train", "validation")}
