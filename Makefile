@@ -109,10 +109,11 @@ bench: $(STAMPS)/demo $(STAMPS)/core
 # The package shows what it exports; modules that it does not export have pages of their own. Importing MuJoCo starts a process.
 MODULES := $(subst /,.,$(patsubst python/%,%,$(patsubst %/__init__,%,$(basename \
 	$(wildcard python/graspbox/[a-z]*.py python/graspbox/[a-z]*/__init__.py)))))
-PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation learning object_sets policies sb3),$(MODULES))
+PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation learning object_sets policies policy_training sb3),$(MODULES))
 # Pages of these need torch and Stable-Baselines3, which only the extra `train` brings.
-TRAIN_PAGES := graspbox.learning graspbox.sb3 $(subst /,.,$(patsubst python/%.py,%,\
-	$(wildcard python/graspbox/learning/[a-z]*.py python/graspbox/sb3/[a-z]*.py)))
+TRAIN_PACKAGES := learning policy_training sb3
+TRAIN_PAGES := $(addprefix graspbox.,$(TRAIN_PACKAGES)) $(subst /,.,$(patsubst python/%.py,%,\
+	$(foreach package,$(TRAIN_PACKAGES),$(wildcard python/graspbox/$(package)/[a-z]*.py))))
 
 docs: $(STAMPS)/dev $(STAMPS)/core
 	rm -rf out/docs && mkdir -p out/docs
