@@ -29,6 +29,7 @@ WRITERS = {
     "kindness": lambda path: pictures.save_kindness(path, "object", NOTHING, NOTHING),
     "stages": lambda path: pictures.save_stages(path, NOTHING, NOTHING),
     "episode": lambda path: pictures.save_episode(path, NOTHING),
+    "grasp_image": lambda path: pictures.save_grasp_image(path, NOTHING),
     "comparison": lambda path: study_chart.save_comparison(path, NOTHING),
 }
 
