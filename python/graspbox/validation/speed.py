@@ -30,7 +30,7 @@ from graspbox.validation.mujoco.scene import Numerics, Scene, build
 #: What is timed: a name, and object sets.
 WORK = {
     "can and apple": ("ycb:005_tomato_soup_can", "ycb:013_apple"),
-    "17 objects": (*DEFAULT_OBJECTS, *engines.DEFAULT_OBJECTS),
+    "ycb and procedural": (*DEFAULT_OBJECTS, *engines.DEFAULT_OBJECTS),
     "procedural mix": ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1"),
 }
 
