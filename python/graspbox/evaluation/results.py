@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from graspbox.errors import ConfigError
+from graspbox.perception.calibration import calibration_error
 
 __all__ = ["Evaluation", "ObjectCount", "TrialResult", "wilson"]
 
@@ -53,14 +54,17 @@ class TrialResult:
         Seed of its episode.
     object : str
         Name of its object.
-    success, secure : bool
-        As `graspbox.simulation` defines them; a secure grasp is a success too.
+    success, secure, survives_shake : bool
+        As `graspbox.simulation` defines them; a secure grasp is a success too. Nothing survives a shake that the
+        environments were not asked for.
     failure : str
         Kind of the failure; empty for a success.
     steps : int
         Actions taken.
     reward : float
         Sum of the rewards.
+    confidence : float or None
+        Probability of success that the policy stated (`Policy.confidence`).
     """
 
     seed: int
@@ -70,6 +74,8 @@ class TrialResult:
     failure: str
     steps: int
     reward: float
+    survives_shake: bool = False
+    confidence: float | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +120,11 @@ class Evaluation:
         return sum(trial.secure for trial in self.trials)
 
     @property
+    def shaken(self) -> int:
+        """Number of trials whose object was still held after the shake."""
+        return sum(trial.survives_shake for trial in self.trials)
+
+    @property
     def rate(self) -> float:
         """Share of trials that succeeded."""
         return self.succeeded / len(self.trials)
@@ -127,6 +138,14 @@ class Evaluation:
     def secure_ci95(self) -> tuple[float, float]:
         """Wilson 95 % interval of the share of secure trials."""
         return wilson(self.secure, len(self.trials))
+
+    @property
+    def calibration_error(self) -> float | None:
+        """Expected calibration error of the stated probabilities, in ten bins; None if some trial has none."""
+        stated = [trial.confidence for trial in self.trials if trial.confidence is not None]
+        if len(stated) < len(self.trials):
+            return None
+        return calibration_error(np.array(stated), np.array([trial.success for trial in self.trials]))
 
     @property
     def failures(self) -> dict[str, int]:
@@ -155,5 +174,6 @@ class Evaluation:
             "rate": self.rate,
             "ci95": list(self.ci95),
             "objects": [{"name": o.name, "trials": o.trials, "succeeded": o.succeeded} for o in self.objects],
+            "calibration_error": self.calibration_error,
             "ms_per_decision": self.ms_per_decision,
         }

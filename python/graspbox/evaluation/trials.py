@@ -194,6 +194,9 @@ class TrialRun:
             failure="" if success else str(info["failure"][row]),
             steps=int(self._steps[env]),
             reward=float(self._rewards[env]),
+            # Of GraspPose-v0 alone.
+            survives_shake=bool(info["survives_shake"][row]) if "survives_shake" in info else False,
+            confidence=self._policy.confidence(env),
         )
 
 

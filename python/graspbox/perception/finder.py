@@ -7,6 +7,7 @@ the best. `GraspFinder` makes the steps and measures their time.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,7 @@ from graspbox.perception.crops import Crops, crop
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 
-__all__ = ["Complete", "FinderConfig", "FoundGrasp", "GraspFinder", "Score", "observed_only"]
+__all__ = ["Complete", "Finder", "FinderConfig", "FoundGrasp", "GraspFinder", "Score", "observed_only"]
 
 #: From channels (n, 3, N, N, N) of crops to occupancies (n, N, N, N), all uint8.
 Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
@@ -94,6 +95,23 @@ class FoundGrasp:
         """Give the grasp in the crop frame: ``crop_from_hand`` (4, 4) and preshape."""
         index = int(np.argmax(self.scores))
         return self.poses[index], float(self.preshapes[index])
+
+
+class Finder(Protocol):
+    """What finds the grasp to try in a depth image: `GraspFinder`, or what stands in its place."""
+
+    def find(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        world_from_camera: ArrayLike,
+        *,
+        seed: int = 0,
+        complete: Complete | None = None,
+        score: Score | None = None,
+        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
+    ) -> FoundGrasp | None:
+        """Find the grasp; arguments and result as `GraspFinder.find`."""
 
 
 def observed_only(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:

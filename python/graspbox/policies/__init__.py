@@ -6,10 +6,13 @@
 | ``zero``    | all | zero actions |
 | ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
+| ``seen_planner``  | all | as ``planner``, on the surface that one depth camera sees |
+| ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
 
-``planner`` and ``expert`` are **privileged**: they observe ``state`` and know the object's mesh. `load` makes a policy
-by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`.
+``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.
+`load` makes a policy by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of
+`Policy`.
 
 | module | what it holds |
 |---|---|
@@ -18,7 +21,8 @@ by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own i
 | `planner` | ``planner`` and ``expert`` |
 | `depth`   | `DepthGrasp` |
 | `head`    | `HeadGrasp`: one network |
-| `depth_oracles` | the truth in place of its parts, to measure what each loses |
+| `depth_oracles` | the truth in place of its parts, to measure what each loses, and ``robust_oracle`` |
+| `seen_baselines` | `SeenPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
 
 A policy is bound to its environments once, told of every episode that begins, and then acts:
 
@@ -45,8 +49,10 @@ from graspbox.errors import ConfigError
 from graspbox.perception.policy_folders import KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
+from graspbox.policies.depth_oracles import RobustOracle
 from graspbox.policies.head import HEAD, HeadGrasp
 from graspbox.policies.planner import Expert, Planner
+from graspbox.policies.seen_baselines import NearestGrasp, SeenPlanner
 from graspbox.policies.simple import Random, Zero
 
 __all__ = [
@@ -54,9 +60,12 @@ __all__ = [
     "DepthGrasp",
     "Expert",
     "HeadGrasp",
+    "NearestGrasp",
     "Planner",
     "Policy",
     "Random",
+    "RobustOracle",
+    "SeenPlanner",
     "Task",
     "Zero",
     "load",
@@ -65,7 +74,9 @@ __all__ = [
 
 #: Policies of a folder, by the kind that its ``config.json`` names.
 _KINDS: dict[str, Callable[[Path], Policy]] = {KIND: DepthGrasp}
-_BASELINES: dict[str, Callable[[], Policy]] = {kind.name: kind for kind in (Random, Zero, Planner, Expert)}
+_BASELINES: dict[str, Callable[[], Policy]] = {
+    kind.name: kind for kind in (Random, Zero, Planner, Expert, SeenPlanner, RobustOracle)
+}
 
 
 def names() -> tuple[str, ...]:

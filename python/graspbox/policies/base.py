@@ -239,6 +239,11 @@ class Policy(ABC):
         """Begin an episode in one environment; `info` holds its row of every entry."""
         del env, seed, info
 
+    def confidence(self, env: int) -> float | None:
+        """Tell with which probability the policy expects the last grasp of an environment to succeed; None: no idea."""
+        del env
+        return None
+
     def _zeros(self) -> Actions:
         return np.zeros((self.task.num_envs, *self.task.action_space.shape), dtype=np.float32)
 

@@ -15,7 +15,7 @@ from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
 from graspbox.perception.crops import add_depth_noise
-from graspbox.perception.finder import Complete, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
+from graspbox.perception.finder import Complete, Finder, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, Scorer, load_parts
@@ -81,14 +81,12 @@ class DepthGrasp(Policy):
         for oracle in oracles:
             if oracle not in get_args(Oracle):
                 raise ConfigError(f"there is no oracle {oracle!r}; choose from {', '.join(get_args(Oracle))}")
-        if folder is None and "scorer" not in oracles:
-            raise ConfigError("there is nothing to score grasps with; name a folder of weights, or the oracle 'scorer'")
         self.obs = ("depth", "proprio", *(("state",) if oracles else ()))
         if backend not in get_args(Backend):
             raise ConfigError(f"there is no backend {backend!r}; choose from {', '.join(get_args(Backend))}")
         self._folder, self._oracles, self._noise = folder, frozenset(oracles), noise
         self._backend, self._num_threads = backend, num_threads
-        self._published = None if folder is None else self._read(Path(folder))
+        self._published = self._read(folder)
         self._config = config or (self._published.finder if self._published else FinderConfig())
         if self._published is not None:
             self.name = self._published.name
@@ -97,9 +95,11 @@ class DepthGrasp(Policy):
         #: What was found last in each environment; None where nothing was.
         self.found: list[FoundGrasp | None] = []
 
-    def _read(self, folder: Path) -> DepthPolicyConfig | None:
-        """Read what a folder holds; None in a subclass that makes its finder from other files."""
-        return read_depth_policy(folder)
+    def _read(self, folder: Path | None) -> DepthPolicyConfig | None:
+        """Read what a folder holds; None without one, and in a subclass that makes its finder from other files."""
+        if folder is None and "scorer" not in self._oracles:
+            raise ConfigError("there is nothing to score grasps with; name a folder of weights, or the oracle 'scorer'")
+        return None if folder is None else read_depth_policy(Path(folder))
 
     def _bind(self, task: Task) -> None:
         camera = task.cameras.cameras[0]
@@ -126,7 +126,7 @@ class DepthGrasp(Policy):
 
         self._mesh = mesh
 
-    def _make_finder(self) -> GraspFinder:
+    def _make_finder(self) -> Finder:
         """Load the parts for which no oracle stands in."""
         grid_config = self._published.grid if self._published else HandGridConfig()
         grid = HandGrid(self._hand, grid_config, crop=self._crop, num_threads=self._num_threads)
@@ -167,6 +167,16 @@ class DepthGrasp(Policy):
             elif self._proprio is None and seed is not None and found is not None:
                 actions[env] = encode_action(found.world_from_hand, found.preshape, hand=self._hand)
         return actions
+
+    def confidence(self, env: int) -> float | None:
+        """Give the scorer's probability of success; 0 where no grasp was found, None where an oracle scores."""
+        found = self.found[env]
+        if self.scorer is None:
+            return None
+        if found is None:
+            return 0.0
+        pose, preshape = found.best()
+        return float(self.scorer.judge(found.volume, pose[None], np.array([preshape])).success[0])
 
     def _find(self, env: int, seed: int, observation: Any) -> FoundGrasp | None:
         clean = np.asarray(observation["depth"][env])[None, :, :, 0]

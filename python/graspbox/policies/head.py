@@ -1,9 +1,9 @@
 """``head``: grasps that one network predicts from one depth camera."""
 
 from pathlib import Path
-from typing import Any
 
 from graspbox.perception.configs import DepthNoise
+from graspbox.perception.finder import Finder
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.policies.depth import DepthGrasp
 
@@ -40,11 +40,11 @@ class HeadGrasp(DepthGrasp):
         super().__init__(folder, noise=noise)
         self._filtered = filtered
 
-    def _read(self, folder: Path) -> None:
+    def _read(self, folder: Path | None) -> None:
         """Leave the folder for `_make_finder`: a head has no other settings than its own."""
         del folder
 
-    def _make_finder(self) -> Any:
+    def _make_finder(self) -> Finder:
         """Load the head, which needs torch."""
         from graspbox.perception.head_finder import HeadFinder
         from graspbox.perception.head_training import load_head

@@ -1,0 +1,162 @@
+"""Tables of many evaluations: policies and conditions side by side, rates by class of object."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from graspbox.evaluation.conditions import CONDITIONS
+from graspbox.evaluation.object_classes import CLASSES
+from graspbox.evaluation.results import wilson
+from graspbox.perception.calibration import calibration_error
+
+__all__ = ["COLUMNS", "Measured", "class_table", "condition_table", "policy_table", "pooled"]
+
+#: Fields of `graspbox.evaluation.TrialResult` that the log has of each trial, in order.
+COLUMNS = ("object", "success", "secure", "survives_shake", "confidence")
+#: The policy whose successes are those that can be had.
+_ORACLE = "robust_oracle"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Trials of one policy on one set of objects under one condition.
+
+    Attributes
+    ----------
+    condition, policy, objects : str
+        What was measured: a name in `CONDITIONS`, the policy (of a folder its name), the object set.
+    seed : int
+        Seed of the trials.
+    names : tuple of str
+        The object of each trial.
+    success, secure, survives_shake : tuple of bool
+        Of each trial.
+    confidence : tuple of float or None
+        Probability of success that the policy stated.
+    milliseconds : float
+        Wall time of a decision.
+    """
+
+    condition: str
+    policy: str
+    objects: str
+    seed: int
+    names: tuple[str, ...]
+    success: tuple[bool, ...]
+    secure: tuple[bool, ...]
+    survives_shake: tuple[bool, ...]
+    confidence: tuple[float | None, ...]
+    milliseconds: float
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> Self:
+        """Read a row of the log of ``scripts/evaluate_policies.py``."""
+        kind, given, _ = row["policy"].partition("=")
+        policy = kind if given else Path(kind).name
+        columns: dict[str, Any] = {n: tuple(c) for n, c in zip(COLUMNS, zip(*row["trials"], strict=True), strict=True)}
+        others = {name: row[name] for name in ("condition", "objects", "seed", "milliseconds")}
+        return cls(policy=policy, names=columns.pop("object"), **columns, **others)
+
+    @property
+    def calibration_error(self) -> float | None:
+        """Expected calibration error; None if some trial has no stated probability."""
+        stated = [p for p in self.confidence if p is not None]
+        return calibration_error(np.array(stated), np.array(self.success)) if len(stated) == len(self.success) else None
+
+    def summary(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            **{name: getattr(self, name) for name in ("condition", "policy", "objects", "seed")},
+            "trials": len(self.names),
+            **{name: sum(getattr(self, name)) for name in ("success", "secure", "survives_shake")},
+            "calibration_error": self.calibration_error,
+            "milliseconds": self.milliseconds,
+        }
+
+
+def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[Measured]:
+    """Join the rows that differ in nothing that `by` tells, such as those of several seeds, in their order."""
+    groups: dict[Any, list[Measured]] = {}
+    for row in rows:
+        groups.setdefault(by(row), []).append(row)
+    found = []
+    for group in groups.values():
+        first = group[0]
+        columns = ("names", "success", "secure", "survives_shake", "confidence")
+        joined = {name: sum((getattr(row, name) for row in group), ()) for name in columns}
+        time = float(np.mean([row.milliseconds for row in group]))
+        found.append(Measured(first.condition, first.policy, first.objects, first.seed, **joined, milliseconds=time))
+    return found
+
+
+def _share(count: int, trials: int) -> str:
+    """Write a rate with its Wilson interval."""
+    low, high = wilson(count, trials)
+    return f"{100 * count / trials:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+
+
+def policy_table(rows: Sequence[Measured]) -> str:
+    """Write policies under one condition: success, secure holds, calibration error, time of a decision."""
+    lines = [
+        "| policy | objects | trials | success | secure | ECE | ms per decision |",
+        "|---|---|--:|--:|--:|--:|--:|",
+    ]
+    for row in pooled(rows, by=lambda r: (r.policy, r.objects)):
+        trials, error = len(row.names), row.calibration_error
+        shares = " | ".join(_share(sum(part), trials) for part in (row.success, row.secure))
+        stated = "" if error is None else f"{error:.3f}"
+        lines.append(f"| {row.policy} | {row.objects} | {trials} | {shares} | {stated} | {row.milliseconds:.0f} |")
+    return "\n".join(lines) + "\n"
+
+
+def condition_table(rows: Sequence[Measured]) -> str:
+    """Write each condition: success and secure holds of each policy on each object set."""
+    lines = ["| policy | objects | condition | success | secure |", "|---|---|---|--:|--:|"]
+    for row in pooled(rows, by=lambda r: (r.policy, r.objects, r.condition)):
+        trials = len(row.names)
+        shares = " | ".join(_share(sum(part), trials) for part in (row.success, row.secure))
+        lines.append(f"| {row.policy} | {row.objects} | {CONDITIONS[row.condition].meaning} | {shares} |")
+        if any(row.survives_shake):
+            share = _share(sum(row.survives_shake), trials)
+            lines.append(f"| {row.policy} | {row.objects} | still held after the shake | {share} | |")
+    return "\n".join(lines) + "\n"
+
+
+def class_table(rows: Sequence[Measured], classes: Mapping[str, Sequence[str]]) -> str:
+    """Write success by class of object, all sets together.
+
+    With rows of ``robust_oracle`` on the same trials, the last column tells on flat and heavy objects the share of
+    its successes that the policy has too.
+    """
+    everything = {row.policy: row for row in pooled(rows, by=lambda r: r.policy)}
+    oracle = everything.get(_ORACLE)
+    titles = [f"{name} ({_count(rows, classes, name)})" for name in CLASSES]
+    lines = [
+        f"| policy | {' | '.join(titles)} | of the oracle's on flat and heavy |",
+        "|---|" + "--:|" * (len(titles) + 1),
+    ]
+    for policy, row in everything.items():
+        cells = []
+        for name in CLASSES:
+            held = [s for s, obj in zip(row.success, row.names, strict=True) if name in classes[obj]]
+            cells.append(f"{100 * sum(held) / len(held):.1f} %" if held else "")
+        cells.append("" if oracle is None else _oracle_share(row, oracle, classes))
+        lines.append(f"| {policy} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _count(rows: Sequence[Measured], classes: Mapping[str, Sequence[str]], name: str) -> int:
+    """Count the objects of a class that were tried."""
+    return len({obj for row in rows for obj in row.names if name in classes[obj]})
+
+
+def _oracle_share(row: Measured, oracle: Measured, classes: Mapping[str, Sequence[str]]) -> str:
+    """Compare with the oracle trial by trial; empty where the trials are not the same."""
+    if row.names != oracle.names:
+        return ""
+    pairs = zip(row.success, oracle.success, row.names, strict=True)
+    held = [mine for mine, theirs, obj in pairs if theirs and {"flat", "heavy"} & set(classes[obj])]
+    return _share(sum(held), len(held)) if held else ""

@@ -1,0 +1,99 @@
+"""One decision by the planner, on the surface of what a camera sees or of what completion makes of it."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox import planning
+from graspbox._core import Hand
+from graspbox.errors import PlanError
+from graspbox.perception.configs import CropConfig
+from graspbox.perception.crops import crop
+from graspbox.perception.finder import Complete, FoundGrasp, Score, observed_only
+from graspbox.perception.surfaces import surface_mesh
+
+__all__ = ["PlannedFinder"]
+
+
+class PlannedFinder:
+    """Finds grasps in depth images as the planner does in meshes, ranked by geometry alone.
+
+    It stands where a `graspbox.perception.finder.GraspFinder` does.
+
+    Parameters
+    ----------
+    hand : Hand
+        The hand.
+    complete : callable
+        Tells the occupancy of crops; `observed_only` plans on what is seen.
+    crop : CropConfig
+        The crop.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        complete: Complete = observed_only,
+        crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+    ) -> None:
+        self._hand, self._complete, self._crop = hand, complete, crop
+
+    def find(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        world_from_camera: ArrayLike,
+        *,
+        seed: int = 0,
+        complete: Complete | None = None,
+        score: Score | None = None,
+        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
+    ) -> FoundGrasp | None:
+        """Find the grasp to try; arguments and errors as for `GraspFinder.find`, of which `score` changes nothing.
+
+        Returns
+        -------
+        FoundGrasp or None
+            Its grasps are the planner's feasible ones, best first, with the planner's scores; its seconds are those of
+            ``crop``, ``complete`` and ``propose``. None where no object is seen, or the planner finds no grasp.
+        """
+        del score
+        times = [time.perf_counter()]
+        crops = crop(np.asarray(depth)[None], intrinsics, np.asarray(world_from_camera)[None], config=self._crop)
+        if not crops.found[0]:
+            return None
+        if on_crop is not None:
+            on_crop(crops.world_from_crop[0])
+        times.append(time.perf_counter())
+        occupancy = (complete or self._complete)(crops.channels)[0]
+        times.append(time.perf_counter())
+        plan = self._plan(occupancy, seed)
+        times.append(time.perf_counter())
+        if plan is None or not len(plan):
+            return None
+        return FoundGrasp(
+            world_from_hand=crops.world_from_crop[0] @ plan.poses[0],
+            preshape=float(plan.preshape[0]),
+            score=float(plan.score[0]),
+            world_from_crop=crops.world_from_crop[0],
+            object=crops.object[0],
+            volume=np.concatenate([occupancy[None], crops.channels[0, :2]]),
+            poses=plan.poses,
+            preshapes=plan.preshape,
+            scores=plan.score,
+            seconds=dict(zip(("crop", "complete", "propose"), np.diff(times).tolist(), strict=True)),
+        )
+
+    def _plan(self, occupancy: NDArray[np.uint8], seed: int) -> planning.Plan | None:
+        """Plan on the surface of a volume, in the crop frame."""
+        mesh = surface_mesh(occupancy, self._crop)
+        if mesh is None:
+            return None
+        try:
+            found = planning.plan(mesh, hand=self._hand, seed=seed % 2**32, world_from_object=np.eye(4))
+        except PlanError:
+            # What is seen of the object is flat.
+            return None
+        return found.best()

@@ -1,0 +1,206 @@
+"""Measure policies of ``GraspPose-v0`` side by side: on unseen objects, under errors, by class of object.
+
+    python scripts/evaluate_policies.py --out out/evaluation --policies random planner policies/depth
+    python scripts/evaluate_policies.py --out out/oracle --policies robust_oracle policies/depth --conditions nominal
+
+A policy is what `graspbox.policies.load` takes (a name or a folder), ``completed_planner=FOLDER`` (the planner on what
+the completion of a policy's folder makes of the image), ``nearest=DATA`` (the grasp that held in the known scene of a
+data set that looks most alike), or ``filtered=FOLDER`` (a head with its collision filter). ``--stressed`` names those
+that are measured under all conditions; the others only see the first.
+
+All policies get the same trials: object, pose and noise follow from the seed. The folder then has ``log.jsonl`` with
+every trial, ``evaluation.md`` with the tables, and ``policies.png``, ``conditions.png`` and ``reliability.png``. The
+same command continues what was interrupted. Exit status: 0 at the end, 2 for wrong arguments, 130 for an interruption.
+
+Needs the extras ``cli``, and ``onnx``, ``train``, ``data``, ``ycb`` for what needs them.
+"""
+
+import shlex
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from graspbox import evaluation, object_sets, policies
+from graspbox.cli.common import console, print_json, progress
+from graspbox.errors import ConfigError, GraspboxError
+from graspbox.evaluation.conditions import CONDITIONS
+from graspbox.evaluation.object_classes import CLASSES, object_classes
+from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table, pooled
+from graspbox.files import write_text
+from graspbox.object_sets import Split
+from graspbox.resume_log import ResumeLog
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Arguments of the evaluation."""
+
+    out: Path
+    """Folder of the results."""
+    policies: tuple[str, ...]
+    """Policies, in the order of the tables."""
+    stressed: tuple[str, ...] = ()
+    """Those of them that all conditions are for; by default all that are folders."""
+    conditions: tuple[str, ...] = tuple(CONDITIONS)
+    """Conditions, the first of which is for all policies: see graspbox.evaluation.conditions."""
+    objects: tuple[str, ...] = ("procedural:unseen:0-19", "ycb/test")
+    """Object sets; /SPLIT keeps one split."""
+    trials: int = 1000
+    """Trials of each policy on each object set under each condition."""
+    seeds: tuple[int, ...] = (0,)
+    """Seeds of the trials, each of which gives as many."""
+    json: bool = False
+    """Print the results as JSON, and nothing else, on standard output."""
+
+
+def check(settings: Settings) -> None:
+    """Refuse arguments that do not fit together."""
+    for name, given, known in (
+        ("conditions", settings.conditions, tuple(CONDITIONS)),
+        ("stressed", settings.stressed, settings.policies),
+    ):
+        if unknown := [one for one in given if one not in known]:
+            raise ConfigError(f"--{name} has {', '.join(unknown)}; choose from {', '.join(known)}")
+    for name in ("policies", "conditions", "objects", "seeds"):
+        if not getattr(settings, name):
+            raise ConfigError(f"--{name} is empty; name one")
+
+
+def load(spec: str) -> policies.Policy:
+    """Make a policy."""
+    kind, _, path = spec.partition("=")
+    if not path:
+        return policies.load(spec)
+    if kind == "completed_planner":
+        return policies.SeenPlanner(Path(path))
+    if kind == "filtered":
+        return policies.HeadGrasp(Path(path), filtered=True)
+    if kind == "nearest":
+        from graspbox.perception.nearest_finder import remember
+
+        return policies.NearestGrasp(remember(path))
+    raise ConfigError(f"there is no policy {spec!r}; before = stand completed_planner, filtered or nearest")
+
+
+def jobs(settings: Settings) -> Iterator[dict[str, Any]]:
+    """List what is measured, the first condition first."""
+    stressed = settings.stressed or tuple(p for p in settings.policies if Path(p).is_dir())
+    for n, condition in enumerate(settings.conditions):
+        for policy in settings.policies if n == 0 else stressed:
+            for objects in settings.objects:
+                for seed in settings.seeds:
+                    yield {"condition": condition, "policy": policy, "objects": objects, "seed": seed}
+
+
+def measure(job: dict[str, Any], policy: policies.Policy, trials: int) -> dict[str, Any]:
+    """Run the trials of one job."""
+    name, _, split = job["objects"].partition("/")
+    kept: Split | None = split or None  # type: ignore[assignment]
+    title = f"{job['policy']}, {job['objects']}, {job['condition']}, seed {job['seed']}"
+    with progress() as bar:
+        task = bar.add_task(title, total=trials)
+        found = evaluation.evaluate(
+            policy,
+            objects=name,
+            split=kept,
+            trials=trials,
+            seed=job["seed"],
+            progress=lambda done: bar.update(task, completed=done),
+            **CONDITIONS[job["condition"]].settings,
+        )
+    console.print(f"{title}: success {found.rate:.1%}, secure {found.secure / trials:.1%}", markup=False)
+    return job | {
+        "milliseconds": found.ms_per_decision,
+        "failures": found.failures,
+        "trials": [[getattr(trial, column) for column in COLUMNS] for trial in found.trials],
+    }
+
+
+def classes_of(sets: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Name the classes of every object."""
+    found = {}
+    for given in sets:
+        name, _, split = given.partition("/")
+        kept: Split | None = split or None  # type: ignore[assignment]
+        found |= {spec.name: object_classes(spec.load()) for spec in object_sets.load(name, split=kept)}
+    return found
+
+
+def run(settings: Settings, command: str) -> list[Measured]:
+    """Measure what the log lacks, and write tables and pictures."""
+    check(settings)
+    log = ResumeLog(settings.out / "log.jsonl", {"trials": settings.trials})
+    keys = ("condition", "policy", "objects", "seed")
+    done = {tuple(row[key] for key in keys) for row in log.rows}
+    wanted = list(jobs(settings))
+    loaded: dict[str, policies.Policy] = {}
+    for job in wanted:
+        if tuple(job.values()) not in done:
+            policy = loaded.setdefault(job["policy"], load(job["policy"]))
+            log.append(measure(job, policy, settings.trials))
+    order = {tuple(job.values()): n for n, job in enumerate(wanted)}
+    kept = [row for row in log.rows if tuple(row[key] for key in keys) in order]
+    rows = [Measured.of(row) for row in sorted(kept, key=lambda row: order[tuple(row[key] for key in keys)])]
+    report(settings, rows, command)
+    return rows
+
+
+def report(settings: Settings, rows: list[Measured], command: str) -> None:
+    """Write tables and pictures."""
+    from graspbox.pictures.evaluations import save_rates, save_reliability
+
+    first = [row for row in rows if row.condition == settings.conditions[0]]
+    others = {row.policy for row in rows if row.condition != settings.conditions[0]}
+    stressed = [row for row in rows if row.policy in others]
+    meanings = "\n".join(f"- `{name}`: {meaning}" for name, meaning in CLASSES.items())
+    seeds = ", ".join(map(str, settings.seeds))
+    text = f"# Evaluation\n\n```\n{command}\n```\n\n"
+    text += f"First attempts in `GraspPose-v0`; in brackets 95 % intervals (Wilson). Seeds of the trials: {seeds}.\n"
+    text += f"\n## Policies\n\n{policy_table(first)}\n![policies](policies.png)\n"
+    text += f"\n## By class of object\n\n{class_table(first, classes_of(settings.objects))}\n{meanings}\n"
+    if stressed:
+        text += f"\n## Conditions\n\n{condition_table(stressed)}\n![conditions](conditions.png)\n"
+    if stated := [row for row in first if row.calibration_error is not None]:
+        text += "\n## Calibration\n\n![reliability](reliability.png)\n"
+    write_text(settings.out / "evaluation.md", text)
+    bars = {f"{r.policy}, {r.objects}": r for r in pooled(first, by=lambda r: (r.policy, r.objects))}
+    save_rates(settings.out / "policies.png", "first attempt, unseen objects", {k: counts(r) for k, r in bars.items()})
+    if stressed:
+        joined = pooled(stressed, by=lambda r: (r.policy, r.condition))
+        errors = {f"{r.policy}, {r.condition}": counts(r) for r in joined if r.condition != "shake"}
+        save_rates(settings.out / "conditions.png", "under errors, all object sets together", errors)
+    if stated:
+        pairs = {r.policy: (r.confidence, r.success) for r in pooled(stated, by=lambda r: r.policy)}
+        save_reliability(settings.out / "reliability.png", "stated and true success", pairs)
+
+
+def counts(row: Measured) -> tuple[int, int, int]:
+    """Count trials, successes, secure holds."""
+    return len(row.names), sum(row.success), sum(row.secure)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Parse the arguments and run; returns the exit status."""
+    given = sys.argv[1:] if arguments is None else arguments
+    settings = tyro.cli(Settings, args=given, description=__doc__)
+    try:
+        rows = run(settings, shlex.join(["python", "scripts/evaluate_policies.py", *given]))
+    except KeyboardInterrupt:
+        console.print("interrupted; the same command continues")
+        return 130
+    except (GraspboxError, OSError) as error:
+        console.print(f"error: {error}", markup=False)
+        return 2
+    if settings.json:
+        print_json([row.summary() for row in rows])
+    else:
+        print((settings.out / "evaluation.md").read_text())
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
