@@ -217,7 +217,7 @@ def test_the_example_of_the_module_runs() -> None:
 pytest.importorskip("typer", reason="the command line needs the extra 'cli'")
 
 COMMAND = [sys.executable, "-m", "graspbox", "evaluate"]
-KEYS = ["policy", "trials", "succeeded", "secure", "rate", "ci95", "objects", "ms_per_decision"]
+KEYS = ["policy", "trials", "succeeded", "secure", "rate", "ci95", "objects", "calibration_error", "ms_per_decision"]
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:

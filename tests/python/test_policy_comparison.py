@@ -1,0 +1,241 @@
+"""Policies side by side: baselines that see, the robust oracle, conditions, classes of objects, tables, the script."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspbox
+from datasets_for_tests import run as make_dataset
+from graspbox import evaluation, object_sets, policies
+from graspbox.errors import ConfigError
+from graspbox.evaluation import evaluate
+from graspbox.evaluation.conditions import CONDITIONS
+from graspbox.evaluation.object_classes import CLASSES, object_classes
+from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table
+from graspbox.perception.configs import CropConfig
+from graspbox.perception.crops import solid_occupancy
+from graspbox.perception.surfaces import OCCUPIED, surface_mesh
+
+CROP = CropConfig()
+CANS = "procedural:can:0-4"
+
+
+def ball(radius: float, height: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Fill a crop with a ball over its middle."""
+    n = CROP.resolution
+    centers = (np.stack(np.meshgrid(*[np.arange(n) + 0.5] * 3, indexing="ij"), -1)) * CROP.voxel_size + CROP.origin
+    inside = radius - np.linalg.norm(centers - [0.0, 0.0, height], axis=-1)
+    return np.clip(OCCUPIED + 100.0 * inside / CROP.voxel_size, 0, 255).astype(np.uint8)
+
+
+# --- surfaces ------------------------------------------------------------------------------------------------------
+
+
+def test_the_surface_of_a_ball_is_that_of_the_closed_form() -> None:
+    radius, height = 0.06, 0.08
+    mesh = surface_mesh(ball(radius, height))
+    assert mesh is not None
+    assert mesh.watertight
+    assert mesh.volume == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=0.02)
+    assert mesh.area == pytest.approx(4.0 * np.pi * radius**2, rel=0.02)
+    assert mesh.center_of_mass == pytest.approx([0.0, 0.0, height], abs=1e-3)
+    distances = np.linalg.norm(mesh.vertices - [0.0, 0.0, height], axis=1)
+    assert np.abs(distances - radius).max() < 0.2 * CROP.voxel_size
+
+
+def test_a_surface_closes_at_the_side_of_the_crop_and_nothing_has_none() -> None:
+    n = CROP.resolution
+    full = surface_mesh(np.full((n, n, n), 255, dtype=np.uint8))
+    assert full is not None
+    assert full.watertight
+    # From full voxels to empty ones a quarter is a quarter of a voxel beyond the boundary.
+    assert full.volume == pytest.approx((CROP.side + 0.5 * CROP.voxel_size) ** 3, rel=0.005)
+    assert surface_mesh(np.full((n, n, n), OCCUPIED - 1, dtype=np.uint8)) is None
+    one = np.zeros((n, n, n), dtype=np.uint8)
+    one[3, 4, 5] = OCCUPIED
+    voxel = surface_mesh(one)
+    assert voxel is not None
+    assert voxel.volume > 0.0
+    for wrong in (np.zeros((n, n, n - 1), dtype=np.uint8), np.zeros((n, n, n))):
+        with pytest.raises(ConfigError, match="occupancy is"):
+            surface_mesh(wrong)
+
+
+def test_the_surface_of_an_object_fits_the_object() -> None:
+    mesh = object_sets.load("procedural:can:3")[0].load()
+    pose = np.eye(4)
+    pose[:3, 3] = [*-mesh.bounds.mean(axis=0)[:2], -mesh.bounds[0, 2]]
+    found = surface_mesh(solid_occupancy([mesh], [0], pose[None], config=CROP)[0])
+    assert found is not None
+    np.testing.assert_allclose(found.bounds, mesh.bounds + pose[:3, 3], atol=0.6 * CROP.voxel_size)
+
+
+# --- baselines -----------------------------------------------------------------------------------------------------
+
+
+def test_the_planner_grasps_what_one_camera_sees() -> None:
+    found = evaluate("seen_planner", objects=CANS, trials=6, num_envs=3)
+    assert found.succeeded >= 3
+    assert found == evaluate("seen_planner", objects=CANS, trials=6, num_envs=2)
+    assert found.calibration_error is None
+
+
+def test_the_robust_oracle_grasps_and_is_the_same_beside_other_environments() -> None:
+    found = evaluate("robust_oracle", objects=CANS, trials=2, num_envs=2)
+    assert found.succeeded == 2
+    assert found == evaluate("robust_oracle", objects=CANS, trials=2, num_envs=1)
+    with pytest.raises(ConfigError, match="'robust_oracle' acts in graspbox/GraspPose-v0"):
+        evaluate("robust_oracle", "graspbox/Grasp-v0", objects=CANS, trials=1)
+
+
+def test_a_replay_score_tells_a_robust_grasp_from_one_that_only_just_holds() -> None:
+    from graspbox.policies.depth_oracles import Replays, robust_scores
+
+    mesh = object_sets.load("procedural:can:1")[0].load()
+    scene = graspbox.Scene(mesh)
+    plan = graspbox.plan(mesh, world_from_object=scene.world_from_object).best(12)
+    replays = Replays(finalists=12, count=8, position=0.004, rotation=0.06)
+    scores = robust_scores(scene, plan.poses, plan.preshape, np.random.default_rng(0), replays)
+    held = scene.simulate(plan.poses, plan.preshape).success
+    assert (scores[held] >= 0.2).all()
+    assert (scores[~held] == 0.0).all()
+    shares = (scores[held] - 0.2) % 1.0
+    assert scores.max() > 0.9
+    assert np.allclose(np.round(shares * 8) / 8, shares, atol=0.011)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a small data set."""
+    pytest.importorskip("pyarrow", reason="data sets need pyarrow, from the extra 'data'")
+    folder = tmp_path_factory.mktemp("data") / "set"
+    done = make_dataset(folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_nearest_known_scene_gives_its_grasp(data: Path) -> None:
+    from graspbox.perception.nearest_finder import remember
+    from graspbox.perception.trials import GraspTrials
+
+    memory = remember(data, seed=1)
+    trials = GraspTrials.from_dataset(data, "train")
+    held = np.unique(trials.scene_of[trials.success])
+    assert len(memory.preshapes) == len(held)
+    again = remember(data, seed=1)
+    np.testing.assert_array_equal(memory.poses, again.poses)
+    distances = np.linalg.norm(memory.descriptions[:, None] - memory.descriptions[None], axis=2)
+    assert (distances.argmin(axis=1) == np.arange(len(distances))).all()
+    policy = policies.NearestGrasp(memory)
+    evaluate(policy, objects="procedural:can:0-1", trials=4, num_envs=4)
+    for found in policy.found:
+        assert found is not None
+        assert found.score <= 0.0
+        known = np.flatnonzero((memory.poses == found.poses[0]).all(axis=(1, 2)))
+        np.testing.assert_array_equal(found.world_from_hand, found.world_from_crop @ memory.poses[known[0]])
+
+
+# --- conditions and classes ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_every_condition_makes_environments(name: str) -> None:
+    found = evaluate("planner", objects=CANS, trials=2, num_envs=2, **CONDITIONS[name].settings)
+    assert len(found.trials) == 2
+    assert found.shaken <= found.succeeded
+    if name == "shake":
+        assert found.shaken > 0
+
+
+def test_conditions_change_what_they_say() -> None:
+    def rate(name: str) -> float:
+        return evaluate("planner", objects=CANS, trials=24, seed=2, **CONDITIONS[name].settings).rate
+
+    nominal = rate("nominal")
+    assert nominal > 0.8
+    assert rate("hand_10") < nominal
+    assert rate("friction_0.3") < nominal
+
+
+def test_classes_follow_from_shape_and_mass() -> None:
+    def box(x: float, y: float, z: float, mass: float = 0.1) -> graspbox.Mesh:
+        corners = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * [x, y, z]
+        faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+        faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+        return graspbox.mesh_from_arrays(corners, faces, mass=mass)
+
+    assert object_classes(box(0.1, 0.08, 0.02)) == ("flat", "box")
+    assert object_classes(box(0.1, 0.02, 0.02)) == ("thin", "box")
+    assert object_classes(box(0.1, 0.08, 0.07, 0.5)) == ("heavy", "box")
+    assert object_classes(object_sets.load("procedural:ball:0")[0].load()) == ("round",)
+
+
+# --- tables --------------------------------------------------------------------------------------------------------
+
+
+def measured(policy: str, success: list[bool], **changes: Any) -> Measured:
+    """Make trials of two objects in turns."""
+    trials = [[("plate", "can")[i % 2], s, s and i % 2 == 0, False, 0.5] for i, s in enumerate(success)]
+    given = {"condition": "nominal", "policy": policy, "objects": "set", "seed": 0, "milliseconds": 3.0}
+    return Measured.of({**given, "trials": trials, **changes})
+
+
+def test_tables_count_pool_and_compare() -> None:
+    assert COLUMNS[0] == "object"
+    rows = [measured("robust_oracle", [True] * 8), measured("out/depth", [True, True, False, True] * 2)]
+    rows.append(measured("out/depth", [False] * 4, seed=1))
+    text = policy_table(rows)
+    assert "| depth | set | 12 | 50.0 % (25.4 to 74.6) | 16.7 %" in text
+    assert text.count("| depth |") == 1
+    classes = {"plate": ("flat", "round"), "can": ("round",)}
+    # Seed 1 has no trials of the oracle, so nothing can be compared.
+    assert "| depth | 33.3 % |  |  |  | 50.0 % |  |" in class_table(rows, classes)
+    # Of four plates that the oracle lifted, the policy lifted two.
+    assert "50.0 % (15.0 to 85.0)" in class_table(rows[:2], classes)
+    assert rows[1].calibration_error == pytest.approx(0.25)
+    shaken = measured("out/depth", [True] * 4, condition="shake")
+    assert CONDITIONS["shake"].meaning in condition_table([rows[1], shaken])
+
+
+def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime", reason="policies with networks need onnxruntime")
+    pytest.importorskip("onnx", reason="the tiny policy is written with onnx")
+    from tiny_policy import make
+
+    make(tmp_path / "tiny")
+    found = evaluate(policies.load(str(tmp_path / "tiny")), objects=CANS, trials=6)
+    stated = [trial.confidence for trial in found.trials]
+    assert all(p is not None and 0.0 <= p <= 1.0 for p in stated)
+    assert found.calibration_error is not None
+    assert found.to_json()["calibration_error"] == found.calibration_error
+
+
+# --- the script ----------------------------------------------------------------------------------------------------
+
+
+def test_the_script_measures_resumes_and_writes_tables_and_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
+    pytest.importorskip("matplotlib")
+    from test_scripts import script
+
+    module = script("evaluate_policies")
+    words = ["--out", str(tmp_path), "--policies", "random", "planner", "--stressed", "planner", "--conditions"]
+    words += ["nominal", "hand_5", "--objects", CANS, "--trials", "3", "--json"]
+    assert module.main(words) == 0
+    first = capsys.readouterr().out
+    text = (tmp_path / "evaluation.md").read_text()
+    assert "| planner | procedural:can:0-4 | 3 |" in text
+    assert CONDITIONS["hand_5"].meaning in text
+    assert all(f"`{name}`" in text for name in CLASSES)
+    for name in ("policies.png", "conditions.png"):
+        assert (tmp_path / name).stat().st_size > 1000
+    # What is in the log is not measured again.
+    monkeypatch.setattr(evaluation, "evaluate", None)
+    assert module.main(words) == 0
+    assert capsys.readouterr().out == first
+    assert module.main([*words, "--stressed", "zero"]) == 2
+    assert module.main(["--out", str(tmp_path / "x"), "--policies", "nearer=3", "--trials", "1"]) == 2
