@@ -1,6 +1,6 @@
 """``depth``: grasps from one depth camera, without mesh or true pose."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from graspbox._core import Mesh
 from graspbox.envs.coding import Codec, encode_action, object_pose
-from graspbox.envs.expert import ScriptedGrasp
+from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion
 from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
 from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.finder import Complete, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.hand_views import HandView
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, Scorer, load_parts
 from graspbox.policies.base import Actions, Policy, Task
@@ -35,8 +36,9 @@ class DepthGrasp(Policy):
     """Grasps what a depth camera sees: crop, completion, proposals, scores, refinement (`GraspFinder`).
 
     It looks once per episode, with the first camera of the environments, which must stand in the world. In
-    ``GraspPose-v0`` the grasp is the action; in ``Grasp-v0`` the hand is moved there as the scripted expert does it.
-    Where no object is seen or no grasp is found, its actions are zeros.
+    ``GraspPose-v0`` the grasp is the action. In ``Grasp-v0`` the hand first leaves the image, since it would be taken
+    for a part of the object, and is then moved to the grasp as the scripted expert does it. Where no object is seen or
+    no grasp is found, its actions are zeros.
 
     Parameters
     ----------
@@ -111,9 +113,10 @@ class DepthGrasp(Policy):
         self._crop = self._published.crop if self._published else CropConfig()
         self._finder = self._make_finder()
         self._proprio = Codec(task.control, self._hand, "proprio") if task.closed_loop else None
+        self._view = HandView(self._hand, self._world_from_camera, self._intrinsics, task.cameras.image_size)
         self._waiting: list[int | None] = [None] * task.num_envs
         self._objects: list[str] = [""] * task.num_envs
-        self._drivers: list[ScriptedGrasp | None] = [None] * task.num_envs
+        self._drivers: list[ScriptedMotion | None] = [None] * task.num_envs
         self.found = [None] * task.num_envs
         self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
         indices = {name: i for i, name in enumerate(task.objects.names)}
@@ -157,23 +160,57 @@ class DepthGrasp(Policy):
         """Decide where an episode has begun, and move on in the others."""
         actions = self._zeros()
         for env in range(self.task.num_envs):
+            if self._proprio is not None:
+                action = self._move(env, {name: observation[name][env] for name in self.obs})
+                if action is not None:
+                    actions[env] = action
+                continue
             seed, self._waiting[env] = self._waiting[env], None
-            if seed is not None:
-                self.found[env] = self._find(env, seed, observation)
-                self._drivers[env] = self._driver(self.found[env], observation, env)
-            found, driver = self.found[env], self._drivers[env]
-            if self._proprio is not None and driver is not None:
-                actions[env] = driver.follow(self._proprio.pose(observation["proprio"][env], "hand"))
-            elif self._proprio is None and seed is not None and found is not None:
+            if seed is None:
+                continue
+            found = self.found[env] = self._find(env, seed, {name: observation[name][env] for name in self.obs})
+            if found is not None:
                 actions[env] = encode_action(found.world_from_hand, found.preshape, hand=self._hand)
         return actions
 
-    def _find(self, env: int, seed: int, observation: Any) -> FoundGrasp | None:
-        clean = np.asarray(observation["depth"][env])[None, :, :, 0]
+    def _move(self, env: int, seen: Mapping[str, Any]) -> NDArray[np.float32] | None:
+        """Choose the next action in ``Grasp-v0``: leave the image, look, grasp; `seen` is the environment's row."""
+        assert self._proprio is not None
+        hand = self._proprio.pose(seen["proprio"], "hand")
+        if self._waiting[env] is not None:
+            if self._drivers[env] is None:
+                self._drivers[env] = self._leaving(hand, seen)
+            driver = self._drivers[env]
+            if driver is None or driver.finished:
+                seed, self._waiting[env] = self._waiting[env], None
+                found = self.found[env] = self._find(env, int(seed or 0), seen)
+                self._drivers[env] = None if found is None else self._grasping(found, hand)
+        driver = self._drivers[env]
+        return None if driver is None else driver.follow(hand)
+
+    def _leaving(self, hand: NDArray[np.float64], seen: Mapping[str, Any]) -> ScriptedMotion | None:
+        """Make what moves the hand out of the image; None if it is not there."""
+        preshape = self._preshape(seen)
+        stops = self._view.leave(hand, preshape)
+        return ScriptedMotion([hand, *stops], preshape, **self._motion_settings()) if stops else None
+
+    def _preshape(self, seen: Mapping[str, Any]) -> float:
+        """Read the preshape that the hand has; a hand without one has the least."""
+        assert self._proprio is not None
+        read = self._proprio.column(seen["proprio"], "preshape")
+        return float(read[0]) if len(read) else self._hand.preshape_limits[0]
+
+    def _motion_settings(self) -> dict[str, Any]:
+        task = self.task
+        return {"control": task.control, "hand": self._hand, "frame_skip": task.frame_skip}
+
+    def _find(self, env: int, seed: int, seen: Mapping[str, Any]) -> FoundGrasp | None:
+        """Look and choose; `seen` is the environment's row of the observation."""
+        clean = np.asarray(seen["depth"])[None, :, :, 0]
         depth = add_depth_noise(clean, self._intrinsics, seed, self._noise)[0]
         truth = None
         if self._oracles:
-            pose = object_pose(observation["state"][env], hand=self._hand)
+            pose = object_pose(seen["state"], hand=self._hand)
             truth = Truth(self._mesh(self._objects[env]), pose, self._crop, self._hand, seed)
         return self._finder.find(
             depth,
@@ -185,23 +222,11 @@ class DepthGrasp(Policy):
             on_crop=truth.place if truth else None,
         )
 
-    def _driver(self, found: FoundGrasp | None, observation: Any, env: int) -> ScriptedGrasp | None:
-        """Make what moves the hand in ``Grasp-v0``."""
-        if self._proprio is None or found is None:
-            return None
-        start = self._proprio.pose(observation["proprio"][env], "hand")
+    def _grasping(self, found: FoundGrasp, hand: NDArray[np.float64]) -> ScriptedGrasp:
+        """Make what moves the hand to a grasp in ``Grasp-v0``, closes and lifts."""
         filled = np.flatnonzero((found.occupancy >= 64).any(axis=(0, 1)))
         top = self._crop.origin[2] + (filled[-1] + 1) * self._crop.voxel_size if len(filled) else 0.0
-        task = self.task
-        return ScriptedGrasp(
-            start,
-            found.world_from_hand,
-            found.preshape,
-            float(top),
-            control=task.control,
-            hand=self._hand,
-            frame_skip=task.frame_skip,
-        )
+        return ScriptedGrasp(hand, found.world_from_hand, found.preshape, float(top), **self._motion_settings())
 
 
 def _no_score(
