@@ -7,6 +7,7 @@
 | ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
+| a folder with ``feel.json`` | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
 
 ``planner`` and ``expert`` are **privileged**: they observe ``state`` and know the object's mesh. `load` makes a policy
 by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`.
@@ -17,6 +18,7 @@ by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own i
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
 | `depth`   | `DepthGrasp` |
+| `feel`    | `FeelThenLift` |
 | `head`    | `HeadGrasp`: one network |
 | `depth_oracles` | the truth in place of its parts, to measure what each loses |
 
@@ -42,17 +44,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 from graspbox.errors import ConfigError
+from graspbox.perception.feel_folders import FEEL
 from graspbox.perception.policy_folders import KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
+from graspbox.policies.feel import Attempt, FeelThenLift
 from graspbox.policies.head import HEAD, HeadGrasp
 from graspbox.policies.planner import Expert, Planner
 from graspbox.policies.simple import Random, Zero
 
 __all__ = [
     "Actions",
+    "Attempt",
     "DepthGrasp",
     "Expert",
+    "FeelThenLift",
     "HeadGrasp",
     "Planner",
     "Policy",
@@ -95,6 +101,8 @@ def load(name: str) -> Policy:
         raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with config.json")
     if (folder / HEAD).is_file():
         return HeadGrasp(folder)
+    if (folder / FEEL).is_file():
+        return FeelThenLift(folder)
     kind = read_kind(folder)
     if kind not in _KINDS:
         raise ConfigError(f"{name} holds a policy of the kind {kind!r}; this version knows {', '.join(_KINDS)}")

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._core import Mesh
+from graspbox._core import Hand, Mesh
 from graspbox.envs.coding import Codec, encode_action, object_pose
 from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion
 from graspbox.errors import ConfigError
@@ -94,6 +94,9 @@ class DepthGrasp(Policy):
         self._config = config or (self._published.finder if self._published else FinderConfig())
         if self._published is not None:
             self.name = self._published.name
+        #: Once the policy is bound: the hand, and the settings of the crop.
+        self.hand: Hand
+        self.crop: CropConfig
         #: The scorer, once the policy is bound; None where an oracle stands in.
         self.scorer: Scorer | None = None
         #: What was found last in each environment; None where nothing was.
@@ -107,13 +110,13 @@ class DepthGrasp(Policy):
         camera = task.cameras.cameras[0]
         if camera.mount != "world":
             raise ConfigError(f"camera {camera.name!r} is mounted on the hand; put one first whose mount is 'world'")
-        self._hand = load_hand(task.hand)
+        self.hand = load_hand(task.hand)
         self._world_from_camera = camera_pose(camera)
         self._intrinsics = lens(camera.fov, task.cameras.image_size)
-        self._crop = self._published.crop if self._published else CropConfig()
+        self.crop = self._published.crop if self._published else CropConfig()
         self._finder = self._make_finder()
-        self._proprio = Codec(task.control, self._hand, "proprio") if task.closed_loop else None
-        self._view = HandView(self._hand, self._world_from_camera, self._intrinsics, task.cameras.image_size)
+        self._proprio = Codec(task.control, self.hand, "proprio") if task.closed_loop else None
+        self._view = HandView(self.hand, self._world_from_camera, self._intrinsics, task.cameras.image_size)
         self._waiting: list[int | None] = [None] * task.num_envs
         self._objects: list[str] = [""] * task.num_envs
         self._drivers: list[ScriptedMotion | None] = [None] * task.num_envs
@@ -132,17 +135,17 @@ class DepthGrasp(Policy):
     def _make_finder(self) -> GraspFinder:
         """Load the parts for which no oracle stands in."""
         grid_config = self._published.grid if self._published else HandGridConfig()
-        grid = HandGrid(self._hand, grid_config, crop=self._crop, num_threads=self._num_threads)
+        grid = HandGrid(self.hand, grid_config, crop=self.crop, num_threads=self._num_threads)
         complete: Complete = observed_only
         score: Score = _no_score
         if self._folder is not None and self._published is not None:
-            if (name := self._hand.name) != self._published.hand:
+            if (name := self.hand.name) != self._published.hand:
                 raise ConfigError(f"the policy {self.name!r} knows the hand {self._published.hand!r}, not {name!r}")
             parts = load_parts(Path(self._folder), self._published, grid, self._backend, self._num_threads)
             complete = complete if "completion" in self._oracles else parts[0]
             self.scorer = None if "scorer" in self._oracles else parts[1]
             score = self.scorer or score
-        return GraspFinder(grid, complete, score, self._config, crop=self._crop, num_threads=self._num_threads)
+        return GraspFinder(grid, complete, score, self._config, crop=self.crop, num_threads=self._num_threads)
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         if seed is not None:
@@ -168,9 +171,9 @@ class DepthGrasp(Policy):
             seed, self._waiting[env] = self._waiting[env], None
             if seed is None:
                 continue
-            found = self.found[env] = self._find(env, seed, {name: observation[name][env] for name in self.obs})
+            found = self.found[env] = self.find(env, seed, {name: observation[name][env] for name in self.obs})
             if found is not None:
-                actions[env] = encode_action(found.world_from_hand, found.preshape, hand=self._hand)
+                actions[env] = encode_action(found.world_from_hand, found.preshape, hand=self.hand)
         return actions
 
     def _move(self, env: int, seen: Mapping[str, Any]) -> NDArray[np.float32] | None:
@@ -183,8 +186,8 @@ class DepthGrasp(Policy):
             driver = self._drivers[env]
             if driver is None or driver.finished:
                 seed, self._waiting[env] = self._waiting[env], None
-                found = self.found[env] = self._find(env, int(seed or 0), seen)
-                self._drivers[env] = None if found is None else self._grasping(found, hand)
+                found = self.found[env] = self.find(env, int(seed or 0), seen)
+                self._drivers[env] = None if found is None else self.grasping(found, hand)
         driver = self._drivers[env]
         return None if driver is None else driver.follow(hand)
 
@@ -195,23 +198,38 @@ class DepthGrasp(Policy):
         return ScriptedMotion([hand, *stops], preshape, **self._motion_settings()) if stops else None
 
     def _preshape(self, seen: Mapping[str, Any]) -> float:
-        """Read the preshape that the hand has; a hand without one has the least."""
+        """Read the preshape that the hand has; one whose preshape has no actuator keeps the least."""
         assert self._proprio is not None
-        read = self._proprio.column(seen["proprio"], "preshape")
-        return float(read[0]) if len(read) else self._hand.preshape_limits[0]
+        if "preshape" not in self._proprio.names:
+            return self.hand.preshape_limits[0]
+        return float(self._proprio.column(seen["proprio"], "preshape")[0])
 
     def _motion_settings(self) -> dict[str, Any]:
         task = self.task
-        return {"control": task.control, "hand": self._hand, "frame_skip": task.frame_skip}
+        return {"control": task.control, "hand": self.hand, "frame_skip": task.frame_skip}
 
-    def _find(self, env: int, seed: int, seen: Mapping[str, Any]) -> FoundGrasp | None:
-        """Look and choose; `seen` is the environment's row of the observation."""
-        clean = np.asarray(seen["depth"])[None, :, :, 0]
-        depth = add_depth_noise(clean, self._intrinsics, seed, self._noise)[0]
+    def find(self, env: int, seed: int, seen: Mapping[str, Any]) -> FoundGrasp | None:
+        """Look once and choose.
+
+        Parameters
+        ----------
+        env : int
+            Index of the environment.
+        seed : int
+            Seed of the camera's noise and of the refinement.
+        seen : mapping
+            The environment's row of the observation: ``depth`` (H, W, 1), and ``state`` for an oracle.
+
+        Returns
+        -------
+        FoundGrasp or None
+            None where no object is seen, or no grasp of it is feasible.
+        """
+        depth = self._noisy(seed, seen)
         truth = None
         if self._oracles:
-            pose = object_pose(seen["state"], hand=self._hand)
-            truth = Truth(self._mesh(self._objects[env]), pose, self._crop, self._hand, seed)
+            pose = object_pose(seen["state"], hand=self.hand)
+            truth = Truth(self._mesh(self._objects[env]), pose, self.crop, self.hand, seed)
         return self._finder.find(
             depth,
             self._intrinsics,
@@ -222,11 +240,17 @@ class DepthGrasp(Policy):
             on_crop=truth.place if truth else None,
         )
 
-    def _grasping(self, found: FoundGrasp, hand: NDArray[np.float64]) -> ScriptedGrasp:
-        """Make what moves the hand to a grasp in ``Grasp-v0``, closes and lifts."""
+    def _noisy(self, seed: int, seen: Mapping[str, Any]) -> NDArray[np.uint16]:
+        """Give the environment's depth image (H, W) as the camera would measure it."""
+        clean = np.asarray(seen["depth"])[None, :, :, 0]
+        return np.asarray(add_depth_noise(clean, self._intrinsics, seed, self._noise)[0])
+
+    def grasping(self, found: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
+        """Make what moves the hand from ``world_from_hand`` (4, 4) to a grasp in ``Grasp-v0``, closes and lifts."""
         filled = np.flatnonzero((found.occupancy >= 64).any(axis=(0, 1)))
-        top = self._crop.origin[2] + (filled[-1] + 1) * self._crop.voxel_size if len(filled) else 0.0
-        return ScriptedGrasp(hand, found.world_from_hand, found.preshape, float(top), **self._motion_settings())
+        top = self.crop.origin[2] + (filled[-1] + 1) * self.crop.voxel_size if len(filled) else 0.0
+        goal = found.world_from_hand
+        return ScriptedGrasp(world_from_hand, goal, found.preshape, float(top), **self._motion_settings())
 
 
 def _no_score(
