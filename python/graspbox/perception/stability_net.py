@@ -86,7 +86,8 @@ def logits_of(nets: Sequence[StabilityNet], felt: NDArray[np.float32]) -> NDArra
     """Give the mean logit (n,) of some networks for (n, k) examples, before calibration."""
     with torch.no_grad():
         inputs = torch.from_numpy(np.ascontiguousarray(felt, dtype=np.float32))
-        return torch.stack([net.eval()(inputs) for net in nets]).mean(0).numpy().astype(np.float64)
+        logits = torch.stack([net.eval()(inputs) for net in nets]).mean(0)
+        return np.asarray(logits.numpy(), dtype=np.float64)
 
 
 def train_stability(

@@ -68,6 +68,7 @@ class DepthGrasp(Policy):
     """
 
     name = "depth"
+    obs: tuple[str, ...] = ("depth", "proprio")
     settings = {"image_size": 128}  # noqa: RUF012 (read only)
 
     def __init__(

@@ -100,7 +100,10 @@ class FeelThenLift(DepthGrasp):
 
     def _bind(self, task: Task) -> None:
         if not task.closed_loop:
-            raise ConfigError(f"the policy {self.name!r} feels, which takes graspbox/Grasp-v0; bind it there")
+            raise ConfigError(
+                f"the policy {self.name!r} feels as its fingers close, which {task.env_id!r} does not show; evaluate "
+                "it with --env graspbox/Grasp-v0"
+            )
         super()._bind(task)
         self._inputs = StabilityInputs(self.hand, self._feel.times, self.crop, task.control)
         self.attempts = [[] for _ in range(task.num_envs)]
@@ -170,4 +173,5 @@ class _Other:
         traces = np.einsum("nij,ij->n", hands[:, :3, :3], failed[:3, :3])
         turn = np.arccos(np.clip((traces - 1.0) / 2.0, -1.0, 1.0))
         near = np.exp(-0.5 * ((way / _MOVED) ** 2 + (turn / _TURNED) ** 2))
-        return self._score(volume, poses, preshapes) * (1.0 - near * (preshapes == self._failed.preshape))
+        kept = 1.0 - near * (preshapes == self._failed.preshape)
+        return np.asarray(self._score(volume, poses, preshapes) * kept)

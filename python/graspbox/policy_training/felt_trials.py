@@ -202,9 +202,9 @@ class Recorder:
         while active:
             actions = []
             for env in active:
-                driver, row = drivers[env], {name: seen[name][env] for name in self._inputs.obs}
-                feelings[env].add(driver.time - driver.closes_at, row)
-                actions.append(driver.follow(self._proprio.pose(row["proprio"], "hand")))
+                driver, now = drivers[env], {name: seen[name][env] for name in self._inputs.obs}
+                feelings[env].add(driver.time - driver.closes_at, now)
+                actions.append(driver.follow(self._proprio.pose(now["proprio"], "hand")))
             self._trying.send(np.stack(actions), np.array(active))
             following, _, terminated, truncated, info = self._trying.recv(len(active))
             for row, env in enumerate(info["env_id"].tolist()):
@@ -224,6 +224,6 @@ def _chosen(found: FoundGrasp, count: int, rng: np.random.Generator) -> list[int
     weights = np.exp(-np.arange(1, len(order)) / _RANKS)
     others = min(count, len(order)) - 1
     if others < 1:
-        return order[:1].tolist()
+        return [int(order[0])]
     picked = rng.choice(len(weights), others, replace=False, p=weights / weights.sum())
     return [int(order[0]), *order[1 + picked].tolist()]

@@ -96,12 +96,13 @@ def run_pairs(
     progress : callable
         Called with the number of finished trials of both runs.
     """
-    runs = []
+    runs: list[tuple[list[TrialResult], NDArray[np.float64]]] = []
+
+    def report(done: int) -> None:
+        progress(trials * len(runs) + done)
+
     for threshold in (0.0, _ALWAYS):
-        done = sum(len(results) for results, _ in runs)
-        runs.append(
-            _run(folder, objects, trials, seed, threshold, split, num_envs, lambda n, done=done: progress(done + n))
-        )  # type: ignore[misc]
+        runs.append(_run(folder, objects, trials, seed, threshold, split, num_envs, report))
     (first, felt), (second, again) = runs
     if not np.array_equal(felt, again):
         raise ConfigError("the two runs differ before the hand decides; run them with the same build and folder")
