@@ -46,7 +46,7 @@ def test_without_an_oracle_it_reads_no_state(tmp_path: Path) -> None:
             from graspbox.perception import HandGrid
             from graspbox.perception.finder import GraspFinder, observed_only
 
-            grid = HandGrid(self._hand)
+            grid = HandGrid(self.hand)
             return GraspFinder(grid, observed_only, lambda volume, poses, preshape: -poses[:, 2, 3], self._config)
 
     tiny_policy.make(tmp_path)

@@ -324,7 +324,7 @@ class CentralGrasp(HeadGrasp):
     """Takes the grasp of `Central`; needs no weights."""
 
     def _make_finder(self) -> Any:
-        return HeadFinder(HandGrid(self._hand), Central(), filtered=self._filtered)  # type: ignore[arg-type]
+        return HeadFinder(HandGrid(self.hand), Central(), filtered=self._filtered)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("filtered", [False, True])

@@ -27,7 +27,7 @@ def ball(radius: float, height: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
     n = CROP.resolution
     centers = (np.stack(np.meshgrid(*[np.arange(n) + 0.5] * 3, indexing="ij"), -1)) * CROP.voxel_size + CROP.origin
     inside = radius - np.linalg.norm(centers - [0.0, 0.0, height], axis=-1)
-    return np.clip(OCCUPIED + 100.0 * inside / CROP.voxel_size, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(OCCUPIED + 100.0 * inside / CROP.voxel_size, 0, 255), dtype=np.uint8)
 
 
 # --- surfaces ------------------------------------------------------------------------------------------------------
@@ -58,6 +58,7 @@ def test_a_surface_closes_at_the_side_of_the_crop_and_nothing_has_none() -> None
     voxel = surface_mesh(one)
     assert voxel is not None
     assert voxel.volume > 0.0
+    wrong: Any
     for wrong in (np.zeros((n, n, n - 1), dtype=np.uint8), np.zeros((n, n, n))):
         with pytest.raises(ConfigError, match="occupancy is"):
             surface_mesh(wrong)

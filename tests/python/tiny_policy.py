@@ -8,6 +8,7 @@ import numpy as np
 
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.configs import ProposalConfig
+from graspbox.perception.feel_folders import FeelConfig, write_feel
 from graspbox.perception.finder import FinderConfig
 from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, write_depth_policy
 
@@ -87,4 +88,24 @@ def make(folder: Path, **changes: Any) -> DepthPolicyConfig:
     )
     config = replace(config, **changes)
     write_depth_policy(folder, config)
+    return config
+
+
+def make_feeling(folder: Path, threshold: float = 0.5, times: tuple[float, ...] = (1.1, 1.3)) -> FeelConfig:
+    """Write a policy that feels: the probability that a grasp holds is that of the logit of its mean input."""
+    from onnx import TensorProto, helper
+
+    make(folder)
+    _save(
+        folder / "feel.onnx",
+        [
+            helper.make_node("ReduceMean", ["felt", "axis"], ["logit"], keepdims=0),
+            helper.make_node("Sigmoid", ["logit"], ["probability"]),
+        ],
+        [helper.make_tensor_value_info("felt", TensorProto.FLOAT, ["n", "k"])],
+        [helper.make_tensor_value_info("probability", TensorProto.FLOAT, ["n"])],
+        {"axis": np.array([1], dtype=np.int64)},
+    )
+    config = FeelConfig(times, threshold, (1.0, 0.0), 8, 1, {"feel.onnx": file_hash(folder / "feel.onnx")})
+    write_feel(folder, config)
     return config

@@ -13,6 +13,7 @@
 | `graspbox.envs.settings` | their keywords |
 | `graspbox.envs.coding` | poses in states and actions |
 | `graspbox.envs.expert` | a scripted expert for ``Grasp-v0`` |
+| `graspbox.envs.scripted` | its motions, without knowledge of an object |
 | `graspbox.envs.reward` | weights of the reward terms |
 | `graspbox.envs.window` | the window of ``render_mode="human"`` |
 | `graspbox.envs.spaces` | spaces and tables from the core |

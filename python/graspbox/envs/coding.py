@@ -84,6 +84,11 @@ class Codec:
             self._places[row["name"]] = slice(self.state_size, self.state_size + row["size"])
             self.state_size += row["size"]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns of the observation that it reads."""
+        return tuple(self._places)
+
     def column(self, state: ArrayLike, name: str) -> NDArray[np.float64]:
         """Read a column of a state (or of the other vector), by its name in the table of observations.
 

@@ -37,7 +37,7 @@ _OPSET = 18
 _COMPLETION, _SCORER = "completion", "scorer"
 
 
-def _write_onnx(
+def write_onnx(
     graph: nn.Module,
     example: Sequence[Tensor],
     dynamic: bool,
@@ -97,7 +97,7 @@ def export_completion(net: CompletionNet, path: Path, crop: CropConfig = CropCon
     generator = torch.Generator().manual_seed(0)
     n = crop.resolution
     example = torch.randint(0, 256, (1, 3, n, n, n), dtype=torch.uint8, generator=generator)
-    _write_onnx(CompletionGraph(net), [example], False, path, [{"channels": example.numpy()}])
+    write_onnx(CompletionGraph(net), [example], False, path, [{"channels": example.numpy()}])
 
 
 def export_scorer(
@@ -108,7 +108,7 @@ def export_scorer(
     example = [torch.from_numpy(array[: finalists + 7]) for array in given]
     # With finalists alone, nothing depends on which of two grasps that score alike to the last digit is one.
     checks = [{k: v[i : i + finalists] for k, v in given._asdict().items()} for i in range(0, 4 * finalists, finalists)]
-    _write_onnx(ScorerGraph(members, calibration, finalists), example, True, path, checks)
+    write_onnx(ScorerGraph(members, calibration, finalists), example, True, path, checks)
 
 
 def _grasps_of_a_block(grid: HandGrid, count: int) -> GraspInputs:
@@ -171,9 +171,9 @@ def export_depth_policy(
     hand_grid = HandGrid(hand, grid, crop=crop)
     export_completion(completion, folder / f"{_COMPLETION}.onnx", crop)
     export_scorer(members, calibration, hand_grid, folder / f"{_SCORER}.onnx")
-    _save(completion, folder / f"{_COMPLETION}.safetensors")
+    save_weights(completion, folder / f"{_COMPLETION}.safetensors")
     for number, member in enumerate(members):
-        _save(member, folder / f"{_SCORER}-{number}.safetensors")
+        save_weights(member, folder / f"{_SCORER}-{number}.safetensors")
     kept = [f"{part}.onnx" for part in (_COMPLETION, _SCORER)]
     kept += [f"{_COMPLETION}.safetensors", *(f"{_SCORER}-{number}.safetensors" for number in range(len(members)))]
     config = DepthPolicyConfig(
@@ -214,7 +214,7 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
     return CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
 
 
-def _save(net: nn.Module, path: Path) -> None:
+def save_weights(net: nn.Module, path: Path) -> None:
     from safetensors.torch import save
 
     write_bytes(path, save({name: tensor.contiguous() for name, tensor in net.state_dict().items()}))

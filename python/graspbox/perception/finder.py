@@ -91,6 +91,15 @@ class FoundGrasp:
         """The completed occupancy (N, N, N), 0 to 255 for 0 to 1."""
         return np.asarray(self.volume[0])
 
+    def other(self, index: int) -> "FoundGrasp":
+        """Take another of the grasps that were scored, by its index."""
+        return replace(
+            self,
+            world_from_hand=self.world_from_crop @ self.poses[index],
+            preshape=float(self.preshapes[index]),
+            score=float(self.scores[index]),
+        )
+
     def best(self) -> tuple[NDArray[np.float64], float]:
         """Give the grasp in the crop frame: ``crop_from_hand`` (4, 4) and preshape."""
         index = int(np.argmax(self.scores))

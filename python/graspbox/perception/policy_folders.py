@@ -23,7 +23,16 @@ from graspbox.perception.calibration import Calibration
 from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import FinderConfig
 
-__all__ = ["FORMAT", "KIND", "DepthPolicyConfig", "file_hash", "read_depth_policy", "read_kind", "write_depth_policy"]
+__all__ = [
+    "FORMAT",
+    "KIND",
+    "DepthPolicyConfig",
+    "check_files",
+    "file_hash",
+    "read_depth_policy",
+    "read_kind",
+    "write_depth_policy",
+]
 
 #: Version of the folder's format.
 FORMAT = 1
@@ -96,6 +105,23 @@ def file_hash(path: Path) -> str:
     return hashlib.sha256(read_bounded(path, _LARGEST_FILE)).hexdigest()
 
 
+def check_files(path: Path, files: Mapping[str, str]) -> None:
+    """Check the files beside `path`, which names each with its SHA-256.
+
+    Raises
+    ------
+    FileError
+        If one is missing.
+    ConfigError
+        If one is elsewhere, or not the one that was exported.
+    """
+    for name, expected in files.items():
+        if Path(name).name != name:
+            raise ConfigError(f"{path} names the file {name!r}; files of a policy are in its own folder")
+        if file_hash(path.parent / name) != expected:
+            raise ConfigError(f"{path.parent / name} is not the file that {path} names; export the policy again")
+
+
 def write_depth_policy(folder: Path, config: DepthPolicyConfig) -> None:
     """Write ``config.json``."""
     content = {"format": FORMAT, "kind": KIND, **json.loads(to_json(config, DepthPolicyConfig))}
@@ -139,11 +165,7 @@ def read_depth_policy(folder: Path) -> DepthPolicyConfig:
     except ConfigError as error:
         text = str(error)
         raise ConfigError(text if text.startswith(str(path)) else f"{path}: {text}") from None
-    for name, expected in config.files.items():
-        if Path(name).name != name:
-            raise ConfigError(f"{path} names the file {name!r}; files of a policy are in its own folder")
-        if file_hash(Path(folder) / name) != expected:
-            raise ConfigError(f"{Path(folder) / name} is not the file that {path} names; export the policy again")
+    check_files(path, config.files)
     return config
 
 

@@ -13,7 +13,18 @@ from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.policy_folders import DepthPolicyConfig
 
-__all__ = ["Backend", "Completion", "Judged", "Network", "Scorer", "load_parts", "onnx_network", "torch_network"]
+__all__ = [
+    "Backend",
+    "Completion",
+    "Judged",
+    "Network",
+    "Scorer",
+    "Stability",
+    "load_parts",
+    "load_stability",
+    "onnx_network",
+    "torch_network",
+]
 
 #: What runs networks.
 Backend = Literal["onnx", "torch"]
@@ -166,6 +177,28 @@ class Scorer:
     ) -> NDArray[np.float64]:
         """Give what grasps are chosen by, (m,) float64; arguments as `judge`."""
         return self.judge(volume, crop_from_hand, preshape).choice
+
+
+class Stability:
+    """Tells how likely a grasp holds from what a hand feels.
+
+    Parameters
+    ----------
+    network : callable
+        `graspbox.perception.stability_net.StabilityGraph`.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+
+    def __call__(self, felt: NDArray[np.float32]) -> float:
+        """Give the probability that the grasp holds; `felt` (k,) is that of `graspbox.perception.stability.Feeling`."""
+        return float(self._network({"felt": felt[None]})["probability"][0])
+
+
+def load_stability(folder: Path) -> Stability:
+    """Load what feels from a policy's folder; it is small and runs on one thread."""
+    return Stability(onnx_network(Path(folder) / "feel.onnx", 1))
 
 
 def load_parts(

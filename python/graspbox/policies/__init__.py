@@ -9,6 +9,7 @@
 | ``seen_planner``  | all | as ``planner``, on the surface that one depth camera sees |
 | ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
+| a folder with ``feel.json`` | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
 
 ``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.
 `load` makes a policy by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of
@@ -20,6 +21,7 @@
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
 | `depth`   | `DepthGrasp` |
+| `feel`    | `FeelThenLift` |
 | `head`    | `HeadGrasp`: one network |
 | `depth_oracles` | the truth in place of its parts, to measure what each loses, and ``robust_oracle`` |
 | `seen_baselines` | `SeenPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
@@ -46,10 +48,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from graspbox.errors import ConfigError
+from graspbox.perception.feel_folders import FEEL
 from graspbox.perception.policy_folders import KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 from graspbox.policies.depth_oracles import RobustOracle
+from graspbox.policies.feel import Attempt, FeelThenLift
 from graspbox.policies.head import HEAD, HeadGrasp
 from graspbox.policies.planner import Expert, Planner
 from graspbox.policies.seen_baselines import NearestGrasp, SeenPlanner
@@ -57,8 +61,10 @@ from graspbox.policies.simple import Random, Zero
 
 __all__ = [
     "Actions",
+    "Attempt",
     "DepthGrasp",
     "Expert",
+    "FeelThenLift",
     "HeadGrasp",
     "NearestGrasp",
     "Planner",
@@ -106,6 +112,8 @@ def load(name: str) -> Policy:
         raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with config.json")
     if (folder / HEAD).is_file():
         return HeadGrasp(folder)
+    if (folder / FEEL).is_file():
+        return FeelThenLift(folder)
     kind = read_kind(folder)
     if kind not in _KINDS:
         raise ConfigError(f"{name} holds a policy of the kind {kind!r}; this version knows {', '.join(_KINDS)}")

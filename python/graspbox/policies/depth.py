@@ -1,6 +1,6 @@
 """``depth``: grasps from one depth camera, without mesh or true pose."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -8,15 +8,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._core import Mesh
+from graspbox._core import Hand, Mesh
 from graspbox.envs.coding import Codec, encode_action, object_pose
-from graspbox.envs.expert import ScriptedGrasp
+from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion
 from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
 from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.finder import Complete, Finder, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.hand_views import HandView
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, Scorer, load_parts
 from graspbox.policies.base import Actions, Policy, Task
@@ -35,8 +36,9 @@ class DepthGrasp(Policy):
     """Grasps what a depth camera sees: crop, completion, proposals, scores, refinement (`GraspFinder`).
 
     It looks once per episode, with the first camera of the environments, which must stand in the world. In
-    ``GraspPose-v0`` the grasp is the action; in ``Grasp-v0`` the hand is moved there as the scripted expert does it.
-    Where no object is seen or no grasp is found, its actions are zeros.
+    ``GraspPose-v0`` the grasp is the action. In ``Grasp-v0`` the hand first leaves the image, since it would be taken
+    for a part of the object, and is then moved to the grasp as the scripted expert does it. Where no object is seen or
+    no grasp is found, its actions are zeros.
 
     Parameters
     ----------
@@ -66,6 +68,7 @@ class DepthGrasp(Policy):
     """
 
     name = "depth"
+    obs: tuple[str, ...] = ("depth", "proprio")
     settings = {"image_size": 128}  # noqa: RUF012 (read only)
 
     def __init__(
@@ -90,6 +93,9 @@ class DepthGrasp(Policy):
         self._config = config or (self._published.finder if self._published else FinderConfig())
         if self._published is not None:
             self.name = self._published.name
+        #: Once the policy is bound: the hand, and the settings of the crop.
+        self.hand: Hand
+        self.crop: CropConfig
         #: The scorer, once the policy is bound; None where an oracle stands in.
         self.scorer: Scorer | None = None
         #: What was found last in each environment; None where nothing was.
@@ -105,15 +111,16 @@ class DepthGrasp(Policy):
         camera = task.cameras.cameras[0]
         if camera.mount != "world":
             raise ConfigError(f"camera {camera.name!r} is mounted on the hand; put one first whose mount is 'world'")
-        self._hand = load_hand(task.hand)
+        self.hand = load_hand(task.hand)
         self._world_from_camera = camera_pose(camera)
         self._intrinsics = lens(camera.fov, task.cameras.image_size)
-        self._crop = self._published.crop if self._published else CropConfig()
+        self.crop = self._published.crop if self._published else CropConfig()
         self._finder = self._make_finder()
-        self._proprio = Codec(task.control, self._hand, "proprio") if task.closed_loop else None
+        self._proprio = Codec(task.control, self.hand, "proprio") if task.closed_loop else None
+        self._view = HandView(self.hand, self._world_from_camera, self._intrinsics, task.cameras.image_size)
         self._waiting: list[int | None] = [None] * task.num_envs
         self._objects: list[str] = [""] * task.num_envs
-        self._drivers: list[ScriptedGrasp | None] = [None] * task.num_envs
+        self._drivers: list[ScriptedMotion | None] = [None] * task.num_envs
         self.found = [None] * task.num_envs
         self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
         indices = {name: i for i, name in enumerate(task.objects.names)}
@@ -129,17 +136,17 @@ class DepthGrasp(Policy):
     def _make_finder(self) -> Finder:
         """Load the parts for which no oracle stands in."""
         grid_config = self._published.grid if self._published else HandGridConfig()
-        grid = HandGrid(self._hand, grid_config, crop=self._crop, num_threads=self._num_threads)
+        grid = HandGrid(self.hand, grid_config, crop=self.crop, num_threads=self._num_threads)
         complete: Complete = observed_only
         score: Score = _no_score
         if self._folder is not None and self._published is not None:
-            if (name := self._hand.name) != self._published.hand:
+            if (name := self.hand.name) != self._published.hand:
                 raise ConfigError(f"the policy {self.name!r} knows the hand {self._published.hand!r}, not {name!r}")
             parts = load_parts(Path(self._folder), self._published, grid, self._backend, self._num_threads)
             complete = complete if "completion" in self._oracles else parts[0]
             self.scorer = None if "scorer" in self._oracles else parts[1]
             score = self.scorer or score
-        return GraspFinder(grid, complete, score, self._config, crop=self._crop, num_threads=self._num_threads)
+        return GraspFinder(grid, complete, score, self._config, crop=self.crop, num_threads=self._num_threads)
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         if seed is not None:
@@ -157,15 +164,17 @@ class DepthGrasp(Policy):
         """Decide where an episode has begun, and move on in the others."""
         actions = self._zeros()
         for env in range(self.task.num_envs):
+            if self._proprio is not None:
+                action = self._move(env, {name: observation[name][env] for name in self.obs})
+                if action is not None:
+                    actions[env] = action
+                continue
             seed, self._waiting[env] = self._waiting[env], None
-            if seed is not None:
-                self.found[env] = self._find(env, seed, observation)
-                self._drivers[env] = self._driver(self.found[env], observation, env)
-            found, driver = self.found[env], self._drivers[env]
-            if self._proprio is not None and driver is not None:
-                actions[env] = driver.follow(self._proprio.pose(observation["proprio"][env], "hand"))
-            elif self._proprio is None and seed is not None and found is not None:
-                actions[env] = encode_action(found.world_from_hand, found.preshape, hand=self._hand)
+            if seed is None:
+                continue
+            found = self.found[env] = self.find(env, seed, {name: observation[name][env] for name in self.obs})
+            if found is not None:
+                actions[env] = encode_action(found.world_from_hand, found.preshape, hand=self.hand)
         return actions
 
     def confidence(self, env: int) -> float | None:
@@ -178,13 +187,60 @@ class DepthGrasp(Policy):
         pose, preshape = found.best()
         return float(self.scorer.judge(found.volume, pose[None], np.array([preshape])).success[0])
 
-    def _find(self, env: int, seed: int, observation: Any) -> FoundGrasp | None:
-        clean = np.asarray(observation["depth"][env])[None, :, :, 0]
-        depth = add_depth_noise(clean, self._intrinsics, seed, self._noise)[0]
+    def _move(self, env: int, seen: Mapping[str, Any]) -> NDArray[np.float32] | None:
+        """Choose the next action in ``Grasp-v0``: leave the image, look, grasp; `seen` is the environment's row."""
+        assert self._proprio is not None
+        hand = self._proprio.pose(seen["proprio"], "hand")
+        if self._waiting[env] is not None:
+            if self._drivers[env] is None:
+                self._drivers[env] = self._leaving(hand, seen)
+            driver = self._drivers[env]
+            if driver is None or driver.finished:
+                seed, self._waiting[env] = self._waiting[env], None
+                found = self.found[env] = self.find(env, int(seed or 0), seen)
+                self._drivers[env] = None if found is None else self.grasping(found, hand)
+        driver = self._drivers[env]
+        return None if driver is None else driver.follow(hand)
+
+    def _leaving(self, hand: NDArray[np.float64], seen: Mapping[str, Any]) -> ScriptedMotion | None:
+        """Make what moves the hand out of the image; None if it is not there."""
+        preshape = self._preshape(seen)
+        stops = self._view.leave(hand, preshape)
+        return ScriptedMotion([hand, *stops], preshape, **self._motion_settings()) if stops else None
+
+    def _preshape(self, seen: Mapping[str, Any]) -> float:
+        """Read the preshape that the hand has; one whose preshape has no actuator keeps the least."""
+        assert self._proprio is not None
+        if "preshape" not in self._proprio.names:
+            return self.hand.preshape_limits[0]
+        return float(self._proprio.column(seen["proprio"], "preshape")[0])
+
+    def _motion_settings(self) -> dict[str, Any]:
+        task = self.task
+        return {"control": task.control, "hand": self.hand, "frame_skip": task.frame_skip}
+
+    def find(self, env: int, seed: int, seen: Mapping[str, Any]) -> FoundGrasp | None:
+        """Look once and choose.
+
+        Parameters
+        ----------
+        env : int
+            Index of the environment.
+        seed : int
+            Seed of the camera's noise and of the refinement.
+        seen : mapping
+            The environment's row of the observation: ``depth`` (H, W, 1), and ``state`` for an oracle.
+
+        Returns
+        -------
+        FoundGrasp or None
+            None where no object is seen, or no grasp of it is feasible.
+        """
+        depth = self._noisy(seed, seen)
         truth = None
         if self._oracles:
-            pose = object_pose(observation["state"][env], hand=self._hand)
-            truth = Truth(self._mesh(self._objects[env]), pose, self._crop, self._hand, seed)
+            pose = object_pose(seen["state"], hand=self.hand)
+            truth = Truth(self._mesh(self._objects[env]), pose, self.crop, self.hand, seed)
         return self._finder.find(
             depth,
             self._intrinsics,
@@ -195,23 +251,17 @@ class DepthGrasp(Policy):
             on_crop=truth.place if truth else None,
         )
 
-    def _driver(self, found: FoundGrasp | None, observation: Any, env: int) -> ScriptedGrasp | None:
-        """Make what moves the hand in ``Grasp-v0``."""
-        if self._proprio is None or found is None:
-            return None
-        start = self._proprio.pose(observation["proprio"][env], "hand")
+    def _noisy(self, seed: int, seen: Mapping[str, Any]) -> NDArray[np.uint16]:
+        """Give the environment's depth image (H, W) as the camera would measure it."""
+        clean = np.asarray(seen["depth"])[None, :, :, 0]
+        return np.asarray(add_depth_noise(clean, self._intrinsics, seed, self._noise)[0])
+
+    def grasping(self, found: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
+        """Make what moves the hand from ``world_from_hand`` (4, 4) to a grasp in ``Grasp-v0``, closes and lifts."""
         filled = np.flatnonzero((found.occupancy >= 64).any(axis=(0, 1)))
-        top = self._crop.origin[2] + (filled[-1] + 1) * self._crop.voxel_size if len(filled) else 0.0
-        task = self.task
-        return ScriptedGrasp(
-            start,
-            found.world_from_hand,
-            found.preshape,
-            float(top),
-            control=task.control,
-            hand=self._hand,
-            frame_skip=task.frame_skip,
-        )
+        top = self.crop.origin[2] + (filled[-1] + 1) * self.crop.voxel_size if len(filled) else 0.0
+        goal = found.world_from_hand
+        return ScriptedGrasp(world_from_hand, goal, found.preshape, float(top), **self._motion_settings())
 
 
 def _no_score(

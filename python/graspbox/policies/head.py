@@ -49,7 +49,7 @@ class HeadGrasp(DepthGrasp):
         from graspbox.perception.head_finder import HeadFinder
         from graspbox.perception.head_training import load_head
 
-        grid = HandGrid(self._hand, crop=self._crop)
+        grid = HandGrid(self.hand, crop=self.crop)
         assert self._folder is not None
-        net = load_head(Path(self._folder), len(grid.preshapes), self._crop)
-        return HeadFinder(grid, net, crop=self._crop, filtered=self._filtered)
+        net = load_head(Path(self._folder), len(grid.preshapes), self.crop)
+        return HeadFinder(grid, net, crop=self.crop, filtered=self._filtered)

@@ -38,9 +38,9 @@ class SeenPlanner(DepthGrasp):
     def _make_finder(self) -> Finder:
         complete = observed_only
         if self._folder is not None and self._published is not None:
-            grid = HandGrid(self._hand, self._published.grid, crop=self._crop)
+            grid = HandGrid(self.hand, self._published.grid, crop=self.crop)
             complete = load_parts(Path(self._folder), self._published, grid, self._backend)[0]
-        return PlannedFinder(self._hand, complete, self._crop)
+        return PlannedFinder(self.hand, complete, self.crop)
 
 
 class NearestGrasp(DepthGrasp):
@@ -65,4 +65,4 @@ class NearestGrasp(DepthGrasp):
         del folder
 
     def _make_finder(self) -> Finder:
-        return NearestFinder(self._memory, self._crop)
+        return NearestFinder(self._memory, self.crop)

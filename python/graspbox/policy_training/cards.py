@@ -9,7 +9,7 @@ from graspbox.evaluation import wilson
 from graspbox.files import write_text
 from graspbox.progress import shown_time
 
-__all__ = ["write_card"]
+__all__ = ["rate", "write_card"]
 
 _HEAD = """# {name}
 
@@ -41,7 +41,8 @@ _LIMITS = """
 """
 
 
-def _rate(count: int, trials: int) -> str:
+def rate(count: int, trials: int) -> str:
+    """Show a rate with its 95 % interval (Wilson)."""
     low, high = wilson(count, trials)
     return f"{count / trials:.1%} ({low:.1%} to {high:.1%})"
 
@@ -89,7 +90,7 @@ def write_card(
         if objects == "seconds":
             continue
         trials = found["trials"]
-        cells = [_rate(found[key], trials) for key in ("succeeded", "secure")]
+        cells = [rate(found[key], trials) for key in ("succeeded", "secure")]
         text += f"| `{objects}` | {trials} | {cells[0]} | {cells[1]} | {found['ece']:.3f} |\n"
     calibrated = stages["calibrate"]
     text += (

@@ -1,0 +1,225 @@
+"""Scripted motions of the hand in ``Grasp-v0``, carried out by ordinary actions; none of them knows an object.
+
+| class | what it does |
+|---|---|
+| `ScriptedMotion`  | follows timed motions, one after the other, with the fingers at rest |
+| `ScriptedGrasp`   | goes to a grasp pose, closes, lifts, holds |
+| `ScriptedRelease` | takes a grasp back: lowers the hand, opens it, backs off |
+
+Every motion is a minimum-jerk curve within the hand's limits.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox._core import Hand
+from graspbox.configs import TrialConfig
+from graspbox.envs import spaces
+from graspbox.envs.coding import codec
+from graspbox.envs.motion import Motion
+from graspbox.simulation import load_hand
+
+__all__ = ["ScriptedGrasp", "ScriptedMotion", "ScriptedRelease"]
+
+Pose = NDArray[np.float64]
+
+#: A motion's peak speed, as a share of the hand's limit; the arm's controller needs the rest to catch up.
+_SPEED_SHARE = 0.9
+#: Height of the hand above the object's highest point on the way, metres: longer than the fingers of any hand here.
+_CLEARANCE = 0.20
+
+
+class ScriptedMotion:
+    """Moves the hand from pose to pose with its fingers at rest.
+
+    Parameters
+    ----------
+    stops : sequence of (4, 4) array_like
+        Poses ``world_from_hand`` that it goes through, the present one first.
+    preshape : float
+        See `graspbox.Hand.preshape_limits`.
+    control : {"twist", "delta_pose", "target_pose"}
+        The control mode of the environment.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    frame_skip : int
+        That of the environment.
+    """
+
+    def __init__(
+        self,
+        stops: Sequence[ArrayLike],
+        preshape: float,
+        *,
+        control: str = "twist",
+        hand: str | Hand | tuple[str, str] = "reflex",
+        frame_skip: int = 1,
+    ) -> None:
+        loaded = load_hand(hand)
+        found = spaces.tables(loaded)
+        self._control, self._frame_skip = control, frame_skip
+        self._period = found["control_period"] * frame_skip
+        self._ceiling = found["workspace"][1][2]
+        # Limits of a step are those of a twist for one control period.
+        twist = {row["name"]: row["high"] for row in found["actions"]["twist"]}
+        self._limits = twist["linear"], twist["angular"]
+        self._encode = codec(control, loaded).encode_action
+        self._preshape = float(preshape)
+        self._close_speeds = np.array(loaded.closing_speeds)
+        self._steps = 0
+        poses = [np.asarray(stop, dtype=np.float64) for stop in stops]
+        self._motions = self._between(poses)
+        self._reference = poses[0]
+        self._length = sum(motion.duration for motion in self._motions)
+
+    @property
+    def time(self) -> float:
+        """Seconds since it began."""
+        return self._steps * self._period
+
+    @property
+    def finished(self) -> bool:
+        """Whether all of it is over."""
+        return self.time >= self._length
+
+    def _between(self, stops: Sequence[Pose]) -> list[Motion]:
+        """Motions from each stop to the next."""
+        speeds = [_SPEED_SHARE * limit for limit in self._limits]
+        return [Motion.within(a, b, *speeds) for a, b in pairwise(stops)]
+
+    def _wanted(self, time: float) -> Pose:
+        """Desired ``world_from_hand``, `time` seconds after it began."""
+        for motion in self._motions:
+            if time <= motion.duration:
+                return motion.at(time)
+            time -= motion.duration
+        return self._motions[-1].end
+
+    def _actuator_speed(self, now: float) -> ArrayLike:
+        """Speed of each actuator but the preshape's, `now` seconds after it began; positive closes."""
+        del now
+        return 0.0
+
+    def follow(self, world_from_hand: Pose) -> NDArray[np.float32]:
+        """Choose the next action (k,), from where the hand is now, ``world_from_hand`` (4, 4)."""
+        now = self.time
+        self._steps += 1
+        wanted = self._wanted(now + self._period)
+        # A twist leads from where the hand is, a step from where the last one led.
+        start = world_from_hand if self._control == "twist" else self._reference
+        self._reference = wanted
+        return self._encode(
+            wanted,
+            self._preshape,
+            actuator_speed=self._actuator_speed(now),
+            world_from_start=start,
+            frame_skip=self._frame_skip,
+        )
+
+
+class ScriptedGrasp(ScriptedMotion):
+    """Moves the hand to a pose, closes it, lifts and holds; it knows nothing of the object but its height.
+
+    Parameters
+    ----------
+    world_from_hand : (4, 4) array_like
+        Where the hand is, metres.
+    goal : (4, 4) array_like
+        Grasp pose, ``world_from_hand``.
+    preshape : float
+        See `graspbox.Hand.preshape_limits`.
+    top : float
+        Height of the highest point that the hand must clear on its way, metres.
+    control, hand, frame_skip
+        As for `ScriptedMotion`.
+    trial : TrialConfig
+        Standoff, times of closing, lifting and holding, and lift height.
+    """
+
+    def __init__(
+        self,
+        world_from_hand: ArrayLike,
+        goal: ArrayLike,
+        preshape: float,
+        top: float,
+        *,
+        control: str = "twist",
+        hand: str | Hand | tuple[str, str] = "reflex",
+        frame_skip: int = 1,
+        trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
+    ) -> None:
+        start = np.asarray(world_from_hand, dtype=np.float64)
+        super().__init__([start], preshape, control=control, hand=hand, frame_skip=frame_skip)
+        #: Grasp pose, ``world_from_hand`` (4, 4).
+        self.goal = np.asarray(goal, dtype=np.float64)
+        self._motions = self._path(start, self.goal, top, trial)
+        #: Seconds after which it closes, and after which it lifts.
+        self.closes_at = sum(motion.duration for motion in self._motions[:-2])
+        self.lifts_at = self.closes_at + trial.close_time
+        self._length = self.lifts_at + trial.lift_time + trial.hold_time
+
+    def _path(self, start: Pose, goal: Pose, top: float, trial: TrialConfig) -> list[Motion]:
+        """Motions from the start pose to the end of the lift; during the last but one the hand rests and closes."""
+        behind = goal.copy()
+        behind[:3, 3] -= trial.standoff * goal[:3, 2]
+        height = min(max(top + _CLEARANCE, behind[2, 3]), self._ceiling)
+        raised, above = start.copy(), behind.copy()
+        raised[2, 3] = max(height, start[2, 3])
+        above[2, 3] = height
+        motions = self._between([start, raised, above, behind, goal])
+        lifted = goal.copy()
+        lifted[2, 3] += trial.lift_height
+        return [*motions, Motion(goal, goal, trial.close_time), Motion(goal, lifted, trial.lift_time)]
+
+    def _actuator_speed(self, now: float) -> ArrayLike:
+        return self._close_speeds if now >= self.closes_at - 1e-9 else 0.0
+
+
+class ScriptedRelease(ScriptedMotion):
+    """Takes a grasp back: lowers the hand to where it closed, opens it as fast as it closed, backs off along its -z.
+
+    Parameters
+    ----------
+    world_from_hand : (4, 4) array_like
+        Where the hand is, metres.
+    goal : (4, 4) array_like
+        Where it closed, ``world_from_hand``.
+    preshape : float
+        See `graspbox.Hand.preshape_limits`.
+    then : sequence of (4, 4) array_like
+        Poses to go through after that, ``world_from_hand``.
+    control, hand, frame_skip
+        As for `ScriptedMotion`.
+    trial : TrialConfig
+        Standoff, and the time of closing, which opening takes as well.
+    """
+
+    def __init__(
+        self,
+        world_from_hand: ArrayLike,
+        goal: ArrayLike,
+        preshape: float,
+        then: Sequence[ArrayLike] = (),
+        *,
+        control: str = "twist",
+        hand: str | Hand | tuple[str, str] = "reflex",
+        frame_skip: int = 1,
+        trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
+    ) -> None:
+        start, low = (np.asarray(pose, dtype=np.float64) for pose in (world_from_hand, goal))
+        super().__init__([start], preshape, control=control, hand=hand, frame_skip=frame_skip)
+        behind = low.copy()
+        behind[:3, 3] -= trial.standoff * low[:3, 2]
+        lowering = self._between([start, low])
+        leaving = self._between([low, behind, *(np.asarray(pose, dtype=np.float64) for pose in then)])
+        self._motions = [*lowering, Motion(low, low, trial.close_time), *leaving]
+        self._opens_at = lowering[0].duration
+        self._opened_at = self._opens_at + trial.close_time
+        self._length = sum(motion.duration for motion in self._motions)
+
+    def _actuator_speed(self, now: float) -> ArrayLike:
+        """Open; on the way down the tendons stay as they are."""
+        return -self._close_speeds if now >= self._opens_at - 1e-9 else 0.0

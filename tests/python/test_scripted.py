@@ -1,0 +1,100 @@
+"""Scripted motions of the hand: taking a grasp back, and leaving the image of a camera."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import graspbox
+from graspbox import errors
+from graspbox.configs import CameraConfig, TrialConfig
+from graspbox.envs.coding import Codec
+from graspbox.envs.expert import Expert, planned
+from graspbox.envs.scripted import ScriptedMotion, ScriptedRelease
+from graspbox.perception.cameras import camera_pose, lens
+from graspbox.perception.hand_views import HandView
+
+#: Labels of the hand in ``segmentation`` begin here.
+HAND_LABEL = 3
+
+
+@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
+def test_a_release_puts_the_object_down_and_leaves_it(control: str) -> None:
+    env: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0", control=control).unwrapped
+    codec = Codec(control)
+    state, _ = env.reset(seed=0)
+    lay = codec.pose(state, "object")
+    plan = planned(env.objects[0].load(), state, control=control)
+    expert = Expert(state, plan.poses[0], plan.preshape[0], control=control)
+    while expert.time < expert.lifts_at + 0.3:
+        state, *_ = env.step(expert.act(state))
+    assert codec.column(state, "on_table")[0] == 0.0
+    lifted = codec.pose(state, "hand")
+    release = ScriptedRelease(lifted, expert.goal, float(plan.preshape[0]), [lifted], control=control)
+    while not release.finished:
+        state, *_ = env.step(release.follow(codec.pose(state, "hand")))
+    assert codec.column(state, "on_table")[0] == 1.0
+    assert codec.column(state, "contact").sum() == 0.0
+    assert np.abs(codec.column(state, "actuator")).max() < 0.05
+    np.testing.assert_allclose(codec.pose(state, "object")[:3, 3], lay[:3, 3], atol=0.02)
+    np.testing.assert_allclose(codec.pose(state, "hand")[:3, 3], lifted[:3, 3], atol=0.01)
+
+
+def test_the_hand_backs_off_before_it_goes_elsewhere() -> None:
+    goal = np.diag([1.0, -1.0, -1.0, 1.0])
+    goal[2, 3] = 0.1
+    elsewhere = goal.copy()
+    elsewhere[:3, 3] = 0.3, 0.0, 0.5
+    release = ScriptedRelease(goal, goal, 0.0, [elsewhere])
+    heights = []
+    while not release.finished:
+        heights.append(release._wanted(release.time)[:3, 3])
+        release.follow(goal)
+    path = np.array(heights)
+    aside = np.flatnonzero(path[:, 0] > 1e-6)[0]
+    assert path[aside - 1, 2] == pytest.approx(0.1 + TrialConfig().standoff, abs=0.03)
+    np.testing.assert_allclose(path[-1], elsewhere[:3, 3], atol=0.02)
+
+
+def camera_of(name: str) -> CameraConfig:
+    """Make a camera in front of the table, over it, or one that sees all of the workspace."""
+    if name == "front":
+        return CameraConfig()
+    if name == "above":
+        return CameraConfig("above", eye=(0.0, 0.0, 0.7), target=(0.0, 0.0, 0.0), up=(1.0, 0.0, 0.0))
+    return CameraConfig("all", eye=(-3.0, 0.0, 1.0), target=(0.0, 0.0, 0.3), fov=1.0)
+
+
+@pytest.mark.parametrize("name", ["front", "above"])
+def test_a_hand_that_leaves_the_image_is_not_rendered_there(name: str) -> None:
+    """The segmentation of the environment is the truth: before, it shows the hand; after, only table and object."""
+    camera = camera_of(name)
+    cameras = graspbox.CamerasConfig(cameras=(camera,), image_size=(96, 96))
+    env: Any = gymnasium.make(
+        "graspbox/Grasp-v0", objects="procedural:can:0", obs=("segmentation", "proprio"), cameras=cameras
+    ).unwrapped
+    codec = Codec("twist", vector="proprio")
+    view = HandView(graspbox.load_hand("reflex"), camera_pose(camera), lens(camera.fov, (96, 96)), (96, 96))
+    for seed in range(6):
+        seen, _ = env.reset(seed=seed)
+        hand = codec.pose(seen["proprio"], "hand")
+        stops = view.leave(hand, 0.0)
+        assert view.sees(hand, 0.0) == bool(stops)
+        # What is in the image is always known to be; a hand close to its border may count as seen.
+        assert stops or not (seen["segmentation"] >= HAND_LABEL).any()
+        motion = ScriptedMotion([hand, *stops], 0.0)
+        while not motion.finished:
+            seen, *_ = env.step(motion.follow(codec.pose(seen["proprio"], "hand")))
+        assert not (seen["segmentation"] >= HAND_LABEL).any()
+        assert (seen["segmentation"] == 2).any()
+        assert not view.sees(codec.pose(seen["proprio"], "hand"), 0.0)
+
+
+def test_a_camera_that_always_sees_the_hand_is_refused() -> None:
+    camera = camera_of("all")
+    view = HandView(graspbox.load_hand("reflex"), camera_pose(camera), lens(camera.fov, (64, 64)), (64, 64))
+    hand = np.diag([1.0, -1.0, -1.0, 1.0])
+    hand[2, 3] = 0.3
+    with pytest.raises(errors.ConfigError, match="sees the hand wherever it goes"):
+        view.leave(hand, 0.0)

@@ -1,0 +1,126 @@
+"""The command that teaches a policy to feel: all stages, after SIGKILL too; what it exports and learns."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tiny_policy
+from graspbox import errors, evaluation, policies
+from graspbox.perception.feel_folders import read_feel
+from graspbox.policies import FeelThenLift
+
+pytestmark = pytest.mark.train
+SCRIPT = Path(__file__).parents[2] / "scripts" / "train_feel.py"
+STAGES = ["record-train", "record-held-out", "member-0", "member-1", "calibrate", "export", "threshold", "evaluate"]
+
+
+def command(base: Path, out: Path) -> list[str]:
+    return [sys.executable, str(SCRIPT), "--policy", str(base), "--out", str(out), "--quick"]
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train quickly; the command is killed in two stages, and each time continues."""
+    for module in ("torch", "tyro", "onnx", "onnxruntime", "onnxscript", "safetensors", "matplotlib"):
+        pytest.importorskip(module, reason="the training needs the extras 'cli' and 'train'")
+    base = tmp_path_factory.mktemp("base") / "policy"
+    tiny_policy.make(base)
+    out = tmp_path_factory.mktemp("feel") / "run"
+    env = {**os.environ, "OMP_NUM_THREADS": "1"}
+    for sign in ("record-train/0000000.npz", "export.json"):
+        process = subprocess.Popen(command(base, out), stdout=subprocess.DEVNULL, env=env)
+        while not (out / sign).exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not (out / "evaluate.json").exists()
+    subprocess.run(command(base, out), check=True, env=env, stdout=subprocess.DEVNULL)
+    return out
+
+
+def test_all_stages_leave_their_results(trained: Path) -> None:
+    results = {name: json.loads((trained / f"{name}.json").read_text()) for name in STAGES}
+    assert results["record-train"]["trials"] > 20
+    assert results["member-0"]["steps"] == 20
+    first = results["evaluate"]["procedural:bottle:30-33"]["first"]
+    assert first["trials"] == 4
+    assert first["opened"] == 0
+    card = (trained / "policy" / "README.md").read_text()
+    assert "| `procedural:bottle:30-33` | 4 |" in card
+    assert "--quick" in card
+    assert (trained / "policy" / "feel.png").stat().st_size > 10_000
+    assert (trained / "log.txt").read_text().count("member-0: begins") == 1
+    again = subprocess.run([*command(trained / "policy", trained), "--seed", "1"], capture_output=True, text=True)
+    assert again.returncode == 2
+    assert "a run with another seed" in again.stderr
+
+
+def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
+    import torch
+
+    from graspbox.perception.export import PARITY
+    from graspbox.perception.runtimes import load_stability
+    from graspbox.perception.stability_net import StabilityGraph, StabilityNet
+    from graspbox.perception.training import load_weights
+    from graspbox.policy_training.felt_trials import FeltTrials
+
+    folder = trained / "policy"
+    config = read_feel(folder)
+    assert config.threshold == json.loads((trained / "threshold.json").read_text())["threshold"]
+    parts = [FeltTrials.load(path) for path in sorted((trained / "record-train").glob("*.npz"))]
+    trials = FeltTrials.joined(parts)
+    nets = [StabilityNet(trials.felt.shape[1], config.width) for _ in range(config.members)]
+    for number, net in enumerate(nets):
+        load_weights(net, trained / f"member-{number}" / "weights.pt")
+    with torch.no_grad():
+        expected = StabilityGraph(nets, config.calibration)(torch.from_numpy(trials.felt)).numpy()
+    stability = load_stability(folder)
+    np.testing.assert_allclose([stability(row) for row in trials.felt], expected, atol=PARITY)
+    policy = policies.load(str(folder))
+    assert isinstance(policy, FeelThenLift)
+    # The folder stays a policy of one depth image.
+    assert type(policies.DepthGrasp(folder)) is policies.DepthGrasp
+    evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:20", trials=1, num_envs=1)
+    assert 0.0 < policy.attempts[0][0].probability < 1.0
+
+
+def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
+    """The recording looks and tries in other environments, from another start; the same grasp must feel the same."""
+    from graspbox.policy_training.felt_trials import FeltTrials
+
+    trials = FeltTrials.load(trained / "record-train" / "0000000.npz")
+    policy = FeelThenLift(trained / "policy", threshold=0.0)
+    found = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:10-19", trials=8, seed=0, num_envs=8)
+    felt = np.stack([attempts[0].felt for attempts in policy.attempts])
+    own = trials.felt[trials.first]
+    assert felt.shape == own.shape
+    assert np.mean(trials.held[trials.first] == [trial.success for trial in found.trials]) >= 0.75
+    # Noise of the camera differs; height of the hand and volume of the object are much the same.
+    assert np.corrcoef(felt[:, 5], own[:, 5])[0, 1] > 0.8
+    assert np.corrcoef(felt[:, 9], own[:, 9])[0, 1] > 0.8
+
+
+def test_a_network_learns_what_tells_grasps_apart(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    from graspbox.perception.scorer_training import auc
+    from graspbox.perception.stability_net import logits_of, train_stability
+    from graspbox.perception.training import TrainConfig
+
+    rng = np.random.default_rng(0)
+    felt = (rng.normal(size=(1200, 10)) * np.logspace(-1, 2, 10)).astype(np.float32)
+    felt[:, 3] = 7.0
+    held = felt[:, 0] / 0.1 + felt[:, 9] / 100 + rng.normal(size=1200) * 0.3 > 0
+    config = TrainConfig(learning_rate=3e-3, batch_size=128, max_steps=300, validate_every=50)
+    net, trained = train_stability(tmp_path, felt[:900], held[:900], (felt[900:], held[900:]), config, width=32)
+    assert trained.reason in ("steps", "patience")
+    assert auc(logits_of([net], felt[900:]), held[900:]) > 0.95
+    with pytest.raises(errors.ConfigError, match="no grasps to learn from"):
+        train_stability(tmp_path / "none", felt[:0], held[:0], (felt, held), config)
