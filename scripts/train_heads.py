@@ -2,12 +2,13 @@
 
     graspbox dataset --objects procedural:seen:0-199 --poses 112 --out out/data
     python scripts/train_heads.py --data out/data --out out/heads
-    python scripts/train_heads.py --data out/data --out out/heads --heads anchor --steps 8000 --trials 1000
+    python scripts/train_heads.py --data out/data --out out/heads --heads anchor --publish policies/head --trials 1000
 
 Each head (`graspbox.perception.heads`) sees the same scenes for the same number of steps. The folder then has a folder
 per head, which `graspbox.policies.load` takes; ``results.jsonl`` with a row per head and object set; and ``heads.md``,
-the table of them. The same command continues what was interrupted, and does nothing twice. Runs that end by
-``--minutes`` depend on the speed of the machine; those that end by ``--steps`` do not.
+the table of them. With ``--publish`` the head ``anchor`` is exported with its card, for onnxruntime. The same command
+continues what was interrupted, and does nothing twice. Runs that end by ``--minutes`` depend on the speed of the
+machine; those that end by ``--steps`` do not.
 
 Exit status: 0 at the end, 2 for wrong arguments, 130 for an interrupted run. Needs the extras ``cli``, ``data`` and
 ``train``, and ``ycb`` for these objects.
@@ -32,6 +33,10 @@ from graspbox.resume_log import ResumeLog
 
 #: Heads, from the plainest to the one that learns most from the same trials.
 HEADS = ("constant", "regressor", "set", "anchor")
+
+
+#: Arguments on which no result depends, or which a later run may extend.
+NOT_RESULTS = ("out", "heads", "minutes", "json", "torch_threads", "publish")
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,8 @@ class Settings:
     """Seed of weights and batches."""
     objects: tuple[str, ...] = ("procedural:unseen:0-39", "ycb/test")
     """Object sets to measure on; /SPLIT keeps one split."""
+    publish: Path | None = None
+    """Folder of the exported head `anchor`."""
     trials: int = 200
     """Trials of each head on each of them; 0 measures nothing."""
     torch_threads: int = 1
@@ -96,8 +103,8 @@ def read(settings: Settings) -> Any:
 
 def train(settings: Settings, kind: str, data: Any) -> dict[str, Any]:
     """Train one head, or continue."""
+    from graspbox.perception.head_configs import HeadConfig
     from graspbox.perception.head_training import choose_constant, train_head
-    from graspbox.perception.heads import HeadConfig
     from graspbox.perception.training import TrainConfig
 
     trials = data.sampler.trials
@@ -160,7 +167,7 @@ def run(settings: Settings, command: str) -> list[dict[str, Any]]:
     import torch
 
     torch.set_num_threads(settings.torch_threads)
-    fixed = {k: v for k, v in asdict(settings).items() if k not in ("out", "heads", "minutes", "json", "torch_threads")}
+    fixed = {k: v for k, v in asdict(settings).items() if k not in NOT_RESULTS}
     fixed |= {
         "data": [str(path) for path in settings.data],
         "objects": list(settings.objects),
@@ -179,7 +186,25 @@ def run(settings: Settings, command: str) -> list[dict[str, Any]]:
                 log.append(measure(settings, kind, objects, filtered))
         measured = [row for row in log.rows if "head" in row]
         write_text(settings.out / "heads.md", f"# Heads\n\n```\n{command}\n```\n\n{table(measured)}")
+    if settings.publish is not None:
+        publish(settings, settings.publish, log.rows, command)
     return [row for row in log.rows if "head" in row]
+
+
+def publish(settings: Settings, folder: Path, rows: list[dict[str, Any]], command: str) -> None:
+    """Export the head ``anchor`` with its card."""
+    from graspbox.perception.head_export import export_head
+    from graspbox.perception.head_training import load_head
+    from graspbox.policy_training.cards import write_head_card
+
+    net = load_head(settings.out / "anchor", len(HandGrid().preshapes))
+    config = export_head(folder, folder.name, net, licence=Path(__file__).parents[1] / "LICENSE")
+    trained = next(row for row in rows if row.get("trained") == "anchor")
+    scores = [row for row in rows if row.get("head") == "anchor"]
+    data = ", ".join(f"`{path}`" for path in settings.data)
+    write_head_card(
+        folder, config=config, command=command, data=data, seed=settings.seed, trained=trained, scores=scores
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -4,7 +4,7 @@ import csv
 import importlib.util
 import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from graspbox import dataset, errors, evaluation, object_sets, policies
 from graspbox.perception import CropConfig, DepthNoise, HandGrid
-from graspbox.perception.anchors import AnchorConfig, Anchors
+from graspbox.perception.anchors import AnchorConfig, Anchors, Candidates
 from graspbox.policies import HeadGrasp
 from graspbox.simulation import Scene
 
@@ -22,8 +22,10 @@ torch = pytest.importorskip("torch")
 
 from graspbox.perception.anchor_net import AnchorNet, AnchorSamples  # noqa: E402
 from graspbox.perception.head_batches import HeadBatch, HeadSampler, mirrored, untried_scenes  # noqa: E402
+from graspbox.perception.head_configs import HeadConfig  # noqa: E402
+from graspbox.perception.head_export import export_head  # noqa: E402
 from graspbox.perception.head_finder import HeadFinder  # noqa: E402
-from graspbox.perception.head_parts import Candidates, HeadConfig  # noqa: E402
+from graspbox.perception.head_folders import read_head_policy  # noqa: E402
 from graspbox.perception.head_training import HeadData, choose_constant, head_losses, load_head, train_head  # noqa: E402
 from graspbox.perception.heads import ConstantNet, PoseNet, head_of, rotation_of  # noqa: E402
 from graspbox.perception.scenes import SceneConfig  # noqa: E402
@@ -324,12 +326,18 @@ class CentralGrasp(HeadGrasp):
     """Takes the grasp of `Central`; needs no weights."""
 
     def _make_finder(self) -> Any:
-        return HeadFinder(HandGrid(self.hand), Central(), filtered=self._filtered)  # type: ignore[arg-type]
+        return HeadFinder(HandGrid(self.hand), Central(), filtered=self._filtered)
+
+
+def unpublished(folder: Path) -> Path:
+    """Make a folder that looks as if a head was trained in it."""
+    (folder / "head.json").write_text("{}")
+    return folder
 
 
 @pytest.mark.parametrize("filtered", [False, True])
-def test_it_does_what_the_head_says(filtered: bool) -> None:
-    policy = CentralGrasp(Path("unused"), filtered=filtered, noise=DepthNoise.none())
+def test_it_does_what_the_head_says(filtered: bool, tmp_path: Path) -> None:
+    policy = CentralGrasp(unpublished(tmp_path), filtered=filtered, noise=DepthNoise.none())
     result = evaluation.evaluate(policy, objects="procedural:can:0-3", trials=4, seed=0, num_envs=4)
     assert result.succeeded >= 3
     found = policy.found[0]
@@ -339,8 +347,8 @@ def test_it_does_what_the_head_says(filtered: bool) -> None:
     assert set(found.seconds) == {"crop", "head", "filter"}
 
 
-def test_in_the_closed_loop_the_hand_goes_there() -> None:
-    policy = CentralGrasp(Path("unused"))
+def test_in_the_closed_loop_the_hand_goes_there(tmp_path: Path) -> None:
+    policy = CentralGrasp(unpublished(tmp_path))
     result = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:1", trials=1, seed=1, num_envs=1)
     assert result.succeeded == 1
 
@@ -359,7 +367,7 @@ def test_the_script_trains_measures_and_resumes(tmp_path: Path, capsys: pytest.C
     dataset.generate(["procedural:can:0-2"], tmp_path / "data", config=config, runner=dataset.local(1))
     given = ["--data", str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--steps", "2", "--width", "8"]
     given += ["--objects", "procedural:can:7", "--trials", "2", "--untried", "procedural:cup:0"]
-    given += ["--untried-scenes", "2", "--heads"]
+    given += ["--untried-scenes", "2", "--publish", str(tmp_path / "head"), "--heads"]
     assert script.main([*given, "anchor", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["head"], row["filtered"], row["trials"]) for row in rows] == [("anchor", f, 2) for f in (False, True)]
@@ -369,8 +377,39 @@ def test_the_script_trains_measures_and_resumes(tmp_path: Path, capsys: pytest.C
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "anchor").iterdir()} == saved
     assert "| constant | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
     assert "| set | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
+    assert "| `procedural:can:7`, collisions filtered | 2 |" in (tmp_path / "head" / "README.md").read_text()
+    assert policies.load(str(tmp_path / "head")).name == "head"
     assert script.main([*given, "leg"]) == 2
     assert script.main([*given, "set", "--seed", "1"]) == 2
+
+
+def test_a_published_head_acts_as_the_trained_one(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
+    torch.manual_seed(0)
+    net = head_of(3, SMALL).eval()
+    trained, published = tmp_path / "trained", tmp_path / "published"
+    trained.mkdir()
+    (trained / "head.json").write_text(json.dumps(asdict(SMALL)))
+    torch.save(net.state_dict(), trained / "weights.pt")
+    config = export_head(published, "tiny", net)
+    assert set(config.files) == {"head.onnx", "head.safetensors"}
+    assert read_head_policy(published) == config
+    policy = policies.load(str(published))
+    assert policy.name == "tiny"
+    results = []
+    for one in (policy, HeadGrasp(trained, filtered=True)):
+        evaluation.evaluate(one, objects="procedural:can:0-3", trials=4, num_envs=4)
+        assert isinstance(one, HeadGrasp)
+        results.append([found.world_from_hand for found in one.found if found is not None])
+    np.testing.assert_allclose(results[0], results[1], atol=1e-4)
+    assert len(results[0]) == 4
+    with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
+        evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
+    with pytest.raises(errors.ConfigError, match="kind 'anchor'"):
+        export_head(tmp_path / "x", "x", ConstantNet())
+    (published / "head.onnx").write_bytes(b"other")
+    with pytest.raises(errors.ConfigError, match="is not the file that"):
+        policies.load(str(published))
 
 
 def test_what_is_no_head_is_refused(tmp_path: Path) -> None:

@@ -300,6 +300,9 @@ def test_policies_say_what_they_need(tmp_path: Path) -> None:
         policy.bind(Task.of(closed))
     for envs in (wrong, closed):
         envs.close()
+    loaded = policies.load(str(tmp_path))
+    assert loaded.name == "cnn3d-psi4"
+    assert len(evaluation.evaluate(loaded, objects="procedural:can:0", trials=2).trials) == 2
 
 
 def load_script() -> ModuleType:

@@ -9,7 +9,8 @@ world's.
 | ``image``             | ``rgbd``   | finds the object by its depth, shifts the grey image so that it is central |
 | ``binary``, ``ternary`` | ``voxels`` | cuts out the cube around what is occupied above the table, at 64 voxels |
 
-Make the environments with `cameras`, so that they look as the study's camera did. A network that learned from one side
+`graspbox.evaluation.evaluate` makes the environments with `cameras`, so that they look as the study's camera did; make
+your own with them too. A network that learned from one side
 of each object knows none of the others: `Randomization` and resets turn the object, which the study did not do.
 """
 
@@ -24,6 +25,7 @@ from graspbox.camera_configs import CameraConfig, CamerasConfig
 from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError
 from graspbox.learning.samples import GRID_SIZE, IMAGE_SIZE, OPAQUE, TRANSPARENT, UNSEEN, grey
+from graspbox.perception.cameras import camera_pose
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.simulation import load_hand
 
@@ -74,6 +76,7 @@ class PoseRegressor(Policy):
         self.kind = self.model.config.kind
         self.name = f"{self.model.config.network}-{self.model.config.loss}"
         self.obs = "rgbd" if self.kind == "image" else "voxels"
+        self.settings = {"cameras": cameras(self.kind)}
 
     def _bind(self, task: Task) -> None:
         if task.closed_loop:
@@ -101,18 +104,6 @@ class PoseRegressor(Policy):
         for i, pose in zip(rows, poses, strict=True):
             actions[i] = encode_action(pose, self.model.config.preshape, hand=self._hand)
         return actions
-
-
-def _camera_pose() -> NDArray[np.float64]:
-    """``world_from_camera`` (4, 4) of `CAMERA`: z forward, x right, y down."""
-    eye, target, up = (np.array(v, dtype=np.float64) for v in (CAMERA.eye, CAMERA.target, CAMERA.up))
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = eye
-    return pose
 
 
 def _base(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -147,7 +138,7 @@ def centered_image(rgbd: NDArray[np.floating]) -> tuple[NDArray[np.uint8], NDArr
     rays = np.stack(
         [(columns + 0.5 - size / 2) / focal, (rows + 0.5 - size / 2) / focal, np.ones((size, size))], axis=2
     )
-    pose = _camera_pose()
+    pose = camera_pose(CAMERA)
     points = (rays * depth[..., None]) @ pose[:3, :3].T + pose[:3, 3]
     near = np.hypot(points[..., 0], points[..., 1]) < _REACH
     is_object = (depth > 0) & (points[..., 2] > _LOWEST) & near

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from graspbox.perception.anchors import RESIDUALS, Anchors
+from graspbox.perception.anchors import RESIDUALS, Anchors, Candidates
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.head_parts import Candidates, HeadConfig, Trunk, unit
+from graspbox.perception.head_configs import HeadConfig
+from graspbox.perception.head_parts import Trunk, unit
 
 __all__ = ["LOGITS", "AnchorNet", "AnchorSamples"]
 
@@ -105,16 +106,25 @@ class AnchorNet(nn.Module):  # type: ignore[misc]
         """Give logits (n, 3, p, heights, rolls, x, y) of `LOGITS`, from channels of crops as `seen` takes them."""
         return torch.stack([self._all(features[None]) for features in self.seen(volumes)])
 
+    def best(self, volumes: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Give the best anchors of one crop, from channels (1, 2 or more, N, N, N) uint8.
+
+        Returns
+        -------
+        (k,) int64, (k, 6) float32, (k,) float32
+            Indices of anchors, residuals and scores: by the probabilities of reach, success and security.
+        """
+        features = self.seen(volumes)
+        shares = torch.sigmoid(self._all(features))
+        scores = shares[0] * (shares[1] + self.config.secure * shares[2]) / (1.0 + self.config.secure)
+        best, index = scores.flatten().topk(count)
+        return index, self.residuals_at(features, torch.zeros_like(index), index), best
+
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
-        """Give the best anchors of one crop (2 or more, N, N, N): by the probability of success, and of security."""
+        """Give the best anchors of one crop (2 or more, N, N, N) as grasps, the best first."""
         with torch.no_grad():
-            features = self.seen(torch.from_numpy(volume[None]))
-            shares = torch.sigmoid(self._all(features))
-            scores = shares[0] * (shares[1] + self.config.secure * shares[2]) / (1.0 + self.config.secure)
-            best, index = scores.flatten().topk(count)
-            offsets = self.residuals_at(features, torch.zeros_like(index), index)
-        poses, preshape = self.anchors.decode(index.numpy(), _bounded(offsets.double().numpy()))
-        return Candidates(poses, preshape, best.double().numpy())
+            index, offsets, scores = self.best(torch.from_numpy(volume[None]), count)
+        return self.anchors.candidates(index.numpy(), offsets.numpy(), scores.numpy())
 
     def best_of_each(self, features: Tensor) -> Tensor:
         """Give the best anchor (p rolls,) of each preshape and roll, from features (1, f, N/2, N/2) of `seen`."""
@@ -194,9 +204,3 @@ class AnchorNet(nn.Module):  # type: ignore[misc]
         flat = features.permute(0, 2, 3, 1).flatten(0, 2)
         found = functional.embedding_bag(rows.flatten(0, 1), flat, per_sample_weights=weights.flatten(0, 1), mode="sum")
         return found.unflatten(0, rows.shape[:2]).flatten(1)
-
-
-def _bounded(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Keep residuals in the range that a grasp's own anchor gives them."""
-    bounds = np.array([0.5] * 4 + [1.0] * 2)
-    return np.clip(residuals, -bounds, bounds)

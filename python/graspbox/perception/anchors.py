@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
 
-__all__ = ["RESIDUALS", "AnchorConfig", "Anchors", "Encoded"]
+__all__ = ["RESIDUALS", "AnchorConfig", "Anchors", "Candidates", "Encoded"]
 
 #: Numbers of a residual: offsets of x, y, height and roll in steps of the grid, and the tilt in units of `max_tilt`.
 RESIDUALS = 6
@@ -74,6 +74,25 @@ class AnchorConfig:
                 f"{self.cells} anchors {self.spacing} m apart do not fit a crop of {crop.resolution} voxels of "
                 f"{crop.voxel_size} m; give spacing = {2.0 * crop.voxel_size} and at most {crop.resolution // 2} cells"
             )
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """k grasps of one crop, the best first.
+
+    Attributes
+    ----------
+    poses : (k, 4, 4) float64
+        ``crop_from_hand``, metres.
+    preshape : (k,) int64
+        Indices of the hand's preshapes.
+    scores : (k,) float64
+        The greater, the better.
+    """
+
+    poses: NDArray[np.float64]
+    preshape: NDArray[np.int64]
+    scores: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +206,15 @@ class Anchors:
         if residual is None:
             return self.poses(place, np.zeros((len(index), 2))), preshape
         return self.poses(place + residual[:, :4], residual[:, 4:] * self.config.max_tilt), preshape
+
+    def candidates(
+        self, index: NDArray[np.int64], residual: NDArray[np.float32], scores: NDArray[np.float32]
+    ) -> Candidates:
+        """Make grasps of anchors (k,), residuals (k, 6) and scores (k,) that a network gives, best first."""
+        # A grasp's own anchor gives it residuals of this range.
+        bounds = np.array([0.5] * 4 + [1.0] * 2)
+        poses, preshape = self.decode(index, np.clip(residual.astype(np.float64), -bounds, bounds))
+        return Candidates(poses, preshape, scores.astype(np.float64))
 
     def mirrored(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
         """Give the anchors (m,) that are the mirror images of others in the crop's plane y = 0.

@@ -2,20 +2,51 @@
 
 import time
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspbox.perception.anchors import Anchors, Candidates
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import crop
 from graspbox.perception.finder import Complete, FoundGrasp, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.heads import HeadNet
+from graspbox.perception.runtimes import Network
 
-__all__ = ["HeadFinder"]
+__all__ = ["FILTERED", "Head", "HeadFinder", "OnnxHead"]
 
 #: Candidates of a head that the collision filter goes through.
-_FILTERED = 1024
+FILTERED = 1024
+#: Channels of a crop that a head sees.
+_SEEN = 2
+
+
+class Head(Protocol):
+    """What predicts grasps: a network of `graspbox.perception.heads`, or `OnnxHead`."""
+
+    def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
+        """Give the best grasps of one crop (2 or more, N, N, N) uint8."""
+
+
+class OnnxHead:
+    """A published head.
+
+    Parameters
+    ----------
+    network : callable
+        `graspbox.perception.head_graphs.HeadGraph`.
+    anchors : Anchors
+        Its anchors.
+    """
+
+    def __init__(self, network: Network, anchors: Anchors) -> None:
+        self._network, self._anchors = network, anchors
+
+    def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
+        """Give the best grasps of one crop (2 or more, N, N, N) uint8, at most as many as the file has."""
+        found = self._network({"volumes": np.ascontiguousarray(volume[None, :_SEEN])})
+        return self._anchors.candidates(*(found[name][:count] for name in ("anchors", "residuals", "scores")))
 
 
 class HeadFinder:
@@ -25,8 +56,8 @@ class HeadFinder:
     ----------
     grid : HandGrid
         The hand.
-    net : AnchorNet or PoseNet
-        A trained head (`graspbox.perception.head_training.load_head`).
+    net : Head
+        A trained head (`graspbox.perception.head_training.load_head`), or a published one.
     crop : CropConfig
         The crop; that of `grid`.
     filtered : bool
@@ -37,7 +68,7 @@ class HeadFinder:
     def __init__(
         self,
         grid: HandGrid,
-        net: HeadNet,
+        net: Head,
         *,
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
         filtered: bool = False,
@@ -70,7 +101,7 @@ class HeadFinder:
         cropped = time.perf_counter()
         if not crops.found[0]:
             return None
-        found = self._net.candidates(crops.channels[0], _FILTERED if self._filtered else 1)
+        found = self._net.candidates(crops.channels[0], FILTERED if self._filtered else 1)
         predicted = time.perf_counter()
         occupancy = observed_only(crops.channels)[0]
         poses, preshapes, scores = found.poses, self._grid.preshapes[found.preshape], found.scores

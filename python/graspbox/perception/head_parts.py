@@ -1,78 +1,15 @@
-"""What heads have in common: their settings, what they give, and their trunk."""
+"""What the networks of heads have in common: their trunk."""
 
-from dataclasses import dataclass, field
-from typing import Literal, get_args
-
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from graspbox.errors import ConfigError
-from graspbox.perception.anchors import AnchorConfig
 
-__all__ = ["Candidates", "HeadConfig", "Kind", "Trunk", "unit"]
+__all__ = ["Trunk", "unit"]
 
-Kind = Literal["anchor", "set", "regressor", "constant"]
 #: Channels of a crop that a head sees: surface and unseen. The third, the table, is the same in every crop.
 _SEEN = 2
-
-
-@dataclass(frozen=True)
-class HeadConfig:
-    """A head.
-
-    Attributes
-    ----------
-    kind : {"anchor", "set", "regressor", "constant"}
-        See the table of the module.
-    width : int
-        Channels of the trunk at half the crop's resolution.
-    features : int
-        Channels that the head ``anchor`` samples around each grasp point.
-    hidden : int
-        Units of its two layers.
-    anchors : AnchorConfig
-        The anchors of the head of that kind.
-    secure : float
-        Weight of the probability that a grasp is secure, beside that of success, in the choice of an anchor.
-    """
-
-    kind: Kind = "anchor"
-    width: int = 32
-    features: int = 16
-    hidden: int = 64
-    anchors: AnchorConfig = field(default_factory=AnchorConfig)
-    secure: float = 0.5
-
-    def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise ConfigError(f"there is no head {self.kind!r}; choose from {', '.join(get_args(Kind))}")
-        for name in ("width", "features", "hidden"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name} is {getattr(self, name)}; give 1 or more")
-        if not self.secure >= 0.0:
-            raise ConfigError(f"secure is {self.secure}; give 0 or more")
-
-
-@dataclass(frozen=True, eq=False)
-class Candidates:
-    """k grasps of one crop, the best first.
-
-    Attributes
-    ----------
-    poses : (k, 4, 4) float64
-        ``crop_from_hand``, metres.
-    preshape : (k,) int64
-        Indices of the hand's preshapes.
-    scores : (k,) float64
-        The greater, the better.
-    """
-
-    poses: NDArray[np.float64]
-    preshape: NDArray[np.int64]
-    scores: NDArray[np.float64]
 
 
 def unit(before: int, after: int, size: int = 3, stride: int = 1) -> nn.Sequential:

@@ -22,7 +22,7 @@ from graspbox.perception.anchors import AnchorConfig, Anchors
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.head_batches import HeadBatch, HeadSampler
-from graspbox.perception.head_parts import HeadConfig
+from graspbox.perception.head_configs import HeadConfig
 from graspbox.perception.heads import ConstantNet, HeadNet, PoseNet, head_of
 from graspbox.perception.scenes import SceneConfig
 from graspbox.perception.scorer_training import auc

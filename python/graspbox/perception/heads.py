@@ -18,8 +18,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from graspbox.perception.anchor_net import AnchorNet
+from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.head_parts import Candidates, HeadConfig, Trunk, unit
+from graspbox.perception.head_configs import HeadConfig
+from graspbox.perception.head_parts import Trunk, unit
 
 __all__ = ["ConstantNet", "HeadNet", "PoseNet", "head_of", "rotation_of"]
 

@@ -14,7 +14,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from graspbox.arguments import config_of, to_json
 from graspbox.errors import ConfigError, FileError
@@ -29,6 +29,7 @@ __all__ = [
     "DepthPolicyConfig",
     "check_files",
     "file_hash",
+    "read_config",
     "read_depth_policy",
     "read_kind",
     "write_depth_policy",
@@ -152,13 +153,28 @@ def read_depth_policy(folder: Path) -> DepthPolicyConfig:
         If the policy is of another kind, an entry is missing, unknown or wrong, or a file is not the one that was
         exported.
     """
-    path = Path(folder) / "config.json"
+    return read_config(Path(folder), KIND, DepthPolicyConfig)
+
+
+class _Published(Protocol):
+    """The config of a policy that names the files of its networks."""
+
+    @property
+    def files(self) -> Mapping[str, str]: ...
+
+
+_Config = TypeVar("_Config", bound=_Published)
+
+
+def read_config(folder: Path, kind: str, config_class: type[_Config]) -> _Config:
+    """Read ``config.json`` of a policy of some kind; raises as `read_depth_policy`."""
+    path = folder / "config.json"
     content = _content(folder)
-    if content["kind"] != KIND:
-        raise ConfigError(f"{path} describes a policy of the kind {content['kind']!r}; expected {KIND!r}")
+    if content["kind"] != kind:
+        raise ConfigError(f"{path} describes a policy of the kind {content['kind']!r}; expected {kind!r}")
     given = {name: value for name, value in content.items() if name not in ("format", "kind")}
     try:
-        config = config_of(DepthPolicyConfig, given, str(path))
+        config = config_of(config_class, given, str(path))
     except TypeError as error:
         # Of the class's own __init__: "missing ... required positional arguments: 'hand'".
         raise ConfigError(f"{path} is incomplete: {str(error).partition('__init__() ')[2]}") from None

@@ -9,6 +9,7 @@
 | ``seen_planner``  | all | as ``planner``, on the surface that one depth camera sees |
 | ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
+| a folder with ``model.json`` | ``GraspPose-v0`` | a network of the study (`graspbox.learning.regressor`) |
 | a folder with ``feel.json`` | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
 
 ``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.
@@ -45,10 +46,13 @@ A policy is bound to its environments once, told of every episode that begins, a
 """
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import cast
 
 from graspbox.errors import ConfigError
 from graspbox.perception.feel_folders import FEEL
+from graspbox.perception.head_folders import HEAD_KIND
 from graspbox.perception.policy_folders import KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
@@ -79,7 +83,9 @@ __all__ = [
 ]
 
 #: Policies of a folder, by the kind that its ``config.json`` names.
-_KINDS: dict[str, Callable[[Path], Policy]] = {KIND: DepthGrasp}
+_KINDS: dict[str, Callable[[Path], Policy]] = {KIND: DepthGrasp, HEAD_KIND: HeadGrasp}
+#: File of a folder in which a network of the study was trained (`graspbox.learning`).
+_STUDY = "model.json"
 _BASELINES: dict[str, Callable[[], Policy]] = {
     kind.name: kind for kind in (Random, Zero, Planner, Expert, SeenPlanner, RobustOracle)
 }
@@ -112,6 +118,9 @@ def load(name: str) -> Policy:
         raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with config.json")
     if (folder / HEAD).is_file():
         return HeadGrasp(folder)
+    if (folder / _STUDY).is_file():
+        # Needs torch, and imports this module.
+        return cast(Policy, import_module("graspbox.learning.regressor").PoseRegressor(folder))
     if (folder / FEEL).is_file():
         return FeelThenLift(folder)
     kind = read_kind(folder)

@@ -1,15 +1,17 @@
-"""The card of a published policy: a page that says how it was made and what it can do, from measured values alone."""
+"""Cards of published policies: pages that say how each was made and what it can do, from measured values alone."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import graspbox
 from graspbox.evaluation import wilson
 from graspbox.files import write_text
+from graspbox.perception.head_folders import HeadPolicyConfig
+from graspbox.perception.scenes import SceneConfig
 from graspbox.progress import shown_time
 
-__all__ = ["rate", "write_card"]
+__all__ = ["rate", "write_card", "write_head_card"]
 
 _HEAD = """# {name}
 
@@ -17,18 +19,17 @@ Grasps an object on a table from one depth image: no mesh, no true pose. Made by
 `{hand}`.
 
 ```
-graspbox evaluate {folder} --objects procedural:unseen:0-19
-graspbox grasp-image DEPTH.npy --intrinsics FX FY CX CY --policy {folder}
+{use}
 ```
 
 ## Scores
 
 First attempt in `GraspPose-v0`, on objects of which nothing was learnt; the camera has the noise of a real one. In
-brackets the 95 % intervals (Wilson). ECE is the expected calibration error of the stated probability of success.
+brackets the 95 % intervals (Wilson).{more}
 
-| objects | trials | success | secure | ECE |
-|---|--:|--:|--:|--:|
 """
+_LICENCE = "\n## Licence\n\nApache-2.0; see `LICENSE`. Objects: `graspbox objects` names their licences.\n"
+_ECE = " ECE is the expected calibration error of the stated probability of success."
 
 _LIMITS = """
 ## Limits
@@ -64,7 +65,13 @@ def _result(name: str, found: Mapping[str, Any]) -> str:
 
 
 def write_card(
-    folder: Path, *, config: Any, command: str, settings: Any, scenes: Any, stages: Mapping[str, Mapping[str, Any]]
+    folder: Path,
+    *,
+    config: Any,
+    command: str,
+    settings: Any,
+    scenes: SceneConfig,
+    stages: Mapping[str, Mapping[str, Any]],
 ) -> None:
     """Write ``README.md`` into a policy's folder.
 
@@ -83,9 +90,11 @@ def write_card(
     stages : mapping
         Results of each stage by name, with its seconds.
     """
-    text = _HEAD.format(
-        name=config.name, version=graspbox.__version__, hand=config.hand, folder=f"policies/{folder.name}"
+    use = (
+        f"{_evaluated(folder)}\ngraspbox grasp-image DEPTH.npy --intrinsics FX FY CX CY --policy policies/{folder.name}"
     )
+    text = _HEAD.format(name=config.name, version=graspbox.__version__, hand=config.hand, use=use, more=_ECE)
+    text += "| objects | trials | success | secure | ECE |\n|---|--:|--:|--:|--:|\n"
     for objects, found in stages["evaluate"].items():
         if objects == "seconds":
             continue
@@ -110,7 +119,51 @@ def write_card(
     for name, found in stages.items():
         text += f"| {name} | {shown_time(found['seconds'])} | {_result(name, found)} |\n"
     text += f"| all | {shown_time(sum(found['seconds'] for found in stages.values()))} | |\n"
+    write_text(folder / "README.md", text + _limits(scenes) + _LICENCE)
+
+
+def _evaluated(folder: Path) -> str:
+    return f"graspbox evaluate policies/{folder.name} --objects procedural:unseen:0-19"
+
+
+def _limits(scenes: SceneConfig) -> str:
     near, far = scenes.distance
-    text += _LIMITS.format(near=near, far=far, elevation=scenes.elevation * 57.29578)
-    text += "\n## Licence\n\nApache-2.0; see `LICENSE`. Objects: `graspbox objects` names their licences.\n"
-    write_text(folder / "README.md", text)
+    return _LIMITS.format(near=near, far=far, elevation=scenes.elevation * 57.29578)
+
+
+def write_head_card(
+    folder: Path,
+    *,
+    config: HeadPolicyConfig,
+    command: str,
+    data: str,
+    seed: int,
+    trained: Mapping[str, Any],
+    scores: Sequence[Mapping[str, Any]],
+) -> None:
+    """Write ``README.md`` into the folder of a published head.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    config : HeadPolicyConfig
+        What the folder holds.
+    command, data, seed
+        What made it, from which data sets.
+    trained : mapping
+        Trials, scenes, steps and seconds of the training.
+    scores : sequence of mapping
+        Rows of ``scripts/train_heads.py``: objects, whether collisions are filtered, trials, success, secure.
+    """
+    use = _evaluated(folder)
+    text = _HEAD.format(name=config.name, version=graspbox.__version__, hand=config.hand, use=use, more="")
+    text += "| objects | trials | success | secure |\n|---|--:|--:|--:|\n"
+    for row in scores:
+        name = f"`{row['objects']}`{', collisions filtered' if row['filtered'] else ''}"
+        cells = [rate(row[key], row["trials"]) for key in ("success", "secure")]
+        text += f"| {name} | {row['trials']} | {cells[0]} | {cells[1]} |\n"
+    text += f"\n## Data and training\n\n```\n{command}\n```\n\nSeed {seed}. {trained['trials']} trials in "
+    text += f"{trained['scenes']} scenes of {data} (split `train`); {trained['step']} steps"
+    text += f" in {shown_time(trained['seconds'])}.\n"
+    write_text(folder / "README.md", text + _limits(SceneConfig()) + _LICENCE)
