@@ -14,7 +14,7 @@ torch = pytest.importorskip("torch", reason="training needs the extra 'train'")
 pytest.importorskip("tensorboard", reason="training needs the extra 'train'")
 
 import graspbox  # noqa: E402
-from graspbox import object_sets  # noqa: E402
+from graspbox import evaluation, object_sets, policies  # noqa: E402
 from graspbox.errors import ConfigError, FileError  # noqa: E402
 from graspbox.learning import grasps  # noqa: E402
 from graspbox.learning.execution import Scenes, execute  # noqa: E402

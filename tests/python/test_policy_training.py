@@ -23,7 +23,7 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "train_depth_policy.py"
 #: Stages of ``--quick``, in order.
 STAGES = ["data", "completion", "scorer"]
 STAGES += ["collect-1", "round-1", "collect-2", "round-2", "collect-3", "round-3", "member-1", "member-2"]
-STAGES += ["calibrate", "export", "evaluate"]
+STAGES += ["calibrate", "export", "rungs", "evaluate"]
 
 
 def command(out: Path) -> list[str]:
@@ -57,6 +57,9 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert results["round-3"]["on_policy"] > results["round-1"]["on_policy"] > 0
     assert results["calibrate"]["choices"] > 0
     assert results["evaluate"]["procedural:bottle:30-33"]["trials"] == 6
+    for name, members in (("scorer", 1), ("rounds", 1), ("ensemble", 3)):
+        rung = read_depth_policy(trained / "rungs" / name)
+        assert (rung.name, rung.members, rung.finder.refinements) == (name, members, 0)
     log = (trained / "log.txt").read_text()
     # The first stages were over when the command ran for the third time.
     assert log.count("completion: begins") == 1

@@ -56,7 +56,7 @@ def _result(name: str, found: Mapping[str, Any]) -> str:
             for split, part in found.items()
             if split != "seconds"
         )
-    if name in ("calibrate", "evaluate", "export"):
+    if name in ("calibrate", "evaluate", "export", "rungs"):
         return ""
     if name == "data":
         return f"{found['train']} trials to learn from, {found['validation']} to validate"

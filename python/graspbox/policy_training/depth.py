@@ -34,11 +34,16 @@ from graspbox.policy_training.cards import write_card
 from graspbox.policy_training.settings import QUICK, QUICK_OBJECTS, Settings
 from graspbox.policy_training.stages import Run, Stage
 
-__all__ = ["FINDER", "PolicyTraining"]
+__all__ = ["FINDER", "RUNGS", "PolicyTraining"]
 
 
 #: How the policy decides: as much of proposals and refinement as 50 ms on two cores allow.
 FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=112), children=5)
+
+
+#: What the policy was on its way, each without refinement: a scorer that learned from the data set alone; the same
+#: after the rounds on its own choices; and the ensemble.
+RUNGS = ("scorer", "rounds", "ensemble")
 
 
 class TimeUp(Exception):  # noqa: N818 (no error)
@@ -106,6 +111,7 @@ class PolicyTraining:
         weight = found["secure_weight"]
         calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), weight)
         stage("export", hours.evaluate, lambda s: self.export(calibration))
+        stage("rungs", hours.evaluate, lambda s: self.export_rungs(s.folder, calibration))
         stage("evaluate", hours.evaluate, self.evaluate)
         folder = self.policy_folder()
         write_card(
@@ -312,6 +318,21 @@ class PolicyTraining:
             licence=self.licence,
         )
         return {"files": len(config.files)}
+
+    def export_rungs(self, folder: Path, calibration: Calibration) -> dict[str, Any]:
+        """Write what the policy was on its way, so that each step can be measured: see `RUNGS`."""
+        rounds, unrefined = self.sizes.rounds, replace(self.finder, refinements=0)
+        members = {
+            "scorer": [self.member_net(0, 0)],
+            "rounds": [self.member_net(0, rounds)],
+            "ensemble": self.members(),
+        }
+        completion = self.completion_net()
+        for name in RUNGS:
+            export_depth_policy(
+                folder / name, name, completion, members[name], calibration, crop=self.scenes.crop, finder=unrefined
+            )
+        return {"folders": list(RUNGS)}
 
     def evaluate(self, stage: Stage) -> dict[str, Any]:
         """Evaluate the policy as ``graspbox evaluate`` does, and measure its calibration."""
