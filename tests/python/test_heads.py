@@ -4,7 +4,7 @@ import csv
 import importlib.util
 import json
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,7 @@ torch = pytest.importorskip("torch")
 from graspbox.perception.anchor_net import AnchorNet, AnchorSamples  # noqa: E402
 from graspbox.perception.head_batches import HeadBatch, HeadSampler, mirrored, untried_scenes  # noqa: E402
 from graspbox.perception.head_configs import HeadConfig  # noqa: E402
-from graspbox.perception.head_export import export_head  # noqa: E402
 from graspbox.perception.head_finder import HeadFinder  # noqa: E402
-from graspbox.perception.head_folders import read_head_policy  # noqa: E402
 from graspbox.perception.head_training import HeadData, choose_constant, head_losses, load_head, train_head  # noqa: E402
 from graspbox.perception.heads import ConstantNet, PoseNet, head_of, rotation_of  # noqa: E402
 from graspbox.perception.scenes import SceneConfig  # noqa: E402
@@ -381,35 +379,6 @@ def test_the_script_trains_measures_and_resumes(tmp_path: Path, capsys: pytest.C
     assert policies.load(str(tmp_path / "head")).name == "head"
     assert script.main([*given, "leg"]) == 2
     assert script.main([*given, "set", "--seed", "1"]) == 2
-
-
-def test_a_published_head_acts_as_the_trained_one(tmp_path: Path) -> None:
-    pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
-    torch.manual_seed(0)
-    net = head_of(3, SMALL).eval()
-    trained, published = tmp_path / "trained", tmp_path / "published"
-    trained.mkdir()
-    (trained / "head.json").write_text(json.dumps(asdict(SMALL)))
-    torch.save(net.state_dict(), trained / "weights.pt")
-    config = export_head(published, "tiny", net)
-    assert set(config.files) == {"head.onnx", "head.safetensors"}
-    assert read_head_policy(published) == config
-    policy = policies.load(str(published))
-    assert policy.name == "tiny"
-    results = []
-    for one in (policy, HeadGrasp(trained, filtered=True)):
-        evaluation.evaluate(one, objects="procedural:can:0-3", trials=4, num_envs=4)
-        assert isinstance(one, HeadGrasp)
-        results.append([found.world_from_hand for found in one.found if found is not None])
-    np.testing.assert_allclose(results[0], results[1], atol=1e-4)
-    assert len(results[0]) == 4
-    with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
-        evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
-    with pytest.raises(errors.ConfigError, match="kind 'anchor'"):
-        export_head(tmp_path / "x", "x", ConstantNet())
-    (published / "head.onnx").write_bytes(b"other")
-    with pytest.raises(errors.ConfigError, match="is not the file that"):
-        policies.load(str(published))
 
 
 def test_what_is_no_head_is_refused(tmp_path: Path) -> None:

@@ -64,7 +64,8 @@ class TrialResult:
     reward : float
         Sum of the rewards.
     confidence : float or None
-        Probability of success that the policy stated (`Policy.confidence`).
+        Probability of success that the policy stated (`Policy.confidence`); its last digits depend on what runs the
+        policy's networks, so that two results that differ in it alone are equal.
     """
 
     seed: int
@@ -75,7 +76,7 @@ class TrialResult:
     steps: int
     reward: float
     survives_shake: bool = False
-    confidence: float | None = None
+    confidence: float | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,52 @@
+"""A published head: its folder, and that it acts as the one that was trained."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from graspbox import errors, evaluation, policies
+from graspbox.perception.anchors import AnchorConfig
+from graspbox.perception.head_configs import HeadConfig
+from graspbox.perception.head_folders import read_head_policy
+from graspbox.policies import HeadGrasp
+
+torch = pytest.importorskip("torch")
+
+from graspbox.perception.head_export import export_head  # noqa: E402
+from graspbox.perception.heads import ConstantNet, head_of  # noqa: E402
+
+pytestmark = pytest.mark.train
+
+SMALL = HeadConfig(width=8, features=8, hidden=16, anchors=AnchorConfig(cells=12, heights=14))
+
+
+def test_a_published_head_acts_as_the_trained_one(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
+    torch.manual_seed(0)
+    net = head_of(3, SMALL).eval()
+    trained, published = tmp_path / "trained", tmp_path / "published"
+    trained.mkdir()
+    (trained / "head.json").write_text(json.dumps(asdict(SMALL)))
+    torch.save(net.state_dict(), trained / "weights.pt")
+    config = export_head(published, "tiny", net)
+    assert set(config.files) == {"head.onnx", "head.safetensors"}
+    assert read_head_policy(published) == config
+    policy = policies.load(str(published))
+    assert policy.name == "tiny"
+    results = []
+    for one in (policy, HeadGrasp(trained, filtered=True)):
+        evaluation.evaluate(one, objects="procedural:can:0-3", trials=4, num_envs=4)
+        assert isinstance(one, HeadGrasp)
+        results.append([found.world_from_hand for found in one.found if found is not None])
+    np.testing.assert_allclose(results[0], results[1], atol=1e-4)
+    assert len(results[0]) == 4
+    with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
+        evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
+    with pytest.raises(errors.ConfigError, match="kind 'anchor'"):
+        export_head(tmp_path / "x", "x", ConstantNet())
+    (published / "head.onnx").write_bytes(b"other")
+    with pytest.raises(errors.ConfigError, match="is not the file that"):
+        policies.load(str(published))
