@@ -169,11 +169,12 @@ class Recorder:
         """Look at each scene, choose grasps and try all of them at once."""
         rng = np.random.default_rng([self._seed, number])
         # The same seed gives the same scene, with the hand elsewhere and other observations too.
-        seen, info = self._looking.reset(seed=seeds, options={"world_from_hand": _WAITING})  # type: ignore[arg-type]
-        self._policy.reset(seeds, info=info)
+        seen, _ = self._looking.reset(seed=seeds, options={"world_from_hand": _WAITING})  # type: ignore[arg-type]
         grasps: dict[int, FoundGrasp] = {}
         for scene, seed in enumerate(seeds):
-            found = self._policy.find(scene, seed, {"depth": seen["depth"][scene]})
+            # What the policy draws first in an episode of this seed: it sees the same noise.
+            drawn = int(np.random.default_rng(seed).integers(2**62))
+            found = self._policy.find(scene, drawn, {"depth": seen["depth"][scene]})
             if found is not None:
                 for n, index in enumerate(_chosen(found, self._per_scene, rng)):
                     grasps[scene * self._per_scene + n] = found.other(index)
