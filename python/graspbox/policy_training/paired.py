@@ -174,7 +174,7 @@ def at_threshold(pairs: PairedTrials, threshold: float) -> dict[str, Any]:
 
 
 def best_threshold(pairs: PairedTrials) -> float:
-    """Choose the threshold of most successes: the middle of those that are within a standard error of the best."""
+    """Choose the threshold of most successes: the middle of those within half a standard error of the best."""
     rates = np.array([at_threshold(pairs, t)["succeeded"] for t in _THRESHOLDS]) / len(pairs)
     best = float(rates.max())
     # Neighbouring thresholds differ in few trials; a run of good ones says more than one peak.
