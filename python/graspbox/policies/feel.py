@@ -18,6 +18,7 @@ from graspbox.perception.runtimes import Backend, Stability, load_stability
 from graspbox.perception.stability import Feeling, StabilityInputs
 from graspbox.policies.base import Task
 from graspbox.policies.depth import DepthGrasp
+from graspbox.simulation import load_hand
 
 __all__ = ["Attempt", "FeelThenLift"]
 
@@ -95,7 +96,10 @@ class FeelThenLift(DepthGrasp):
         self.name = f"{self.name}-feel"
         self.threshold = self._feel.threshold if threshold is None else float(threshold)
         self._stability: Stability = load_stability(Path(folder))
-        self.obs = ("depth", "proprio", "tactile")
+        assert self._published is not None
+        # A hand without tactile sensors feels its joints and loads alone.
+        felt = StabilityInputs(load_hand(self._published.hand), self._feel.times)
+        self.obs = ("depth", *felt.obs)
         #: Grasps of the present or last episode in each environment, as far as they were felt.
         self.attempts: list[list[Attempt]] = []
 

@@ -21,6 +21,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import trial_seeds
 from graspbox.files import replacing
 from graspbox.perception.finder import FoundGrasp
+from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.stability import Feeling, StabilityInputs
 from graspbox.policies import DepthGrasp, Task
 
@@ -104,6 +105,7 @@ class Recorder:
         self._seed, self._per_scene = seed, per_scene
         given: dict[str, Any] = {
             "objects": objects,
+            "hand": read_depth_policy(policy).hand,
             "autoreset_mode": AutoresetMode.DISABLED,
             "max_episode_steps": 400,
         }
