@@ -2,6 +2,7 @@
 
     python scripts/train_feel.py --policy policies/depth --out out/feel
     python scripts/train_feel.py --policy policies/depth --out out/feel --publish policies/feel
+    python scripts/train_feel.py --policy policies/depth --out out/closed --times 1.3
     python scripts/train_feel.py --policy out/quick/policy --out out/feel-quick --quick
 
 Stages, each with a time limit (``--hours``), a log (``log.txt``) and results (``NAME.json``):
@@ -15,6 +16,10 @@ Stages, each with a time limit (``--hours``), a log (``log.txt``) and results (`
    hand opens.
 6. ``evaluate``: the first attempt alone and with a second one, on objects of which nothing was learnt; the card and a
    picture are made from it.
+
+By default the hand feels when it has closed and 10 cm into the lift; with ``--times 1.3`` it feels before it lifts.
+``--evaluated`` names other objects to measure on; ``--sizes.scenes``, ``--sizes.held-out-scenes``,
+``--sizes.rule-trials`` and ``--sizes.trials`` say how much is recorded and tried.
 
 The same command continues after an interruption, also after SIGKILL. ``--quick`` goes through all stages in a minute, to
 show that they work. Needs the extras ``cli`` and ``train``.

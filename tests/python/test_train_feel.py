@@ -93,7 +93,7 @@ def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
 
 
 def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
-    """The recording looks and tries in other environments, from another start; the same grasp must feel the same."""
+    """The recording looks and tries in other environments, from another start; its first grasps are the policy's."""
     from graspbox.policy_training.felt_trials import FeltTrials
 
     trials = FeltTrials.load(trained / "record-train" / "0000000.npz")
@@ -102,10 +102,12 @@ def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
     felt = np.stack([attempts[0].felt for attempts in policy.attempts])
     own = trials.felt[trials.first]
     assert felt.shape == own.shape
+    # The same image gives the same grasp, bit by bit; scores of this tiny policy are often equal, though.
+    same = (felt[:, :19] == own[:, :19]).all(axis=1)
+    assert same.mean() >= 0.75
+    # The hand comes from elsewhere, and so a little earlier or later within a control period.
+    assert np.median(np.abs(felt - own)[same].max(axis=1)) < 1.0
     assert np.mean(trials.held[trials.first] == [trial.success for trial in found.trials]) >= 0.75
-    # Noise of the camera differs; height of the hand and volume of the object are much the same.
-    assert np.corrcoef(felt[:, 5], own[:, 5])[0, 1] > 0.8
-    assert np.corrcoef(felt[:, 9], own[:, 9])[0, 1] > 0.8
 
 
 def test_a_network_learns_what_tells_grasps_apart(tmp_path: Path) -> None:

@@ -19,7 +19,8 @@
 The networks are in modules of their own, which need torch (extra ``train``) and are not imported here: `scenes` renders
 what they learn from, `completion` tells the object's occupancy from a crop, `scorer` tells how likely a grasp holds.
 `export` writes them into the folder of a policy (`policy_folders`); `runtimes` runs them there with onnxruntime, and
-`grasp_image` finds grasps in an image of one's own. `heads` predict a grasp alone.
+`grasp_image` finds grasps in an image of one's own. `heads` predict a grasp alone. `stability` is what a hand feels of
+its grasp, from which `stability_net` tells whether it will hold.
 """
 
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig, ProposalConfig

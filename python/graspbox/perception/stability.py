@@ -25,8 +25,8 @@ from graspbox.perception.finder import FoundGrasp
 
 __all__ = ["FEEL_TIMES", "Feeling", "StabilityInputs"]
 
-#: When the hand feels, seconds after it began to close.
-FEEL_TIMES = (1.1, 1.3)
+#: When the hand feels, seconds after it began to close: when it has closed, and half a second, 10 cm, into the lift.
+FEEL_TIMES = (1.3, 1.8)
 #: Columns of ``proprio`` that say where the arm is, not what the hand feels.
 _ARM = ("hand_position", "hand_rotation", "hand_velocity", "hand_spin", "preshape")
 #: Best grasps whose mean score tells whether there are others.

@@ -18,6 +18,7 @@ from graspbox.perception.runtimes import Backend, Stability, load_stability
 from graspbox.perception.stability import Feeling, StabilityInputs
 from graspbox.policies.base import Task
 from graspbox.policies.depth import DepthGrasp
+from graspbox.simulation import load_hand
 
 __all__ = ["Attempt", "FeelThenLift"]
 
@@ -50,10 +51,11 @@ class Attempt:
 class FeelThenLift(DepthGrasp):
     """Grasps what a depth camera sees, feels whether the grasp will hold, and lifts, or opens and chooses once more.
 
-    It acts in ``Grasp-v0`` alone. The first grasp is that of `DepthGrasp`. When the fingers have closed, a network
-    tells from joints, loads and tactile forces, and from what was known of the grasp, how likely it holds. If that is
-    less than the threshold, the hand opens, backs off, leaves the image and looks again; grasps near the one that
-    failed lose by their nearness. The second grasp is lifted in any case.
+    It acts in ``Grasp-v0`` alone. The first grasp is that of `DepthGrasp`. As the fingers close, and by default through
+    the first half second of the lift, the hand feels joints, loads and tactile forces; a network tells from that, and
+    from what was known of the grasp, how likely it holds. If that is less than the threshold, the hand goes back down,
+    opens, backs off, leaves the image and looks again; grasps near the one that failed lose by their nearness. The
+    second grasp is lifted in any case.
 
     Parameters
     ----------
@@ -77,8 +79,8 @@ class FeelThenLift(DepthGrasp):
     """
 
     name = "feel-then-lift"
-    # Two attempts take up to 340 steps.
-    settings = {"image_size": 128, "max_episode_steps": 400}  # noqa: RUF012 (read only)
+    # Two attempts have taken up to 395 steps.
+    settings = {"image_size": 128, "max_episode_steps": 450}  # noqa: RUF012 (read only)
 
     def __init__(
         self,
@@ -94,7 +96,10 @@ class FeelThenLift(DepthGrasp):
         self.name = f"{self.name}-feel"
         self.threshold = self._feel.threshold if threshold is None else float(threshold)
         self._stability: Stability = load_stability(Path(folder))
-        self.obs = ("depth", "proprio", "tactile")
+        assert self._published is not None
+        # A hand without tactile sensors feels its joints and loads alone.
+        felt = StabilityInputs(load_hand(self._published.hand), self._feel.times)
+        self.obs = ("depth", *felt.obs)
         #: Grasps of the present or last episode in each environment, as far as they were felt.
         self.attempts: list[list[Attempt]] = []
 

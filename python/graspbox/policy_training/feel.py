@@ -269,6 +269,8 @@ class FeelTraining:
                 "first": at_threshold(pairs, 0.0),
                 "feel": at_threshold(pairs, threshold),
                 "always": at_threshold(pairs, 2.0),
+                # What perfect feeling would give: it opens where the first grasp does not hold.
+                "perfect": int((pairs.first | pairs.second).sum()),
                 "auc": round(auc(felt, pairs.first), 4),
                 "ece": round(calibration_error(felt, pairs.first), 4),
             }

@@ -34,10 +34,10 @@ graspbox evaluate {folder} --env graspbox/Grasp-v0 --objects procedural:unseen:0
 ## Scores
 
 In `Grasp-v0`, on the same trials: the first attempt alone, and with a second one where the first felt unlikely to hold.
-In brackets the 95 % intervals (Wilson).
+In brackets the 95 % intervals (Wilson). *Perfect feeling* would open where the first grasp does not hold.
 
-| objects | trials | first attempt | feel, then lift | secure: first | feel, then lift |
-|---|--:|--:|--:|--:|--:|
+| objects | trials | first attempt | feel, then lift | perfect feeling | secure: first | feel, then lift |
+|---|--:|--:|--:|--:|--:|--:|
 """
 
 _FEEL = """
@@ -89,7 +89,8 @@ def write_feel_card(folder: Path, settings: Any, command: str, stages: Mapping[s
     found = {objects: part for objects, part in stages["evaluate"].items() if objects != "seconds"}
     for objects, part in found.items():
         first, feel, trials = part["first"], part["feel"], part["first"]["trials"]
-        cells = [rate(one[key], trials) for key in ("succeeded", "secure") for one in (first, feel)]
+        counts = (first["succeeded"], feel["succeeded"], part["perfect"], first["secure"], feel["secure"])
+        cells = [rate(count, trials) for count in counts]
         text += f"| `{objects}` | {trials} | {' | '.join(cells)} |\n"
     text += _FEEL.format(threshold=stages["threshold"]["threshold"])
     for objects, part in found.items():

@@ -21,6 +21,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import trial_seeds
 from graspbox.files import replacing
 from graspbox.perception.finder import FoundGrasp
+from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.stability import Feeling, StabilityInputs
 from graspbox.policies import DepthGrasp, Task
 
@@ -29,7 +30,7 @@ __all__ = ["BLOCK", "FeltTrials", "Recorder"]
 #: Scenes of a file.
 BLOCK = 8
 #: Grasps that are tried are among this many of the best; one this many ranks lower is tried 1/e times as often.
-_BEST, _RANKS = 40, 10.0
+_BEST, _RANKS = 80, 30.0
 #: The hand waits here while the camera looks, world_from_hand: over the table, palm down, as high as it goes.
 _WAITING = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.74], [0.0, 0.0, 0.0, 1.0]])
 
@@ -104,6 +105,7 @@ class Recorder:
         self._seed, self._per_scene = seed, per_scene
         given: dict[str, Any] = {
             "objects": objects,
+            "hand": read_depth_policy(policy).hand,
             "autoreset_mode": AutoresetMode.DISABLED,
             "max_episode_steps": 400,
         }
@@ -169,11 +171,12 @@ class Recorder:
         """Look at each scene, choose grasps and try all of them at once."""
         rng = np.random.default_rng([self._seed, number])
         # The same seed gives the same scene, with the hand elsewhere and other observations too.
-        seen, info = self._looking.reset(seed=seeds, options={"world_from_hand": _WAITING})  # type: ignore[arg-type]
-        self._policy.reset(seeds, info=info)
+        seen, _ = self._looking.reset(seed=seeds, options={"world_from_hand": _WAITING})  # type: ignore[arg-type]
         grasps: dict[int, FoundGrasp] = {}
         for scene, seed in enumerate(seeds):
-            found = self._policy.find(scene, seed, {"depth": seen["depth"][scene]})
+            # What the policy draws first in an episode of this seed: it sees the same noise.
+            drawn = int(np.random.default_rng(seed).integers(2**62))
+            found = self._policy.find(scene, drawn, {"depth": seen["depth"][scene]})
             if found is not None:
                 for n, index in enumerate(_chosen(found, self._per_scene, rng)):
                     grasps[scene * self._per_scene + n] = found.other(index)

@@ -18,6 +18,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import TrialResult, trial_seeds
 from graspbox.evaluation.trials import TrialRun
 from graspbox.object_sets import Split
+from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.policies import FeelThenLift, Task
 
 __all__ = ["PairedTrials", "at_threshold", "best_threshold", "run_pairs"]
@@ -126,7 +127,8 @@ def _run(
 ) -> tuple[list[TrialResult], NDArray[np.float64]]:
     """Run the trials with one threshold: results, and what was felt of the first grasps."""
     policy = FeelThenLift(folder, threshold=threshold)
-    settings = {**policy.settings, "objects": objects, "split": split, "obs": policy.obs}
+    hand = read_depth_policy(folder).hand
+    settings = {**policy.settings, "objects": objects, "split": split, "obs": policy.obs, "hand": hand}
     envs = gymnasium.make_vec(
         "graspbox/Grasp-v0", min(num_envs, trials), autoreset_mode=AutoresetMode.DISABLED, **settings
     )
@@ -174,7 +176,7 @@ def at_threshold(pairs: PairedTrials, threshold: float) -> dict[str, Any]:
 
 
 def best_threshold(pairs: PairedTrials) -> float:
-    """Choose the threshold of most successes: the middle of those that are within a standard error of the best."""
+    """Choose the threshold of most successes: the middle of those within half a standard error of the best."""
     rates = np.array([at_threshold(pairs, t)["succeeded"] for t in _THRESHOLDS]) / len(pairs)
     best = float(rates.max())
     # Neighbouring thresholds differ in few trials; a run of good ones says more than one peak.
