@@ -1,8 +1,7 @@
 //! A chain that closes in space: for hands with a finger that comes round as it closes, such as an opposable thumb.
 //!
 //! All joints close together, along the way that the free hand takes: springs let a joint go where they balance the tension that the joints
-//! share, and what an actuator drives moves evenly. Where a link meets the object, the joints before it stay; those behind go on. Where it meets
-//! the table, it slides along it: a joint before it gives way. If none can, they all stay.
+//! share, and what an actuator drives moves evenly. Where a link meets the object or the table, the joints before it stay; those behind go on.
 
 use super::{ClosedChain, TOUCH, TURNING};
 use crate::PlanError;
@@ -13,8 +12,6 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 const STEPS: usize = 160;
 /// Steps that are tried at once, the longest first.
 const STRIDES: [usize; 3] = [4, 2, 1];
-/// Steps by which a joint gives way to the table at least.
-const YIELD: usize = 4;
 /// Points further than this from the way of the free chain are not in its way, metres: a blocked chain hardly leaves it.
 const ROOM: f64 = 0.01;
 
@@ -45,8 +42,6 @@ struct Node {
 pub(crate) struct SpatialChain {
     nodes: Vec<Node>,
     coordinates: usize,
-    /// Coordinates that close fast, as bits: those that can give way.
-    fast: u64,
     /// Position of the first joint that closes fast, at every step from that of the open hand: rad or m.
     root: (usize, Vec<f64>),
     /// Turn of the last link at each step, from each coordinate: radians.
@@ -141,7 +136,6 @@ impl SpatialChain {
         let fastest = joints.iter().map(|joint| hand.closing_rate(*joint).abs()).fold(0.0, f64::max);
         let is_fast = |joint: &usize| hand.closing_rate(*joint).abs() > TURNING * fastest;
         let first = joints.iter().copied().find(is_fast).unwrap_or(joints[0]);
-        let fast = leaders.iter().zip(0..).filter(|(leader, _)| is_fast(leader)).fold(0, |bits, (_, c)| bits | 1 << c);
         let turn = |leading: &usize| {
             let mut turns = vec![0.0; STEPS + 1];
             let follow =
@@ -154,7 +148,7 @@ impl SpatialChain {
         let root = (leaders.binary_search(&leader(first)).unwrap_or(0), moved(first).collect());
         let turns = leaders.iter().map(turn).collect();
         let coordinates = leaders.len();
-        let mut chain = Self { nodes, coordinates, fast, root, turns, bounds: [Vector3::zeros(); 2] };
+        let mut chain = Self { nodes, coordinates, root, turns, bounds: [Vector3::zeros(); 2] };
         chain.bounds = chain.bounds_of_way();
         chain
     }
@@ -184,14 +178,8 @@ impl SpatialChain {
         while self.nodes.iter().any(|node| node.coordinate.is_some_and(|c| live >> c & 1 == 1)) && step < STEPS {
             let mut blocked = None;
             for stride in STRIDES.into_iter().filter(|stride| step + stride <= STEPS) {
-                let mut next = self.advanced(&at, live, step + stride);
+                let next = self.advanced(&at, live, step + stride);
                 blocked = self.blocked(&next, live, &near, table);
-                if let Some((node, true)) = blocked
-                    && let Some(gives_way) = self.give_way(&mut next, node, &near, table)
-                {
-                    (blocked, met_table) = (None, true);
-                    live &= !(1 << gives_way);
-                }
                 if blocked.is_none() {
                     (at, step) = (next, step + stride);
                     break;
@@ -210,28 +198,6 @@ impl SpatialChain {
     /// Coordinates that are live at `step`, the others where they are.
     fn advanced(&self, at: &[usize], live: u64, step: usize) -> Vec<usize> {
         at.iter().enumerate().map(|(c, at)| if live >> c & 1 == 1 { step } else { *at }).collect()
-    }
-
-    /// Takes back the first coordinate before `node` that makes room for all links, as little as is needed; none if none does.
-    fn give_way(
-        &self,
-        at: &mut [usize],
-        node: usize,
-        near: &[(Vector3<f64>, u32)],
-        table: &TableSide,
-    ) -> Option<usize> {
-        let before = self.nodes[node].upstream & self.fast;
-        for coordinate in (0..self.coordinates).filter(|c| before >> c & 1 == 1) {
-            let whole = at[coordinate];
-            for back in (YIELD..=whole).step_by(YIELD) {
-                at[coordinate] = whole - back;
-                if self.blocked(at, u64::MAX, near, table).is_none() {
-                    return Some(coordinate);
-                }
-            }
-            at[coordinate] = whole;
-        }
-        None
     }
 
     /// The first node that cannot be there, and whether the table is in its way. Links that no longer move are not asked.
@@ -366,12 +332,12 @@ mod tests {
     }
 
     #[test]
-    fn a_finger_slides_along_the_table_and_curls() {
+    fn a_lower_table_lets_a_finger_close_further() {
         let middle = &chains()[2];
-        let (free, low) = (
-            middle.close(&[], &NO_TABLE),
-            middle.close(&[], &TableSide { up: Vector3::new(0.0, 0.0, -1.0), offset: 0.03 }),
-        );
-        assert!(low.met_table && low.root < free.root - 0.1 && low.turn > 1.5, "{low:?} {free:?}");
+        let over = |offset| middle.close(&[], &TableSide { up: Vector3::new(0.0, 0.0, -1.0), offset });
+        let (free, high, low) = (middle.close(&[], &NO_TABLE), over(0.03), over(0.06));
+        assert!(high.met_table && low.met_table && !free.met_table);
+        assert!(high.root < low.root && low.root < free.root - 0.1, "{high:?} {low:?} {free:?}");
+        assert!(0.2 < high.turn && high.turn < low.turn && low.turn < free.turn, "{high:?} {low:?} {free:?}");
     }
 }
