@@ -118,7 +118,8 @@ class PoseConfig:
     variation : {"random", "grid"}
         Random variations along and about the long axis, or the reference study's grid.
     variations : int
-        Random variations per face and orientation, at most 10,000. No plan has more than 200,000 candidates.
+        Random variations per face and orientation, at most 10,000; as many again for each of `closing_range`,
+        `side_range`, `max_roll` and `max_lean` that the hand gives. No plan has more than 200,000 candidates.
     max_shift : float
         Greatest shift along the long side, as a share of it.
     max_tilt : float

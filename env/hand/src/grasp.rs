@@ -24,6 +24,12 @@ pub struct Grasp {
     /// Where an object may lie along hand x, from the grasp centre, metres; [0, 0] for a hand whose fingers meet at one place. A hand that
     /// curls to one side holds thin things further out than thick ones.
     pub closing_range: [f64; 2],
+    /// The same along hand y; [0, 0] for a hand that holds things in one place.
+    pub side_range: [f64; 2],
+    /// Greatest turn about hand z that is tried, radians; 0 for a hand that closes along x alone.
+    pub max_roll: f64,
+    /// Greatest turn about hand x that is tried, radians; 0 for a hand that has to face what it grasps.
+    pub max_lean: f64,
     /// The actuator whose position is the preshape, if there is one.
     pub coordinate: Option<PreshapeCoordinate>,
     /// The preshapes that the planner tries; never empty. The first is taken where none suits.

@@ -131,6 +131,12 @@ pub(crate) struct GraspTable {
     pub closing: Vec<Spanned<String>>,
     /// Where an object may lie along hand x, from the centre.
     pub closing_range: Option<Number<[f64; 2]>>,
+    /// The same along hand y.
+    pub side_range: Option<Number<[f64; 2]>>,
+    /// Greatest turn about hand z that is tried.
+    pub max_roll: Option<Number<f64>>,
+    /// Greatest turn about hand x that is tried.
+    pub max_lean: Option<Number<f64>>,
     pub coordinate: Option<CoordinateTable>,
     #[serde(default)]
     pub preshapes: Vec<PreshapeTable>,

@@ -4,20 +4,22 @@
 //! |---|---|
 //! | `model` | the chain of a hand as rectangles in the plane in which it closes |
 //! | `plane` | rectangles, frames, and the points and the table that are in their way |
+//! | `spatial` | chains in space, for hands with a chain whose plane turns as it closes |
 //!
-//! The chain moves in the plane across the axis of its last closing joint. Joints about other axes stay as they are in the open hand, or,
-//! where they close with the others, half-way.
+//! The chain moves in the plane across the axis of its last closing joint. Joints about other axes stay as they are in the open hand.
 //! One tendon pulls all joints: it shortens by `sum of r_i dq_i`, and the chain moves wherever that is positive and nothing is in the way.
 //! First the root closes, then the joints behind it, each alone; and where only the tip is held, it curls further while a joint before
 //! it gives way.
 
 mod model;
 mod plane;
+mod spatial;
 
 use nalgebra::{Isometry3, Vector3};
 use plane::{Frame, LinkShape, Obstacles, Rect};
 
 pub(crate) use plane::{PlanePoint, PlaneTable};
+pub(crate) use spatial::{SpatialChain, TableSide};
 
 /// How a segment moves against the one before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,6 +91,8 @@ enum Block {
     Table,
 }
 
+/// A joint closes fast, and about another axis turns the plane of its chain, beyond this share of the speed of the chain's fastest joint.
+const TURNING: f64 = 0.5;
 /// Coarse step of a closing joint, radians: the tip moves by 11 mm, less than a link is thick.
 const STEP: f64 = 0.1;
 /// A step is halved this often: to 0.7 degrees.

@@ -3,13 +3,15 @@
 use crate::PlanError;
 use crate::boxes::OrientedBox;
 use crate::preshape::{FaceSize, closing_center, preshapes};
-use graspbox_hand::{GraspPose, Hand};
+use graspbox_hand::{Grasp, GraspPose, Hand};
 use graspbox_mesh::in_range;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+/// Half the size of a palm, metres: what is further along a box does not keep a turned hand off.
+const PALM: f64 = 0.04;
 /// Most random variations of a face and turn.
 const MOST_VARIATIONS: usize = 10_000;
 /// Most further distances.
@@ -41,7 +43,8 @@ pub struct PoseParams {
     pub standoffs: Vec<f64>,
     /// How poses vary.
     pub variation: Variation,
-    /// Random variations per face and turn; at most 10,000. No plan has more than 200,000 candidates.
+    /// Random variations per face and turn, at most 10,000; as many again for each range that the hand gives (`closing_range`,
+    /// `side_range`, `max_roll`, `max_lean`). No plan has more than 200,000 candidates.
     pub variations: usize,
     /// Greatest shift along the long side, as a share of it. The study's grid reaches 0.4.
     pub max_shift: f64,
@@ -146,7 +149,7 @@ pub(crate) fn propose(
                 for preshape in preshapes(hand, size, quarter, params.square) {
                     let known = centers.iter().find(|(value, _)| *value == preshape);
                     let center = known.map_or_else(Vector3::zeros, |(_, center)| *center);
-                    let variations = variations(params, hand.grasp.closing_range, &mut rng);
+                    let variations = variations(params, &hand.grasp, &mut rng);
                     if proposals.len() + variations.len() > MOST_CANDIDATES {
                         return Err(PlanError::TooMany {
                             boxes: boxes.len(),
@@ -174,14 +177,21 @@ struct Face {
     sides: [usize; 2],
 }
 
-/// Shift along the long side (share of it), turn about it (radians), extra distance (metres), and how far ahead of the hand's centre
-/// along its x the box lies (metres).
+/// How a pose differs from the plain one of its face.
 #[derive(Default)]
 struct Vary {
+    /// Shift along the long side, as a share of it.
     shift: f64,
+    /// Turn about the long side, radians.
     tilt: f64,
+    /// Extra distance, metres.
     standoff: f64,
+    /// How far from the hand's centre, along its x and y, the box lies, metres.
     ahead: f64,
+    aside: f64,
+    /// Turns of the hand about its z, and then about its x, radians; the box stays where it lies in the hand's palm.
+    roll: f64,
+    lean: f64,
 }
 
 impl Face {
@@ -215,17 +225,31 @@ impl Face {
         let (z, along) = (-normal, long * sign);
         // The hand closes along its x, so hand y lies along the long side.
         let columns = [along.cross(&z), along, z];
-        let rotation =
-            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns)));
-        let out = bounds.half_extent_along(&normal) + params.offset + vary.standoff;
+        let facing = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns));
+        let (turned, half_extents) = if vary.roll == 0.0 && vary.lean == 0.0 {
+            (facing, bounds.half_extents)
+        } else {
+            let [roll, lean] = [(Vector3::z_axis(), vary.roll), (Vector3::x_axis(), vary.lean)]
+                .map(|(axis, angle)| Rotation3::from_axis_angle(&axis, angle));
+            // Far ends of the box are beside the palm, not under it.
+            (facing * roll * lean, bounds.half_extents.map(|half| half.min(PALM)))
+        };
+        let normal = -turned.matrix().column(2);
+        let rotation = UnitQuaternion::from_rotation_matrix(&turned);
+        let out = bounds.axes.tr_mul(&normal).abs().dot(&half_extents) + params.offset + vary.standoff;
         let shift = long * (vary.shift * 2.0 * bounds.half_extents[axis]);
-        let at = bounds.center.coords + shift + normal * out - rotation * (center + Vector3::x() * vary.ahead);
+        let held = center + Vector3::new(vary.ahead, vary.aside, 0.0);
+        let at = bounds.center.coords + shift + normal * out - rotation * held;
         Isometry3::from_parts(Translation3::from(at), rotation)
     }
 }
 
-/// * `ahead`: least and greatest distance ahead of the hand's centre; without a range nothing is drawn for it.
-fn variations(params: &PoseParams, ahead: [f64; 2], rng: &mut ChaCha8Rng) -> Vec<Vary> {
+/// A hand that gives ranges of its own has more to vary: `params.variations` as often again for each. Nothing is drawn for a range that
+/// it does not give.
+fn variations(params: &PoseParams, grasp: &Grasp, rng: &mut ChaCha8Rng) -> Vec<Vary> {
+    let either_way = |most: f64| [-most, most];
+    let own = [grasp.closing_range, grasp.side_range, either_way(grasp.max_roll), either_way(grasp.max_lean)];
+    let given = own.iter().filter(|[least, most]| least < most).count();
     match params.variation {
         Variation::Grid => {
             let shifts = [0.0, 0.2, -0.2, 0.4, -0.4];
@@ -236,11 +260,13 @@ fn variations(params: &PoseParams, ahead: [f64; 2], rng: &mut ChaCha8Rng) -> Vec
         Variation::Random => {
             let standoffs: Vec<f64> = std::iter::once(0.0).chain(params.standoffs.iter().copied()).collect();
             let mut all: Vec<Vary> = standoffs.iter().map(|&standoff| Vary { standoff, ..Vary::default() }).collect();
-            all.extend((0..params.variations).map(|_| Vary {
-                shift: params.max_shift * (2.0 * rng.random::<f64>() - 1.0),
-                tilt: params.max_tilt * (2.0 * rng.random::<f64>() - 1.0),
-                standoff: standoffs[rng.random_range(0..standoffs.len())],
-                ahead: if ahead[0] < ahead[1] { rng.random_range(ahead[0]..ahead[1]) } else { 0.0 },
+            all.extend((0..params.variations * (1 + given)).map(|_| {
+                let shift = params.max_shift * (2.0 * rng.random::<f64>() - 1.0);
+                let tilt = params.max_tilt * (2.0 * rng.random::<f64>() - 1.0);
+                let standoff = standoffs[rng.random_range(0..standoffs.len())];
+                let [ahead, aside, roll, lean] =
+                    own.map(|[least, most]| if least < most { rng.random_range(least..most) } else { 0.0 });
+                Vary { shift, tilt, standoff, ahead, aside, roll, lean }
             }));
             all
         }

@@ -42,7 +42,8 @@ pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64)
 }
 
 /// Where the chains meet, hand frame: the point of the palm's plane nearest to the planes in which they close (least squares, pulled
-/// weakly to the hand's grasp centre, which decides where these are parallel). Chains whose plane turns as they close do not count.
+/// weakly to the hand's grasp centre, which decides where these are parallel). Chains whose plane turns as they close do not count; where the
+/// others stand side by side, it is the grasp centre: they do not oppose each other.
 ///
 /// # Errors
 /// [`PlanError::UnsupportedHand`] where the kinematics refuse the preshape.
@@ -59,12 +60,9 @@ pub fn closing_center(hand: &Hand, preshape: f64) -> Result<Vector3<f64>, PlanEr
         normal += outer;
         right += outer * chain.hand_from_plane.translation.vector.xy();
     }
-    let spread = normal.symmetric_eigen();
-    let weak = spread.eigenvalues.imin();
-    if (1e-6..FANNED).contains(&spread.eigenvalues[weak]) {
-        let along = spread.eigenvectors.column(weak);
-        let across = Matrix2::identity() - along * along.transpose();
-        (normal, right) = (across * normal * across, across * right);
+    if (1e-6..FANNED).contains(&normal.symmetric_eigenvalues().min()) {
+        let center = hand.grasp.center;
+        return Ok(Vector3::new(center.x, center.y, 0.0));
     }
     normal += Matrix2::identity() * PULL;
     right += hand.grasp.center.coords.xy() * PULL;

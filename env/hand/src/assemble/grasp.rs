@@ -21,14 +21,31 @@ pub(super) fn read(hand: &mut Hand, table: &HandTable, reader: &mut Reader<'_, '
         Some(coordinate) => Some(read_coordinate(hand, coordinate, &closing, reader)?),
         None => None,
     };
-    let range = written.closing_range.as_ref();
     let item = ("grasp of", table.name.get_ref().as_str());
-    let closing_range = range.map_or([0.0; 2], |range| reader.interval(item, "closing_range", range, "m"));
+    let mut range = |field, written: &Option<Number<[f64; 2]>>| {
+        written.as_ref().map_or([0.0; 2], |range| reader.interval(item, field, range, "m"))
+    };
+    let closing_range = range("closing_range", &written.closing_range);
+    let side_range = range("side_range", &written.side_range);
+    let mut turn = |field, written: &Option<Number<f64>>| {
+        written.as_ref().map_or(0.0, |turn| reader.not_negative(item, field, turn, "rad"))
+    };
+    let (max_roll, max_lean) = (turn("max_roll", &written.max_roll), turn("max_lean", &written.max_lean));
     let weight = |(name, number): (&Spanned<String>, &Number<f64>)| {
         (name.get_ref().clone(), reader.value("weight of the ranking", number, "1"))
     };
     let ranking = written.ranking.iter().map(weight).collect();
-    hand.grasp = Grasp { center, closing, closing_range, coordinate, preshapes: Vec::new(), ranking };
+    hand.grasp = Grasp {
+        center,
+        closing,
+        closing_range,
+        side_range,
+        max_roll,
+        max_lean,
+        coordinate,
+        preshapes: Vec::new(),
+        ranking,
+    };
     let preshapes = read_preshapes(hand, written, reader)?;
     hand.grasp.preshapes = if preshapes.is_empty() { default_preshapes(coordinate) } else { preshapes };
     Some(())

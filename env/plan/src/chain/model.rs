@@ -1,15 +1,13 @@
 //! The chain of a hand as rectangles in the plane in which it closes.
 
 use super::plane::{LinkShape, Rect};
-use super::{ChainModel, Coordinate, Motion, STEP, Segment};
+use super::{ChainModel, Coordinate, Motion, STEP, Segment, TURNING};
 use crate::PlanError;
 use graspbox_hand::{Chain, Collider, Hand, JointKind, Material, Transmission};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// A joint closes in the plane if the cosine between its axis and the plane's normal (for a slide, the sine) is at least this.
 const IN_PLANE: f64 = 0.9;
-/// A joint about another axis turns the plane if it closes faster than this share of the fastest joint in the plane.
-const TURNING: f64 = 0.5;
 /// Step of a slide per step of an angle, metres per radian: 5 mm where a joint turns by [`STEP`].
 const SLIDE: f64 = 0.005 / STEP;
 
@@ -26,12 +24,7 @@ impl ChainModel {
         let mut models = Vec::new();
         for chain in hand.chains() {
             let Some(planar) = Planar::of(hand, &chain, &links) else { continue };
-            let turned = if planar.turning.is_empty() {
-                links.clone()
-            } else {
-                hand.hand_from_links(&half_turned(hand, &configuration, &planar.turning)).map_err(bad)?
-            };
-            models.push(Self::new(hand, &chain, &planar, &turned, &open));
+            models.push(Self::new(hand, &chain, &planar, &links, &open));
         }
         Ok(models)
     }
@@ -68,7 +61,7 @@ impl ChainModel {
             before = origin;
         }
         let moves = moves(&coordinates);
-        Self { hand_from_plane, segments, coordinates, moves, half_width, reach, turns: !planar.turning.is_empty() }
+        Self { hand_from_plane, segments, coordinates, moves, half_width, reach, turns: planar.turns }
     }
 }
 
@@ -78,8 +71,8 @@ struct Planar {
     joints: Vec<usize>,
     /// The one that defines the plane: the last independent one that closes.
     last: usize,
-    /// Independent joints that close about another axis, and not much slower.
-    turning: Vec<usize>,
+    /// Another independent joint closes about another axis, and not much slower.
+    turns: bool,
 }
 
 impl Planar {
@@ -102,18 +95,9 @@ impl Planar {
         let rate = |joint: &usize| hand.closing_rate(*joint).abs();
         let fastest = joints.iter().map(rate).fold(0.0, f64::max);
         let turns = |joint: &usize| hand.joints[*joint].is_independent() && rate(joint) > TURNING * fastest;
-        Some(Self { joints, last, turning: others.into_iter().filter(turns).collect() })
+        let turns = others.iter().any(turns);
+        Some(Self { joints, last, turns })
     }
-}
-
-/// The open hand with `turning` joints half-way to their limits.
-fn half_turned(hand: &Hand, open: &[f64], turning: &[usize]) -> Vec<f64> {
-    let half = |(joint, position): (usize, &f64)| {
-        let [lower, upper] = hand.joints[joint].limits;
-        let end = if hand.closing_rate(joint) > 0.0 { upper } else { lower };
-        if turning.contains(&joint) { 0.5 * (position + end) } else { *position }
-    };
-    hand.coordinates().zip(open).map(half).collect()
 }
 
 /// Axis of a joint in the hand frame, turned so that a positive motion about or along it closes.

@@ -1,6 +1,6 @@
 //! What a grasp would look like: chains (fingers) closed on the object's surface, contacts, and numbers that describe them.
 
-use crate::chain::{ChainModel, ClosedChain, PlanePoint, PlaneTable};
+use crate::chain::{ChainModel, ClosedChain, PlanePoint, PlaneTable, SpatialChain, TableSide};
 use crate::collision::CollisionScene;
 use crate::preshape::closing_center;
 use crate::wrench::{Directions, WrenchSpace};
@@ -49,6 +49,8 @@ pub struct Prediction {
     pub contact_depth: f64,
     /// Greatest distance between two contacts along hand x, metres.
     pub width: f64,
+    /// How straight one finger pushes against the others: greatest cosine between its push and the way back of theirs; 0 for one alone.
+    pub opposed: f64,
 }
 
 /// A point where a finger presses on the object; object frame.
@@ -71,9 +73,26 @@ pub(crate) struct Target<'a> {
 /// A hand at one preshape, ready to close.
 pub(crate) struct ClosingHand {
     pub preshape: f64,
-    pub fingers: Vec<ChainModel>,
+    pub fingers: Fingers,
     pub center: Vector3<f64>,
     pub friction: [f64; 2],
+}
+
+/// How the chains of a hand close.
+pub(crate) enum Fingers {
+    /// Each in its plane.
+    Planar(Vec<ChainModel>),
+    /// In space: the plane of one of them turns as it closes.
+    Spatial(Vec<SpatialChain>),
+}
+
+impl Fingers {
+    fn count(&self) -> usize {
+        match self {
+            Self::Planar(chains) => chains.len(),
+            Self::Spatial(chains) => chains.len(),
+        }
+    }
 }
 
 /// Contacts of a link that enter the wrench space.
@@ -82,8 +101,12 @@ const LINK_CONTACTS: usize = 4;
 /// Closes the hand at `object_from_hand` and describes what it holds.
 pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand: &Isometry3<f64>) -> Prediction {
     let hand_from_object = object_from_hand.inverse();
-    let closed: Vec<ClosedChain> =
-        hand.fingers.iter().map(|finger| close_one(target, finger, &hand_from_object, object_from_hand)).collect();
+    let closed: Vec<ClosedChain> = match &hand.fingers {
+        Fingers::Planar(chains) => {
+            chains.iter().map(|finger| close_one(target, finger, &hand_from_object, object_from_hand)).collect()
+        }
+        Fingers::Spatial(chains) => close_in_space(target, chains, &hand_from_object, object_from_hand),
+    };
     let contacts = contacts(target, hand, &closed);
     let com = hand_from_object * target.center_of_mass;
     let mut p = Prediction {
@@ -105,6 +128,19 @@ pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand:
 
 fn touches(finger: &ClosedChain) -> bool {
     finger.touched.iter().any(|link| !link.is_empty())
+}
+
+fn close_in_space(
+    target: &Target<'_>,
+    chains: &[SpatialChain],
+    hand_from_object: &Isometry3<f64>,
+    object_from_hand: &Isometry3<f64>,
+) -> Vec<ClosedChain> {
+    let points: Vec<_> =
+        target.samples.iter().zip(0u32..).map(|(sample, index)| (hand_from_object * sample.point, index)).collect();
+    let up = hand_from_object * target.scene.up().into_inner();
+    let table = TableSide { up, offset: target.scene.height(&(object_from_hand * Point3::origin())) };
+    chains.iter().map(|chain| chain.close(&points, &table)).collect()
 }
 
 fn close_one(
@@ -189,7 +225,7 @@ fn describe_contacts(
     let up = target.scene.up();
     let [closing, approach] = [Vector3::x(), Vector3::z()].map(|axis| object_from_hand * axis);
     // One mean normal a finger, so that a link with many samples does not outweigh the others.
-    let mut pushes = vec![Vector3::zeros(); hand.fingers.len()];
+    let mut pushes = vec![Vector3::zeros(); hand.fingers.count()];
     for contact in contacts {
         pushes[contact.finger] += contact.inward;
     }
@@ -198,6 +234,9 @@ fn describe_contacts(
     let total: Vector3<f64> = pushes.iter().map(across).sum();
     let lengths: f64 = pushes.iter().map(|push| across(push).norm()).sum();
     p.balance = 1.0 - total.norm() / lengths.max(1e-9);
+    let sum: Vector3<f64> = pushes.iter().sum();
+    let against = |push: &Vector3<f64>| (sum - push).try_normalize(1e-9).map_or(0.0, |others| -push.dot(&others));
+    p.opposed = pushes.iter().map(against).fold(0.0, f64::max);
     let middle = contacts.iter().map(|c| c.point.coords).sum::<Vector3<f64>>() / contacts.len() as f64;
     p.contact_depth = (object_from_hand.inverse() * Point3::from(middle)).z;
     let along = contacts.iter().map(|c| c.point.coords.dot(&closing));
@@ -206,7 +245,7 @@ fn describe_contacts(
     p.lever = (arm - up.into_inner() * arm.dot(&up)).norm();
     let apart = |a: &Contact| contacts.iter().map(|b| (a.point - b.point).norm()).fold(0.0, f64::max);
     p.span = contacts.iter().map(apart).fold(0.0, f64::max);
-    let mut space = WrenchSpace::new(hand.fingers.len());
+    let mut space = WrenchSpace::new(hand.fingers.count());
     for contact in contacts {
         space.press(contact.finger, &(contact.point - target.center_of_mass), contact.inward, contact.friction);
     }
@@ -215,9 +254,15 @@ fn describe_contacts(
 
 /// The hand ready to close, once for each preshape.
 pub(crate) fn closing_hand(hand: &Hand, preshape: f64) -> Result<ClosingHand, crate::PlanError> {
+    let planar = ChainModel::all(hand, preshape)?;
+    let fingers = if planar.iter().any(|chain| chain.turns) {
+        Fingers::Spatial(SpatialChain::all(hand, preshape)?)
+    } else {
+        Fingers::Planar(planar)
+    };
     Ok(ClosingHand {
         preshape,
-        fingers: ChainModel::all(hand, preshape)?,
+        fingers,
         center: closing_center(hand, preshape)?,
         friction: [hand.friction.bare, hand.friction.pad],
     })

@@ -38,7 +38,7 @@ impl Reading<'_> {
 type Term = (&'static str, f64, fn(&Reading<'_>) -> f64);
 
 /// Terms before those of the preshapes.
-const TERMS: [Term; 24] = [
+const TERMS: [Term; 25] = [
     ("fingers", 0.51, |r| r.prediction.fingers),
     ("pads", 0.13, |r| r.prediction.pads),
     ("closure", 0.18, |r| indicator(r.prediction.epsilon > CLOSURE)),
@@ -63,6 +63,7 @@ const TERMS: [Term; 24] = [
     ("width", 0.0, |r| r.prediction.width / UNIT),
     ("off_width", 0.0, |r| (r.prediction.width / UNIT).powi(2)),
     ("wrap", 0.0, |r| r.prediction.wrap.min(4.0)),
+    ("opposed", 0.0, |r| r.prediction.opposed),
 ];
 /// The term after them.
 const DOWN: Term = ("down", -0.18, |r| r.prediction.down);
