@@ -151,7 +151,7 @@ def run(settings: Settings, command: str) -> list[Measured]:
 
 def report(settings: Settings, rows: list[Measured], command: str) -> None:
     """Write tables and pictures."""
-    from graspbox.pictures.evaluations import save_rates, save_reliability
+    from graspbox.pictures import save_rates, save_reliability
 
     first = [row for row in rows if row.condition == settings.conditions[0]]
     others = {row.policy for row in rows if row.condition != settings.conditions[0]}

@@ -30,6 +30,8 @@ WRITERS = {
     "stages": lambda path: pictures.save_stages(path, NOTHING, NOTHING),
     "episode": lambda path: pictures.save_episode(path, NOTHING),
     "grasp_image": lambda path: pictures.save_grasp_image(path, NOTHING),
+    "rates": lambda path: pictures.save_rates(path, "title", NOTHING),
+    "reliability": lambda path: pictures.save_reliability(path, "title", NOTHING),
     "comparison": lambda path: study_chart.save_comparison(path, NOTHING),
 }
 

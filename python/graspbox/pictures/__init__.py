@@ -9,6 +9,8 @@
 | `save_stages`   | grasps in stages: open, closed, lifting, held |
 | `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best of them in space |
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and the images observed in it |
+| `save_rates`    | success and secure holds of policies, with their intervals |
+| `save_reliability` | the true share of successes over the probability that a policy stated |
 
 Paths are str or Path; their extension, one of `SUFFIXES`, chooses the format. Paths are checked before the work, and a
 file is written whole or not at all. matplotlib's backend does not matter: nothing here uses pyplot.
@@ -53,6 +55,7 @@ _import_matplotlib()
 
 # The imports below need matplotlib.
 from graspbox.pictures.episodes import save_episode  # noqa: E402
+from graspbox.pictures.evaluations import save_rates, save_reliability  # noqa: E402
 from graspbox.pictures.files import SUFFIXES, check_path  # noqa: E402
 from graspbox.pictures.grasp_images import save_grasp_image  # noqa: E402
 from graspbox.pictures.hands import PosedHand  # noqa: E402
@@ -79,6 +82,8 @@ __all__ = [
     "save_grasp_image",
     "save_kindness",
     "save_plan",
+    "save_rates",
+    "save_reliability",
     "save_stages",
     "save_sweep",
 ]

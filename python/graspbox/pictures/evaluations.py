@@ -33,9 +33,9 @@ def save_rates(path: PathLike, title: str, rows: Mapping[str, tuple[int, int, in
     ConfigError, FileError
         If there are no rows, or `path` cannot be written.
     """
+    target = check_path(path)
     if not rows:
         raise ConfigError("there is nothing to draw; give a row")
-    target = check_path(path)
     figure = Figure(figsize=(7.0, 1.1 + 0.36 * len(rows)), layout="constrained", dpi=120)
     axes = figure.add_subplot()
     places = np.arange(len(rows))
@@ -78,9 +78,9 @@ def save_reliability(
     ConfigError, FileError
         If there are no rows, or `path` cannot be written.
     """
+    target = check_path(path)
     if not rows:
         raise ConfigError("there is nothing to draw; give a row")
-    target = check_path(path)
     figure = Figure(figsize=(5.0, 5.0), layout="constrained", dpi=120)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot([0, 1], [0, 1], color="0.6", linewidth=1.0, linestyle="--", label="calibrated")
