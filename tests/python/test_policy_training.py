@@ -97,6 +97,15 @@ def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -
             np.testing.assert_allclose(one.scores, other.scores, atol=PARITY)
 
 
+def test_weights_are_stored_in_half_precision_without_a_loss(trained: Path) -> None:
+    from safetensors.torch import load_file
+
+    stored = load_file(str(trained / "policy" / "completion.safetensors"))
+    kinds = {str(tensor.dtype) for tensor in stored.values() if tensor.numel() >= 1024}
+    assert kinds == {"torch.float16"}
+    assert {str(tensor.dtype) for tensor in stored.values() if 1 < tensor.numel() < 1024} == {"torch.float32"}
+
+
 def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     torch = pytest.importorskip("torch")
     from graspbox.perception import export

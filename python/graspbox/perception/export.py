@@ -21,6 +21,7 @@ from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import FinderConfig
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph
 from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
+from graspbox.perception.half_weights import pack, round_weights
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, read_depth_policy, write_depth_policy
@@ -151,7 +152,7 @@ def export_depth_policy(
     name : str
         Name of the policy in results.
     completion, members
-        Trained networks.
+        Trained networks; their weights are rounded to half precision.
     calibration : Calibration
         What makes the scorer's logits probabilities.
     hand : str
@@ -169,6 +170,8 @@ def export_depth_policy(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     hand_grid = HandGrid(hand, grid, crop=crop)
+    for net in (completion, *members):
+        round_weights(net)
     export_completion(completion, folder / f"{_COMPLETION}.onnx", crop)
     export_scorer(members, calibration, hand_grid, folder / f"{_SCORER}.onnx")
     save_weights(completion, folder / f"{_COMPLETION}.safetensors")
@@ -215,9 +218,10 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
 
 
 def save_weights(net: nn.Module, path: Path) -> None:
+    """Write the weights of a network as safetensors; those that half precision holds exactly in half precision."""
     from safetensors.torch import save
 
-    write_bytes(path, save({name: tensor.contiguous() for name, tensor in net.state_dict().items()}))
+    write_bytes(path, save({name: pack(tensor) for name, tensor in net.state_dict().items()}))
 
 
 def _restore(net: nn.Module, path: Path) -> None:

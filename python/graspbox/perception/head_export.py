@@ -11,6 +11,7 @@ from graspbox.errors import ConfigError
 from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.export import PARITY, save_weights, write_onnx
+from graspbox.perception.half_weights import round_weights
 from graspbox.perception.head_finder import FILTERED
 from graspbox.perception.head_folders import HeadPolicyConfig, write_head_policy
 from graspbox.perception.head_graphs import HeadGraph
@@ -40,7 +41,7 @@ def export_head(
     name : str
         Name of the policy in results.
     net : AnchorNet
-        A trained head.
+        A trained head; its weights are rounded to half precision.
     hand : str
         Name of the hand.
     crop : CropConfig
@@ -65,6 +66,7 @@ def export_head(
     coarse = torch.rand((1, 2, n // 8, n // 8, n // 8), generator=generator)
     smooth = torch.nn.functional.interpolate(coarse, size=(n, n, n), mode="trilinear")
     example = (255.0 * (smooth > 0.6) * smooth).to(torch.uint8)
+    round_weights(net)
     count = min(FILTERED, len(net.anchors))
     graph = HeadGraph(net, count)
     write_onnx(graph, [example], False, folder / "head.onnx", [])
