@@ -9,19 +9,24 @@
 | sweep   | ``sweep_OBJECT_FIT.png``: boxes for each pair of the planner's thresholds |
 | trials  | ``kindness.png``, ``stages.png``: a firm and a failed grasp |
 | episode | ``episode.png``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
+| grasp_image | ``grasp_image.png``: grasps that ``policies/depth`` finds in a noisy depth image of a kettle |
 | study   | ``table_3_1.png``, ``table_3_1.md``: table 3.1 of the reference study, compared with graspbox |
 
-``scripts/plot_sb3.py`` plots ``learning_*.png`` from runs of ``scripts/train_sb3.py``. Needs ``[cli,ycb]``.
+``scripts/plot_sb3.py`` plots ``learning_*.png`` from runs of ``scripts/train_sb3.py``. Needs ``[cli,onnx,ycb]``.
 """
 
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from graspbox import Plan, Scene, object_sets, pictures, plan
 from graspbox.configs import TrialConfig
+from graspbox.perception.crops import add_depth_noise
+from graspbox.perception.grasp_image import grasp_image
 from graspbox.planner_trials import try_set
 from graspbox.validation import study, study_chart
+from graspbox.views import ViewPlan, views
 
 #: From easy to hard: of their best 20 poses, nearly all succeed for the first and few for the last.
 PLANNED = ("procedural:kettle:0", "ycb:006_mustard_bottle", "ycb:072-a_toy_airplane", "ycb:035_power_drill")
@@ -30,6 +35,8 @@ SHOWN = 12
 #: Has both firm and failed grasps among its best poses.
 TRACED = "ycb:006_mustard_bottle"
 SWEPT = {"kettle": "procedural:kettle:3", "pitcher": "ycb:019_pitcher_base"}
+#: Object of the depth image, and the policy that sees it.
+SEEN, POLICY = "procedural:kettle:0", Path("policies/depth")
 #: Object and seed of the episode.
 PLAYED, START = "ycb:025_mug", 1
 
@@ -68,6 +75,17 @@ def write_episode(args: argparse.Namespace) -> None:
     pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
 
 
+def write_grasp_image(args: argparse.Namespace) -> None:
+    """Show what a policy finds in one depth image."""
+    scene = Scene(object_sets.load(SEEN)[0].load())
+    camera = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.0, distance=(0.6, 0.6))
+    settings: dict[str, Any] = {"plan": camera, "count": 1, "image_size": (360, 480), "images": "depth"}
+    seen = views(scene.mesh, seed=args.seed, world_from_object=scene.world_from_object, **settings)
+    depth = 1e-3 * add_depth_noise(seen.depth, seen.intrinsics, args.seed)[0]
+    found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], POLICY, seed=args.seed)
+    pictures.save_grasp_image(args.out / "grasp_image.png", found)
+
+
 def write_study(args: argparse.Namespace) -> None:
     """Compare the study's table with graspbox."""
     objects = object_sets.load(study.study_objects())
@@ -82,6 +100,7 @@ PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {
     "sweep": write_sweep,
     "trials": write_trials,
     "episode": write_episode,
+    "grasp_image": write_grasp_image,
     "study": write_study,
 }
 

@@ -100,7 +100,8 @@ def write_card(
             continue
         trials = found["trials"]
         cells = [rate(found[key], trials) for key in ("succeeded", "secure")]
-        text += f"| `{objects}` | {trials} | {cells[0]} | {cells[1]} | {found['ece']:.3f} |\n"
+        name = f"`{objects}`" if "procedural" in objects else f"`{objects}`, split `test`"
+        text += f"| {name} | {trials} | {cells[0]} | {cells[1]} | {found['ece']:.3f} |\n"
     calibrated = stages["calibrate"]
     text += (
         f"\nA grasp is chosen by (success + {config.calibration.secure_weight} secure) / "

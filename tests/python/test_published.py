@@ -1,0 +1,39 @@
+"""Published policies: each folder is whole, and grasps about as often as its card says."""
+
+from pathlib import Path
+
+import pytest
+
+from graspbox import evaluation, policies
+from graspbox.perception.policy_folders import read_kind
+
+pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
+
+FOLDER = Path(__file__).parents[2] / "policies"
+#: Successes of 24 trials below which something is wrong, by policy; and the environment that it acts in. Cards state
+#: rates of 1,000 trials; networks differ in their last digits between processors, so that a few trials may turn.
+LEAST = {"depth": (18, "graspbox/GraspPose-v0")}
+
+
+def test_every_published_policy_is_measured() -> None:
+    assert {path.name for path in FOLDER.iterdir() if path.is_dir()} == set(LEAST)
+
+
+@pytest.mark.parametrize("name", LEAST)
+def test_a_published_policy_grasps(name: str) -> None:
+    least, env_id = LEAST[name]
+    policy = policies.load(str(FOLDER / name))
+    assert policy.name == name
+    found = evaluation.evaluate(policy, env_id, "procedural:unseen:30-39", trials=24, seed=0, num_envs=8)
+    assert found.succeeded >= least, found.failures
+
+
+@pytest.mark.parametrize("name", LEAST)
+def test_a_published_policy_has_a_card_and_a_licence(name: str) -> None:
+    folder = FOLDER / name
+    assert read_kind(folder)
+    card = (folder / "README.md").read_text()
+    assert all(title in card for title in ("## Scores", "## Data and training", "## Limits", "## Licence"))
+    assert "procedural:unseen:0-19" in card
+    assert (folder / "LICENSE").read_text() == (FOLDER.parent / "LICENSE").read_text()
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 16e6
