@@ -169,7 +169,7 @@ def test_a_card_tells_what_was_measured(tiny: Path, tmp_path: Path) -> None:
         stages=stages,
     )
     text = (tmp_path / "README.md").read_text()
-    assert "| `ycb` | 100 | 90.0% (82.6% to 94.5%) | 60.0% (50.2% to 69.1%) | 0.021 |" in text
+    assert "| `ycb`, split `test` | 100 | 90.0% (82.6% to 94.5%) | 60.0% (50.2% to 69.1%) | 0.021 |" in text
     assert "| 0.3 | 87.5% | 62.5% |" in text
     assert "500 trials of `procedural:seen:0-9` and `ycb`" in text
     assert "then 64 trials" in text
