@@ -16,6 +16,7 @@ from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import solid_occupancy
+from graspbox.perception.planned_finder import PlannedFinder
 from graspbox.perception.surfaces import OCCUPIED, surface_mesh
 
 CROP = CropConfig()
@@ -81,6 +82,18 @@ def test_the_planner_grasps_what_one_camera_sees() -> None:
     assert found.succeeded >= 3
     assert found == evaluate("seen_planner", objects=CANS, trials=6, num_envs=2)
     assert found.calibration_error is None
+
+
+def test_what_is_too_small_to_plan_for_is_no_error() -> None:
+    """A camera may see one voxel of an object, which no mesh may be."""
+    hand = graspbox.load_hand("reflex")
+    speck = np.zeros((1, *(CROP.resolution,) * 3), dtype=np.uint8)
+    speck[0, 20, 20, 4] = OCCUPIED
+    mesh = object_sets.load("procedural:can:1")[0].load()
+    seen = graspbox.views(mesh, count=1, image_size=128, images="depth")
+    pose = (seen.depth[0], seen.intrinsics, seen.world_from_camera[0])
+    assert PlannedFinder(hand).find(*pose) is not None
+    assert PlannedFinder(hand, lambda _: speck).find(*pose) is None
 
 
 def test_the_robust_oracle_grasps_and_is_the_same_beside_other_environments() -> None:

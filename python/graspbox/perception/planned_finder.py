@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox import planning
 from graspbox._core import Hand
-from graspbox.errors import PlanError
+from graspbox.errors import MeshError, PlanError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import crop
 from graspbox.perception.finder import Complete, FoundGrasp, Score, observed_only
@@ -30,6 +30,11 @@ class PlannedFinder:
         Tells the occupancy of crops; `observed_only` plans on what is seen.
     crop : CropConfig
         The crop.
+
+    Raises
+    ------
+    PlanError
+        If the planner does not support the hand.
     """
 
     def __init__(
@@ -39,6 +44,13 @@ class PlannedFinder:
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
     ) -> None:
         self._hand, self._complete, self._crop = hand, complete, crop
+        n = crop.resolution
+        block = np.zeros((n, n, n), dtype=np.uint8)
+        block[n // 2 - 4 : n // 2 + 4, n // 2 - 4 : n // 2 + 4, 3:11] = 255
+        mesh = surface_mesh(block, crop)
+        assert mesh is not None
+        # Later a plan fails only by what is seen.
+        planning.plan(mesh, hand=hand, world_from_object=np.eye(4))
 
     def find(
         self,
@@ -93,7 +105,7 @@ class PlannedFinder:
             return None
         try:
             found = planning.plan(mesh, hand=self._hand, seed=seed % 2**32, world_from_object=np.eye(4))
-        except PlanError:
-            # What is seen of the object is flat.
+        except (MeshError, PlanError):
+            # What is seen of the object is too small or too flat to plan for.
             return None
         return found.best()
