@@ -5,9 +5,9 @@ the best. `GraspFinder` makes the steps and measures their time.
 """
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -106,59 +106,25 @@ class FoundGrasp:
         return self.poses[index], float(self.preshapes[index])
 
 
-class Finder(Protocol):
-    """What finds the grasp to try in a depth image: `GraspFinder`, or what stands in its place."""
-
-    def find(
-        self,
-        depth: ArrayLike,
-        intrinsics: ArrayLike,
-        world_from_camera: ArrayLike,
-        *,
-        seed: int = 0,
-        complete: Complete | None = None,
-        score: Score | None = None,
-        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
-    ) -> FoundGrasp | None:
-        """Find the grasp; arguments and result as `GraspFinder.find`."""
-
-
-def observed_only(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Take what is seen of the surface for the object: no completion."""
-    return np.ascontiguousarray(channels[:, 0])
-
-
-class GraspFinder:
-    """Finds grasps in depth images.
+class Finder(ABC):
+    """Finds the grasp to try in a depth image.
 
     Parameters
     ----------
-    grid : HandGrid
-        The hand.
-    complete : callable
-        Tells the occupancy of crops: `graspbox.perception.runtimes.Completion`, or `observed_only`.
-    score : callable
-        Scores grasps: `graspbox.perception.runtimes.Scorer`.
-    config : FinderConfig
-        How a grasp is found.
     crop : CropConfig
-        The crop; that of `grid`.
+        The crop.
     num_threads : int, optional
         Threads of the crop; by default one per core.
     """
 
-    def __init__(
-        self,
-        grid: HandGrid,
-        complete: Complete,
-        score: Score,
-        config: FinderConfig = FinderConfig(),
-        *,
-        crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
-        num_threads: int | None = None,
-    ) -> None:
-        self._grid, self._complete, self._score = grid, complete, score
-        self._config, self._crop, self._num_threads = config, crop, num_threads
+    def __init__(self, crop: CropConfig, num_threads: int | None = None) -> None:
+        self._crop, self._num_threads = crop, num_threads
+
+    @abstractmethod
+    def decide(
+        self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
+    ) -> FoundGrasp | None:
+        """Find the grasp to try in a single crop; arguments and result as `find`."""
 
     def find(
         self,
@@ -206,6 +172,44 @@ class GraspFinder:
             on_crop(crops.world_from_crop[0])
         found = self.decide(crops, seed=seed, complete=complete, score=score)
         return None if found is None else replace(found, seconds={"crop": taken, **found.seconds})
+
+
+def observed_only(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Take what is seen of the surface for the object: no completion."""
+    return np.ascontiguousarray(channels[:, 0])
+
+
+class GraspFinder(Finder):
+    """Finds grasps in depth images.
+
+    Parameters
+    ----------
+    grid : HandGrid
+        The hand.
+    complete : callable
+        Tells the occupancy of crops: `graspbox.perception.runtimes.Completion`, or `observed_only`.
+    score : callable
+        Scores grasps: `graspbox.perception.runtimes.Scorer`.
+    config : FinderConfig
+        How a grasp is found.
+    crop : CropConfig
+        The crop; that of `grid`.
+    num_threads : int, optional
+        Threads of the crop; by default one per core.
+    """
+
+    def __init__(
+        self,
+        grid: HandGrid,
+        complete: Complete,
+        score: Score,
+        config: FinderConfig = FinderConfig(),
+        *,
+        crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+        num_threads: int | None = None,
+    ) -> None:
+        super().__init__(crop, num_threads)
+        self._grid, self._complete, self._score, self._config = grid, complete, score, config
 
     def decide(
         self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None

@@ -1,16 +1,15 @@
 """One decision by one network: from a depth image to the grasp to try, without proposals or scorer."""
 
 import time
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from graspbox.perception.anchors import Anchors, Candidates
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.crops import crop
-from graspbox.perception.finder import Complete, FoundGrasp, Score, observed_only
+from graspbox.perception.crops import Crops
+from graspbox.perception.finder import Complete, Finder, FoundGrasp, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.runtimes import Network
 
@@ -49,7 +48,7 @@ class OnnxHead:
         return self._anchors.candidates(*(found[name][:count] for name in ("anchors", "residuals", "scores")))
 
 
-class HeadFinder:
+class HeadFinder(Finder):
     """Finds grasps in depth images by a head; stands where a `graspbox.perception.finder.GraspFinder` does.
 
     Parameters
@@ -73,20 +72,13 @@ class HeadFinder:
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
         filtered: bool = False,
     ) -> None:
-        self._grid, self._net, self._crop, self._filtered = grid, net, crop, filtered
+        super().__init__(crop)
+        self._grid, self._net, self._filtered = grid, net, filtered
 
-    def find(
-        self,
-        depth: ArrayLike,
-        intrinsics: ArrayLike,
-        world_from_camera: ArrayLike,
-        *,
-        seed: int = 0,
-        complete: Complete | None = None,
-        score: Score | None = None,
-        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
+    def decide(
+        self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
     ) -> FoundGrasp | None:
-        """Find the grasp to try; arguments and errors as for `GraspFinder.find`, of which the last four change nothing.
+        """Find the grasp to try; arguments and errors as for `Finder.find`, of which the last three change nothing.
 
         Returns
         -------
@@ -95,12 +87,10 @@ class HeadFinder:
             the filter leaves out, and its seconds those of ``crop``, ``head`` and ``filter``. None where no object is
             seen.
         """
-        del seed, complete, score, on_crop
-        started = time.perf_counter()
-        crops = crop(np.asarray(depth)[None], intrinsics, np.asarray(world_from_camera)[None], config=self._crop)
-        cropped = time.perf_counter()
+        del seed, complete, score
         if not crops.found[0]:
             return None
+        started = time.perf_counter()
         found = self._net.candidates(crops.channels[0], FILTERED if self._filtered else 1)
         predicted = time.perf_counter()
         occupancy = observed_only(crops.channels)[0]
@@ -109,7 +99,7 @@ class HeadFinder:
             free, _ = self._grid.meets(occupancy, poses, preshapes)
             if free.any():
                 poses, preshapes, scores = poses[free], preshapes[free], scores[free]
-        seconds = {"crop": cropped - started, "head": predicted - cropped, "filter": time.perf_counter() - predicted}
+        seconds = {"head": predicted - started, "filter": time.perf_counter() - predicted}
         return FoundGrasp(
             world_from_hand=crops.world_from_crop[0] @ poses[0],
             preshape=float(preshapes[0]),

@@ -2,16 +2,15 @@
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.crops import Crops, crop
-from graspbox.perception.finder import Complete, FoundGrasp, Score, observed_only
+from graspbox.perception.crops import Crops
+from graspbox.perception.finder import Complete, Finder, FoundGrasp, Score, observed_only
 from graspbox.perception.scene_views import SceneViews
 from graspbox.perception.scenes import SceneConfig
 from graspbox.perception.trials import GraspTrials
@@ -95,7 +94,7 @@ def _description(channels: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(blocks.mean(axis=(2, 4, 6)) / 255.0, dtype=np.float32).ravel()
 
 
-class NearestFinder:
+class NearestFinder(Finder):
     """Finds grasps in depth images by memory; stands where a `graspbox.perception.finder.GraspFinder` does.
 
     Parameters
@@ -107,20 +106,13 @@ class NearestFinder:
     """
 
     def __init__(self, memory: Memory, crop: CropConfig = CropConfig()) -> None:  # noqa: B008 (frozen)
-        self._memory, self._crop = memory, crop
+        super().__init__(crop)
+        self._memory = memory
 
-    def find(
-        self,
-        depth: ArrayLike,
-        intrinsics: ArrayLike,
-        world_from_camera: ArrayLike,
-        *,
-        seed: int = 0,
-        complete: Complete | None = None,
-        score: Score | None = None,
-        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
+    def decide(
+        self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
     ) -> FoundGrasp | None:
-        """Find the grasp to try; arguments and errors as for `GraspFinder.find`, of which the last four change nothing.
+        """Find the grasp to try; arguments and errors as for `Finder.find`, of which the last three change nothing.
 
         Returns
         -------
@@ -128,20 +120,17 @@ class NearestFinder:
             Its score is minus the distance of the descriptions; its seconds are those of ``crop`` and ``search``. None
             where no object is seen.
         """
-        del seed, complete, score, on_crop
-        times = [time.perf_counter()]
-        crops = crop(np.asarray(depth)[None], intrinsics, np.asarray(world_from_camera)[None], config=self._crop)
-        times.append(time.perf_counter())
+        del seed, complete, score
         if not crops.found[0]:
             return None
+        began = time.perf_counter()
         memory = self._memory
         distances = np.linalg.norm(memory.descriptions - _description(crops.channels[0, :2]), axis=1)
         nearest = int(np.argmin(distances))
-        times.append(time.perf_counter())
-        return _found(crops, memory, nearest, -float(distances[nearest]), np.diff(times))
+        return _found(crops, memory, nearest, -float(distances[nearest]), time.perf_counter() - began)
 
 
-def _found(crops: Crops, memory: Memory, nearest: int, score: float, seconds: NDArray[np.float64]) -> FoundGrasp:
+def _found(crops: Crops, memory: Memory, nearest: int, score: float, seconds: float) -> FoundGrasp:
     """Put the grasp of a known scene into a crop."""
     pose, preshape = memory.poses[nearest], memory.preshapes[nearest]
     return FoundGrasp(
@@ -154,5 +143,5 @@ def _found(crops: Crops, memory: Memory, nearest: int, score: float, seconds: ND
         poses=pose[None],
         preshapes=preshape[None],
         scores=np.array([score]),
-        seconds=dict(zip(("crop", "search"), seconds.tolist(), strict=True)),
+        seconds={"search": seconds},
     )

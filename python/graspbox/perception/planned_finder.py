@@ -1,23 +1,22 @@
 """One decision by the planner, on the surface of what a camera sees or of what completion makes of it."""
 
 import time
-from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from graspbox import planning
 from graspbox._core import Hand
 from graspbox.errors import MeshError, PlanError
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.crops import crop
-from graspbox.perception.finder import Complete, FoundGrasp, Score, observed_only
+from graspbox.perception.crops import Crops
+from graspbox.perception.finder import Complete, Finder, FoundGrasp, Score, observed_only
 from graspbox.perception.surfaces import surface_mesh
 
 __all__ = ["PlannedFinder"]
 
 
-class PlannedFinder:
+class PlannedFinder(Finder):
     """Finds grasps in depth images as the planner does in meshes, ranked by geometry alone.
 
     It stands where a `graspbox.perception.finder.GraspFinder` does.
@@ -43,7 +42,8 @@ class PlannedFinder:
         complete: Complete = observed_only,
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
     ) -> None:
-        self._hand, self._complete, self._crop = hand, complete, crop
+        super().__init__(crop)
+        self._hand, self._complete = hand, complete
         n = crop.resolution
         block = np.zeros((n, n, n), dtype=np.uint8)
         block[n // 2 - 4 : n // 2 + 4, n // 2 - 4 : n // 2 + 4, 3:11] = 255
@@ -52,18 +52,10 @@ class PlannedFinder:
         # Later a plan fails only by what is seen.
         planning.plan(mesh, hand=hand, world_from_object=np.eye(4))
 
-    def find(
-        self,
-        depth: ArrayLike,
-        intrinsics: ArrayLike,
-        world_from_camera: ArrayLike,
-        *,
-        seed: int = 0,
-        complete: Complete | None = None,
-        score: Score | None = None,
-        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
+    def decide(
+        self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
     ) -> FoundGrasp | None:
-        """Find the grasp to try; arguments and errors as for `GraspFinder.find`, of which `score` changes nothing.
+        """Find the grasp to try; arguments and errors as for `Finder.find`, of which `score` changes nothing.
 
         Returns
         -------
@@ -72,13 +64,9 @@ class PlannedFinder:
             ``crop``, ``complete`` and ``propose``. None where no object is seen, or the planner finds no grasp.
         """
         del score
-        times = [time.perf_counter()]
-        crops = crop(np.asarray(depth)[None], intrinsics, np.asarray(world_from_camera)[None], config=self._crop)
         if not crops.found[0]:
             return None
-        if on_crop is not None:
-            on_crop(crops.world_from_crop[0])
-        times.append(time.perf_counter())
+        times = [time.perf_counter()]
         occupancy = (complete or self._complete)(crops.channels)[0]
         times.append(time.perf_counter())
         plan = self._plan(occupancy, seed)
@@ -95,7 +83,7 @@ class PlannedFinder:
             poses=plan.poses,
             preshapes=plan.preshape,
             scores=plan.score,
-            seconds=dict(zip(("crop", "complete", "propose"), np.diff(times).tolist(), strict=True)),
+            seconds=dict(zip(("complete", "propose"), np.diff(times).tolist(), strict=True)),
         )
 
     def _plan(self, occupancy: NDArray[np.uint8], seed: int) -> planning.Plan | None:
