@@ -7,7 +7,7 @@
 Stages, each with a time limit (``--hours.NAME``; together at most 12 hours), a log (``log.txt``) and results
 (``NAME.json``):
 
-1. ``data``: a data set of trials (``graspbox dataset``), unless ``--data`` names one.
+1. ``data``: a data set of trials (``graspbox dataset``), unless ``--data`` names some.
 2. ``completion``: the object's occupancy from what a camera sees of it; labels are rendered.
 3. ``scorer``: the first member, on the data set.
 4. ``collect-N``, ``round-N``: trials on what the proposals and the scorer choose on fresh objects; training goes on with

@@ -88,11 +88,11 @@ def check(settings: Settings) -> None:
 
 def read(settings: Settings) -> Any:
     """Read the data sets."""
-    from graspbox.perception.head_batches import stored_trials, untried_scenes
+    from graspbox.perception.head_batches import untried_scenes
     from graspbox.perception.head_training import HeadData
     from graspbox.perception.trials import GraspTrials
 
-    trials, validation = stored_trials(settings.data, "train"), stored_trials(settings.data, "validation")
+    trials, validation = (GraspTrials.from_datasets(settings.data, split) for split in ("train", "validation"))
     console.print(f"{len(trials)} trials in {len(trials.source)} scenes; {len(validation)} to validate with")
     if settings.untried:
         objects = object_sets.load(settings.untried)

@@ -152,7 +152,7 @@ def test_a_card_tells_what_was_measured(tiny: Path, tmp_path: Path) -> None:
     class Settings:
         """What the card reads of a training's settings."""
 
-        seed, data, objects, fresh = 3, None, ("procedural:seen:0-9", "ycb"), "procedural:seen:10-19"
+        seed, data, objects, fresh = 3, (), ("procedural:seen:0-9", "ycb"), ("procedural:seen:10-19",)
 
     stages: dict[str, dict[str, Any]] = {
         "scorer": {"seconds": 60.0, "trials": 500, "on_policy": 0, "reason": "steps", "steps": 9, "best": 0.9},

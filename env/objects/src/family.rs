@@ -54,6 +54,8 @@ pub enum Family {
     Ring = 20,
     /// Kettle with spout and arched handle.
     Kettle = 21,
+    /// Solid prism, standing or lying: die, domino, peg, puck, timber.
+    Prism = 22,
 }
 
 /// What a family promises of each of its objects.
@@ -251,6 +253,14 @@ const FACTS: &[FamilyFacts] = &[
         greatest: [0.18, 0.122, 0.19],
         mass: [0.15, 0.6],
         source: "small tea and stove kettles of 0.4 to 1 l, sheet steel of 0.5 to 0.9 mm, empty",
+    },
+    FamilyFacts {
+        family: Family::Prism,
+        name: "prism",
+        least: [0.0121, 0.0121, 0.0139],
+        greatest: [0.221, 0.221, 0.221],
+        mass: [0.0005, 0.901],
+        source: "YCB wood block (85 x 85 x 200 mm, 729 g), foam brick and dice; light wood to plastic, 360 to 1200 kg/m3, less where it would weigh over 0.9 kg",
     },
 ];
 

@@ -9,7 +9,7 @@
 //! | `implicit`, `nets` | composite solids as signed distances; their manifold surface |
 //! | `cloud` | few points whose hull stays close to a convex shape |
 //! | `draft` | what a family returns, and how it is laid on the table |
-//! | `packages`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools`, `kettle` | the families themselves |
+//! | `packages`, `prisms`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools`, `kettle` | the families themselves |
 //!
 //! ```
 //! use graspbox_objects::{Family, generate};
@@ -34,6 +34,7 @@ mod kettle;
 mod lathe;
 mod nets;
 mod packages;
+mod prisms;
 mod rounds;
 mod sample;
 mod surface;
@@ -94,6 +95,7 @@ pub fn generate(family: Family, seed: u64) -> Result<ProceduralObject, MeshError
         Family::Ring => tools::ring(&mut sampler)?,
         Family::Kettle => kettle::kettle(&mut sampler)?,
         Family::Superquadric => rounds::superquadric(&mut sampler)?,
+        Family::Prism => prisms::prism(&mut sampler),
     };
     made.settle();
     let name = format!("{family}-{seed:06}");

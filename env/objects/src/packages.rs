@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use std::f64::consts::FRAC_PI_4;
 
 /// A box with half extents `half` and edges rounded by `radius`; one convex part.
-fn rounded_box(half: Vector3<f64>, radius: f64, cells: [usize; 3], bevel: usize) -> (Surface, Vec<P3>) {
+pub(crate) fn rounded_box(half: Vector3<f64>, radius: f64, cells: [usize; 3], bevel: usize) -> (Surface, Vec<P3>) {
     let inner = half.map(|h| h - radius);
     let surface = cube_grid(cells, |q| {
         let flat = Vector3::from_fn(|axis, _| {

@@ -5,11 +5,9 @@ table on its way, and whether fingers meet the object as they close. `untried_sc
 """
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -27,7 +25,7 @@ from graspbox.perception.perturbations import perturbed
 from graspbox.perception.scenes import SceneConfig, look
 from graspbox.perception.trials import GraspTrials
 
-__all__ = ["HeadBatch", "HeadSampler", "HeadView", "mirrored", "stored_trials", "untried_scenes"]
+__all__ = ["HeadBatch", "HeadSampler", "HeadView", "mirrored", "untried_scenes"]
 
 #: Meshes that are kept, ready to render.
 _MESHES = 128
@@ -40,17 +38,6 @@ _NEAR, _FAR = 1.5, 5.0
 _FINGERS = 2
 #: Reflection in the plane y = 0, of crop and hand alike.
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
-
-
-def stored_trials(folders: Sequence[Path], split: object_sets.Split) -> GraspTrials:
-    """Read the trials of one split from data sets (`graspbox dataset`).
-
-    Raises
-    ------
-    ConfigError
-        If there are none.
-    """
-    return GraspTrials.joined([GraspTrials.from_dataset(folder, split) for folder in folders])
 
 
 def untried_scenes(objects: object_sets.ObjectSet, count: int, seed: int) -> GraspTrials:

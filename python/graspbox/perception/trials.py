@@ -151,6 +151,17 @@ class GraspTrials:
         return cls.joined(parts)
 
     @classmethod
+    def from_datasets(cls, folders: Iterable[str | os.PathLike[str]], split: str) -> Self:
+        """Read one split of several data sets, as `from_dataset` does of one.
+
+        Raises
+        ------
+        ConfigError, MissingExtraError
+            As `from_dataset`, and ConfigError if no folder is given.
+        """
+        return cls.joined(cls.from_dataset(folder, split) for folder in folders)
+
+    @classmethod
     def joined(cls, parts: Iterable["GraspTrials"]) -> Self:
         """Put trials together; scenes are kept apart.
 

@@ -110,12 +110,14 @@ def write_card(
     )
     text += "".join(f"| {w} | {a:.1%} | {b:.1%} |\n" for w, (a, b) in calibrated["rates"].items())
     text += f"\n## Data and training\n\n```\n{command}\n```\n\n"
-    data = f"`{settings.data}`" if settings.data else " and ".join(f"`{name}`" for name in settings.objects)
+    data, fresh = (
+        " and ".join(f"`{name}`" for name in names) for names in (settings.data or settings.objects, settings.fresh)
+    )
     first = stages["scorer"]
     on_policy = max(found.get("on_policy", 0) for found in stages.values())
     text += (
         f"Seed {settings.seed}. {first['trials']} trials of {data} (split `train`), then {on_policy} trials that\n"
-        f"the policy chose on `{settings.fresh}`.\n\n| stage | time | result |\n|---|--:|---|\n"
+        f"the policy chose on {fresh}.\n\n| stage | time | result |\n|---|--:|---|\n"
     )
     for name, found in stages.items():
         text += f"| {name} | {shown_time(found['seconds'])} | {_result(name, found)} |\n"

@@ -81,7 +81,7 @@ class PolicyTraining:
         self.finder, self.scenes = FINDER, SceneConfig()
         self.grid = HandGrid(crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
-        self.data = settings.data or self.out / "data" / "set"
+        self.data = settings.data or (self.out / "data" / "set",)
         kept = {k: v for k, v in asdict(settings).items() if k not in ("out", "hours", "publish")}
         self.run = Run(self.out, json.loads(json.dumps(kept, default=str)), echo)
 
@@ -98,7 +98,7 @@ class PolicyTraining:
             done[name] = self.run.stage(name, 3600 * limit, work)
             return done[name]
 
-        if self.settings.data is None:
+        if not self.settings.data:
             stage("data", hours.data, self.make_data)
         stage("completion", hours.completion, self.complete)
         stage("scorer", hours.scorer, partial(self.member, number=0, rounds=0))
@@ -138,10 +138,10 @@ class PolicyTraining:
                 raise TimeUp
 
         try:
-            dataset.generate(list(self.settings.objects), self.data, config=config, progress=report)
+            dataset.generate(list(self.settings.objects), self.data[0], config=config, progress=report)
         except TimeUp:
             self.run.log("data: the time is over; training goes on with what there is")
-        return {split: len(GraspTrials.from_dataset(self.data, split)) for split in ("train", "validation")}
+        return {split: len(GraspTrials.from_datasets(self.data, split)) for split in ("train", "validation")}
 
     def complete(self, stage: Stage) -> dict[str, Any]:
         """Train the completion and export it, since onnxruntime runs it twice as fast."""
@@ -202,7 +202,7 @@ class PolicyTraining:
             max_seconds=stage.limit,
             seed=self.seed + 10 * number + rounds,
         )
-        train, held_out = (GraspTrials.from_dataset(self.data, split) for split in ("train", "validation"))
+        train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
         folders = [self.out / f"collect-{n}" for n in range(1, rounds + 1)]
         on_policy = [load_trials(folder / "train") for folder in folders]
         # What decides among weights is what the latest scorer chose.
@@ -274,7 +274,7 @@ class PolicyTraining:
     def choices(
         self,
         stage: Stage,
-        objects: str,
+        objects: str | tuple[str, ...],
         split: object_sets.Split | None,
         scorer: Scorer,
         complete: Complete,
@@ -283,7 +283,7 @@ class PolicyTraining:
     ) -> Choices:
         """Try choices on a set of objects."""
         sampler = self.sampler(objects, split, self.seed + 9000)
-        folder = stage.folder / objects.replace(":", "-")
+        folder = stage.folder / "-".join((objects,) if isinstance(objects, str) else objects).replace(":", "-")
 
         def report(scene: int, choices: Choices) -> None:
             stage.report(f"{scene + 1} of {count} choices ({objects})", (scene + 1) / count)

@@ -74,7 +74,7 @@ QUICK = Sizes(
 #: Its objects.
 QUICK_OBJECTS: dict[str, Any] = {
     "objects": ("procedural:can:0-9",),
-    "fresh": "procedural:can:10-29",
+    "fresh": ("procedural:can:10-29",),
     "evaluated": ("procedural:bottle:30-33",),
 }
 
@@ -85,11 +85,11 @@ class Settings:
 
     out: Path
     """Folder of the run."""
-    data: Path | None = None
-    """Data set of trials that exists; without it one is made in the run's folder."""
-    objects: tuple[str, ...] = ("procedural:seen:0-199", "ycb")
+    data: tuple[Path, ...] = ()
+    """Data sets of trials that exist; without them one is made in the run's folder."""
+    objects: tuple[str, ...] = ("procedural:seen:0-199", "procedural:prism:200-799", "ycb")
     """Objects of the data set that is made, and of the completion."""
-    fresh: str = "procedural:seen:200-399"
+    fresh: tuple[str, ...] = ("procedural:seen:200-399", "procedural:prism:1000-1799")
     """Objects of the rounds (split train), and of validation and calibration (split validation)."""
     evaluated: tuple[str, ...] = ("procedural:unseen:0-19", "ycb")
     """Objects of the evaluation; of sets other than unseen families only the split test."""
