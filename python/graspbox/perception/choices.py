@@ -1,15 +1,13 @@
 """What a policy chooses, tried in simulation: the trials that a scorer is calibrated and measured on."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.errors import ConfigError
-from graspbox.files import replacing
+from graspbox.perception.array_files import ArrayTable, load_or_make_parts
 from graspbox.perception.finder import Complete, FinderConfig, GraspFinder
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.runtimes import Scorer
@@ -23,7 +21,7 @@ SECURE_WEIGHTS = (0.0, 0.3, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Choices:
+class Choices(ArrayTable):
     """One choice for each of w weights in each of n scenes; scenes without a grasp have none.
 
     Attributes
@@ -41,32 +39,7 @@ class Choices:
     success: NDArray[np.bool_]
     secure: NDArray[np.bool_]
 
-    def __len__(self) -> int:
-        """Count the scenes."""
-        return len(self.success)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Put choices together.
-
-        Raises
-        ------
-        ConfigError
-            If there are none.
-        """
-        if not sum(len(part) for part in parts):
-            raise ConfigError("no grasp was chosen in any scene; the networks or the proposals find nothing")
-        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
-
-    def save(self, path: Any) -> None:
-        """Write an ``.npz`` file."""
-        np.savez(path, **{f.name: getattr(self, f.name) for f in fields(self)})
-
-    @classmethod
-    def load(cls, path: Any) -> Self:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as arrays:
-            return cls(**{f.name: arrays[f.name] for f in fields(cls)})
+    nothing = "no grasp was chosen in any scene; the networks or the proposals find nothing"
 
 
 def try_choices(
@@ -106,20 +79,11 @@ def try_choices(
     ConfigError
         If no scene has a grasp.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    parts = []
-    for number in scenes:
-        path = folder / f"{number:07d}.npz"
-        if not path.exists():
-            if stop():
-                break
-            made = _try_scene(sampler, number, GraspFinder(grid, complete, scorer, finder), scorer, weights)
-            with replacing(path) as temporary:
-                made.save(temporary)
-        parts.append(Choices.load(path))
-        if progress is not None:
-            progress(number, parts[-1])
-    return Choices.joined(parts)
+
+    def attempt(number: int) -> Choices:
+        return _try_scene(sampler, number, GraspFinder(grid, complete, scorer, finder), scorer, weights)
+
+    return load_or_make_parts(Choices, folder, scenes, attempt, progress=progress, stop=stop)
 
 
 def _try_scene(

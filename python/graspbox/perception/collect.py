@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.files import replacing
+from graspbox.perception.array_files import load_or_make_parts
 from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import Complete, FinderConfig, GraspFinder, Score
@@ -88,20 +88,11 @@ def collect(
     ConfigError
         If that is none.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    found = []
-    for number in scenes:
-        path = folder / f"{number:07d}.npz"
-        if not path.exists():
-            if stop():
-                break
-            trials = _collect_scene(sampler, number, grid, config, complete, score)
-            with replacing(path) as temporary:
-                trials.save(temporary)
-        found.append(GraspTrials.load(path))
-        if progress is not None:
-            progress(number, found[-1])
-    return GraspTrials.joined(found)
+
+    def collected(number: int) -> GraspTrials:
+        return _collect_scene(sampler, number, grid, config, complete, score)
+
+    return load_or_make_parts(GraspTrials, folder, scenes, collected, progress=progress, stop=stop)
 
 
 def load_trials(folder: Path) -> GraspTrials:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox.dataset import tables
 from graspbox.errors import ConfigError
 from graspbox.outcomes import Outcomes
+from graspbox.perception.array_files import ArrayTable
 
 __all__ = ["GraspTrials"]
 
@@ -21,7 +22,7 @@ _COLUMNS = ("source", "world_from_object", "executed_world_from_hand", "preshape
 
 
 @dataclass(frozen=True, eq=False)
-class GraspTrials:
+class GraspTrials(ArrayTable):
     """m trials in s scenes; a scene is an object and how it rests.
 
     Attributes
@@ -186,13 +187,3 @@ class GraspTrials:
         names = ("world_from_hand", "preshape", "success", "secure", "slip")
         per_trial = {name: getattr(self, name)[rows] for name in names}
         return GraspTrials(scene_of=number[self.scene_of[rows]], **per_scene, **per_trial)
-
-    def save(self, path: Any) -> None:
-        """Write an ``.npz`` file."""
-        np.savez_compressed(path, **{f.name: getattr(self, f.name) for f in fields(self)})
-
-    @classmethod
-    def load(cls, path: Any) -> Self:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as arrays:
-            return cls(**{f.name: arrays[f.name] for f in fields(cls)})

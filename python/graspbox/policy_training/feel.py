@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from graspbox.errors import ConfigError
-from graspbox.files import replacing
+from graspbox.perception.array_files import load_or_make
 from graspbox.perception.calibration import calibration_error, fit_logits
 from graspbox.perception.feel_folders import FeelConfig, read_feel, write_feel
 from graspbox.perception.policy_folders import file_hash, read_depth_policy
@@ -251,11 +251,11 @@ class FeelTraining:
             stage.report(f"{done} of {2 * trials} trials ({objects})", done / (2 * trials))
 
         path = stage.folder / f"{objects.replace(':', '-')}.npz"
-        if not path.exists():
-            made = run_pairs(self.folder, objects, trials, self.seed + offset, progress=report)
-            with replacing(path) as temporary:
-                made.save(temporary)
-        return PairedTrials.load(path)
+
+        def run() -> PairedTrials:
+            return run_pairs(self.folder, objects, trials, self.seed + offset, progress=report)
+
+        return load_or_make(PairedTrials, path, run)
 
     def evaluate(self, stage: Stage) -> dict[str, Any]:
         """Measure policy, first attempt alone and how well it feels, on objects of which nothing was learnt."""

@@ -5,10 +5,10 @@ the environments that try them render nothing. A folder of trials holds a file p
 interrupted recording continues.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from graspbox.envs.coding import Codec
 from graspbox.envs.scripted import ScriptedGrasp
-from graspbox.errors import ConfigError
 from graspbox.evaluation import trial_seeds
-from graspbox.files import replacing
+from graspbox.perception.array_files import ArrayTable, load_or_make_parts
 from graspbox.perception.finder import FoundGrasp
 from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.stability import Feeling, StabilityInputs
@@ -36,7 +35,7 @@ _WAITING = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.
 
 
 @dataclass(frozen=True, eq=False)
-class FeltTrials:
+class FeltTrials(ArrayTable):
     """n grasps.
 
     Attributes
@@ -54,33 +53,7 @@ class FeltTrials:
     secure: NDArray[np.bool_]
     first: NDArray[np.bool_]
 
-    def __len__(self) -> int:
-        """Count the grasps."""
-        return len(self.held)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Put trials together.
-
-        Raises
-        ------
-        ConfigError
-            If there are none.
-        """
-        if not sum(len(part) for part in parts):
-            raise ConfigError("no grasp was tried in any scene; the policy finds nothing")
-        filled = [part for part in parts if len(part)]
-        return cls(*(np.concatenate([getattr(part, f.name) for part in filled]) for f in fields(cls)))
-
-    def save(self, path: Any) -> None:
-        """Write an ``.npz`` file."""
-        np.savez(path, **{f.name: getattr(self, f.name) for f in fields(self)})
-
-    @classmethod
-    def load(cls, path: Any) -> Self:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as arrays:
-            return cls(**{f.name: arrays[f.name] for f in fields(cls)})
+    nothing = "no grasp was tried in any scene; the policy finds nothing"
 
 
 class Recorder:
@@ -151,21 +124,12 @@ class Recorder:
         ConfigError
             If no scene has a grasp.
         """
-        folder.mkdir(parents=True, exist_ok=True)
         seeds = trial_seeds(self._seed, BLOCK * blocks)
-        parts = []
-        for number in range(blocks):
-            path = folder / f"{number:07d}.npz"
-            if not path.exists():
-                if stop():
-                    break
-                made = self._block(number, seeds[BLOCK * number : BLOCK * (number + 1)])
-                with replacing(path) as temporary:
-                    made.save(temporary)
-            parts.append(FeltTrials.load(path))
-            if progress is not None:
-                progress(number, parts[-1])
-        return FeltTrials.joined(parts)
+
+        def record(number: int) -> FeltTrials:
+            return self._block(number, seeds[BLOCK * number : BLOCK * (number + 1)])
+
+        return load_or_make_parts(FeltTrials, folder, range(blocks), record, progress=progress, stop=stop)
 
     def _block(self, number: int, seeds: list[int]) -> FeltTrials:
         """Look at each scene, choose grasps and try all of them at once."""

@@ -7,7 +7,7 @@ have done: where the probability is below it the second run holds, elsewhere the
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -18,6 +18,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import TrialResult, trial_seeds
 from graspbox.evaluation.trials import TrialRun
 from graspbox.object_sets import Split
+from graspbox.perception.array_files import ArrayTable
 from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.policies import FeelThenLift, Task
 
@@ -30,7 +31,7 @@ _THRESHOLDS = np.round(np.arange(0.0, 1.0001, 0.01), 2)
 
 
 @dataclass(frozen=True, eq=False)
-class PairedTrials:
+class PairedTrials(ArrayTable):
     """n trials, each with and without a second attempt.
 
     Attributes
@@ -52,20 +53,6 @@ class PairedTrials:
     second_secure: NDArray[np.bool_]
     first_steps: NDArray[np.int64]
     second_steps: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        """Count the trials."""
-        return len(self.first)
-
-    def save(self, path: Any) -> None:
-        """Write an ``.npz`` file."""
-        np.savez(path, **vars(self))
-
-    @classmethod
-    def load(cls, path: Any) -> Self:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as arrays:
-            return cls(**arrays)
 
 
 def run_pairs(
