@@ -56,6 +56,8 @@ pub enum Family {
     Kettle = 21,
     /// Solid prism, standing or lying: die, domino, peg, puck, timber.
     Prism = 22,
+    /// Bars or rods joined in a plane, lying: angle bracket, hook, fork of a frame, hex key.
+    Bracket = 23,
 }
 
 /// What a family promises of each of its objects.
@@ -261,6 +263,14 @@ const FACTS: &[FamilyFacts] = &[
         greatest: [0.221, 0.221, 0.221],
         mass: [0.0005, 0.901],
         source: "YCB wood block (85 x 85 x 200 mm, 729 g), foam brick and dice; light wood to plastic, 360 to 1200 kg/m3, less where it would weigh over 0.9 kg",
+    },
+    FamilyFacts {
+        family: Family::Bracket,
+        name: "bracket",
+        least: [0.05, 0.02, 0.0079],
+        greatest: [0.26, 0.21, 0.025],
+        mass: [0.002, 0.601],
+        source: "L, T, U, H and Z shapes of 8 to 24 mm bar or rod, 50 to 180 mm long; wood, plastic, aluminium or steel",
     },
 ];
 

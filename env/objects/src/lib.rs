@@ -9,7 +9,7 @@
 //! | `implicit`, `nets` | composite solids as signed distances; their manifold surface |
 //! | `cloud` | few points whose hull stays close to a convex shape |
 //! | `draft` | what a family returns, and how it is laid on the table |
-//! | `packages`, `prisms`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools`, `kettle` | the families themselves |
+//! | `packages`, `prisms`, `brackets`, `rounds`, `vessels`, `handled`, `food`, `cutlery`, `tools`, `kettle` | the families themselves |
 //!
 //! ```
 //! use graspbox_objects::{Family, generate};
@@ -23,6 +23,7 @@
 //!
 //! Object frame: z up in the natural resting pose, lowest vertex at z = 0, bounds centred in x and y; metres.
 
+mod brackets;
 mod cloud;
 mod cutlery;
 mod draft;
@@ -96,6 +97,7 @@ pub fn generate(family: Family, seed: u64) -> Result<ProceduralObject, MeshError
         Family::Kettle => kettle::kettle(&mut sampler)?,
         Family::Superquadric => rounds::superquadric(&mut sampler)?,
         Family::Prism => prisms::prism(&mut sampler),
+        Family::Bracket => brackets::bracket(&mut sampler)?,
     };
     made.settle();
     let name = format!("{family}-{seed:06}");

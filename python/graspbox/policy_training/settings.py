@@ -87,9 +87,14 @@ class Settings:
     """Folder of the run."""
     data: tuple[Path, ...] = ()
     """Data sets of trials that exist; without them one is made in the run's folder."""
-    objects: tuple[str, ...] = ("procedural:seen:0-199", "procedural:prism:200-799", "ycb")
+    objects: tuple[str, ...] = (
+        "procedural:seen:0-199",
+        "procedural:prism:200-799",
+        "procedural:bracket:200-799",
+        "ycb",
+    )
     """Objects of the data set that is made, and of the completion."""
-    fresh: tuple[str, ...] = ("procedural:seen:200-399", "procedural:prism:1000-1799")
+    fresh: tuple[str, ...] = ("procedural:seen:200-399", "procedural:prism:1000-1799", "procedural:bracket:1000-1799")
     """Objects of the rounds (split train), and of validation and calibration (split validation)."""
     evaluated: tuple[str, ...] = ("procedural:unseen:0-19", "ycb")
     """Objects of the evaluation; of sets other than unseen families only the split test."""
