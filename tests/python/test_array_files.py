@@ -5,13 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from graspbox.errors import ConfigError
 from graspbox.perception.array_files import ArrayTable, load_or_make_parts
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
 class Marks(ArrayTable):
+    """Two columns."""
+
     mark: NDArray[np.float64]
     right: NDArray[np.bool_]
 
