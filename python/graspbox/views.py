@@ -105,6 +105,7 @@ def views(
     near: float = 0.02,
     far: float = 5.0,
     table: bool = True,
+    levels: bool = True,
     world_from_object: ArrayLike | None = None,
     target: ArrayLike | None = None,
     num_threads: int | None = None,
@@ -131,6 +132,9 @@ def views(
         Clipping distances, metres.
     table : bool
         Whether to render table and ground.
+    levels : bool
+        Whether levels of detail are rendered, which differ by at most half a pixel. They are made when a mesh is first
+        rendered, which takes as long as some twenty views: without them a few views of each of many meshes are quicker.
     world_from_object : (4, 4) array, optional
         Default: file +z up, lowest vertex at z = 0, centred over the table's origin.
     target : (3,) array, optional
@@ -159,6 +163,7 @@ def views(
         "rgb": "rgb" in wanted,
         "segmentation": "segmentation" in wanted,
         "table": table,
+        "levels": levels,
     }
     given = {"world_from_object": world_from_object, "target": target}
     pose, middle = (None if value is None else floats(value, name) for name, value in given.items())

@@ -178,12 +178,11 @@ def test_an_ensemble_chooses_by_mean_minus_half_a_deviation(inputs: ScorerInputs
 def test_views_of_a_scene_are_the_same_when_they_are_made_again() -> None:
     poses = np.stack([object_sets.load(f"procedural:can:{i}")[0].load().resting_poses()[0][0] for i in range(2)])
     settings = SceneConfig(image_size=96)
-    given = (["procedural:can:0", "procedural:can:1"], poses, settings, None, 5)
-    kept, small = SceneViews(*given), SceneViews(*given, count=8, memory=1)
-    assert (kept.count, SceneViews(*given, memory=100_000).count) == (8, 3)
+    kept, small = SceneViews(settings, seed=5), SceneViews(settings, seed=5, memory=1)
     volumes = []
     for scene, view in ((0, 0), (0, 1), (1, 0), (0, 0)):
-        one, other = kept.get(scene, view), small.get(scene, view)
+        given = (f"procedural:can:{scene}", poses[scene], view)
+        one, other = kept.get(*given), small.get(*given)
         assert one is not None
         assert other is not None
         np.testing.assert_array_equal(one[0], other[0])
@@ -331,8 +330,8 @@ def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inpu
     assert len(calls) == 3
     np.testing.assert_array_equal(again.world_from_hand[:8], found.world_from_hand)
     train = TrainConfig(batch_size=16, max_steps=2, validate_every=1)
-    settings = SceneConfig(image_size=96)
-    result = train_scorer(tmp_path / "run", again, found, inputs, train, settings, width=8)
+    views = SceneViews(SceneConfig(image_size=96))
+    result = train_scorer(tmp_path / "run", again, found, inputs, views, train, width=8)
     assert result.step == 2
     rows = rows_of(tmp_path / "run" / "log.csv")
     assert {"auc", "entropy", "chosen", "all", "train_success", "train_slip"} <= set(rows[0])
@@ -345,8 +344,8 @@ def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inpu
         again,
         found,
         inputs,
+        views,
         TrainConfig(batch_size=16, max_steps=1, validate_every=1, learning_rate=1e-9),
-        settings,
         on_policy=found,
         start=start,
         width=8,

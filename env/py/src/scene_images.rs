@@ -68,7 +68,8 @@ pub fn render_scenes<'py>(
     let frames = detached(py, num_threads, move || {
         let models = VisualModels::bare(settings.table)?;
         let one = |renderer: &mut Renderer, index: usize| -> Result<Frame, CoreError> {
-            let scene = still(&meshes[mesh_of[index]], objects[index], Isometry3::identity(), Vec::new())?;
+            let mesh = &meshes[mesh_of[index]];
+            let scene = still(mesh, mesh.render_model()?, objects[index], Isometry3::identity(), Vec::new());
             let camera = Camera::new(lens, cameras[index])?.with_range(settings.near, settings.far)?;
             Ok(renderer.render(&models.instances(&scene), &camera, &Light::default(), channels)?)
         };

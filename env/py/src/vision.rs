@@ -8,7 +8,7 @@ use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
 use graspbox_agent::AgentError;
 use graspbox_agent::tables::image_tables as image_tables_of;
-use graspbox_camera::{Camera, Channels, DepthView, Frame, Intrinsics, Light, ViewPlan};
+use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Model, ViewPlan};
 use graspbox_mesh::VoxelFrame;
 use graspbox_vision::visual_models::object_color;
 use graspbox_vision::{CamerasConfig, ImageKind, Observer, PictureConfig, ScenePose, VisualModels, render_views};
@@ -103,6 +103,7 @@ struct ViewsConfig {
     rgb: bool,
     segmentation: bool,
     table: bool,
+    levels: bool,
 }
 
 /// Renders an object from many sides.
@@ -133,10 +134,15 @@ pub fn views<'py>(
         let around = graspbox_camera::views(&config.plan, lens, target, count, config.seed)?;
         let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
         let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
-        let scene_pose = still(&data, pose, Isometry3::identity(), Vec::new())?;
+        // Without levels of detail nothing has to be prepared, and none that are there are used.
+        let (object, detail) = match config.levels {
+            true => (data.render_model()?, Detail::Auto),
+            false => (data.surface()?, Detail::Full),
+        };
+        let scene_pose = still(&data, object, pose, Isometry3::identity(), Vec::new());
         let models = VisualModels::bare(config.table)?;
         let channels = Channels { rgb, segmentation };
-        let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels)?;
+        let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels, detail)?;
         Ok::<_, CoreError>((cameras, frames))
     })?;
     let (height, width) = (height as usize, width as usize);
@@ -224,20 +230,12 @@ pub fn time_images<'py>(
 }
 
 /// An object where it rests.
-///
-/// # Errors
-/// A mesh that cannot be rendered.
-pub(crate) fn still(
+pub(crate) fn still<'a>(
     data: &MeshData,
+    object: &'a Model,
     world_from_object: Isometry3<f64>,
     world_from_hand: Isometry3<f64>,
     world_from_links: Vec<Isometry3<f64>>,
-) -> Result<ScenePose<'_>, CoreError> {
-    Ok(ScenePose {
-        object: data.render_model()?,
-        color: object_color(&data.spec.name),
-        world_from_object,
-        world_from_hand,
-        world_from_links,
-    })
+) -> ScenePose<'a> {
+    ScenePose { object, color: object_color(&data.spec.name), world_from_object, world_from_hand, world_from_links }
 }

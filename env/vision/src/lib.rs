@@ -16,7 +16,7 @@
 //! A cube on the table as the default camera `front` sees it:
 //!
 //! ```
-//! use graspbox_camera::{Channels, Light, Model, shapes};
+//! use graspbox_camera::{Channels, Detail, Light, Model, shapes};
 //! use graspbox_vision::visual_models::{OBJECT, TABLE, object_color};
 //! use graspbox_vision::{CameraConfig, ScenePose, VisualModels, render_views};
 //! use nalgebra::{Isometry3, Vector3};
@@ -32,7 +32,7 @@
 //! };
 //! let camera = CameraConfig::front().camera(64, 64)?;
 //! let channels = Channels { segmentation: true, ..Channels::default() };
-//! let frames = render_views(&VisualModels::bare(true)?, &scene, &[camera], &Light::default(), channels)?;
+//! let frames = render_views(&VisualModels::bare(true)?, &scene, &[camera], &Light::default(), channels, Detail::Auto)?;
 //! let at = |row: usize, column: usize| frames[0].segmentation[64 * row + column];
 //! assert_eq!((at(38, 32), at(60, 4)), (OBJECT, TABLE));
 //! # Ok(())

@@ -14,9 +14,10 @@ pub fn render_views(
     cameras: &[Camera],
     light: &Light,
     channels: Channels,
+    detail: Detail,
 ) -> Result<Vec<Frame>, VisionError> {
     let instances = models.instances(scene_pose);
     let job = |camera: &Camera| Job { instances: &instances, camera: *camera, light: *light, channels };
     let jobs: Vec<_> = cameras.iter().map(job).collect();
-    render_batch(&jobs, Detail::Auto).map_err(|source| VisionError::Camera { name: "a view".into(), source })
+    render_batch(&jobs, detail).map_err(|source| VisionError::Camera { name: "a view".into(), source })
 }

@@ -74,10 +74,10 @@ def remember(
     kept = trials.success[chosen]
     held, chosen = held[kept], chosen[kept]
     draw = rng.permutation(len(held))[:most]
-    views = SceneViews(trials.source.tolist(), trials.world_from_object, scenes, observed_only, seed, count=1)
+    views = SceneViews(scenes, observed_only, seed, count=1)
     found = []
     for scene, trial in zip(held[draw].tolist(), chosen[draw].tolist(), strict=True):
-        if (seen := views.get(scene, 0)) is not None:
+        if (seen := views.get(str(trials.source[scene]), trials.world_from_object[scene], 0)) is not None:
             volume, world_from_crop = seen
             pose = np.linalg.inv(world_from_crop) @ trials.world_from_hand[trial]
             found.append((_description(volume[1:]), pose, trials.preshape[trial]))

@@ -123,6 +123,7 @@ def look(
         image_size=config.image_size,
         images="depth",
         fov=fov,
+        levels=False,
         world_from_object=world_from_object,
     )
     depth = add_depth_noise(seen.depth, seen.intrinsics, noise, config.noise)

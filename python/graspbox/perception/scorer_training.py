@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from graspbox.errors import ConfigError
-from graspbox.perception.finder import Complete
 from graspbox.perception.grasp_inputs import ScorerInputs
 from graspbox.perception.scene_views import SceneViews
-from graspbox.perception.scenes import SceneConfig
 from graspbox.perception.scorer import TARGETS, ScorerBatch, ScorerNet, scorer_losses
 from graspbox.perception.training import TrainConfig, Trained, Trainer, TrainProgress, load_weights
 from graspbox.perception.trials import GraspTrials
@@ -44,10 +42,8 @@ class TrialSampler:
         What is drawn from.
     inputs : ScorerInputs
         The hand.
-    scenes : SceneConfig
-        How scenes are seen.
-    complete : callable, optional
-        Tells the object's occupancy; by default it is the true one.
+    views : SceneViews
+        The scenes as cameras see them.
     seed : int
         Seed of all batches.
 
@@ -57,9 +53,7 @@ class TrialSampler:
         If there are no trials.
     """
 
-    def __init__(
-        self, trials: GraspTrials, inputs: ScorerInputs, scenes: SceneConfig, complete: Complete | None, seed: int
-    ) -> None:
+    def __init__(self, trials: GraspTrials, inputs: ScorerInputs, views: SceneViews, seed: int) -> None:
         if not len(trials):
             raise ConfigError("there are no trials to learn from; collect some first")
         self._trials, self._inputs, self._seed = trials, inputs, seed
@@ -68,7 +62,7 @@ class TrialSampler:
         self._rows = [order[a:b] for a, b in pairwise(starts)]
         #: Scenes with trials.
         self.scenes = np.array([scene for scene, rows in enumerate(self._rows) if len(rows)])
-        self._views = SceneViews(trials.source.tolist(), trials.world_from_object, scenes, complete, seed)
+        self._views = views
 
     def draw(self, number: int, scenes: NDArray[np.int64], per_scene: int) -> _Drawn:
         """Draw up to `per_scene` trials of each scene, seen once; scenes whose object is not found are left out."""
@@ -77,7 +71,8 @@ class TrialSampler:
         poses, rows, crop_of = [], [], []
         for scene in scenes.tolist():
             chosen = rng.permutation(self._rows[scene])[:per_scene]
-            seen = self._views.get(scene, int(rng.integers(self._views.count)))
+            source, pose = str(self._trials.source[scene]), self._trials.world_from_object[scene]
+            seen = self._views.get(source, pose, int(rng.integers(self._views.count)))
             if seen is None:
                 continue
             volume, world_from_crop = seen
@@ -113,9 +108,8 @@ def train_scorer(
     trials: GraspTrials,
     validation: GraspTrials,
     inputs: ScorerInputs,
+    views: SceneViews,
     config: TrainConfig = TrainConfig(batch_size=256, max_steps=10_000, validate_every=250),  # noqa: B008 (frozen)
-    scenes: SceneConfig = SceneConfig(),  # noqa: B008 (frozen)
-    complete: Complete | None = None,
     *,
     on_policy: GraspTrials | None = None,
     start: Path | None = None,
@@ -132,12 +126,10 @@ def train_scorer(
         What it learns from, and what the best weights are chosen by: how well it tells successes from failures (AUC).
     inputs : ScorerInputs
         The hand.
+    views : SceneViews
+        The scenes as cameras see them.
     config : TrainConfig
         How it is trained; members of an ensemble differ by its seed.
-    scenes : SceneConfig
-        How scenes are seen.
-    complete : callable, optional
-        Tells the object's occupancy from the channels of crops; by default it is the true one.
     on_policy : GraspTrials, optional
         Trials of what the proposals give (`graspbox.perception.collect`): half of each batch.
     start : Path, optional
@@ -153,10 +145,8 @@ def train_scorer(
         If there are no trials, or `start` holds another network.
     """
     torch.manual_seed(config.seed)
-    samplers = [
-        TrialSampler(given, inputs, scenes, complete, config.seed) for given in (trials, on_policy) if given is not None
-    ]
-    held_out = TrialSampler(validation, inputs, scenes, complete, 0)
+    samplers = [TrialSampler(given, inputs, views, config.seed) for given in (trials, on_policy) if given is not None]
+    held_out = TrialSampler(validation, inputs, views, 0)
     per_batch = max(1, config.batch_size // _PER_SCENE // len(samplers))
     kept: list[_Drawn] = []
 

@@ -6,7 +6,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from graspbox.perception.graphs import ScorerGraph
 from graspbox.perception.grasp_inputs import ScorerInputs
 from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.runtimes import Completion, Scorer, load_parts, onnx_network, torch_network
+from graspbox.perception.scene_views import SceneViews
 from graspbox.perception.scenes import SceneConfig, SceneSampler
 from graspbox.perception.scorer import ScorerNet
 from graspbox.perception.scorer_training import train_scorer
@@ -178,6 +179,11 @@ class PolicyTraining:
         """Load the exported completion."""
         return Completion(onnx_network(self.out / "completion" / "completion.onnx"))
 
+    @cached_property
+    def views(self) -> SceneViews:
+        """Views that all members and rounds learn from."""
+        return SceneViews(self.scenes, self.completion(), self.seed)
+
     def folder(self, member: int, round_: int) -> Path:
         """Name the folder of a member's weights: the first one has some after each round."""
         if member:
@@ -212,9 +218,8 @@ class PolicyTraining:
             train,
             validation,
             self.inputs,
+            self.views,
             config,
-            self.scenes,
-            self.completion(),
             on_policy=GraspTrials.joined(on_policy) if on_policy else None,
             start=self.folder(0, rounds - 1) / "weights.pt" if going_on else None,
             width=sizes.width,
