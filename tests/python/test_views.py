@@ -1,5 +1,7 @@
 """Views of an object by a plan, and what they tell of space."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,20 @@ def test_poses_and_images_agree(ball: graspbox.Mesh, plan: str) -> None:
         assert labels[row, column] == 2
         assert depth[row, column] == pytest.approx(center[2] - radius, abs=0.25 * radius)
         np.testing.assert_array_equal(depth > 0, labels > 0)
+
+
+def test_without_levels_of_detail_the_mesh_itself_is_seen_whatever_was_rendered_before() -> None:
+    def rendered(mesh: graspbox.Mesh, levels: bool) -> Any:
+        return graspbox.views(mesh, count=3, image_size=64, table=False, images=(), levels=levels).depth
+
+    one, other = (object_sets.load("procedural:kettle:3")[0].load() for _ in range(2))
+    whole = rendered(one, levels=False)
+    coarse = rendered(other, levels=True)
+    np.testing.assert_array_equal(rendered(other, levels=False), whole)
+    np.testing.assert_array_equal(rendered(one, levels=True), coarse)
+    both = (whole > 0) & (coarse > 0)
+    assert both.sum() > 0.95 * (whole > 0).sum()
+    assert 0.0 < np.median(np.abs(whole - coarse)[both]) < 0.002
 
 
 def test_random_views_depend_on_the_seed_alone(ball: graspbox.Mesh) -> None:
