@@ -26,6 +26,8 @@ pub(crate) struct Newton {
     from: Vec<f64>,
     /// Solution of the convex problem, kept while Newton's method tries again.
     convex: Vec<f64>,
+    /// Where the iteration began, kept for a step that nothing solves.
+    start: Vec<f64>,
     /// The derivative that was factored last, and the number of contact points that it was of.
     last: LastDerivative,
 }
@@ -44,6 +46,7 @@ impl Newton {
             direction: vec![0.0; n],
             from: vec![0.0; n],
             convex: vec![0.0; n],
+            start: vec![0.0; n],
             last: LastDerivative { factors: Factors::new(n), points: 0 },
         }
     }
@@ -65,10 +68,12 @@ impl Newton {
     /// Solves for `problem.v`, beginning where it is, or with the object at rest on the `scenery`, which moves so; impulses and cable forces
     /// are those of the velocities found.
     ///
-    /// False where the velocities do not balance: Newton's method did not end even after the fallback.
+    /// False where the velocities do not balance: Newton's method did not end even after the fallback. They are never further from a
+    /// balance than where it began: a diverged iteration would throw the object away.
     pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> bool {
-        let first = self.begin(model, kinematics, problem, scenery);
-        let (first, done) = self.quiet(model, kinematics, problem, first);
+        let begun = self.begin(model, kinematics, problem, scenery);
+        self.start.copy_from_slice(&problem.v);
+        let (first, done) = self.quiet(model, kinematics, problem, begun);
         if done || self.coulomb(model, kinematics, problem, first) {
             return true;
         }
@@ -79,7 +84,11 @@ impl Newton {
             return true;
         }
         problem.v.copy_from_slice(&self.convex);
-        self.convex(model, kinematics, problem, BOUND_UPDATES[1]);
+        let last = self.convex(model, kinematics, problem, BOUND_UPDATES[1]);
+        if !(last <= begun) {
+            problem.v.copy_from_slice(&self.start);
+            problem.evaluate(model, kinematics, Bounds::Follow);
+        }
         false
     }
 
@@ -197,25 +206,27 @@ impl Newton {
     }
 
     /// Newton's method with exact line search on the convex problem: friction's bounds follow for `updates` iterations, then they stay.
-    fn convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, updates: usize) {
+    /// Returns the size of the residual that is left.
+    fn convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, updates: usize) -> f64 {
+        let mut size = f64::INFINITY;
         for iteration in 0..model.solver.max_iterations {
             if iteration < updates {
                 problem.evaluate(model, kinematics, Bounds::Follow);
             }
-            problem.evaluate(model, kinematics, Bounds::Frozen);
+            size = problem.evaluate(model, kinematics, Bounds::Frozen);
             problem.differentiate(model, kinematics, Bounds::Frozen);
             self.descend(problem);
             if !problem.derivative.solve_definite(&mut self.direction) {
-                return;
+                return size;
             }
             self.from.copy_from_slice(&problem.v);
             if self.length(model) <= model.solver.tolerance {
                 self.move_by(problem, 1.0);
-                problem.evaluate(model, kinematics, Bounds::Frozen);
-                return;
+                return problem.evaluate(model, kinematics, Bounds::Frozen);
             }
             self.line_search(model, kinematics, problem);
         }
+        size
     }
 
     /// Moves along the direction to where the cost is least: a root of its slope, by the Illinois method.
