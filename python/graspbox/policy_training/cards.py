@@ -113,10 +113,10 @@ def write_card(
     data, fresh = (
         " and ".join(f"`{name}`" for name in names) for names in (settings.data or settings.objects, settings.fresh)
     )
-    first = stages["scorer"]
+    trials = max(found["trials"] for found in stages.values() if "on_policy" in found)
     on_policy = max(found.get("on_policy", 0) for found in stages.values())
     text += (
-        f"Seed {settings.seed}. {first['trials']} trials of {data} (split `train`), then {on_policy} trials that\n"
+        f"Seed {settings.seed}. {trials} trials of {data} (split `train`), then {on_policy} trials that\n"
         f"the policy chose on {fresh}.\n\n| stage | time | result |\n|---|--:|---|\n"
     )
     for name, found in stages.items():
