@@ -85,7 +85,7 @@ impl Newton {
         }
         problem.v.copy_from_slice(&self.convex);
         let last = self.convex(model, kinematics, problem, BOUND_UPDATES[1]);
-        if !(last <= begun) {
+        if last > begun || last.is_nan() {
             problem.v.copy_from_slice(&self.start);
             problem.evaluate(model, kinematics, Bounds::Follow);
         }
