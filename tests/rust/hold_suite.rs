@@ -107,18 +107,24 @@ fn primitives_are_held_firmly() {
     assert!(bad.is_empty(), "not firm: {bad:?}");
 }
 
-/// Holds `body` by the best-ranked of its first `tried` poses that succeeds; none where none does.
+/// Holds `body` by the best-ranked of its first `tried` poses whose trial succeeds and that hold it for as long as it is measured here; by
+/// the last that succeeds where all lose it later, and none where none succeeds.
 fn hold_planned(body: &Body, tried: usize) -> Option<Held> {
     let scene = scene(body, PhysicsConfig::default());
     let poses: Vec<GraspPose> = planned(body, &scene, tried, 0);
+    let mut last = None;
     for chunk in poses.chunks(4) {
         let outcomes = run_trials(&scene, chunk, TrialConfig::default(), &Progress::default()).unwrap();
-        if let Some(i) = outcomes.iter().position(|o| o.success) {
-            let start = scene.world_from_object() * chunk[i].object_from_hand;
-            return Some(hold(&scene, &start, chunk[i].preshape));
+        for (pose, _) in chunk.iter().zip(&outcomes).filter(|(_, o)| o.success) {
+            let found = hold(&scene, &(scene.world_from_object() * pose.object_from_hand), pose.preshape);
+            if found.lifted {
+                return Some(found);
+            }
+            println!("{:28} one grasp loses it after the trial", body.name());
+            last = Some(found);
         }
     }
-    None
+    last
 }
 
 /// Every family; at least 80 % of them must have a successful grasp among their first 12 poses. One family may exceed the limits, by at
