@@ -10,9 +10,13 @@ from graspbox.perception.policy_folders import read_kind
 pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
 
 FOLDER = Path(__file__).parents[2] / "policies"
-#: Successes of 24 trials below which something is wrong, by policy; and the environment that it acts in. Cards state
-#: rates of 1,000 trials; networks differ in their last digits between processors, so that a few trials may turn.
-LEAST = {"depth": (18, "graspbox/GraspPose-v0")}
+#: Successes of 24 trials below which something is wrong, by policy; the environment that it acts in; and what it
+#: is called in tables. Cards state rates of more trials; networks differ in their last digits between processors, so
+#: that a few trials may turn.
+LEAST = {
+    "depth": (18, "graspbox/GraspPose-v0", "depth"),
+    "feel": (20, "graspbox/Grasp-v0", "depth-feel"),
+}
 
 
 def test_every_published_policy_is_measured() -> None:
@@ -21,9 +25,9 @@ def test_every_published_policy_is_measured() -> None:
 
 @pytest.mark.parametrize("name", LEAST)
 def test_a_published_policy_grasps(name: str) -> None:
-    least, env_id = LEAST[name]
+    least, env_id, called = LEAST[name]
     policy = policies.load(str(FOLDER / name))
-    assert policy.name == name
+    assert policy.name == called
     found = evaluation.evaluate(policy, env_id, "procedural:unseen:30-39", trials=24, seed=0, num_envs=8)
     assert found.succeeded >= least, found.failures
 

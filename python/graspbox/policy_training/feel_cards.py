@@ -67,6 +67,15 @@ Seed {seed}. {trials} grasps of `{objects}`, of which {held:.1%} held; validated
 |---|--:|
 """
 
+_LIMITS = """
+## Limits
+
+- Those of the policy that it builds on; see `DEPTH.md`.
+- It feels what the simulated hand measures: joint positions, tendon tensions and tactile forces, without the noise of
+  real sensors.
+- There is one second attempt, which is lifted whatever is felt.
+"""
+
 
 def write_feel_card(folder: Path, settings: Any, command: str, stages: Mapping[str, Mapping[str, Any]]) -> None:
     """Write ``README.md`` into the folder, and the card of the policy that it builds on as ``DEPTH.md``.
@@ -111,7 +120,7 @@ def write_feel_card(folder: Path, settings: Any, command: str, stages: Mapping[s
     )
     text += "".join(f"| {name} | {shown_time(part['seconds'])} |\n" for name, part in stages.items())
     text += f"| all | {shown_time(sum(part['seconds'] for part in stages.values()))} |\n"
-    text += "\n## Licence\n\nAs that of the policy that it builds on: `LICENSE`, where there is one.\n"
+    text += _LIMITS + "\n## Licence\n\nAs that of the policy that it builds on: `LICENSE`, where there is one.\n"
     write_text(folder / "README.md", text)
 
 
