@@ -23,8 +23,8 @@ _MESHES = 512
 class SceneViews:
     """Views of scenes, each from several cameras; a view follows from the seed, its scene and its number alone.
 
-    One serves all samplers of a training and all its stages, from several threads: a view costs as much as the step
-    that learns from ten.
+    One serves all samplers of a training and all its stages, from several threads: making a view costs
+    more than learning from it.
 
     Parameters
     ----------
