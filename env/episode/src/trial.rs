@@ -116,7 +116,6 @@ pub struct Trial {
     step: u64,
     /// Steps from one sample of the trace to the next.
     sample_every: u64,
-    contact_lost: u64,
     /// The hand touched the object at some time since lifting began.
     touched: bool,
     /// It ended before its time, and why if it is known already.
@@ -129,12 +128,8 @@ pub struct Trial {
     trace: Option<Vec<Sample>>,
 }
 
-/// Steps without contact, seconds, after which an object in the air is lost.
-const LOST_AFTER: f64 = 0.06;
-/// Steps between two checks for contact.
+/// Steps between two checks of the object.
 const LOOK_EVERY: u64 = 5;
-/// An object that lies in a closed hand without touching them is met by the time the hand has risen this far, metres.
-const MEETS_WITHIN: f64 = 0.05;
 /// The object may rise relative to the hand by this much while fingers settle, metres.
 const CURL_RISE: f64 = 0.03;
 
@@ -167,7 +162,6 @@ impl Trial {
             close,
             step: 0,
             sample_every,
-            contact_lost: 0,
             touched: false,
             over: None,
             study: None,
@@ -278,10 +272,9 @@ impl Trial {
             if self.step == read_at {
                 self.reading = self.study.as_ref().map(|study| study.read(&self.episode));
             }
-            if self.step > close && self.step.is_multiple_of(LOOK_EVERY) {
-                self.look_for_contact();
-            }
-            if self.step > close && self.ends_early() && self.hopeless(dt) {
+            let looks = self.step > close && self.step.is_multiple_of(LOOK_EVERY);
+            self.touched |= looks && self.touches();
+            if looks && self.ends_early() && self.out_of_reach() {
                 self.over = Some(None);
             } else if self.step.is_multiple_of(64) && self.episode.world().has_diverged() {
                 self.over = Some(Some(FailureKind::Unstable));
@@ -304,21 +297,11 @@ impl Trial {
         !self.episode.world().contacts().links.is_empty()
     }
 
-    fn look_for_contact(&mut self) {
-        let touches = self.touches();
-        self.touched |= touches;
-        self.contact_lost = if touches { 0 } else { self.contact_lost + LOOK_EVERY };
-    }
-
-    /// True once the object cannot be held high enough at the end any more.
-    fn hopeless(&self, dt: f64) -> bool {
-        if !self.step.is_multiple_of(LOOK_EVERY) {
-            return false;
-        }
+    /// True once the object cannot be held high enough at the end any more, even if the hand meets it now and carries it up.
+    fn out_of_reach(&self) -> bool {
         let verdict = self.episode.verdict();
-        let lost = self.contact_lost as f64 * dt >= LOST_AFTER && verdict.hand_lift >= MEETS_WITHIN;
         let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
-        lost || reach < self.episode.judge().criterion().lift_height
+        reach < self.episode.judge().criterion().lift_height
     }
 
     /// What came of it, once it is over.
