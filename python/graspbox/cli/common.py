@@ -8,13 +8,16 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from graspbox import object_sets
+from graspbox import object_sets, policies
 from graspbox.errors import ObjectSetError
 from graspbox.files import dumps
 from graspbox.hands import Hand, load_hand
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of all random numbers.")]
+PolicyName = Annotated[
+    str, typer.Argument(help=f"Policy: {', '.join(policies.names())}, or the folder of a trained one.")
+]
 Threads = Annotated[
     int | None,
     typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),

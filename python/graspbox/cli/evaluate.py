@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from graspbox import policies
-from graspbox.cli.common import Json, Scale, Seed, Split, Threads, find, print_json, print_table, progress
+from graspbox.cli.common import Json, PolicyName, Scale, Seed, Split, Threads, find, print_json, print_table, progress
 from graspbox.envs import IDS
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
@@ -27,7 +26,7 @@ def _print(result: Evaluation) -> None:
 
 
 def evaluate(
-    policy: Annotated[str, typer.Argument(help=f"Policy: {', '.join(policies.names())}.")],
+    policy: PolicyName,
     env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = IDS[0],
     objects: Annotated[
         list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from graspbox import demonstrations, policies
-from graspbox.cli.common import Json, Seed, Split, Threads, print_json, progress
+from graspbox import demonstrations
+from graspbox.cli.common import Json, PolicyName, Seed, Split, Threads, print_json, progress
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS
@@ -53,7 +53,7 @@ def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
 
 
 def record(
-    policy: Annotated[str, typer.Argument(help=f"Policy: {', '.join(policies.names())}.")],
+    policy: PolicyName,
     out: Annotated[Path, typer.Option("--out", help="Folder; what it holds already is continued.")],
     env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = "graspbox/Grasp-v0",
     objects: Annotated[
