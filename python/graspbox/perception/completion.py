@@ -5,7 +5,7 @@ objects as they rest (`graspbox.perception.scenes`) and fills the same voxels wi
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -154,15 +154,16 @@ def train_completion(
     kept: list[CompletionBatch] = []
 
     def batch(step: int) -> CompletionBatch:
-        return _mirrored(_batch(sampler, step, max(1, config.batch_size // _VIEWS)), config.seed, step)
+        return _quick(_mirrored(_batch(sampler, step, max(1, config.batch_size // _VIEWS)), config.seed, step))
 
     def validate(net: nn.Module) -> dict[str, float]:
         if not kept:
-            kept.extend(_batch(held_out, _VALIDATION_FROM + i, 4) for i in range(max(1, validation_objects // 4)))
+            count = max(1, validation_objects // 4)
+            kept.extend(_quick(_batch(held_out, _VALIDATION_FROM + i, 4)) for i in range(count))
         found = torch.cat([iou(torch.sigmoid(net(b.channels)), b.solid) for b in kept])
         return {"iou": float(found.mean()), "iou_of_worst_tenth": float(found.quantile(0.1))}
 
-    net = CompletionNet(width)
+    net = CompletionNet(width).to(memory_format=torch.channels_last_3d)
     trainer = Trainer(net, Path(folder), config, batch=batch, losses=completion_losses, validate=validate)
     return trainer.run(progress)
 
@@ -184,3 +185,8 @@ def _mirrored(batch: CompletionBatch, seed: int, step: int) -> CompletionBatch:
 
 def _unit(values: NDArray[np.uint8]) -> Tensor:
     return torch.from_numpy(values).float() / 255.0
+
+
+def _quick(batch: CompletionBatch) -> CompletionBatch:
+    """Lay the channels of each voxel side by side, as 3-D convolutions on a CPU are faster."""
+    return replace(batch, channels=batch.channels.contiguous(memory_format=torch.channels_last_3d))
