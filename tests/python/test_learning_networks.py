@@ -252,7 +252,7 @@ def test_each_network_learns_a_batch_by_heart_with_each_loss(network: str, loss:
     optimizer = torch.optim.Adam(made.parameters(), 3e-3)
     weights = LossWeights(1.0, 2.0)
     errors = []
-    for _ in range(120):
+    for _ in range(200):
         error = Errors.of(chosen, labels, made(inputs)).total(weights).mean()
         optimizer.zero_grad()
         error.backward()

@@ -103,7 +103,7 @@ class TrainConfig:
         """Make the optimiser of a model."""
         rate, weights = self.learning_rate, model.parameters()
         if self.optimizer == "adam":
-            return torch.optim.Adam(weights, rate)
+            return torch.optim.Adam(weights, rate, fused=True)
         if self.optimizer == "adagrad":
             return torch.optim.Adagrad(weights, rate)
         if self.optimizer == "delta_bar_delta":
