@@ -1,6 +1,7 @@
 """A network with its scaling: from images or voxels as they are stored to poses in metres."""
 
 import json
+import math
 import pickle
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +20,7 @@ from graspbox.learning.model_configs import ModelConfig
 from graspbox.learning.networks import network_named
 from graspbox.learning.samples import poses_of_labels
 
-__all__ = ["ModelConfig", "PoseModel"]
+__all__ = ["ModelConfig", "PoseModel", "moved"]
 
 #: Files of a saved model.
 _CONFIG, _WEIGHTS = "model.json", "weights.pt"
@@ -176,3 +177,11 @@ class PoseModel(nn.Module):  # type: ignore[misc]
             reason = str(error).partition("\n")[0]
             raise ConfigError(f"{str(path)!r} holds no weights of the network of {_CONFIG}: {reason}") from None
         return model
+
+
+def moved(before: PoseModel, after: PoseModel) -> float:
+    """Measure how far the weights of all layers but the last moved, as a share of their norm."""
+    with torch.no_grad():
+        pairs = list(zip(before.network.parameters(), after.network.parameters(), strict=True))[:-2]
+        apart = sum(float((a - b).square().sum()) for a, b in pairs)
+        return math.sqrt(apart / sum(float(a.square().sum()) for a, _ in pairs))

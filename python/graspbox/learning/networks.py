@@ -25,6 +25,7 @@ from graspbox.learning.model_configs import Units
 
 __all__ = ["NETWORKS", "Cnn2d", "Cnn2dDropout", "Cnn3d", "Convolution", "Pool", "PoseNetwork", "Units", "network_named"]
 
+
 @dataclass(frozen=True)
 class Convolution:
     """C(filters, size, stride)."""

@@ -3,7 +3,7 @@
 | file | contents |
 |---|---|
 | ``config.json``      | `PosePolicyConfig` |
-| ``pose.onnx``        | ``inputs`` (n, ...) uint8, images or voxels, to ``poses`` (n, 4, 4) float32, ``base_from_hand`` |
+| ``pose.onnx``        | ``inputs`` (n, ...) uint8 to ``poses`` (n, 4, 4) float32, ``base_from_hand`` |
 | ``pose.safetensors`` | the weights, the large ones in half precision |
 | ``README.md``        | the card: data, command, time, seed, scores, limits |
 | ``LICENSE``          | the licence of the weights |

@@ -246,8 +246,8 @@ def check_size(net: nn.Module, called: str) -> None:
     size = sum(parameter.numel() * parameter.element_size() for parameter in net.parameters())
     if size > LARGEST_NETWORK:
         raise ConfigError(
-            f"{called} has {count / 1e6:.1f} million weights, a file of {size / 1e6:.0f} MB; published networks have at "
-            f"most {LARGEST_NETWORK / 1e6:.0f} MB: publish a smaller one"
+            f"{called} has {count / 1e6:.1f} million weights, a file of {size / 1e6:.0f} MB; published networks have "
+            f"at most {LARGEST_NETWORK / 1e6:.0f} MB: publish a smaller one"
         )
 
 

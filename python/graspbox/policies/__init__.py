@@ -10,7 +10,7 @@
 | ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
 | a folder    | the one that it names | `NetworkPolicy`: one network from observations to actions, such as a clone |
-| a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.learning.regressor`), also in a folder with ``model.json`` |
+| a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.learning.regressor`); also with ``model.json`` |
 | a folder with ``feel.json`` | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
 
 ``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.

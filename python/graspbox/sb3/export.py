@@ -20,14 +20,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
-from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
-from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
-from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first, preprocess_obs
+from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first
 from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
-from stable_baselines3.sac.policies import SACPolicy
-from torch import Tensor, nn
 
 import graspbox
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
@@ -43,11 +39,12 @@ from graspbox.policies.network_folders import (
     read_network_policy,
     write_network_policy,
 )
+from graspbox.sb3.action_graphs import ActionGraph, Scales
 from graspbox.sb3.policy import ModelPolicy
 from graspbox.sb3.running import ALGORITHMS
 from graspbox.sb3.training import model_arguments
 
-__all__ = ["ActionGraph", "export_policy", "load_graph", "published_settings"]
+__all__ = ["export_policy", "load_graph", "published_settings"]
 
 _NETWORK, _WEIGHTS = "policy.onnx", "policy.safetensors"
 #: Keywords of an environment that decide what a policy sees and what its actions do, kept where a run gives them.
@@ -55,96 +52,13 @@ _KEPT = (*ACTING, "max_episode_steps", "image_size", "cameras", "trial")
 #: Environments and steps of the observations on which the ONNX file must act as the model does, and their seed.
 _ENVS, _STEPS, _SEED = 4, 16, 77_000
 
-Spaces = Mapping[str, Box]
-#: Mean, standard deviation and clipping of each vector that is scaled.
-Scales = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64], float]]
-
-
-class _Input(nn.Module):  # type: ignore[misc]
-    """An observation as the environment gives it, as the model takes it: scaled, and channels first."""
-
-    def __init__(self, channels_first: bool, scale: tuple[NDArray[np.float64], NDArray[np.float64], float] | None):
-        super().__init__()
-        self._channels_first, self._scaled = channels_first, scale is not None
-        if scale is not None:
-            for name, value in zip(("mean", "deviation", "clip"), scale, strict=True):
-                self.register_buffer(name, torch.as_tensor(np.array(value, dtype=np.float64)))
-
-    def forward(self, values: Tensor) -> Tensor:
-        if self._channels_first:
-            return values.permute(0, 3, 1, 2)
-        if not self._scaled:
-            return values
-        scaled = (values.double() - self.mean) / self.deviation
-        return torch.maximum(torch.minimum(scaled, self.clip), -self.clip).float()
-
-
-class ActionGraph(nn.Module):  # type: ignore[misc]
-    """The deterministic action of a policy, from observations as the environment gives them.
-
-    Parameters
-    ----------
-    policy : BasePolicy
-        Of PPO, SAC or TD3; only the parts that act are kept.
-    scales : mapping
-        What scales vector observations, by name.
-    names : tuple of str
-        Names of the observations.
-    """
-
-    outputs = ("action",)
-    variadic = True
-
-    def __init__(self, policy: BasePolicy, scales: Scales, names: tuple[str, ...]) -> None:
-        super().__init__()
-        self.inputs = names
-        self._space, self._images = policy.observation_space, policy.normalize_images
-        self._named = isinstance(self._space, gymnasium.spaces.Dict)
-        boxes = dict(self._space.spaces) if self._named else {names[0]: self._space}
-        made = {name: _Input(_is_transposed(boxes[name]), scales.get(name)) for name in names}
-        self.seen = nn.ModuleDict({f"of_{name}": one for name, one in made.items()})
-        self._on_policy, self._tanh = isinstance(policy, ActorCriticPolicy), isinstance(policy, SACPolicy)
-        self._squashed = policy.squash_output
-        if self._on_policy:
-            self._tanh = self._squashed
-            self.extractor, self.latent = policy.pi_features_extractor, policy.mlp_extractor.policy_net
-            self.head = policy.action_net
-        else:
-            actor: Any = policy.actor
-            self.extractor = actor.features_extractor
-            self.latent, self.head = (actor.latent_pi, actor.mu) if self._tanh else (nn.Identity(), actor.mu)
-        for name in ("low", "high"):
-            self.register_buffer(name, torch.as_tensor(getattr(policy.action_space, name)), persistent=False)
-        self.eval()
-
-    def forward(self, *observations: Tensor) -> Tensor:
-        """Give actions (n, k) for observations (n, ...) in the order of `inputs`."""
-        pairs = zip(self.inputs, observations, strict=True)
-        given = {name: self.seen[f"of_{name}"](values) for name, values in pairs}
-        ready = preprocess_obs(
-            given if self._named else given[self.inputs[0]], self._space, normalize_images=self._images
-        )
-        found = self.head(self.latent(self.extractor(ready)))
-        if self._tanh:
-            found = torch.tanh(found)
-        if self._squashed:
-            return self.low + 0.5 * (found + 1.0) * (self.high - self.low)
-        return torch.maximum(torch.minimum(found, self.high), self.low)
-
-
-def _is_transposed(space: Box) -> bool:
-    """Tell whether a model sees, channels first, what its environment gives with channels last.
-
-    Environments of graspbox give no image with channels first.
-    """
-    return bool(is_image_space(space) and is_image_space_channels_first(space))
-
 
 def _scales_of(statistics: VecNormalize | None, names: tuple[str, ...], named: bool) -> Scales:
     """Read what scales the observations."""
     if statistics is None or not statistics.norm_obs:
         return {}
-    found = {name: statistics.obs_rms[name] for name in statistics.norm_obs_keys} if named else {names[0]: statistics.obs_rms}
+    keys = statistics.norm_obs_keys if named else names
+    found = {name: statistics.obs_rms[name] if named else statistics.obs_rms for name in keys}
     return {
         name: (rms.mean, np.sqrt(rms.var + statistics.epsilon), float(statistics.clip_obs))
         for name, rms in found.items()
@@ -314,7 +228,7 @@ def load_graph(folder: Path) -> ActionGraph:
         name: tuple(weights[f"seen.of_{name}.{part}"].numpy() for part in ("mean", "deviation", "clip"))
         for name in scaled
     }
-    graph = ActionGraph(policy, scales, names)  # type: ignore[arg-type]
+    graph = ActionGraph(policy, scales, names)
     restore_weights(graph, Path(folder) / _WEIGHTS)
     return graph
 
