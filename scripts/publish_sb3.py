@@ -26,7 +26,7 @@ from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import MAX_TRIALS
 from graspbox.policy_training.network_cards import Score, measure, object_set, write_network_card
-from graspbox.sb3.histories import Made, history, settings_of
+from graspbox.sb3.histories import Made, history, settings_of, shown
 
 PARAMETERS = Path(__file__).with_name("sb3.yaml")
 LICENCE = Path(__file__).parents[1] / "LICENSE"
@@ -117,18 +117,19 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     settings = tyro.cli(Settings, args=given, description=__doc__)
     try:
-        scores = publish(settings, shlex.join(["python", "scripts/publish_sb3.py", *given]))
+        words = [shown(Path(word)) if Path(word).is_absolute() else word for word in given]
+        scores = publish(settings, shlex.join(["python", "scripts/publish_sb3.py", *words]))
     except (GraspboxError, OSError, yaml.YAMLError) as error:
         console.print(f"error: {error}", markup=False)
         return 2
     except KeyboardInterrupt:
         return 130
-    rows: list[dict[str, Any]] = [{"objects": score.objects, **score.result.to_json()} for score in scores]
+    rows: list[dict[str, Any]] = [{"set": score.objects, **score.result.to_json()} for score in scores]
     if settings.json:
         print_json(rows)
     else:
         for row in rows:
-            print(f"{row['objects']}: {row['succeeded']} of {row['trials']} succeed, {row['secure']} secure")
+            print(f"{row['set']}: {row['succeeded']} of {row['trials']} succeed, {row['secure']} secure")
         print(settings.out / "README.md")
     return 0
 

@@ -109,7 +109,7 @@ def export_pose_model(
     )
     write_pose_policy(folder, config)
     worst = float(np.abs(PublishedPoses(folder).predict(examples) - model.predict(examples)).max())
-    if worst > PARITY:
+    if not worst <= PARITY:
         (folder / "config.json").unlink()
         raise ConfigError(f"{folder / _NETWORK} differs from the network by {worst:.2g}; do not use it")
     if licence is not None:

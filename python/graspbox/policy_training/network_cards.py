@@ -1,5 +1,6 @@
 """Cards of networks that act by themselves: policies of Stable-Baselines3, and networks of the study; torch-free."""
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +21,8 @@ __all__ = ["Score", "measure", "object_set", "write_network_card", "write_pose_c
 
 _SCORES = """## Scores
 
-First attempt in `{env_id}`, seed {seed} of the trials. In brackets the 95 % intervals (Wilson). *Known* is how many of
-the objects it learnt from. The folder was measured as it is, by onnxruntime.
+First attempt in `{env_id}`, seed {seed} of the trials. In brackets the 95 % intervals (Wilson).
+*Known* is how many of the objects it learnt from. The folder was measured as it is, by onnxruntime.
 
 | objects | known | trials | success | secure | most frequent failures |
 |---|--:|--:|--:|--:|---|
@@ -29,8 +30,7 @@ the objects it learnt from. The folder was measured as it is, by onnxruntime.
 
 _NETWORK = """# {name}
 
-{what}, one network from observations to actions. It acts in `{env_id}` and observes {obs}. Made by graspbox {version},
-for the hand `{hand}`.{privileged}
+{what}
 
 ```
 graspbox evaluate policies/{name} --objects procedural:unseen:0-19
@@ -41,7 +41,7 @@ graspbox evaluate policies/{name} --objects procedural:unseen:0-19
 _NETWORK_LIMITS = """
 ## Limits
 
-- It acts with the environment settings of `config.json` alone: {settings}.
+{first}
 - One object on a flat table; masses and friction are those of the simulation, and sensors have no noise that the
   environment does not add.
 - Its scores are those of one training; other seeds may give others.
@@ -171,18 +171,14 @@ def write_network_card(
     names = (config.obs,) if isinstance(config.obs, str) else config.obs
     hand = config.settings["hand"]
     true = [name for name in names if name.split("_")[0] in {*tables(load_hand(hand))["privileged"], "segmentation"}]
-    privileged = ""
-    if true:
-        privileged = f"\n\nIt is **privileged**: no sensor measures {_listed(true)}, which the simulation tells."
-    text = _NETWORK.format(
-        name=config.name,
-        what=_what([one.what for one in made], config.algorithm),
-        env_id=config.env_id,
-        obs=_listed(names),
-        version=graspbox.__version__,
-        hand=hand,
-        privileged=privileged,
+    what = (
+        f"{_what([one.what for one in made], config.algorithm)}, one network from observations to actions. It acts in "
+        f"`{config.env_id}` and observes {_listed(names)}. Made by graspbox {graspbox.__version__}, for the hand "
+        f"`{hand}`."
     )
+    if true:
+        what += f" It is **privileged**: no sensor measures {_listed(true)}, which the simulation tells."
+    text = _NETWORK.format(name=config.name, what=_filled(what))
     text += _table(scores, seed) + "\n## Data and training\n\n"
     lines = "\n".join([*(one.command for one in made), command])
     text += f"```\n{lines}\n```\n\n| step | what | time |\n|---|---|--:|\n"
@@ -192,7 +188,14 @@ def write_network_card(
     sets = list(dict.fromkeys(_listed(_names(one["objects"])) + _split(one.get("split")) for one in learnt))
     text += f"\nIt learnt from {'; and from '.join(sets)}.\n" if sets else ""
     settings = ", ".join(f"`{name}={value!r}`" for name, value in config.settings.items())
-    write_text(folder / "README.md", text + _NETWORK_LIMITS.format(settings=settings) + LICENCE)
+    first = _filled(f"- It acts with the environment settings of `config.json` alone: {settings}.").replace(
+        "\n", "\n  "
+    )
+    write_text(folder / "README.md", text + _NETWORK_LIMITS.format(first=first) + LICENCE)
+
+
+def _filled(text: str) -> str:
+    return textwrap.fill(text, 119, break_long_words=False, break_on_hyphens=False)
 
 
 def _what(steps: Sequence[str], algorithm: str) -> str:

@@ -118,7 +118,8 @@ def export_policy(
         If the network is too large to be published, or the ONNX file does not act as the model does.
     """
     settings = published_settings(env_id, env)
-    obs = env["obs"] if isinstance(env["obs"], str) else tuple(env["obs"])
+    given = env.get("obs", keywords(GraspVectorSettings)["obs"].default)
+    obs = given if isinstance(given, str) else tuple(given)
     names = (obs,) if isinstance(obs, str) else obs
     graph = ActionGraph(policy.model.policy, _scales_of(policy.statistics, names, not isinstance(obs, str)), names)
     check_size(graph, f"the policy {name!r}")
@@ -164,12 +165,14 @@ def check_parity(
     ConfigError
         If their actions differ by more than `graspbox.perception.export.PARITY`.
     """
-    worst = 0.0
+    differences = []
     for observation in seen:
         rows, expected = _named(observation, names), policy.act(observation)
         alone = {name: values[:1] for name, values in rows.items()}
         for found, wanted in ((network(rows), expected), (network(alone), expected[:1])):
-            worst = max(worst, float(np.abs(found["action"] - wanted).max()))
+            differences.append(np.abs(found["action"] - wanted).max())
+    worst = float(np.max(differences))
+    # Not `>`: it would take numbers that are not finite.
     if not worst <= PARITY:
         raise ConfigError(f"{called} differs from the model by {worst:.2g} in 'action'; do not use it")
 

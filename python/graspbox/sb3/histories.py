@@ -16,7 +16,7 @@ import yaml
 from graspbox.errors import ConfigError
 from graspbox.sb3.parameters import read_parameters
 
-__all__ = ["Made", "history", "settings_of"]
+__all__ = ["Made", "history", "settings_of", "shown"]
 
 _NEEDED = {"algorithm", "id", "env", "num_envs", "model", "normalize", "seed"}
 
@@ -179,11 +179,12 @@ def _changes(known: Mapping[str, Any], given: Mapping[str, Any], skipped: tuple[
 
 
 def _differing(known: Any, given: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Find the values that differ, by the names that ``--set`` takes; a mapping that lacks something is one value."""
     for name, value in given.items():
         old = known.get(name) if isinstance(known, Mapping) else None
         if value == old:
             continue
-        if isinstance(value, Mapping) and isinstance(old, Mapping):
+        if isinstance(value, Mapping) and isinstance(old, Mapping) and set(old) <= set(value):
             yield from _differing(old, value, f"{above}{name}.")
         else:
             yield f"{above}{name}", value
