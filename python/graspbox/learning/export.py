@@ -38,7 +38,7 @@ class PoseGraph(nn.Module):  # type: ignore[misc]
         angles = found[:, 3:]
         quaternions = normalized(angles) if self.model.loss.size == 4 else _quaternions(angles)
         rows = torch.cat([_rotations(quaternions), found[:, :3, None]], dim=2)
-        last = torch.tensor([0.0, 0.0, 0.0, 1.0]).expand(len(found), 1, 4)
+        last = torch.tensor([0.0, 0.0, 0.0, 1.0]).expand(found.shape[0], 1, 4)
         return torch.cat([rows, last], dim=1)
 
 
