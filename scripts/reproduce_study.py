@@ -330,7 +330,7 @@ def publish(
     command: str,
 ) -> None:
     """Publish the best small network."""
-    from graspbox.learning.publishing import publish_best
+    from graspbox.policy_training.study import publish_best
 
     with progress() as bar:
         task = bar.add_task(folder.name, total=settings.trials * len(settings.measured))

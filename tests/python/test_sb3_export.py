@@ -14,6 +14,7 @@ import pytest
 
 from graspbox import errors, policies
 from graspbox.demonstrations import record
+from graspbox.perception.runtimes import onnx_network
 from graspbox.policies import Task
 from graspbox.policies.network_folders import read_network_policy
 from test_scripts import script
@@ -116,7 +117,7 @@ def test_an_export_that_differs_is_refused(tmp_path: Path) -> None:
     env = {"obs": "state", "objects": OBJECTS}
     model = trained("ppo", DECISION, env)
     exported(tmp_path / "whole", model, "ppo", DECISION, env)
-    network = perception_export.onnx_network(tmp_path / "whole/policy.onnx")
+    network = onnx_network(tmp_path / "whole/policy.onnx")
     envs = gymnasium.make_vec(DECISION, num_envs=2, objects=OBJECTS)
     observation, _ = envs.reset(seed=0)
     envs.close()

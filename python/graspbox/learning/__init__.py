@@ -14,7 +14,6 @@
 | `regressor`  | a trained model as a policy of ``GraspPose-v0`` | when it loads one that was not published |
 | `pose_folders` | folders of published models, and what runs them | no |
 | `export`     | writes such folders | yes |
-| `publishing` | the best small network of a reproduction as such a folder, with its card | yes |
 | `study_settings` | settings of the reproduction; what the study found | no |
 | `study_results`, `study_figures` | tables 3.2 and 3.3 and figures 3.19 to 3.27 of the study beside ours | no |
 

@@ -21,13 +21,10 @@ from graspbox.arguments import to_json
 from graspbox.errors import ConfigError
 from graspbox.files import dumps, write_text
 from graspbox.learning.model_configs import ModelConfig
-from graspbox.perception.policy_folders import FORMAT, read_config
+from graspbox.perception.policy_folders import FORMAT, POSE_KIND, read_config
 from graspbox.perception.runtimes import Network, onnx_network
 
-__all__ = ["POSE_KIND", "PosePolicyConfig", "PublishedPoses", "read_pose_policy", "write_pose_policy"]
-
-#: Kind of the policy that `PosePolicyConfig` describes.
-POSE_KIND = "study-pose"
+__all__ = ["PosePolicyConfig", "PublishedPoses", "read_pose_policy", "write_pose_policy"]
 
 
 @dataclass(frozen=True)

@@ -54,10 +54,9 @@ from pathlib import Path
 from typing import cast
 
 from graspbox.errors import ConfigError
-from graspbox.learning.pose_folders import POSE_KIND
 from graspbox.perception.feel_folders import FEEL
 from graspbox.perception.head_folders import HEAD_KIND
-from graspbox.perception.policy_folders import KIND, read_kind
+from graspbox.perception.policy_folders import KIND, POSE_KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 from graspbox.policies.depth_oracles import RobustOracle
