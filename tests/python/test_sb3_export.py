@@ -26,6 +26,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 running = pytest.importorskip("graspbox.sb3.running")
 export = pytest.importorskip("graspbox.sb3.export")
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: E402
+
 from graspbox.perception import export as perception_export  # noqa: E402
 from graspbox.sb3.policy import ModelPolicy  # noqa: E402
 from graspbox.sb3.training import model_arguments  # noqa: E402
@@ -145,6 +147,31 @@ def test_what_cannot_be_published_is_refused(tmp_path: Path, monkeypatch: pytest
     with pytest.raises(errors.ConfigError, match="a file of 0 MB; published networks have at most 0 MB"):
         exported(tmp_path / "x", model, "ppo", DECISION, env)
     assert not (tmp_path / "x").exists()
+
+
+class Outside(BaseFeaturesExtractor):  # type: ignore[misc]
+    """Leaves torch on its way, as a network does that crops what it sees by other means."""
+
+    def __init__(self, space: Any) -> None:
+        super().__init__(space, space.shape[0])
+
+    def forward(self, seen: Any) -> Any:
+        """Sort the numbers."""
+        return torch.from_numpy(np.sort(seen.detach().numpy(), axis=1))
+
+
+def test_a_network_that_leaves_torch_is_refused(tmp_path: Path) -> None:
+    env = {"obs": "state", "objects": OBJECTS}
+    envs = running.make_env(DECISION, 2, **env)
+    kwargs = {"features_extractor_class": Outside}
+    model = ModelPolicy(running.ALGORITHMS["ppo"]("MlpPolicy", envs, policy_kwargs=kwargs, device="cpu"))
+    with pytest.raises(
+        errors.ConfigError, match="its features extractor, Outside, or a layer does what ONNX cannot hold"
+    ):
+        exported(tmp_path / "x", model, "ppo", DECISION, env)
+    envs.close()
+    assert not (tmp_path / "x/config.json").exists()
+    assert not (tmp_path / "x/policy.onnx").exists()
 
 
 def published(run: Path, out: Path, *more: str) -> dict[str, Any]:

@@ -115,7 +115,8 @@ def export_policy(
     Raises
     ------
     ConfigError
-        If the network is too large to be published, or the ONNX file does not act as the model does.
+        If the network is too large to be published, computes what ONNX cannot hold, or the ONNX file does not act as
+        the model does.
     """
     settings = published_settings(env_id, env)
     given = env.get("obs", keywords(GraspVectorSettings)["obs"].default)
@@ -134,7 +135,7 @@ def export_policy(
     finally:
         envs.close()
     example = [torch.from_numpy(_named(seen[0], names)[one]) for one in names]
-    write_onnx(graph, example, True, folder / _NETWORK, [])
+    _write(graph, example, folder / _NETWORK)
     check_parity(onnx_network(folder / _NETWORK, 1), policy, seen, names, folder / _NETWORK)
     save_weights(graph, folder / _WEIGHTS)
     config = NetworkPolicyConfig(
@@ -153,6 +154,19 @@ def export_policy(
         shutil.copyfile(licence, folder / "LICENSE")
     write_network_policy(folder, config)
     return config
+
+
+def _write(graph: ActionGraph, example: list[torch.Tensor], path: Path) -> None:
+    try:
+        write_onnx(graph, example, True, path, [])
+    except OSError:
+        raise
+    except Exception as error:  # the exporter's errors share no base class
+        kind, first = type(graph.extractor).__name__, next(iter(str(error).strip().splitlines()), "")
+        raise ConfigError(
+            f"the policy cannot be written as ONNX; its features extractor, {kind}, or a layer does what ONNX cannot "
+            f"hold, such as numpy's functions: {first}"
+        ) from error
 
 
 def check_parity(
