@@ -3,6 +3,7 @@
     python scripts/reproduce_study.py --out out/study --minutes-per-network 20
     python scripts/reproduce_study.py --out out/study --minutes-per-network 20 --resume
     python scripts/reproduce_study.py --out out/small --networks cnn3d --losses psi4 --iterations 200
+    python scripts/reproduce_study.py --out out/study --minutes-per-network 20 --resume --publish policies/study
 
 The folder then holds ``study.md``, which shows tables 3.2 and 3.3 beside ours and figures 3.19 to 3.27; ``results.jsonl``
 with a row per network; ``data/`` with the samples; and a folder per network (`graspbox.learning.training`), from which
@@ -11,6 +12,8 @@ with a row per network; ``data/`` with the samples; and a folder per network (`g
 An interrupted run continues with ``--resume`` and the same arguments: samples are kept, complete networks are not trained
 again, and the one that was being trained continues from its last checkpoint. Networks that end by ``--minutes-per-network``
 depend on the speed of the machine; those that end by ``--iterations`` or by early stopping do not.
+
+``--publish`` exports the best of the networks that are small enough, with a card, for onnxruntime; `Cnn2d` has 190 MB.
 
 Exit status: 0 at the end, 2 for wrong arguments, 130 for an interrupted run. Needs the extras ``cli``, ``ycb`` and
 ``train``.
@@ -49,6 +52,8 @@ from graspbox.validation.study import study_objects
 UNSEEN_SEED = 500
 #: Views of unseen objects per network: as many as the study's test has images.
 UNSEEN = 61
+#: Arguments on which no network depends.
+NOT_RESULTS = ("out", "resume", "json", "torch_threads", "publish", "measured", "trials")
 
 
 @dataclass(frozen=True)
@@ -87,13 +92,19 @@ class Settings:
     """Continue what is in the folder."""
     torch_threads: int = 2
     """Threads of the networks; other numbers round differently."""
+    publish: Path | None = None
+    """Folder of the best small network as a policy."""
+    measured: tuple[str, ...] = ("procedural:unseen:0-19", "ycb/test")
+    """Object sets on which that is measured; /SPLIT keeps one split."""
+    trials: int = 1000
+    """Trials on each of them."""
     json: bool = False
     """Print the results as JSON, and nothing else, on standard output."""
 
 
 def check(settings: Settings) -> None:
     """Refuse arguments that are out of range."""
-    for name, least in (("samples", 20), ("iterations", 1), ("torch_threads", 1), ("seed", 0)):
+    for name, least in (("samples", 20), ("iterations", 1), ("torch_threads", 1), ("seed", 0), ("trials", 1)):
         value = getattr(settings, name)
         if value is not None and value < least:
             raise ConfigError(f"--{name.replace('_', '-')} is {value}; give {least} or more")
@@ -180,7 +191,7 @@ def run_network(
 ) -> NetworkResult:
     """Train one network, or continue, and execute its predictions."""
     from graspbox.learning.losses import LossWeights
-    from graspbox.learning.model import ModelConfig, PoseModel
+    from graspbox.learning.model import ModelConfig, PoseModel, moved
     from graspbox.learning.training import TrainConfig, measure, train
 
     samples, unseen = data
@@ -224,16 +235,6 @@ def stopped(folder: Path) -> dict[str, Any]:
     """Read why and when a run stopped."""
     result = json.loads((folder / "result.json").read_text())
     return {"stopped": result["stopped"], "iterations": result["iteration"], "seconds": result["seconds"]}
-
-
-def moved(before: Any, after: Any) -> float:
-    """How far the weights of all layers but the last moved, as a share of their norm."""
-    import torch
-
-    with torch.no_grad():
-        pairs = list(zip(before.network.parameters(), after.network.parameters(), strict=True))[:-2]
-        apart = sum(float((a - b).square().sum()) for a, b in pairs)
-        return math.sqrt(apart / sum(float(a.square().sum()) for a, _ in pairs))
 
 
 def run_baselines(settings: Settings, data: dict[str, tuple[Samples, Samples]], scenes: Scenes) -> dict[str, Any]:
@@ -294,7 +295,7 @@ def reproduce(settings: Settings, command: str) -> list[NetworkResult]:
     path = settings.out / "results.jsonl"
     if path.is_file() and not settings.resume:
         raise ConfigError(f"{str(settings.out)!r} holds results; continue with --resume, or name another folder")
-    fixed = {k: v for k, v in asdict(settings).items() if k not in ("out", "resume", "json", "torch_threads")}
+    fixed = {k: v for k, v in asdict(settings).items() if k not in NOT_RESULTS}
     fixed |= {"objects": list(objects.names), "networks": list(settings.networks), "losses": list(settings.losses)}
     log = ResumeLog(path, fixed)
     data = make_data(settings, objects)
@@ -315,7 +316,37 @@ def reproduce(settings: Settings, command: str) -> list[NetworkResult]:
         console.print(
             f"{' '.join(job)} is complete: {len(jobs) - len(todo) + i + 1} of {len(jobs)}, about {left:.0f} min left"
         )
-    return results if todo else write_page(settings, command, log, data)
+    results = results if todo else write_page(settings, command, log, data)
+    if settings.publish is not None:
+        publish(settings, settings.publish, results, data, command)
+    return results
+
+
+def publish(
+    settings: Settings,
+    folder: Path,
+    results: list[NetworkResult],
+    data: dict[str, tuple[Samples, Samples]],
+    command: str,
+) -> None:
+    """Publish the best small network."""
+    from graspbox.policy_training.study import publish_best
+
+    with progress() as bar:
+        task = bar.add_task(folder.name, total=settings.trials * len(settings.measured))
+        publish_best(
+            folder,
+            settings.out,
+            results,
+            data,
+            mapping=settings.mapping,
+            objects=settings.measured,
+            trials=settings.trials,
+            seed=settings.seed,
+            command=command,
+            licence=Path(__file__).parents[1] / "LICENSE",
+            progress=counter(bar, task),
+        )
 
 
 def write_page(

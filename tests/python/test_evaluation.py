@@ -115,6 +115,25 @@ class Hasty(Policy):
         return actions
 
 
+def test_a_policy_says_where_it_acts() -> None:
+    """Unless its caller does."""
+
+    class Idle(policies.Policy):
+        """Stands still, in the closed loop."""
+
+        env_id = LOOP
+        settings = {"max_episode_steps": 3}  # noqa: RUF012 (read only)
+
+        def act(self, observation: Any) -> policies.Actions:
+            """Do nothing."""
+            return self._zeros()
+
+    found = evaluate(Idle(), None, "procedural:can:0", 2)
+    assert (found.env_id, [trial.steps for trial in found.trials]) == (LOOP, [3, 3])
+    assert evaluate(Idle(), POSE, "procedural:can:0", 1).env_id == POSE
+    assert evaluate("zero", objects="procedural:can:0", trials=1).env_id == POSE
+
+
 def test_short_episodes_count_no_more_than_long_ones() -> None:
     """Half of the trials succeed after about 120 steps, half fail after 600: the first ones to finish would succeed."""
     result = evaluate(Hasty(), LOOP, "procedural:can:0-2", 12, 0, num_envs=4, max_episode_steps=600)

@@ -190,7 +190,7 @@ def test_a_folder_that_feels_is_loaded_and_checked(folder: Path, tmp_path: Path)
     assert policy.name == "tiny-feel"
     assert policy.threshold == read_feel(folder).threshold == 0.5
     with pytest.raises(errors.ConfigError, match="--env graspbox/Grasp-v0"):
-        evaluation.evaluate(policy, objects=CANS, trials=1)
+        evaluation.evaluate(policy, "graspbox/GraspPose-v0", CANS, trials=1)
     tiny_policy.make_feeling(tmp_path)
     content = json.loads((tmp_path / FEEL).read_text())
     for change, message in (

@@ -345,6 +345,17 @@ def test_the_study_is_reproduced_and_resumed(tmp_path: Path, capsys: pytest.Capt
     assert module.main([*arguments, "--resume"]) == 0
     assert json.loads(capsys.readouterr().out) == results
     assert {path: path.stat().st_mtime_ns for path in out.rglob("weights.pt")} == times
+    pytest.importorskip("onnxruntime")
+    folder = tmp_path / "policies/study"
+    more = ["--publish", str(folder), "--measured", "procedural:can:0-3", "--trials", "2"]
+    assert module.main([*arguments, "--resume", *more]) == 0
+    card = (folder / "README.md").read_text()
+    assert all(title in card for title in ("## Scores", "## Data and training", "## Limits", "## Licence"))
+    assert "| `procedural:can:0-3` | 1 of 4 | 2 | " in card
+    assert card.count("| cnn3d | psi4 | ") == 2
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 4e6
+    assert policies.load(str(folder)).name == "study"
+    capsys.readouterr()
     assert module.main([*arguments, "--resume", "--seed", "1"]) == 2
     assert "begun with other settings: seed was 0, is now 1" in capsys.readouterr().err
     assert module.main(["--out", str(tmp_path / "x"), "--samples", "5"]) == 2

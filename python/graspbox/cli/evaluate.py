@@ -27,7 +27,10 @@ def _print(result: Evaluation) -> None:
 
 def evaluate(
     policy: PolicyName,
-    env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = IDS[0],
+    env: Annotated[
+        str | None,
+        typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
+    ] = None,
     objects: Annotated[
         list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
     ] = None,

@@ -53,7 +53,7 @@ MAX_ENVS = 4096
 
 def evaluate(
     policy: Policy | str,
-    env_id: str = "graspbox/GraspPose-v0",
+    env_id: str | None = None,
     objects: ObjectsArgument = "procedural",
     trials: SupportsIndex = 200,
     seed: SupportsIndex = 0,
@@ -69,8 +69,8 @@ def evaluate(
     ----------
     policy : Policy or str
         A policy, or a name that `graspbox.policies.load` takes.
-    env_id : str
-        One of `graspbox.envs.IDS`.
+    env_id : str, optional
+        One of `graspbox.envs.IDS`; by default the one that the policy acts in, else ``graspbox/GraspPose-v0``.
     objects : str, Path, ObjectSet or sequence of str
         Object sets, from which each trial samples one object: see `graspbox.object_sets`.
     trials : int
@@ -99,6 +99,7 @@ def evaluate(
     count = _within("trials", trials, MAX_TRIALS)
     seeds = trial_seeds(natural(seed, "seed", bits=64), count)
     width = min(_within("num_envs", num_envs, MAX_ENVS), count)
+    env_id = env_id or chosen.env_id or IDS[0]
     if env_id.removeprefix("graspbox:") not in IDS:
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
     if chosen.obs is not None:

@@ -7,10 +7,13 @@
 | `rotations`  | quaternions and Euler angles in bulk | no |
 | `losses`     | the six losses by name | yes |
 | `networks`   | ``Cnn2d``, ``Cnn2dDropout``, ``Cnn3d`` | yes |
+| `model_configs` | what a network is made of | no |
 | `model`      | a network with its scaling: saved, loaded, from inputs to poses | yes |
 | `training`   | optimisers by name, early stopping, logs, checkpoints | yes |
 | `execution`  | predicted poses tried in simulation; baselines that learn nothing | no |
-| `regressor`  | a trained model as a policy of ``GraspPose-v0`` | when it loads a model |
+| `regressor`  | a trained model as a policy of ``GraspPose-v0`` | when it loads one that was not published |
+| `pose_folders` | folders of published models, and what runs them | no |
+| `export`     | writes such folders | yes |
 | `study_settings` | settings of the reproduction; what the study found | no |
 | `study_results`, `study_figures` | tables 3.2 and 3.3 and figures 3.19 to 3.27 of the study beside ours | no |
 

@@ -1,8 +1,9 @@
 """A network with its scaling: from images or voxels as they are stored to poses in metres."""
 
 import json
+import math
 import pickle
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,55 +16,17 @@ from graspbox.arguments import config_of
 from graspbox.errors import ConfigError, FileError
 from graspbox.files import read_bounded, replacing, write_text
 from graspbox.learning.losses import Loss, loss_named, normalized
-from graspbox.learning.networks import Units, network_named
-from graspbox.learning.samples import Kind, poses_of_labels
+from graspbox.learning.model_configs import ModelConfig
+from graspbox.learning.networks import network_named
+from graspbox.learning.samples import poses_of_labels
 
-__all__ = ["ModelConfig", "PoseModel"]
+__all__ = ["ModelConfig", "PoseModel", "moved"]
 
 #: Files of a saved model.
 _CONFIG, _WEIGHTS = "model.json", "weights.pt"
 _LARGEST_CONFIG = 1 << 20
 #: Inputs per forward pass of `PoseModel.predict`.
 _BATCH = 16
-
-
-@dataclass(frozen=True)
-class ModelConfig:
-    """What a `PoseModel` is made of.
-
-    Attributes
-    ----------
-    network : str
-        One of `graspbox.learning.networks.NETWORKS`.
-    loss : str
-        One of `graspbox.learning.losses.LOSSES`; it decides between quaternions and Euler angles.
-    kind : {"image", "binary", "ternary"}
-        What it sees (`graspbox.learning.samples`).
-    units : {"relu", "sigmoid"}
-        Units of the network.
-    zero_output : bool
-        Whether its last layer begins with zeros.
-    preshape : float
-        The preshape of the grasps that it learns from, which it does not predict.
-    size : int or None
-        Side of its inputs; None for the study's.
-    fully_connected : tuple of int or None
-        Units of the fully connected layers before the last; None for the study's.
-    """
-
-    network: str
-    loss: str
-    kind: Kind
-    units: Units = "relu"
-    zero_output: bool = False
-    preshape: float = 0.0
-    size: int | None = None
-    fully_connected: tuple[int, ...] | None = None
-
-    def __post_init__(self) -> None:
-        if self.fully_connected is not None:
-            # JSON has lists.
-            object.__setattr__(self, "fully_connected", tuple(self.fully_connected))
 
 
 class PoseModel(nn.Module):  # type: ignore[misc]
@@ -214,3 +177,11 @@ class PoseModel(nn.Module):  # type: ignore[misc]
             reason = str(error).partition("\n")[0]
             raise ConfigError(f"{str(path)!r} holds no weights of the network of {_CONFIG}: {reason}") from None
         return model
+
+
+def moved(before: PoseModel, after: PoseModel) -> float:
+    """Measure how far the weights of all layers but the last moved, as a share of their norm."""
+    with torch.no_grad():
+        pairs = list(zip(before.network.parameters(), after.network.parameters(), strict=True))[:-2]
+        apart = sum(float((a - b).square().sum()) for a, b in pairs)
+        return math.sqrt(apart / sum(float(a.square().sum()) for a, _ in pairs))

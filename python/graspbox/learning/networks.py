@@ -15,16 +15,15 @@ features.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, get_args
 
 import torch
 from torch import Tensor, nn
 
 from graspbox.errors import ConfigError
+from graspbox.learning.model_configs import Units
 
 __all__ = ["NETWORKS", "Cnn2d", "Cnn2dDropout", "Cnn3d", "Convolution", "Pool", "PoseNetwork", "Units", "network_named"]
-
-Units = Literal["sigmoid", "relu"]
 
 
 @dataclass(frozen=True)

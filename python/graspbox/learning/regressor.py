@@ -1,4 +1,4 @@
-"""A trained pose network as a policy of ``GraspPose-v0`` (extra ``[train]``).
+"""A trained pose network as a policy of ``GraspPose-v0`` (extra ``[train]``, or ``[onnx]`` for a published one).
 
 The networks predict in the base frame of an object and see it as the study's camera does. So the policy finds the
 object in its observation first: the middle of what rises above the table gives the base frame, whose axes are the
@@ -24,6 +24,7 @@ from graspbox import learning
 from graspbox.camera_configs import CameraConfig, CamerasConfig
 from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError
+from graspbox.learning.pose_folders import PublishedPoses
 from graspbox.learning.samples import GRID_SIZE, IMAGE_SIZE, OPAQUE, TRANSPARENT, UNSEEN, grey
 from graspbox.perception.cameras import camera_pose
 from graspbox.policies.base import Actions, Policy, Task
@@ -57,24 +58,27 @@ class PoseRegressor(Policy):
 
     Parameters
     ----------
-    model : PoseModel or Path
-        A trained model, or the folder of one (`graspbox.learning.training`).
+    model : PoseModel, PublishedPoses or Path
+        A trained model, or the folder of one: of `graspbox.learning.training`, which torch runs, or of
+        `graspbox.learning.pose_folders`, which onnxruntime runs.
 
     Raises
     ------
     MissingExtraError
-        If torch is not installed.
+        If torch is needed and not installed.
     FileError, ConfigError
         If the folder holds no model.
     """
 
-    def __init__(self, model: "PoseModel | Path | str") -> None:
-        learning.require()
-        from graspbox.learning.model import PoseModel
+    env_id = "graspbox/GraspPose-v0"
 
-        self.model = PoseModel.load(Path(model)) if isinstance(model, str | Path) else model
+    def __init__(self, model: "PoseModel | PublishedPoses | Path | str") -> None:
+        self.model = _load(Path(model)) if isinstance(model, str | Path) else model
         self.kind = self.model.config.kind
         self.name = f"{self.model.config.network}-{self.model.config.loss}"
+        self._knows: str | None = None
+        if isinstance(self.model, PublishedPoses):
+            self.name, self._knows = self.model.published.name, self.model.published.hand
         self.obs = "rgbd" if self.kind == "image" else "voxels"
         self.settings = {"cameras": cameras(self.kind)}
 
@@ -90,6 +94,8 @@ class PoseRegressor(Policy):
                 f"environments with cameras=graspbox.learning.regressor.cameras({self.kind!r})"
             )
         self._hand = load_hand(task.hand)
+        if self._knows is not None and self._hand.name != self._knows:
+            raise ConfigError(f"the policy {self.name!r} knows the hand {self._knows!r}, not {self._hand.name!r}")
 
     def act(self, observation: Any) -> Actions:
         """Predict a pose for every environment."""
@@ -104,6 +110,16 @@ class PoseRegressor(Policy):
         for i, pose in zip(rows, poses, strict=True):
             actions[i] = encode_action(pose, self.model.config.preshape, hand=self._hand)
         return actions
+
+
+def _load(folder: Path) -> "PoseModel | PublishedPoses":
+    """Load a published model, or one as it was trained."""
+    if (folder / "config.json").is_file():
+        return PublishedPoses(folder)
+    learning.require()
+    from graspbox.learning.model import PoseModel
+
+    return PoseModel.load(folder)
 
 
 def _base(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -28,12 +28,26 @@ from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, rea
 from graspbox.perception.runtimes import onnx_network, torch_network
 from graspbox.perception.scorer import ScorerNet
 
-__all__ = ["FINALISTS", "PARITY", "export_completion", "export_depth_policy", "export_scorer", "load_graphs"]
+__all__ = [
+    "FINALISTS",
+    "LARGEST_NETWORK",
+    "PARITY",
+    "check_size",
+    "export_completion",
+    "export_depth_policy",
+    "export_scorer",
+    "load_graphs",
+    "restore_weights",
+    "save_weights",
+    "write_onnx",
+]
 
 #: Grasps that all members of a scorer judge.
 FINALISTS = 16
 #: Greatest difference between what ONNX and torch give; bytes may differ by 1.
 PARITY = 1e-4
+#: Most bytes of the weights of a published network; its folder holds them twice.
+LARGEST_NETWORK = 8_000_000
 _OPSET = 18
 _COMPLETION, _SCORER = "completion", "scorer"
 
@@ -47,13 +61,16 @@ def write_onnx(
 ) -> None:
     """Write a graph, traced with an example, and compare the file with it on given inputs.
 
+    A graph whose `forward` takes any number of inputs says so by ``variadic = True``.
+
     Raises
     ------
     ConfigError
         If they differ.
     """
     rows = torch.export.Dim("rows", min=2)
-    shapes = tuple({0: rows} for _ in example) if dynamic else None
+    each = tuple({0: rows} for _ in example)
+    shapes = None if not dynamic else (each,) if getattr(graph, "variadic", False) else each
     quiet = logging.getLogger("torch.onnx")
     level = quiet.level
     quiet.setLevel(logging.ERROR)
@@ -210,11 +227,28 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
     config = read_depth_policy(Path(folder))
     grid = HandGrid(config.hand, config.grid, crop=config.crop)
     completion = CompletionNet(config.completion_width)
-    _restore(completion, Path(folder) / f"{_COMPLETION}.safetensors")
+    restore_weights(completion, Path(folder) / f"{_COMPLETION}.safetensors")
     members = [ScorerNet(grid, config.width) for _ in range(config.members)]
     for member, name in zip(members, config.weights, strict=True):
-        _restore(member, Path(folder) / name)
+        restore_weights(member, Path(folder) / name)
     return CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
+
+
+def check_size(net: nn.Module, called: str) -> None:
+    """Refuse a network whose file would be too large for a folder of policies.
+
+    Raises
+    ------
+    ConfigError
+        If its weights take more than `LARGEST_NETWORK` bytes.
+    """
+    count = sum(parameter.numel() for parameter in net.parameters())
+    size = sum(parameter.numel() * parameter.element_size() for parameter in net.parameters())
+    if size > LARGEST_NETWORK:
+        raise ConfigError(
+            f"{called} has {count / 1e6:.1f} million weights, a file of {size / 1e6:.0f} MB; published networks have "
+            f"at most {LARGEST_NETWORK / 1e6:.0f} MB: publish a smaller one"
+        )
 
 
 def save_weights(net: nn.Module, path: Path) -> None:
@@ -224,7 +258,14 @@ def save_weights(net: nn.Module, path: Path) -> None:
     write_bytes(path, save({name: pack(tensor) for name, tensor in net.state_dict().items()}))
 
 
-def _restore(net: nn.Module, path: Path) -> None:
+def restore_weights(net: nn.Module, path: Path) -> None:
+    """Read what `save_weights` wrote into a network.
+
+    Raises
+    ------
+    ConfigError
+        If they are the weights of another network.
+    """
     from safetensors.torch import load_file
 
     try:

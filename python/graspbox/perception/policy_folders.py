@@ -26,6 +26,7 @@ from graspbox.perception.finder import FinderConfig
 __all__ = [
     "FORMAT",
     "KIND",
+    "POSE_KIND",
     "DepthPolicyConfig",
     "check_files",
     "file_hash",
@@ -39,6 +40,8 @@ __all__ = [
 FORMAT = 1
 #: Kind of the policy that `DepthPolicyConfig` describes.
 KIND = "depth-grasp"
+#: Kind of those that `graspbox.learning.pose_folders` describes.
+POSE_KIND = "study-pose"
 _LARGEST_CONFIG = 1 << 20
 _LARGEST_FILE = 1 << 30
 

@@ -9,7 +9,8 @@
 | ``seen_planner``  | all | as ``planner``, on the surface that one depth camera sees |
 | ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
-| a folder with ``model.json`` | ``GraspPose-v0`` | a network of the study (`graspbox.learning.regressor`) |
+| a folder    | the one that it names | `NetworkPolicy`: one network from observations to actions, such as a clone |
+| a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.learning.regressor`); also with ``model.json`` |
 | a folder with ``feel.json`` | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
 
 ``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.
@@ -24,6 +25,8 @@
 | `depth`   | `DepthGrasp` |
 | `feel`    | `FeelThenLift` |
 | `head`    | `HeadGrasp`: one network |
+| `network` | `NetworkPolicy` |
+| `network_folders` | what its folder holds |
 | `depth_oracles` | the truth in place of its parts, to measure what each loses, and ``robust_oracle`` |
 | `seen_baselines` | `SeenPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
 
@@ -53,12 +56,14 @@ from typing import cast
 from graspbox.errors import ConfigError
 from graspbox.perception.feel_folders import FEEL
 from graspbox.perception.head_folders import HEAD_KIND
-from graspbox.perception.policy_folders import KIND, read_kind
+from graspbox.perception.policy_folders import KIND, POSE_KIND, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 from graspbox.policies.depth_oracles import RobustOracle
 from graspbox.policies.feel import Attempt, FeelThenLift
 from graspbox.policies.head import HEAD, HeadGrasp
+from graspbox.policies.network import NetworkPolicy
+from graspbox.policies.network_folders import NETWORK_KIND
 from graspbox.policies.planner import Expert, Planner
 from graspbox.policies.seen_baselines import NearestGrasp, SeenPlanner
 from graspbox.policies.simple import Random, Zero
@@ -71,6 +76,7 @@ __all__ = [
     "FeelThenLift",
     "HeadGrasp",
     "NearestGrasp",
+    "NetworkPolicy",
     "Planner",
     "Policy",
     "Random",
@@ -82,8 +88,19 @@ __all__ = [
     "names",
 ]
 
+
+def _regressor(folder: Path) -> Policy:
+    """Make a policy of a network of the study; its module imports this one."""
+    return cast(Policy, import_module("graspbox.learning.regressor").PoseRegressor(folder))
+
+
 #: Policies of a folder, by the kind that its ``config.json`` names.
-_KINDS: dict[str, Callable[[Path], Policy]] = {KIND: DepthGrasp, HEAD_KIND: HeadGrasp}
+_KINDS: dict[str, Callable[[Path], Policy]] = {
+    KIND: DepthGrasp,
+    HEAD_KIND: HeadGrasp,
+    NETWORK_KIND: NetworkPolicy,
+    POSE_KIND: _regressor,
+}
 #: File of a folder in which a network of the study was trained (`graspbox.learning`).
 _STUDY = "model.json"
 _BASELINES: dict[str, Callable[[], Policy]] = {
@@ -119,8 +136,7 @@ def load(name: str) -> Policy:
     if (folder / HEAD).is_file():
         return HeadGrasp(folder)
     if (folder / _STUDY).is_file():
-        # Needs torch, and imports this module.
-        return cast(Policy, import_module("graspbox.learning.regressor").PoseRegressor(folder))
+        return _regressor(folder)
     if (folder / FEEL).is_file():
         return FeelThenLift(folder)
     kind = read_kind(folder)

@@ -132,11 +132,14 @@ class Policy(ABC):
     settings : mapping
         Other keywords of environments that suit it; `graspbox.evaluation.evaluate` gives them where its caller does
         not.
+    env_id : str or None
+        The one environment that it acts in, one of `graspbox.envs.IDS`; None: any.
     """
 
     name: str = "policy"
     obs: str | tuple[str, ...] | None = None
     settings: Mapping[str, Any] = {}
+    env_id: str | None = None
     _task: Task | None = None
 
     @property

@@ -110,6 +110,7 @@ class RobustOracle(Planner):
     """
 
     name = "robust_oracle"
+    env_id = "graspbox/GraspPose-v0"
     _replays = Replays(finalists=12, count=16, position=0.005, rotation=float(np.radians(5.0)))
 
     def _bind(self, task: Task) -> None:

@@ -79,6 +79,7 @@ class FeelThenLift(DepthGrasp):
     """
 
     name = "feel-then-lift"
+    env_id = "graspbox/Grasp-v0"
     # Two attempts have taken up to 395 steps.
     settings = {"image_size": 128, "max_episode_steps": 450}  # noqa: RUF012 (read only)
 

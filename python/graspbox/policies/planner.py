@@ -108,6 +108,7 @@ class Expert(Planner):
     """
 
     name = "expert"
+    env_id = "graspbox/Grasp-v0"
 
     def _bind(self, task: Task) -> None:
         if not task.closed_loop:

@@ -10,7 +10,9 @@
 | `felt_trials` | grasps of it, felt and lifted: what it learns from |
 | `paired`   | the same trials with and without a second attempt |
 | `feel_cards` | page and picture of a policy that feels |
+| `network_cards` | scores and page of a clone, of a trained policy, of a network of the study |
+| `study` | the best small network of a reproduction of the study as a published policy |
 
-Nothing is imported here: `depth` and `feel` need torch. ``scripts/train_depth_policy.py`` and ``scripts/train_feel.py``
-are the commands.
+Nothing is imported here: `depth`, `feel` and `study` need torch. ``scripts/train_depth_policy.py`` and
+``scripts/train_feel.py`` are the commands; ``scripts/publish_sb3.py`` and ``scripts/reproduce_study.py`` publish too.
 """

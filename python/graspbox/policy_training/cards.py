@@ -11,7 +11,7 @@ from graspbox.perception.head_folders import HeadPolicyConfig
 from graspbox.perception.scenes import SceneConfig
 from graspbox.progress import shown_time
 
-__all__ = ["rate", "write_card", "write_head_card"]
+__all__ = ["LICENCE", "rate", "write_card", "write_head_card"]
 
 _HEAD = """# {name}
 
@@ -28,7 +28,8 @@ First attempt in `GraspPose-v0`, on objects of which nothing was learnt; the cam
 brackets the 95 % intervals (Wilson).{more}
 
 """
-_LICENCE = "\n## Licence\n\nApache-2.0; see `LICENSE`. Objects: `graspbox objects` names their licences.\n"
+#: Last part of a card.
+LICENCE = "\n## Licence\n\nApache-2.0; see `LICENSE`. Objects: `graspbox objects` names their licences.\n"
 _ECE = " ECE is the expected calibration error of the stated probability of success."
 
 _LIMITS = """
@@ -122,7 +123,7 @@ def write_card(
     for name, found in stages.items():
         text += f"| {name} | {shown_time(found['seconds'])} | {_result(name, found)} |\n"
     text += f"| all | {shown_time(sum(found['seconds'] for found in stages.values()))} | |\n"
-    write_text(folder / "README.md", text + _limits(scenes) + _LICENCE)
+    write_text(folder / "README.md", text + _limits(scenes) + LICENCE)
 
 
 def _evaluated(folder: Path) -> str:
@@ -169,4 +170,4 @@ def write_head_card(
     text += f"\n## Data and training\n\n```\n{command}\n```\n\nSeed {seed}. {trained['trials']} trials in "
     text += f"{trained['scenes']} scenes of {data} (split `train`); {trained['step']} steps"
     text += f" in {shown_time(trained['seconds'])}.\n"
-    write_text(folder / "README.md", text + _limits(SceneConfig()) + _LICENCE)
+    write_text(folder / "README.md", text + _limits(SceneConfig()) + LICENCE)

@@ -28,7 +28,7 @@ opens, looks again and chooses once more. Made by graspbox {version}. `DEPTH.md`
 and chooses; this folder holds it too.
 
 ```
-graspbox evaluate {folder} --env graspbox/Grasp-v0 --objects procedural:unseen:0-19
+graspbox evaluate {folder} --objects procedural:unseen:0-19
 ```
 
 ## Scores

@@ -11,6 +11,8 @@
 | `graspbox.sb3.parameters` | entries of ``scripts/sb3.yaml`` |
 | `graspbox.sb3.cloning` | behaviour cloning of recorded demonstrations: steps, statistics, loss |
 | `graspbox.sb3.fine_tuning` | a model begins as a clone and stays near its demonstrations at first |
+| `graspbox.sb3.export` | a policy as a folder that acts without torch; `graspbox.sb3.action_graphs`: what it computes |
+| `graspbox.sb3.histories` | how the policy of a run came about, with commands that repeat it |
 | `graspbox.sb3.ppo` | PPO with a learning rate of its own for the value function |
 
 Nothing of Stable-Baselines3 is imported before one of these is asked for; `require` tells whether it is there.

@@ -1,0 +1,94 @@
+"""`NetworkPolicy`: a published network that acts on what its environment observes, such as a clone."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspbox.envs.settings import Settings, keywords
+from graspbox.errors import ConfigError
+from graspbox.perception.runtimes import Network, onnx_network
+from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.network_folders import ACTING, NetworkInput, read_network_policy
+from graspbox.simulation import load_hand
+
+__all__ = ["NetworkPolicy"]
+
+
+class NetworkPolicy(Policy):
+    """Acts as a network says, from observations to actions; onnxruntime runs it, without torch.
+
+    `graspbox.sb3.export` writes such folders. The network observes what its environment gives, no more: if ``state`` is
+    in `obs`, it is privileged.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder of `graspbox.policies.network_folders`.
+    num_threads : int
+        Threads of a decision; the networks are small.
+
+    Raises
+    ------
+    ConfigError, FileError
+        If the folder is wrong, or lacks a file.
+
+    Attributes
+    ----------
+    config : NetworkPolicyConfig
+        What the folder says.
+    """
+
+    def __init__(self, folder: Path, *, num_threads: int = 1) -> None:
+        self.config = read_network_policy(Path(folder))
+        self.name, self.obs, self.env_id = self.config.name, self.config.obs, self.config.env_id
+        self.settings = dict(self.config.settings)
+        self._file, self._num_threads = Path(folder) / "policy.onnx", num_threads
+        self._network: Network | None = None
+
+    def _bind(self, task: Task) -> None:
+        if task.env_id != self.env_id:
+            raise ConfigError(f"the policy {self.name!r} acts in {self.env_id!r}, not in {task.env_id!r}")
+        hand, known = load_hand(task.hand).name, self.settings["hand"]
+        if hand != known:
+            raise ConfigError(f"the policy {self.name!r} knows the hand {known!r}, not {hand!r}")
+        for name in ACTING:
+            default = keywords(Settings)[name].default
+            wanted, given = self.settings.get(name, default), getattr(task, name)
+            if name != "hand" and wanted != given:
+                raise ConfigError(
+                    f"the policy {self.name!r} needs {name}={wanted!r}; the environments have {name}={given!r}"
+                )
+        for one in self.config.inputs:
+            self._check(one, task)
+        shape = task.action_space.shape
+        if shape != (self.config.actions,):
+            raise ConfigError(
+                f"the actions of the environments have shape {shape}; those of the policy {self.name!r} have "
+                f"({self.config.actions},)"
+            )
+        if self._network is None:
+            self._network = onnx_network(self._file, self._num_threads)
+
+    def _check(self, wanted: NetworkInput, task: Task) -> None:
+        """Compare an observation of the environments with what the network takes."""
+        space: Any = task.observation_space
+        box = space if isinstance(task.obs, str) else space[wanted.name]
+        if (box.shape, str(box.dtype)) != (wanted.shape, wanted.dtype):
+            raise ConfigError(
+                f"the observation {wanted.name!r} has shape {box.shape} and type {box.dtype}; the policy "
+                f"{self.name!r} needs {wanted.shape} and {wanted.dtype}: make the environments with the keywords "
+                f"in its `settings`, {self.settings!r}"
+            )
+
+    def act(self, observation: Any) -> Actions:
+        """Run the network for every environment by itself, so that its bits do not depend on the others."""
+        actions = self._zeros()
+        assert self._network is not None
+        names = [one.name for one in self.config.inputs]
+        rows: Mapping[str, Any] = observation if isinstance(observation, Mapping) else {names[0]: observation}
+        for i in range(len(actions)):
+            inputs = {name: np.ascontiguousarray(rows[name][i : i + 1]) for name in names}
+            actions[i] = self._network(inputs)["action"][0]
+        return actions

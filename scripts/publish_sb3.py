@@ -1,0 +1,138 @@
+"""Publish a policy of Stable-Baselines3: a folder that ``graspbox evaluate`` runs without torch, with its scores.
+
+    python scripts/publish_sb3.py out/clone --out policies/clone
+    python scripts/publish_sb3.py out/tuned --out policies/tuned --best --objects procedural:unseen:0-19 ycb/test
+
+Takes the folder of a run of ``train_sb3.py`` or ``clone_sb3.py``. The ONNX file holds all that the run does to
+observations and actions; it must act as the model does on observations of the environment, else nothing is published.
+The folder is then evaluated, and its card tells how the policy was made, with the commands, and what it can do.
+
+Exit status: 0, 2 for arguments that cannot be used, 130 after Ctrl-C.
+
+Needs the extras ``cli`` and ``train``, and ``ycb`` for these objects.
+"""
+
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+import yaml
+
+from graspbox import object_sets, sb3
+from graspbox.cli.common import console, print_json, progress
+from graspbox.errors import ConfigError, GraspboxError
+from graspbox.evaluation import MAX_TRIALS
+from graspbox.policy_training.network_cards import Score, measure, object_set, write_network_card
+from graspbox.sb3.histories import Made, history, settings_of, shown
+
+PARAMETERS = Path(__file__).with_name("sb3.yaml")
+LICENCE = Path(__file__).parents[1] / "LICENSE"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Arguments of one publication."""
+
+    run: tyro.conf.Positional[Path]
+    """Folder of the run."""
+    out: Path
+    """Folder of the policy; its name is the policy's."""
+    best: bool = False
+    """The model of the best evaluation instead of the last one."""
+    objects: tuple[str, ...] = ("procedural:unseen:0-19", "ycb/test")
+    """Object sets to measure on; /SPLIT keeps one split."""
+    trials: int = 1000
+    """Trials on each of them."""
+    seed: int = 0
+    """Seed of the trials."""
+    num_envs: int = 16
+    """Environments stepped together; results do not depend on it."""
+    parameters: Path = PARAMETERS
+    """File of parameters; what the run has otherwise is part of its command on the card."""
+    json: bool = False
+    """Print JSON, and nothing else, on standard output."""
+
+
+def check(settings: Settings) -> None:
+    """Refuse arguments that cannot be used, before the work."""
+    if not 1 <= settings.trials <= MAX_TRIALS:
+        raise ConfigError(f"--trials is {settings.trials}; give 1 to {MAX_TRIALS}")
+    if settings.seed < 0:
+        raise ConfigError(f"--seed is {settings.seed}; give 0 or more")
+    if not settings.objects:
+        raise ConfigError("--objects is empty; name one set or more")
+    for name in settings.objects:
+        object_set(name)
+
+
+def known_objects(made: list[Made]) -> frozenset[str]:
+    """Name the objects that a policy learnt from."""
+    sets = [object_sets.load(one.objects["objects"], split=one.objects.get("split")) for one in made if one.objects]
+    return frozenset(name for found in sets for name in found.names)
+
+
+def publish(settings: Settings, command: str) -> list[Score]:
+    """Export, evaluate and describe a policy; gives its scores."""
+    check(settings)
+    sb3.require()
+    import torch
+
+    from graspbox.sb3.export import export_policy
+    from graspbox.sb3.running import load_policy
+
+    run = settings_of(settings.run)
+    checkpoint = "best" if settings.best else "checkpoint"
+    made = history(settings.run, settings.parameters, checkpoint)
+    torch.set_num_threads(1)
+    config = export_policy(
+        settings.out,
+        settings.out.name,
+        load_policy(run["algorithm"], settings.run / checkpoint),
+        algorithm=run["algorithm"],
+        env_id=run["id"],
+        env=run["env"],
+        policy_kwargs=run["model"].get("policy_kwargs", {}),
+        licence=LICENCE,
+    )
+    with progress() as bar:
+        task = bar.add_task(config.name, total=settings.trials * len(settings.objects))
+        scores = measure(
+            str(settings.out),
+            settings.objects,
+            settings.trials,
+            settings.seed,
+            known_objects(made),
+            progress=lambda done: bar.update(task, completed=done),
+            num_envs=settings.num_envs,
+        )
+    write_network_card(settings.out, config, made, scores, seed=settings.seed, command=command)
+    return scores
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Parse the arguments and publish; returns the exit status."""
+    given = sys.argv[1:] if arguments is None else arguments
+    settings = tyro.cli(Settings, args=given, description=__doc__)
+    try:
+        words = [shown(Path(word)) if Path(word).is_absolute() else word for word in given]
+        scores = publish(settings, shlex.join(["python", "scripts/publish_sb3.py", *words]))
+    except (GraspboxError, OSError, yaml.YAMLError) as error:
+        console.print(f"error: {error}", markup=False)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    rows: list[dict[str, Any]] = [{"set": score.objects, **score.result.to_json()} for score in scores]
+    if settings.json:
+        print_json(rows)
+    else:
+        for row in rows:
+            print(f"{row['set']}: {row['succeeded']} of {row['trials']} succeed, {row['secure']} secure")
+        print(settings.out / "README.md")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
