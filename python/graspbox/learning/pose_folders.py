@@ -9,7 +9,6 @@
 | ``LICENSE``          | the licence of the weights |
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.arguments import to_json
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, write_text
 from graspbox.learning.model_configs import ModelConfig
-from graspbox.perception.policy_folders import FORMAT, POSE_KIND, read_config
+from graspbox.perception.policy_folders import POSE_KIND, check_hashes, check_texts, read_config, write_config
 from graspbox.perception.runtimes import Network, onnx_network
 
 __all__ = ["PosePolicyConfig", "PublishedPoses", "read_pose_policy", "write_pose_policy"]
@@ -52,19 +49,15 @@ class PosePolicyConfig:
     files: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        for name in ("name", "graspbox", "hand"):
-            if not isinstance(getattr(self, name), str) or not getattr(self, name):
-                raise ConfigError(f"{name} is {getattr(self, name)!r}; give a text")
+        check_texts(self, "name", "graspbox", "hand")
+        check_hashes(self.files)
         if not isinstance(self.model, ModelConfig):
             raise ConfigError(f"model is {self.model!r}; give the fields of a ModelConfig")
-        if not isinstance(self.files, Mapping) or not all(isinstance(text, str) for text in self.files.values()):
-            raise ConfigError(f"files is {self.files!r}; give the SHA-256 of each file by its name")
 
 
 def write_pose_policy(folder: Path, config: PosePolicyConfig) -> None:
     """Write ``config.json``."""
-    content = {"format": FORMAT, "kind": POSE_KIND, **json.loads(to_json(config, PosePolicyConfig))}
-    write_text(Path(folder) / "config.json", dumps(content) + "\n")
+    write_config(folder, POSE_KIND, config)
 
 
 def read_pose_policy(folder: Path) -> PosePolicyConfig:

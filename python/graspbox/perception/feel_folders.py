@@ -11,7 +11,7 @@ from pathlib import Path
 from graspbox.arguments import config_of, to_json
 from graspbox.errors import ConfigError
 from graspbox.files import dumps, read_bounded, write_text
-from graspbox.perception.policy_folders import check_files
+from graspbox.perception.policy_folders import check_files, check_hashes
 
 __all__ = ["FEEL", "FeelConfig", "read_feel", "write_feel"]
 
@@ -48,8 +48,7 @@ class FeelConfig:
     def __post_init__(self) -> None:
         if not 0.0 <= self.threshold <= 1.0:
             raise ConfigError(f"threshold is {self.threshold}; give a probability, 0 to 1")
-        if not isinstance(self.files, Mapping) or not all(isinstance(text, str) for text in self.files.values()):
-            raise ConfigError(f"files is {self.files!r}; give the SHA-256 of each file by its name")
+        check_hashes(self.files)
 
 
 def write_feel(folder: Path, config: FeelConfig) -> None:

@@ -1,16 +1,13 @@
 """Folders of published heads: ``config.json``, ``head.onnx``, ``head.safetensors``; read and checked without torch."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from graspbox.arguments import to_json
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, write_text
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.head_configs import HeadConfig
-from graspbox.perception.policy_folders import FORMAT, read_config
+from graspbox.perception.policy_folders import check_hashes, read_config, write_config
 
 __all__ = ["HEAD_KIND", "HeadPolicyConfig", "read_head_policy", "write_head_policy"]
 
@@ -52,14 +49,12 @@ class HeadPolicyConfig:
     def __post_init__(self) -> None:
         if self.head.kind != "anchor":
             raise ConfigError(f"head.kind is {self.head.kind!r}; heads of the kind 'anchor' alone are published")
-        if not isinstance(self.files, Mapping) or not all(isinstance(text, str) for text in self.files.values()):
-            raise ConfigError(f"files is {self.files!r}; give the SHA-256 of each file by its name")
+        check_hashes(self.files)
 
 
 def write_head_policy(folder: Path, config: HeadPolicyConfig) -> None:
     """Write ``config.json``."""
-    content = {"format": FORMAT, "kind": HEAD_KIND, **json.loads(to_json(config, HeadPolicyConfig))}
-    write_text(Path(folder) / "config.json", dumps(content) + "\n")
+    write_config(folder, HEAD_KIND, config)
 
 
 def read_head_policy(folder: Path) -> HeadPolicyConfig:

@@ -28,11 +28,15 @@ __all__ = [
     "KIND",
     "POSE_KIND",
     "DepthPolicyConfig",
+    "check_counts",
     "check_files",
+    "check_hashes",
+    "check_texts",
     "file_hash",
     "read_config",
     "read_depth_policy",
     "read_kind",
+    "write_config",
     "write_depth_policy",
 ]
 
@@ -88,15 +92,9 @@ class DepthPolicyConfig:
     finder: FinderConfig = field(default_factory=FinderConfig)
 
     def __post_init__(self) -> None:
-        for name in ("name", "graspbox", "hand"):
-            if not isinstance(getattr(self, name), str) or not getattr(self, name):
-                raise ConfigError(f"{name} is {getattr(self, name)!r}; give a text")
-        for name in ("members", "width", "finalists", "completion_width"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise ConfigError(f"{name} is {value!r}; give a positive integer")
-        if not isinstance(self.files, Mapping) or not all(isinstance(text, str) for text in self.files.values()):
-            raise ConfigError(f"files is {self.files!r}; give the SHA-256 of each file by its name")
+        check_texts(self, "name", "graspbox", "hand")
+        check_counts(self, "members", "width", "finalists", "completion_width")
+        check_hashes(self.files)
 
     @property
     def weights(self) -> tuple[str, ...]:
@@ -126,10 +124,37 @@ def check_files(path: Path, files: Mapping[str, str]) -> None:
             raise ConfigError(f"{path.parent / name} is not the file that {path} names; export the policy again")
 
 
+def check_texts(config: object, *names: str) -> None:
+    """Refuse attributes of a config that are no text, or an empty one."""
+    for name in names:
+        value = getattr(config, name)
+        if not isinstance(value, str) or not value:
+            raise ConfigError(f"{name} is {value!r}; give a text")
+
+
+def check_counts(config: object, *names: str) -> None:
+    """Refuse attributes of a config that are no positive integers."""
+    for name in names:
+        value = getattr(config, name)
+        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+            raise ConfigError(f"{name} is {value!r}; give a positive integer")
+
+
+def check_hashes(files: object) -> None:
+    """Refuse what does not give texts by names, as the SHA-256 of files."""
+    if not isinstance(files, Mapping) or not all(isinstance(text, str) for text in files.values()):
+        raise ConfigError(f"files is {files!r}; give the SHA-256 of each file by its name")
+
+
+def write_config(folder: Path, kind: str, config: Any) -> None:
+    """Write ``config.json`` of a policy of some kind."""
+    content = {"format": FORMAT, "kind": kind, **json.loads(to_json(config, type(config)))}
+    write_text(Path(folder) / "config.json", dumps(content) + "\n")
+
+
 def write_depth_policy(folder: Path, config: DepthPolicyConfig) -> None:
     """Write ``config.json``."""
-    content = {"format": FORMAT, "kind": KIND, **json.loads(to_json(config, DepthPolicyConfig))}
-    write_text(Path(folder) / "config.json", dumps(content) + "\n")
+    write_config(folder, KIND, config)
 
 
 def read_kind(folder: Path) -> str:

@@ -9,7 +9,6 @@
 | ``LICENSE``            | the licence of the weights |
 """  # noqa: E501 (a table)
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,11 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from graspbox.arguments import to_json
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, write_text
-from graspbox.perception.policy_folders import FORMAT, read_config
+from graspbox.perception.policy_folders import check_counts, check_hashes, check_texts, read_config, write_config
 
 __all__ = ["NETWORK_KIND", "NetworkInput", "NetworkPolicyConfig", "read_network_policy", "write_network_policy"]
 
@@ -89,9 +86,9 @@ class NetworkPolicyConfig:
     policy_kwargs: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("name", "graspbox", "algorithm"):
-            if not isinstance(getattr(self, name), str) or not getattr(self, name):
-                raise ConfigError(f"{name} is {getattr(self, name)!r}; give a text")
+        check_texts(self, "name", "graspbox", "algorithm")
+        check_counts(self, "actions")
+        check_hashes(self.files)
         if self.env_id not in IDS:
             raise ConfigError(f"env_id is {self.env_id!r}; choose from {', '.join(IDS)}")
         if not isinstance(self.obs, str):
@@ -100,10 +97,6 @@ class NetworkPolicyConfig:
         given = [one.name if isinstance(one, NetworkInput) else one for one in self.inputs]
         if sorted(named) != sorted(given):
             raise ConfigError(f"inputs are {given!r}; give one for each name in obs, {self.obs!r}")
-        if not isinstance(self.actions, int) or isinstance(self.actions, bool) or self.actions < 1:
-            raise ConfigError(f"actions is {self.actions!r}; give a positive integer")
-        if not isinstance(self.files, Mapping) or not all(isinstance(text, str) for text in self.files.values()):
-            raise ConfigError(f"files is {self.files!r}; give the SHA-256 of each file by its name")
         for name in ("settings", "policy_kwargs"):
             if not isinstance(getattr(self, name), Mapping):
                 raise ConfigError(f"{name} is {getattr(self, name)!r}; give values by their names")
@@ -113,8 +106,7 @@ class NetworkPolicyConfig:
 
 def write_network_policy(folder: Path, config: NetworkPolicyConfig) -> None:
     """Write ``config.json``."""
-    content = {"format": FORMAT, "kind": NETWORK_KIND, **json.loads(to_json(config, NetworkPolicyConfig))}
-    write_text(Path(folder) / "config.json", dumps(content) + "\n")
+    write_config(folder, NETWORK_KIND, config)
 
 
 def read_network_policy(folder: Path) -> NetworkPolicyConfig:
