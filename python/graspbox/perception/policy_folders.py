@@ -24,7 +24,6 @@ from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import FinderConfig
 
 __all__ = [
-    "FORMAT",
     "KIND",
     "POSE_KIND",
     "DepthPolicyConfig",
