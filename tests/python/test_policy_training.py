@@ -149,7 +149,7 @@ def test_weights_of_another_network_are_refused(trained: Path, tmp_path: Path) -
     import shutil
     from dataclasses import replace
 
-    from graspbox.perception.export import load_graphs
+    from graspbox.perception.graphs import load_graphs
     from graspbox.perception.policy_folders import write_depth_policy
 
     folder = tmp_path / "policy"

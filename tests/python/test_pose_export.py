@@ -26,7 +26,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 export = pytest.importorskip("graspbox.learning.export")
 from graspbox.learning.model import ModelConfig, PoseModel  # noqa: E402
-from graspbox.perception.export import LARGEST_NETWORK  # noqa: E402
+from graspbox.perception.weight_files import LARGEST_NETWORK  # noqa: E402
 from graspbox.policy_training.study import best_small  # noqa: E402
 
 OBJECTS = object_sets.load("procedural:can:0-1")

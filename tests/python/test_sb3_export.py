@@ -28,7 +28,7 @@ running = pytest.importorskip("graspbox.sb3.running")
 export = pytest.importorskip("graspbox.sb3.export")
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: E402
 
-from graspbox.perception import export as perception_export  # noqa: E402
+from graspbox.perception import weight_files  # noqa: E402
 from graspbox.sb3.policy import ModelPolicy  # noqa: E402
 from graspbox.sb3.training import model_arguments  # noqa: E402
 
@@ -143,7 +143,7 @@ def test_what_cannot_be_published_is_refused(tmp_path: Path, monkeypatch: pytest
     model = trained("ppo", DECISION, env)
     with pytest.raises(errors.ConfigError, match=r"env\.hand is \['a\.urdf', 'a\.toml'\]; a policy of a hand that has"):
         exported(tmp_path / "x", model, "ppo", DECISION, {**env, "hand": ["a.urdf", "a.toml"]})
-    monkeypatch.setattr(perception_export, "LARGEST_NETWORK", 1000)
+    monkeypatch.setattr(weight_files, "LARGEST_NETWORK", 1000)
     with pytest.raises(errors.ConfigError, match="a file of 0 MB; published networks have at most 0 MB"):
         exported(tmp_path / "x", model, "ppo", DECISION, env)
     assert not (tmp_path / "x").exists()

@@ -14,31 +14,26 @@ from torch import Tensor, nn
 
 import graspbox
 from graspbox.errors import ConfigError
-from graspbox.files import replacing, write_bytes
+from graspbox.files import replacing
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.completion import CompletionNet
 from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import FinderConfig
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph
 from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
-from graspbox.perception.half_weights import pack, round_weights
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
-from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, read_depth_policy, write_depth_policy
+from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, write_depth_policy
 from graspbox.perception.runtimes import onnx_network, torch_network
 from graspbox.perception.scorer import ScorerNet
+from graspbox.perception.weight_files import round_weights, save_weights
 
 __all__ = [
     "FINALISTS",
-    "LARGEST_NETWORK",
     "PARITY",
-    "check_size",
     "export_completion",
     "export_depth_policy",
     "export_scorer",
-    "load_graphs",
-    "restore_weights",
-    "save_weights",
     "write_onnx",
 ]
 
@@ -46,8 +41,6 @@ __all__ = [
 FINALISTS = 16
 #: Greatest difference between what ONNX and torch give; bytes may differ by 1.
 PARITY = 1e-4
-#: Most bytes of the weights of a published network; its folder holds them twice.
-LARGEST_NETWORK = 8_000_000
 _OPSET = 18
 _COMPLETION, _SCORER = "completion", "scorer"
 
@@ -214,62 +207,3 @@ def export_depth_policy(
         shutil.copyfile(licence, folder / "LICENSE")
     write_depth_policy(folder, config)
     return config
-
-
-def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
-    """Load the networks of a policy's folder from their weights.
-
-    Raises
-    ------
-    ConfigError, FileError
-        As `read_depth_policy`, or if weights are another network's.
-    """
-    config = read_depth_policy(Path(folder))
-    grid = HandGrid(config.hand, config.grid, crop=config.crop)
-    completion = CompletionNet(config.completion_width)
-    restore_weights(completion, Path(folder) / f"{_COMPLETION}.safetensors")
-    members = [ScorerNet(grid, config.width) for _ in range(config.members)]
-    for member, name in zip(members, config.weights, strict=True):
-        restore_weights(member, Path(folder) / name)
-    return CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
-
-
-def check_size(net: nn.Module, called: str) -> None:
-    """Refuse a network whose file would be too large for a folder of policies.
-
-    Raises
-    ------
-    ConfigError
-        If its weights take more than `LARGEST_NETWORK` bytes.
-    """
-    count = sum(parameter.numel() for parameter in net.parameters())
-    size = sum(parameter.numel() * parameter.element_size() for parameter in net.parameters())
-    if size > LARGEST_NETWORK:
-        raise ConfigError(
-            f"{called} has {count / 1e6:.1f} million weights, a file of {size / 1e6:.0f} MB; published networks have "
-            f"at most {LARGEST_NETWORK / 1e6:.0f} MB: publish a smaller one"
-        )
-
-
-def save_weights(net: nn.Module, path: Path) -> None:
-    """Write the weights of a network as safetensors; those that half precision holds exactly in half precision."""
-    from safetensors.torch import save
-
-    write_bytes(path, save({name: pack(tensor) for name, tensor in net.state_dict().items()}))
-
-
-def restore_weights(net: nn.Module, path: Path) -> None:
-    """Read what `save_weights` wrote into a network.
-
-    Raises
-    ------
-    ConfigError
-        If they are the weights of another network.
-    """
-    from safetensors.torch import load_file
-
-    try:
-        net.load_state_dict(load_file(str(path)))
-    except RuntimeError as error:
-        raise ConfigError(f"{path} holds the weights of another network: {str(error).splitlines()[0]}") from None
-    net.eval()

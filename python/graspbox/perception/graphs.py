@@ -4,15 +4,19 @@ They are what `graspbox.perception.export` writes as ONNX; `graspbox.perception.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
 from graspbox.perception.calibration import CAUTION, OTHERS, Calibration
 from graspbox.perception.completion import CompletionNet
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.scorer import ScorerNet
+from graspbox.perception.weight_files import restore_weights
 
-__all__ = ["CompletionGraph", "ScorerGraph"]
+__all__ = ["CompletionGraph", "ScorerGraph", "load_graphs"]
 
 
 class CompletionGraph(nn.Module):  # type: ignore[misc]
@@ -70,3 +74,21 @@ class ScorerGraph(nn.Module):  # type: ignore[misc]
             cautious = mean - CAUTION * (votes - mean).square().mean(0).sqrt()
             logits = (logits - OTHERS).scatter(0, best[:, None].expand(-1, 2), cautious)
         return *self._judged(logits), logits
+
+
+def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
+    """Load the networks of a policy's folder from their weights.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `read_depth_policy`, or if weights are another network's.
+    """
+    config = read_depth_policy(Path(folder))
+    grid = HandGrid(config.hand, config.grid, crop=config.crop)
+    completion = CompletionNet(config.completion_width)
+    restore_weights(completion, Path(folder) / "completion.safetensors")
+    members = [ScorerNet(grid, config.width) for _ in range(config.members)]
+    for member, name in zip(members, config.weights, strict=True):
+        restore_weights(member, Path(folder) / name)
+    return CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)

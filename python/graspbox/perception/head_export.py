@@ -10,14 +10,14 @@ import graspbox
 from graspbox.errors import ConfigError
 from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.export import PARITY, save_weights, write_onnx
-from graspbox.perception.half_weights import round_weights
+from graspbox.perception.export import PARITY, write_onnx
 from graspbox.perception.head_finder import FILTERED
 from graspbox.perception.head_folders import HeadPolicyConfig, write_head_policy
 from graspbox.perception.head_graphs import HeadGraph
 from graspbox.perception.heads import HeadNet
 from graspbox.perception.policy_folders import file_hash
 from graspbox.perception.runtimes import onnx_network, torch_network
+from graspbox.perception.weight_files import round_weights, save_weights
 
 __all__ = ["export_head"]
 

@@ -220,7 +220,7 @@ def load_parts(
         Threads of onnxruntime; by default one per core. torch has a setting of its own.
     """
     if backend == "torch":
-        graphs = import_module("graspbox.perception.export").load_graphs(folder)
+        graphs = import_module("graspbox.perception.graphs").load_graphs(folder)
         completion, scorer = (torch_network(graph) for graph in graphs)
     else:
         completion, scorer = (onnx_network(folder / f"{part}.onnx", num_threads) for part in ("completion", "scorer"))

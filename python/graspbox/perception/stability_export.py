@@ -5,8 +5,9 @@ from pathlib import Path
 
 import torch
 
-from graspbox.perception.export import save_weights, write_onnx
+from graspbox.perception.export import write_onnx
 from graspbox.perception.stability_net import StabilityGraph, StabilityNet
+from graspbox.perception.weight_files import save_weights
 
 __all__ = ["export_stability"]
 

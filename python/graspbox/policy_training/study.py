@@ -11,7 +11,7 @@ from graspbox.learning.export import export_pose_model
 from graspbox.learning.model import PoseModel
 from graspbox.learning.samples import Samples
 from graspbox.learning.study_results import NetworkResult
-from graspbox.perception.export import LARGEST_NETWORK
+from graspbox.perception.weight_files import LARGEST_NETWORK
 from graspbox.policy_training.cards import rate
 from graspbox.policy_training.network_cards import Score, measure, write_pose_card
 from graspbox.progress import shown_time

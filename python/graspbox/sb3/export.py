@@ -28,9 +28,10 @@ from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 import graspbox
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
 from graspbox.errors import ConfigError
-from graspbox.perception.export import PARITY, check_size, restore_weights, save_weights, write_onnx
+from graspbox.perception.export import PARITY, write_onnx
 from graspbox.perception.policy_folders import file_hash
 from graspbox.perception.runtimes import Network, onnx_network
+from graspbox.perception.weight_files import check_size, restore_weights, save_weights
 from graspbox.policies import Task
 from graspbox.policies.network_folders import (
     ACTING,
