@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.spaces import Box, Dict
 
 from graspbox import evaluation, policies
 from graspbox.errors import ConfigError
@@ -19,9 +20,11 @@ sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 pytest.importorskip("tyro", reason="scripts/train_residual.py needs tyro, from the extra 'train'")
 
+from stable_baselines3.common.save_util import load_from_pkl, save_to_pkl  # noqa: E402
 from stable_baselines3.common.vec_env import VecEnvWrapper  # noqa: E402
 
 from graspbox.sb3 import Extractor  # noqa: E402
+from graspbox.sb3.decision_buffer import DecisionBuffer  # noqa: E402
 from graspbox.sb3.residual_training import (  # noqa: E402
     ResidualRun,
     load_residual,
@@ -58,6 +61,30 @@ def test_a_run_begins_as_its_base_policy(algorithm: str, tmp_path: Path) -> None
     assert found.last["success"] == results[0].rate
 
 
+def test_the_buffer_keeps_what_was_seen_once(tmp_path: Path) -> None:
+    boxes: dict[str, Any] = {"volume": Box(0, 255, (2, 3), np.uint8), "proposal": Box(-1.0, 1.0, (4,), np.float32)}
+    space, rng = Dict(boxes), np.random.default_rng(0)
+    buffer = DecisionBuffer(8, space, Box(-1.0, 1.0, (7,), np.float32), device="cpu", n_envs=2)
+    rows = []
+    for _ in range(3):
+        seen, after = ({name: np.stack([box.sample(), box.sample()]) for name, box in boxes.items()} for _ in range(2))
+        rows.append(seen)
+        buffer.add(seen, after, rng.normal(size=(2, 7)), np.array([1.0, 2.0]), np.ones(2), [{}, {}])
+    save_to_pkl(tmp_path / "buffer.pkl", buffer)
+    again = load_from_pkl(tmp_path / "buffer.pkl")
+    for one in (buffer, again):
+        assert (one.size(), one.pos, one.full) == (3, 3, False)
+        for name, box in boxes.items():
+            assert one.observations[name].shape == (4, 2, *box.shape)
+            assert (one.observations[name][:3] == np.stack([row[name] for row in rows])).all()
+        sample = one.sample(16)
+        assert all(torch.equal(sample.observations[name], sample.next_observations[name]) for name in boxes)
+    again.add(rows[0], rows[0], np.zeros((2, 7)), np.zeros(2), np.ones(2), [{}, {}])
+    again.add(rows[1], rows[1], np.zeros((2, 7)), np.zeros(2), np.ones(2), [{}, {}])
+    assert again.full
+    assert (again.observations["volume"][0] == rows[1]["volume"]).all()
+
+
 def test_rewards_move_the_correction(tmp_path: Path) -> None:
     """PPO learns, from a reward of its own, the direction in which that lies; what it sees reaches the network."""
     env = make_residual_env(4, base(), CONFIG, objects="procedural:can:0")
@@ -79,11 +106,11 @@ def test_rewards_move_the_correction(tmp_path: Path) -> None:
 
     settings = {"features_extractor_class": Extractor, "log_std_init": -1.0}
     model = sb3.PPO(
-        "MultiInputPolicy", Upward(env), n_steps=32, batch_size=64, gamma=0.0, learning_rate=1e-3, seed=0,
+        "MultiInputPolicy", Upward(env), n_steps=32, batch_size=64, gamma=0.0, learning_rate=2e-3, seed=0,
         policy_kwargs=settings, device="cpu",
     )  # fmt: skip
     before = model.predict(env.reset(), deterministic=True)[0][:, 2]
-    model.learn(2560)
+    model.learn(1280)
     after = model.predict(env.reset(), deterministic=True)[0][:, 2]
     assert np.abs(after - 0.5).max() < np.abs(before - 0.5).min()
     env.close()

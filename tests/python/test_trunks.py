@@ -1,6 +1,7 @@
 """Trained networks as features extractors of Stable-Baselines3. Needs the extra ``train``."""
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -25,6 +26,7 @@ from graspbox.perception.heads import head_of  # noqa: E402
 from graspbox.sb3 import TrunkExtractor, VecEnv  # noqa: E402
 
 ID = "graspbox/GraspPose-v0"
+PAGE = Path(__file__).parents[2] / "docs" / "training.md"
 SMALL = HeadConfig(width=8, features=8, hidden=16, anchors=AnchorConfig(cells=12, heights=14))
 
 
@@ -189,3 +191,14 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
         TrunkExtractor(voxels.observation_space, folder)
     for env in (depth, voxels, small, named):
         env.close()
+
+
+def test_the_lines_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    regressor(tmp_path / "out" / "regressor")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    (lines,) = [block for block in blocks if "TrunkExtractor" in block]
+    names: dict[str, Any] = {}
+    exec(compile(lines, PAGE.name, "exec"), names)
+    assert names["model"].num_timesteps == 16
+    assert names["model"].policy.features_extractor.frozen

@@ -24,6 +24,7 @@
 | `depth`   | `DepthGrasp` |
 | `feel`    | `FeelThenLift` |
 | `head`    | `HeadGrasp`: one network |
+| `residual` | `ResidualGrasp`: bounded corrections of the grasps of another policy |
 | `depth_oracles` | the truth in place of its parts, to measure what each loses, and ``robust_oracle`` |
 | `seen_baselines` | `SeenPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
 

@@ -21,6 +21,7 @@ from graspbox.errors import ConfigError
 from graspbox.policies import Policy
 from graspbox.policies.residual import ResidualConfig, ResidualGrasp
 from graspbox.resume_log import ResumeLog
+from graspbox.sb3.decision_buffer import DecisionBuffer
 from graspbox.sb3.extractors import Extractor
 from graspbox.sb3.policy import ModelPolicy
 from graspbox.sb3.residual_env import ResidualVectorEnv
@@ -237,6 +238,8 @@ def _model(folder: Path, run: ResidualRun, env: Any, begun: bool) -> tuple[Any, 
         # Batches that divide what was collected.
         given["batch_size"] = math.gcd(given["batch_size"], given["n_steps"] * run.num_envs)
     policy = {**given["policy_kwargs"], "features_extractor_class": Extractor}
+    if "buffer_size" in given:
+        given["replay_buffer_class"] = DecisionBuffer
     model = algorithm("MultiInputPolicy", env, seed=run.seed, device="cpu", **{**given, "policy_kwargs": policy})
     begin_at_zero(model)
     return model, 0.0

@@ -10,16 +10,8 @@ A layer that is always learnt makes `features` numbers of them. Where the object
 and centred pictures do not tell: whether one was seen, x and y in the world (metres), and for a head the cosine and sine
 of the crop's yaw. Other entries of a ``Dict`` go through the networks of `graspbox.sb3.extractors`.
 
->>> from pathlib import Path
->>> from stable_baselines3 import PPO
->>> from graspbox.learning.model import ModelConfig, PoseModel
->>> from graspbox.learning.regressor import cameras
->>> from graspbox.sb3 import TrunkExtractor, VecEnv
->>> folder = Path("build/tiny")  # where a regressor was trained; here one that was not
->>> PoseModel(ModelConfig("cnn3d", "l1_euler", "binary", fully_connected=(16,))).save(folder)
->>> env = VecEnv.make("graspbox/GraspPose-v0", 2, objects="procedural:can:0", obs="voxels", cameras=cameras("binary"))
->>> policy = {"features_extractor_class": TrunkExtractor, "features_extractor_kwargs": {"folder": str(folder)}}
->>> model = PPO("MlpPolicy", env, policy_kwargs=policy, n_steps=2, batch_size=4, device="cpu").learn(4)
+Pass it as ``policy_kwargs=dict(features_extractor_class=TrunkExtractor, features_extractor_kwargs=dict(folder=...))``;
+docs/training.md has an example.
 """  # noqa: E501 (a table)
 
 from abc import abstractmethod
