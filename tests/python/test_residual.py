@@ -1,6 +1,7 @@
 """Corrections of another policy's grasps: their bounds, what the agent sees, and that no correction changes nothing."""
 
 import doctest
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from graspbox import evaluation, load_hand, policies
+from graspbox.envs.coding import rotation_from_columns
 from graspbox.envs.motion import pose_matrix, rotation_matrix, rotation_vector
 from graspbox.errors import ConfigError
 from graspbox.perception import HandGrid
@@ -131,6 +133,31 @@ def test_the_agent_sees_the_voxels_around_the_proposed_hand() -> None:
     base.found[1] = None
     assert not envs.proposals.observe()["proposal"][1].any()
     assert not envs.proposals.actions(np.ones((2, 7)))[1].any()
+
+
+def test_actions_stay_within_the_bounds_of_the_proposal() -> None:
+    """Also where the workspace ends: an action names no pose beyond it."""
+    envs = corrected(2)
+    envs.reset(seed=1)
+    base: Any = envs.proposals.base
+    arm = np.linalg.norm(REFLEX.closing_center(0.0))
+    edge = base.found[0].world_from_hand.copy()
+    edge[:2, 3] = (0.249, -0.25)
+    base.found[0] = replace(base.found[0], world_from_hand=edge)
+    rng, outside = np.random.default_rng(0), 0
+    for _ in range(50):
+        actions = envs.proposals.actions(rng.uniform(-1.0, 1.0, (2, 7))).astype(np.float64)
+        assert (np.abs(actions) <= 1.0).all()
+        for action, found in zip(actions, base.found, strict=True):
+            start = found.world_from_hand
+            place = np.array([0.25 * action[0], 0.25 * action[1], 0.2 * (action[2] + 1.0)])
+            rotation = rotation_from_columns(action[3:6], action[6:9])
+            assert rotation is not None
+            swing = 2.0 * arm * np.sin(NARROW.angle / 2.0)
+            assert np.linalg.norm(place - start[:3, 3]) <= NARROW.distance + swing + 1e-6
+            assert np.linalg.norm(rotation_vector(start[:3, :3].T @ rotation)) <= NARROW.angle + 1e-6
+            outside += int((np.abs(action[:2]) == 1.0).any())
+    assert outside > 10
 
 
 def test_episodes_begin_as_the_mode_says() -> None:
