@@ -160,6 +160,20 @@ def test_wrong_arguments_are_named(
     assert message in " ".join(capsys.readouterr().err.split())
 
 
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    run = ResidualRun("sac", 4, config=CONFIG, env={"objects": "procedural:can:0-3"}, episodes=2)
+    stopped = train_residual(tmp_path, base, run, 24, started=lambda found: found.interrupt())
+    assert stopped.interrupted
+    assert stopped.model.num_timesteps == 4
+    done: list[int] = []
+    found = train_residual(tmp_path, base, run, 24, on_progress=lambda steps, _: done.append(steps))
+    assert done == [8, 12, 16, 20, 24]
+    assert not found.interrupted
+    # Stable-Baselines3 does not store the transitions of the step in which a callback ends the training.
+    assert found.model.replay_buffer.size() == 5
+    assert [row["timesteps"] for row in found.log.rows] == [0, 24]
+
+
 def test_a_run_is_not_continued_with_other_bounds(tmp_path: Path) -> None:
     run = ResidualRun("ppo", 2, config=CONFIG, env={"objects": "procedural:can:0"}, episodes=2)
     train_residual(tmp_path, base, run, 0)
