@@ -129,12 +129,33 @@ def test_points_come_in_any_order_and_missing_ones_do_not_count() -> None:
     assert torch.isfinite(net(torch.zeros(1, 50, 3))).all()
 
 
+def test_voxels_with_channels_are_scaled_by_their_bounds() -> None:
+    from graspbox.sb3.extractors import VolumeNet, network
+
+    net, size = network(Box(0, 255, (4, 12, 16, 8), np.uint8), 24)
+    assert isinstance(net, VolumeNet)
+    assert size == 24
+    seen = torch.randint(0, 256, (3, 4, 12, 16, 8)).float()
+    found = net(seen)
+    assert found.shape == (3, 24)
+    torch.testing.assert_close(found, net.net(seen / 255))
+    found.sum().backward()
+    assert all(parameter.grad is not None and parameter.grad.any() for parameter in net.parameters())
+    # No channel and no layer is left out.
+    for place in ((0, 0), (3, 11)):
+        other = seen.clone()
+        other[:, *place] = 255.0 - other[:, *place]
+        assert not torch.allclose(net(other), found)
+
+
 @pytest.mark.parametrize(
     ("space", "message"),
     [
         (gymnasium.spaces.Discrete(3), "no network"),
         (Box(0, 1, (20, 30, 40), np.float32), "no network"),
-        (Box(0, 1, (2, 8, 8, 8), np.float32), "no network"),
+        (Box(0, 1, (20, 8, 8, 8), np.float32), "no network"),
+        (Box(0, 1, (2, 8, 8, 8, 8), np.float32), "no network"),
+        (Box(0, np.inf, (2, 8, 8, 8), np.float32), "finite"),
         (Box(0, np.inf, (16, 16, 1), np.float32), "finite"),
         (gymnasium.spaces.Dict({"a": gymnasium.spaces.Dict({})}), "no network"),
     ],

@@ -33,7 +33,7 @@ from graspbox.simulation import load_hand
 if TYPE_CHECKING:
     from graspbox.learning.model import PoseModel
 
-__all__ = ["CAMERA", "PoseRegressor", "cameras"]
+__all__ = ["CAMERA", "VOXELS", "PoseRegressor", "cameras"]
 
 #: The middle of the study's views (`graspbox.views`, plan ``study``): 0.7 m away, looking down at 45 degrees.
 CAMERA = CameraConfig("front", eye=(-0.7 / 2**0.5, 0.0, 0.05 + 0.7 / 2**0.5), target=(0.0, 0.0, 0.05), fov=0.6, far=5.0)
@@ -42,13 +42,13 @@ _LOWEST = 0.004
 #: What is further from the middle of the table is not the object either, metres.
 _REACH = 0.25
 #: Side of the cube of voxels, metres, and its voxels: of 6.25 mm, so that the table fills the lowest layer alone.
-_SIDE, _VOXELS = 0.4, 64
+_SIDE, VOXELS = 0.4, 64
 
 
 def cameras(kind: str) -> CamerasConfig:
     """Cameras for environments in which a `PoseRegressor` acts, whose network sees `kind`."""
     size = IMAGE_SIZE if kind == "image" else 128
-    return CamerasConfig(image_size=(size, size), cameras=(CAMERA,), voxels=_VOXELS, voxel_side=_SIDE)
+    return CamerasConfig(image_size=(size, size), cameras=(CAMERA,), voxels=VOXELS, voxel_side=_SIDE)
 
 
 class PoseRegressor(Policy):
@@ -87,7 +87,7 @@ class PoseRegressor(Policy):
             raise ConfigError(f"the policy {self.name!r} acts in graspbox/GraspPose-v0, not in {task.env_id!r}")
         space: Any = task.observation_space
         shape = (space if isinstance(task.obs, str) else space[self.obs]).shape
-        wanted = (IMAGE_SIZE, IMAGE_SIZE, 4) if self.kind == "image" else (_VOXELS,) * 3
+        wanted = (IMAGE_SIZE, IMAGE_SIZE, 4) if self.kind == "image" else (VOXELS,) * 3
         if shape != wanted:
             raise ConfigError(
                 f"the observation {self.obs!r} has shape {shape}, the policy {self.name!r} needs {wanted}; make the "
@@ -188,17 +188,17 @@ def cropped_voxels(voxels: NDArray[np.integer], kind: str) -> tuple[NDArray[np.u
 
     None where nothing is seen above the table.
     """
-    edge = _SIDE / _VOXELS
+    edge = _SIDE / VOXELS
     # The table is in the lowest layer.
     occupied = np.argwhere(voxels[:, :, 1:] == 2) + np.array([0, 0, 1])
     if not len(occupied):
         return None
     low, high = occupied.min(axis=0), occupied.max(axis=0) + 1
     places = low[:, None] + (np.arange(GRID_SIZE) + 0.5) * ((high - low).max() / GRID_SIZE)
-    inside = np.minimum(places.astype(int), _VOXELS - 1)
+    inside = np.minimum(places.astype(int), VOXELS - 1)
     cut = voxels[np.ix_(*inside)]
     # Beyond the observation nothing is known.
-    beyond = np.logical_or.outer(np.logical_or.outer(places[0] >= _VOXELS, places[1] >= _VOXELS), places[2] >= _VOXELS)
+    beyond = np.logical_or.outer(np.logical_or.outer(places[0] >= VOXELS, places[1] >= VOXELS), places[2] >= VOXELS)
     cut = np.where(beyond, 0, cut)
     unseen = UNSEEN if kind == "ternary" else TRANSPARENT
     # The centre of the observation's cube is above the world's origin.

@@ -4,6 +4,9 @@
 |---|---|
 | `graspbox.sb3.VecEnv` | the native vector environments as a ``VecEnv`` of Stable-Baselines3 |
 | `graspbox.sb3.Extractor` | a features extractor with a suitable network for each kind of observation |
+| `graspbox.sb3.TrunkExtractor` | a features extractor with a network that was trained before |
+| `graspbox.sb3.residual_env` | ``GraspPose-v0`` in which an agent corrects the grasps of another policy |
+| `graspbox.sb3.residual_training` | runs that learn to correct |
 | `graspbox.sb3.policy` | a trained model as a `graspbox.policies.Policy`; baselines to compare it with |
 | `graspbox.sb3.training` | makes the model of a run: parameters, policy class, demonstrations |
 | `graspbox.sb3.running` | evaluation on held-out objects, checkpoints |
@@ -18,6 +21,7 @@
 Nothing of Stable-Baselines3 is imported before one of these is asked for; `require` tells whether it is there.
 """
 
+from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +29,13 @@ from graspbox.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from graspbox.sb3.extractors import Extractor
+    from graspbox.sb3.trunks import TrunkExtractor
     from graspbox.sb3.vec_env import VecEnv
 
-__all__ = ["Extractor", "VecEnv", "require"]
+__all__ = ["Extractor", "TrunkExtractor", "VecEnv", "require"]
+
+#: Modules of the features extractors, by name.
+_EXTRACTORS = {"Extractor": "graspbox.sb3.extractors", "TrunkExtractor": "graspbox.sb3.trunks"}
 
 
 def require() -> None:
@@ -48,10 +56,8 @@ def __getattr__(name: str) -> Any:
         from graspbox.sb3.vec_env import VecEnv
 
         return VecEnv
-    if name == "Extractor":
+    if name in _EXTRACTORS:
         # Importing this first says which extra is missing.
-        from graspbox.sb3 import vec_env  # noqa: F401
-        from graspbox.sb3.extractors import Extractor
-
-        return Extractor
+        import_module("graspbox.sb3.vec_env")
+        return getattr(import_module(_EXTRACTORS[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

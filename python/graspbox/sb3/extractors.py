@@ -10,9 +10,11 @@ a network by the space, for each entry of a ``Dict``; pass it as
 | (n, 3) or (H, W, 3), float, negative x allowed | points | one small network applied to every visible point, then the maximum |
 | three equal sides | voxels | labels as channels, Conv3d |
 | three axes, the first or the last at most 16 | an image; the channels are on that axis | Conv2d |
+| four axes, the first at most 16 | voxels with channels, in places that are the same in every observation | Conv2d, the second axis as channels |
 
 Images of uint8 up to 255 are colour: Stable-Baselines3 scales them to [0, 1] and puts channels first. Smaller uint8 are
-labels, one-hot encoded as channels. Floats (depth, rgbd) are scaled to [0, 1] by the bounds of the space.
+labels, one-hot encoded as channels. Floats (depth, rgbd), and voxels with channels, are scaled to [0, 1] by the bounds
+of the space.
 
 >>> from stable_baselines3 import PPO
 >>> from graspbox.sb3 import Extractor, VecEnv
@@ -33,7 +35,7 @@ from torch import Tensor, nn
 
 from graspbox.errors import ConfigError
 
-__all__ = ["Extractor", "ImageNet", "PointNet", "VoxelNet"]
+__all__ = ["Extractor", "ImageNet", "PointNet", "VolumeNet", "VoxelNet", "network"]
 
 #: An axis longer than this does not hold channels.
 _MAX_CHANNELS = 16
@@ -144,6 +146,43 @@ class VoxelNet(nn.Module):  # type: ignore[misc]
         return found
 
 
+class VolumeNet(nn.Module):  # type: ignore[misc]
+    """Features of voxels with channels (C, X, Y, Z) around something that has the same place in every observation.
+
+    Layers along x become channels of two strided convolutions over y and z, as in `graspbox.perception.scorer`.
+
+    Parameters
+    ----------
+    space : Box
+        Four axes, the first with the channels, and finite bounds.
+    features : int
+        Number of features.
+    """
+
+    low: Tensor
+    span: Tensor
+
+    def __init__(self, space: Box, features: int) -> None:
+        super().__init__()
+        low, high = float(space.low.min()), float(space.high.max())
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise ConfigError(f"the bounds of {space} define the scaling; give finite ones, low below high")
+        self.register_buffer("low", torch.tensor(low), persistent=False)
+        self.register_buffer("span", torch.tensor(high - low), persistent=False)
+        layers: list[nn.Module] = [nn.Flatten(1, 2)]
+        before = space.shape[0] * space.shape[1]
+        for channels, size in ((32, 4), (48, 3), (64, 3)):
+            layers += [nn.Conv2d(before, channels, size, stride=2, padding=1), nn.ReLU()]
+            before = channels
+        layers += [nn.AdaptiveAvgPool2d(_MAP_3D), nn.Flatten(), nn.Linear(before * _MAP_3D**2, features), nn.ReLU()]
+        self.net = nn.Sequential(*layers)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Features (rows, features) of voxels (rows, C, X, Y, Z)."""
+        found: Tensor = self.net((observation - self.low) / self.span)
+        return found
+
+
 class PointNet(nn.Module):  # type: ignore[misc]
     """Features of a point cloud, invariant to the order of its points; points at the origin are missing ones, left out.
 
@@ -216,6 +255,8 @@ def network(space: gymnasium.Space[Any], features: int) -> tuple[nn.Module, int]
                 return VoxelNet(space, features), features
             if min(space.shape[0], space.shape[2]) <= _MAX_CHANNELS:
                 return ImageNet(space, features), features
+        if len(space.shape) == 4 and space.shape[0] <= _MAX_CHANNELS:
+            return VolumeNet(space, features), features
     raise ConfigError(f"there is no network for {space}; give a vector, an image, points or voxels")
 
 

@@ -29,7 +29,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from graspbox.errors import ConfigError
 from graspbox.evaluation import run_trials, trial_seeds
-from graspbox.policies import Task
+from graspbox.policies import Policy, Task
 from graspbox.resume_log import ResumeLog
 from graspbox.sb3.policy import ModelPolicy, summary
 from graspbox.sb3.ppo import PPO
@@ -177,6 +177,8 @@ class Run(BaseCallback):  # type: ignore[misc]
     value_warmup : int
         Number of first steps in which an on-policy model learns its value function alone: after cloning the policy is
         better than the value function, whose first advantages would spoil it.
+    policy : callable
+        Makes the policy that is evaluated of the model and its statistics; by default `ModelPolicy`.
     """
 
     def __init__(
@@ -192,8 +194,10 @@ class Run(BaseCallback):  # type: ignore[misc]
         every_minutes: float | None = None,
         seconds: float = 0.0,
         value_warmup: int = 0,
+        policy: Callable[[BaseAlgorithm, VecNormalize | None], Policy] = ModelPolicy,
     ) -> None:
         super().__init__()
+        self._policy = policy
         self.folder, self.log, self.value_warmup = folder, log, value_warmup
         self.every, self.minutes, self.every_minutes = every, minutes, every_minutes
         self._envs, self._seeds = envs, trial_seeds(seed, episodes)
@@ -229,8 +233,7 @@ class Run(BaseCallback):  # type: ignore[misc]
     def evaluate(self) -> None:
         """Evaluate now, and write the checkpoint."""
         began = time.monotonic()
-        statistics = self.model.get_vec_normalize_env()
-        policy = ModelPolicy(self.model, statistics)
+        policy = self._policy(self.model, self.model.get_vec_normalize_env())
         policy.bind(Task.of(self._envs))
         found = summary(run_trials(policy, self._envs, self._seeds))
         row = {"timesteps": self.model.num_timesteps, "seconds": round(self.seconds, 1), **found}
