@@ -16,6 +16,7 @@ FOLDER = Path(__file__).parents[2] / "policies"
 LEAST = {
     "depth": (18, "graspbox/GraspPose-v0", "depth"),
     "feel": (20, "graspbox/Grasp-v0", "depth-feel"),
+    "head": (15, "graspbox/GraspPose-v0", "head"),
 }
 
 
