@@ -1,5 +1,6 @@
 """Pictures and videos of environments, and images that reach an agent."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from moviepy import VideoFileClip
 
 from acting import OBJECTS, pressing
 from graspbox import errors
-from graspbox.configs import PALM, CameraConfig, CamerasConfig, PictureConfig
+from graspbox.configs import FRONT, PALM, CameraConfig, CamerasConfig, PictureConfig
 from graspbox.envs.grasp import GraspEnv
 
 ID = "graspbox/Grasp-v0"
@@ -133,19 +134,21 @@ def test_videos_are_recorded_single_and_vector(tmp_path: Path) -> None:
 
 
 def test_a_grasp_pose_can_be_seen_and_pictured() -> None:
-    settings: dict[str, Any] = {"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL}
+    # Wide enough to see the hand where an attempt ends, high over the table, but not where it waits.
+    cameras = CamerasConfig(cameras=(replace(FRONT, fov=0.9),))
+    settings: dict[str, Any] = {"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, "cameras": cameras}
     env = gymnasium.make("graspbox/GraspPose-v0", obs=("depth", "segmentation", "state"), **settings).unwrapped
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.render()
     observation, _ = env.reset(seed=0)
     labels = observation["segmentation"]
-    assert set(np.unique(labels)) == {1, 2}
-    assert (observation["depth"] > 0).all()
+    assert set(np.unique(labels)) == {0, 1, 2}
+    assert ((observation["depth"] > 0) == (labels > 0)).all()
     before: Any = env.render()
     # Just above the object.
     action = np.array([0, 0, 0, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32)
     again = env.step(action)[0]
-    # The observation that ends the episode shows what the attempt left: the hand is in the image now.
+    # The observation that ends the episode shows what the attempt left, and the hand.
     assert (again["segmentation"] > 2).any()
     assert (again["depth"] != observation["depth"]).any()
     after: Any = env.render()
