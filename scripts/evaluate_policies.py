@@ -31,7 +31,6 @@ from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table, pooled
 from graspbox.files import write_text
-from graspbox.object_sets import Split
 from graspbox.resume_log import ResumeLog
 
 
@@ -98,15 +97,14 @@ def jobs(settings: Settings) -> Iterator[dict[str, Any]]:
 
 def measure(job: dict[str, Any], policy: policies.Policy, trials: int) -> dict[str, Any]:
     """Run the trials of one job."""
-    name, _, split = job["objects"].partition("/")
-    kept: Split | None = split or None  # type: ignore[assignment]
+    name, split = object_sets.name_and_split(job["objects"])
     title = f"{job['policy']}, {job['objects']}, {job['condition']}, seed {job['seed']}"
     with progress() as bar:
         task = bar.add_task(title, total=trials)
         found = evaluation.evaluate(
             policy,
             objects=name,
-            split=kept,
+            split=split,
             trials=trials,
             seed=job["seed"],
             progress=lambda done: bar.update(task, completed=done),
@@ -124,9 +122,8 @@ def classes_of(sets: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Name the classes of every object."""
     found = {}
     for given in sets:
-        name, _, split = given.partition("/")
-        kept: Split | None = split or None  # type: ignore[assignment]
-        found |= {spec.name: object_classes(spec.load()) for spec in object_sets.load(name, split=kept)}
+        name, split = object_sets.name_and_split(given)
+        found |= {spec.name: object_classes(spec.load()) for spec in object_sets.load(name, split=split)}
     return found
 
 

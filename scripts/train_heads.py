@@ -26,7 +26,7 @@ from graspbox import evaluation, learning, object_sets
 from graspbox.cli.common import console, print_json
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.files import write_text
-from graspbox.object_sets import Split
+from graspbox.object_sets import name_and_split
 from graspbox.perception import HandGrid
 from graspbox.policies import HeadGrasp
 from graspbox.resume_log import ResumeLog
@@ -127,10 +127,9 @@ def train(settings: Settings, kind: str, data: Any) -> dict[str, Any]:
 
 def measure(settings: Settings, kind: str, objects: str, filtered: bool) -> dict[str, Any]:
     """Let a head grasp objects in ``GraspPose-v0``."""
-    name, _, split = objects.partition("/")
-    kept: Split | None = split or None  # type: ignore[assignment]
+    name, split = name_and_split(objects)
     policy = HeadGrasp(settings.out / kind, filtered=filtered)
-    found = evaluation.evaluate(policy, objects=name, split=kept, trials=settings.trials, seed=settings.seed)
+    found = evaluation.evaluate(policy, objects=name, split=split, trials=settings.trials, seed=settings.seed)
     seconds = [one.seconds["head"] for one in policy.found if one is not None]
     return {
         "head": kind,

@@ -17,6 +17,7 @@ Exit status: 0 at the end, 2 for wrong arguments, 130 for an interrupted run. Ne
 and what the base policy needs.
 """
 
+import math
 import shlex
 import signal
 import sys
@@ -185,7 +186,7 @@ def results(settings: Settings, config: ResidualConfig, log: ResumeLog) -> bool:
 def page(settings: Settings, log: ResumeLog) -> str:
     """Write what was found so far, and how."""
     lines = ["# Corrections of a proposed grasp", "", "Written by `scripts/train_residual.py`.", ""]
-    bounds = f"{100 * settings.distance:g} cm, {57.2958 * settings.angle:.0f} degrees and {settings.preshape:.0%}"
+    bounds = f"{100 * settings.distance:g} cm, {math.degrees(settings.angle):.0f} degrees and {settings.preshape:.0%}"
     lines += [f"{settings.algorithm} learns to correct `{settings.base}` by at most {bounds} of the preshape's range."]
     lines += [
         f"{settings.trials} trials with {', '.join(settings.unseen)}, the same for each row; in brackets Wilson's"

@@ -168,6 +168,12 @@ class ObjectSet(Sequence[ObjectSpec]):
         return ObjectSet(f"{self.name}/{split}", kept)
 
 
+def name_and_split(given: str) -> tuple[str, Split | None]:
+    """Take ``NAME`` or ``NAME/SPLIT``, as scripts have it, apart; `load` checks both."""
+    name, _, split = given.partition("/")
+    return name, split or None  # type: ignore[return-value]
+
+
 def load(
     objects: str | Path | ObjectSet | Sequence[str | Path],
     *,

@@ -1,6 +1,8 @@
 """What all Python tests share."""
 
 import os
+from collections.abc import Iterator
+from importlib import import_module
 
 import pytest
 
@@ -8,6 +10,16 @@ import pytest
 REQUIRE_TRAIN = os.environ.get("GRASPBOX_REQUIRE_TRAIN", "0") not in ("", "0")
 
 _skipped: list[str] = []
+
+
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    """Let torch use one thread: small networks are slowed by more, on a busy machine by much."""
+    torch = import_module("torch")
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

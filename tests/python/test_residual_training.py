@@ -1,7 +1,6 @@
 """Learning to correct another policy's grasps. Needs the extra ``train``."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from graspbox.errors import ConfigError
 from graspbox.policies.residual import ResidualConfig
 from test_scripts import script
 
-pytestmark = pytest.mark.train
+pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
 
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
@@ -34,15 +33,6 @@ from graspbox.sb3.residual_training import (  # noqa: E402
 
 OBJECTS = ("procedural:can:0-3", "procedural:box:0-3")
 CONFIG = ResidualConfig(distance=0.03)
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Small networks are slowed by threads, on a busy machine by much."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def base() -> policies.Policy:

@@ -4,7 +4,6 @@ import json
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from graspbox.policies import Task
 from graspbox.policies.network_folders import read_network_policy
 from test_scripts import script
 
-pytestmark = pytest.mark.train
+pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
 
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
@@ -36,15 +35,6 @@ OBJECTS = ("procedural:can:0-3",)
 SEEING = ("depth", "proprio", "tactile")
 GRASP, DECISION = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
 NETWORKS = {"net_arch": [16], "activation_fn": "ELU"}
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Leave the number of torch's threads as it was."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def trained(algorithm: str, env_id: str, env: dict[str, Any], *, scaled: bool = True) -> ModelPolicy:

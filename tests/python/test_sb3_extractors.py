@@ -1,6 +1,5 @@
 """Features extractors: shapes, values that reach the network, gradients, and learning. Needs the extra ``train``."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import gymnasium
@@ -10,22 +9,13 @@ from gymnasium.spaces import Box
 
 from graspbox.errors import ConfigError
 
-pytestmark = pytest.mark.train
+pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
 
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 
 ID = "graspbox/Grasp-v0"
 IMAGES = ("rgb", "depth", "rgbd", "segmentation", "points", "voxels")
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Small networks are slowed by threads, on a busy machine by much."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def make(obs: Any, **settings: Any) -> Any:

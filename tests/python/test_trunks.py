@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import pytest
 from graspbox.configs import CameraConfig, CamerasConfig
 from graspbox.errors import ConfigError, FileError
 
-pytestmark = pytest.mark.train
+pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
 
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
@@ -28,15 +27,6 @@ from graspbox.sb3 import TrunkExtractor, VecEnv  # noqa: E402
 ID = "graspbox/GraspPose-v0"
 PAGE = Path(__file__).parents[2] / "docs" / "training.md"
 SMALL = HeadConfig(width=8, features=8, hidden=16, anchors=AnchorConfig(cells=12, heights=14))
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Small networks are slowed by threads, on a busy machine by much."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def regressor(folder: Path, kind: Any = "binary", network: str = "cnn3d") -> Path:

@@ -93,8 +93,8 @@ class Score:
 
 def object_set(given: str) -> object_sets.ObjectSet:
     """Find the objects of ``NAME`` or ``NAME/SPLIT``; raises as `graspbox.object_sets.load`."""
-    name, _, split = given.partition("/")
-    return object_sets.load(name, split=split or None)  # type: ignore[arg-type]
+    name, split = object_sets.name_and_split(given)
+    return object_sets.load(name, split=split)
 
 
 def measure(

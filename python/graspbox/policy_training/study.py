@@ -29,7 +29,7 @@ def _trained(out: Path, result: NetworkResult) -> Path:
 def best_small(out: Path, results: Sequence[NetworkResult]) -> tuple[NetworkResult, list[NetworkResult]]:
     """Find the network to publish.
 
-    Of those whose weights take at most `graspbox.perception.export.LARGEST_NETWORK` bytes it is the one whose
+    Of those whose weights take at most `graspbox.perception.weight_files.LARGEST_NETWORK` bytes it is the one whose
     predictions for the test samples succeed most often; of equals the one that turns least wrong in the validation.
 
     Parameters
