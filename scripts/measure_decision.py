@@ -29,8 +29,8 @@ def finder_of(folder: Path, backend: Backend, num_threads: int | None) -> GraspF
     """Make the policy's finder with one backend."""
     config = read_depth_policy(folder)
     grid = HandGrid(config.hand, config.grid, crop=config.crop, num_threads=num_threads)
-    completion, scorer = load_parts(folder, config, grid, backend, num_threads)
-    return GraspFinder(grid, completion, scorer, config.finder, crop=config.crop, num_threads=num_threads)
+    completion, scorer, head = load_parts(folder, config, grid, backend, num_threads)
+    return GraspFinder(grid, completion, scorer, config.finder, crop=config.crop, head=head, num_threads=num_threads)
 
 
 def main() -> None:

@@ -10,14 +10,16 @@ Stages, each with a time limit (``--hours.NAME``; together at most 12 hours), a 
 1. ``data``: a data set of trials (``graspbox dataset``), unless ``--data`` names some.
 2. ``completion``: the object's occupancy from what a camera sees of it; labels are rendered.
 3. ``scorer``: the first member, on the data set.
-4. ``collect-N``, ``round-N``: trials on what the proposals and the scorer choose on fresh objects; training goes on with
+4. ``head``: one network that predicts grasps (``scripts/train_heads.py``), on the data set. Its best are scored beside
+   those that geometry proposes.
+5. ``collect-N``, ``round-N``: trials on what the proposals and the scorer choose on fresh objects; training goes on with
    half of each batch from them.
-5. ``member-N``: further members of the ensemble, on all trials.
-6. ``calibrate``: choices on held-out objects are tried; they say which weight a secure hold gets in the choice, and make
+6. ``member-N``: further members of the ensemble, on all trials.
+7. ``calibrate``: choices on held-out objects are tried; they say which weight a secure hold gets in the choice, and make
    the scorer's logits probabilities.
-7. ``export``, ``rungs``: the policy's folder, and in ``rungs`` what the policy was before the rounds, before the
+8. ``export``, ``rungs``: the policy's folder, and in ``rungs`` what the policy was before the rounds, before the
    ensemble and before the refinement, so that ``scripts/evaluate_policies.py`` tells what each step is worth.
-8. ``evaluate``: the exported policy in ``GraspPose-v0`` on objects of which nothing was learnt, and its calibration there.
+9. ``evaluate``: the exported policy in ``GraspPose-v0`` on objects of which nothing was learnt, and its calibration there.
 
 The same command continues after an interruption, also after SIGKILL. ``--quick`` goes through all stages in minutes, to
 show that they work; what it makes grasps badly. Needs the extras ``cli``, ``data``, ``ycb`` and ``train``.

@@ -21,7 +21,7 @@ from graspbox.policy_training.stages import Run, Stage
 pytestmark = pytest.mark.train
 SCRIPT = Path(__file__).parents[2] / "scripts" / "train_depth_policy.py"
 #: Stages of ``--quick``, in order.
-STAGES = ["data", "completion", "scorer"]
+STAGES = ["data", "completion", "scorer", "head"]
 STAGES += ["collect-1", "round-1", "collect-2", "round-2", "collect-3", "round-3", "member-1", "member-2"]
 STAGES += ["calibrate", "export", "rungs", "evaluate"]
 
@@ -60,6 +60,11 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     for name, members in (("scorer", 1), ("rounds", 1), ("ensemble", 3)):
         rung = read_depth_policy(trained / "rungs" / name)
         assert (rung.name, rung.members, rung.finder.refinements) == (name, members, 0)
+        assert rung.head is not None
+    geometry, whole = (read_depth_policy(trained / folder) for folder in ("rungs/geometry", "policy"))
+    assert (geometry.members, geometry.head, geometry.finder.predicted) == (3, None, 0)
+    assert (whole.members, whole.finder.predicted) == (3, 32)
+    assert {"head.onnx", "head.safetensors"} <= set(whole.files)
     log = (trained / "log.txt").read_text()
     # The first stages were over when the command ran for the third time.
     assert log.count("completion: begins") == 1
@@ -78,7 +83,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
 
 def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -> None:
     from graspbox import evaluation
-    from graspbox.perception.export import PARITY
+    from graspbox.perception.onnx_files import PARITY
     from graspbox.policies import DepthGrasp
 
     folder = trained / "policy"

@@ -66,7 +66,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
 def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
     import torch
 
-    from graspbox.perception.export import PARITY
+    from graspbox.perception.onnx_files import PARITY
     from graspbox.perception.runtimes import load_stability
     from graspbox.perception.stability_net import StabilityGraph, StabilityNet
     from graspbox.perception.training import load_weights

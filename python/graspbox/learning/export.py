@@ -13,7 +13,7 @@ from graspbox.errors import ConfigError
 from graspbox.learning.losses import normalized
 from graspbox.learning.model import PoseModel
 from graspbox.learning.pose_folders import PosePolicyConfig, PublishedPoses, write_pose_policy
-from graspbox.perception.export import PARITY, write_onnx
+from graspbox.perception.onnx_files import PARITY, write_onnx
 from graspbox.perception.policy_folders import file_hash
 from graspbox.perception.weight_files import check_size, restore_weights, round_weights, save_weights
 

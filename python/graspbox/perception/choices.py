@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.perception.array_files import ArrayTable, load_or_make_parts
-from graspbox.perception.finder import Complete, FinderConfig, GraspFinder
+from graspbox.perception.finder import Complete, FinderConfig, GraspFinder, Head
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.runtimes import Scorer
 from graspbox.perception.scenes import SceneSampler
@@ -51,6 +51,7 @@ def try_choices(
     scorer: Scorer,
     finder: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
     *,
+    head: Head | None = None,
     weights: Sequence[float] = SECURE_WEIGHTS,
     progress: Callable[[int, Choices], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
@@ -67,6 +68,8 @@ def try_choices(
         Numbers of the scenes.
     grid, complete, scorer, finder
         What decides.
+    head : Head, optional
+        As for `graspbox.perception.finder.GraspFinder`.
     weights : sequence of float
         A grasp is chosen by its probability of success plus weight times that of a secure hold.
     progress : callable, optional
@@ -81,7 +84,7 @@ def try_choices(
     """
 
     def attempt(number: int) -> Choices:
-        return _try_scene(sampler, number, GraspFinder(grid, complete, scorer, finder), scorer, weights)
+        return _try_scene(sampler, number, GraspFinder(grid, complete, scorer, finder, head=head), scorer, weights)
 
     return load_or_make_parts(Choices, folder, scenes, attempt, progress=progress, stop=stop)
 

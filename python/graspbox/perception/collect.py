@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspbox.perception.array_files import load_or_make_parts
 from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.crops import Crops
-from graspbox.perception.finder import Complete, FinderConfig, GraspFinder, Score
+from graspbox.perception.finder import Complete, FinderConfig, GraspFinder, Head, Score
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 from graspbox.perception.scenes import SceneSampler
@@ -52,6 +52,7 @@ def collect(
     *,
     complete: Complete | None = None,
     score: Score | None = None,
+    head: Head | None = None,
     progress: Callable[[int, GraspTrials], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> GraspTrials:
@@ -73,6 +74,8 @@ def collect(
         Tells the object's occupancy; by default it is the true one.
     score : callable, optional
         Scores grasps: half of a scene's trials are then those that it finds best, the others at random.
+    head : Head, optional
+        Predicts grasps that are added to the proposals, where there is something to score with.
     progress : callable, optional
         Called with the number of each scene and its trials.
     stop : callable
@@ -90,7 +93,7 @@ def collect(
     """
 
     def collected(number: int) -> GraspTrials:
-        return _collect_scene(sampler, number, grid, config, complete, score)
+        return _collect_scene(sampler, number, grid, config, complete, score, head)
 
     return load_or_make_parts(GraspTrials, folder, scenes, collected, progress=progress, stop=stop)
 
@@ -113,6 +116,7 @@ def _collect_scene(
     config: CollectConfig,
     complete: Complete | None,
     score: Score | None,
+    head: Head | None,
 ) -> GraspTrials:
     """Collect the trials of one scene; none where the object does not come to rest, is not seen, or has no grasp."""
     rng = np.random.default_rng([sampler.seed, number, 7])
@@ -120,7 +124,7 @@ def _collect_scene(
     nothing = GraspTrials.empty(seen.source, seen.world_from_object)
     if seen.scene is None or seen.crops is None:
         return nothing
-    found = _find(seen.crops, grid, config, complete or seen.truth, score, number)
+    found = _find(seen.crops, grid, config, complete or seen.truth, score, head, number)
     if found is None:
         return nothing
     poses, preshapes, scores = found
@@ -133,13 +137,19 @@ def _collect_scene(
 
 
 def _find(
-    crops: Crops, grid: HandGrid, config: CollectConfig, complete: Complete, score: Score | None, seed: int
+    crops: Crops,
+    grid: HandGrid,
+    config: CollectConfig,
+    complete: Complete,
+    score: Score | None,
+    head: Head | None,
+    seed: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None] | None:
     """Find grasps to choose from: poses, preshapes, and scores if there is something to score with."""
     if score is None:
         proposals = grid.propose(complete(crops.channels)[0], config.finder.proposals)
         return (proposals.poses, proposals.preshape, None) if len(proposals) else None
-    found = GraspFinder(grid, complete, score, config.finder).decide(crops, seed=seed)
+    found = GraspFinder(grid, complete, score, config.finder, head=head).decide(crops, seed=seed)
     return None if found is None else (found.poses, found.preshapes, found.scores)
 
 

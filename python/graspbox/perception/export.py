@@ -1,20 +1,14 @@
 """Export of trained networks: weights as safetensors, and each network as one ONNX file (extra ``train``)."""
 
-import logging
 import shutil
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
 
 import graspbox
-from graspbox.errors import ConfigError
-from graspbox.files import replacing
+from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.completion import CompletionNet
 from graspbox.perception.configs import CropConfig, HandGridConfig
@@ -22,79 +16,23 @@ from graspbox.perception.finder import FinderConfig
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph
 from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.head_export import HEAD_FILES, write_head
+from graspbox.perception.onnx_files import write_onnx
 from graspbox.perception.perturbations import perturbed
 from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, write_depth_policy
-from graspbox.perception.runtimes import onnx_network, torch_network
 from graspbox.perception.scorer import ScorerNet
 from graspbox.perception.weight_files import round_weights, save_weights
 
 __all__ = [
     "FINALISTS",
-    "PARITY",
     "export_completion",
     "export_depth_policy",
     "export_scorer",
-    "write_onnx",
 ]
 
 #: Grasps that all members of a scorer judge.
 FINALISTS = 16
-#: Greatest difference between what ONNX and torch give; bytes may differ by 1.
-PARITY = 1e-4
-_OPSET = 18
 _COMPLETION, _SCORER = "completion", "scorer"
-
-
-def write_onnx(
-    graph: nn.Module,
-    example: Sequence[Tensor],
-    dynamic: bool,
-    path: Path,
-    checks: Sequence[Mapping[str, NDArray[Any]]],
-) -> None:
-    """Write a graph, traced with an example, and compare the file with it on given inputs.
-
-    A graph whose `forward` takes any number of inputs says so by ``variadic = True``.
-
-    Raises
-    ------
-    ConfigError
-        If they differ.
-    """
-    rows = torch.export.Dim("rows", min=2)
-    each = tuple({0: rows} for _ in example)
-    shapes = None if not dynamic else (each,) if getattr(graph, "variadic", False) else each
-    quiet = logging.getLogger("torch.onnx")
-    level = quiet.level
-    quiet.setLevel(logging.ERROR)
-    with replacing(path) as temporary, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # deprecations inside the exporter
-        torch.onnx.export(
-            graph,
-            tuple(example),
-            str(temporary),
-            input_names=list(graph.inputs),
-            output_names=list(graph.outputs),
-            dynamic_shapes=shapes,
-            opset_version=_OPSET,
-            dynamo=True,
-            external_data=False,
-            verbose=False,
-        )
-    quiet.setLevel(level)
-    network, reference = onnx_network(path), torch_network(graph)
-    for inputs in checks:
-        found, expected = network(inputs), reference(inputs)
-        for name, values in expected.items():
-            worst = _difference(found[name], values)
-            if worst > PARITY:
-                raise ConfigError(f"{path} differs from the network by {worst:.2g} in {name!r}; do not use it")
-
-
-def _difference(a: NDArray[Any], b: NDArray[Any]) -> float:
-    """Give the greatest difference; bytes that differ by one count as equal, since a rounding decides."""
-    worst = float(np.abs(a.astype(np.float64) - b.astype(np.float64)).max())
-    return max(0.0, worst - 1.0) if a.dtype == np.uint8 else worst
 
 
 def export_completion(net: CompletionNet, path: Path, crop: CropConfig = CropConfig()) -> None:  # noqa: B008 (frozen)
@@ -151,6 +89,7 @@ def export_depth_policy(
     crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
     grid: HandGridConfig = HandGridConfig(),  # noqa: B008 (frozen)
     finder: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
+    head: AnchorNet | None = None,
     licence: Path | None = None,
 ) -> DepthPolicyConfig:
     """Write a policy's folder: networks, weights, ``config.json`` last.
@@ -169,6 +108,8 @@ def export_depth_policy(
         Name of the hand.
     crop, grid, finder
         Settings.
+    head : AnchorNet, optional
+        A trained head, whose best grasps are scored beside the proposals.
     licence : Path, optional
         A file that is copied as ``LICENSE``.
 
@@ -189,6 +130,9 @@ def export_depth_policy(
         save_weights(member, folder / f"{_SCORER}-{number}.safetensors")
     kept = [f"{part}.onnx" for part in (_COMPLETION, _SCORER)]
     kept += [f"{_COMPLETION}.safetensors", *(f"{_SCORER}-{number}.safetensors" for number in range(len(members)))]
+    if head is not None:
+        write_head(folder, head, crop)
+        kept += HEAD_FILES
     config = DepthPolicyConfig(
         name=name,
         graspbox=graspbox.__version__,
@@ -202,6 +146,7 @@ def export_depth_policy(
         crop=crop,
         grid=grid,
         finder=finder,
+        head=None if head is None else head.config,
     )
     if licence is not None:
         shutil.copyfile(licence, folder / "LICENSE")

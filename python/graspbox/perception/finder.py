@@ -1,29 +1,41 @@
 """One decision: from a depth image to the grasp to try.
 
 The steps, each of which can be replaced: crop the object, complete its occupancy, propose grasps, score them, refine
-the best. `GraspFinder` makes the steps and measures their time.
+the best. Grasps are proposed by geometry, and by a head (`graspbox.perception.heads`) if there is one. `GraspFinder`
+makes the steps and measures their time.
 """
 
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import CropConfig, ProposalConfig
 from graspbox.perception.crops import Crops, crop
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 
-__all__ = ["Complete", "Finder", "FinderConfig", "FoundGrasp", "GraspFinder", "Score", "observed_only"]
+__all__ = ["Complete", "Finder", "FinderConfig", "FoundGrasp", "GraspFinder", "Head", "Score", "observed_only"]
 
 #: From channels (n, 3, N, N, N) of crops to occupancies (n, N, N, N), all uint8.
 Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 #: From a volume (3, N, N, N) uint8 (completed, surface, unseen), poses ``crop_from_hand`` (m, 4, 4) and preshapes (m,)
 #: to scores (m,); greater is better.
 Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+#: Candidates of a head that are checked, for each that may be added.
+_LOOKED_AT = 4
+
+
+class Head(Protocol):
+    """What predicts grasps: a network of `graspbox.perception.heads`, or `graspbox.perception.runtimes.AnchorHead`."""
+
+    def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
+        """Give the best grasps of one crop (2 or more, N, N, N) uint8."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +45,10 @@ class FinderConfig:
     Attributes
     ----------
     proposals : ProposalConfig
-        How grasps are proposed.
+        How grasps are proposed by geometry.
+    predicted : int
+        Most grasps of a head, its best, that are added; 0 for none. Those that the open hand does not reach are left
+        out.
     refinements : int
         Steps of refinement: each tries neighbours of the best grasps.
     parents, children : int
@@ -44,6 +59,7 @@ class FinderConfig:
     """
 
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
+    predicted: int = 32
     refinements: int = 2
     parents: int = 4
     children: int = 8
@@ -194,6 +210,8 @@ class GraspFinder(Finder):
         How a grasp is found.
     crop : CropConfig
         The crop; that of `grid`.
+    head : Head, optional
+        Predicts grasps that are added to the proposals.
     num_threads : int, optional
         Threads of the crop; by default one per core.
     """
@@ -206,10 +224,12 @@ class GraspFinder(Finder):
         config: FinderConfig = FinderConfig(),
         *,
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+        head: Head | None = None,
         num_threads: int | None = None,
     ) -> None:
         super().__init__(crop, num_threads)
         self._grid, self._complete, self._score, self._config = grid, complete, score, config
+        self._head = head
 
     def decide(
         self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
@@ -220,13 +240,13 @@ class GraspFinder(Finder):
         clock = _Clock()
         occupancy = (complete or self._complete)(crops.channels)[0]
         clock.lap("complete")
-        proposals = self._grid.propose(occupancy, self._config.proposals)
+        poses, preshapes = self._proposed(occupancy, crops.channels[0])
         clock.lap("propose")
-        if not len(proposals):
+        if not len(poses):
             return None
         volume = np.concatenate([occupancy[None], crops.channels[0, :2]])
         judge = score or self._score
-        scored = _Scored(proposals.poses, proposals.preshape, judge(volume, proposals.poses, proposals.preshape))
+        scored = _Scored(poses, preshapes, judge(volume, poses, preshapes))
         clock.lap("score")
         rng = np.random.default_rng(seed)
         for step in range(self._config.refinements):
@@ -246,6 +266,30 @@ class GraspFinder(Finder):
             seconds=clock.seconds,
         )
 
+    def _proposed(
+        self, occupancy: NDArray[np.uint8], channels: NDArray[np.uint8]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Propose feasible grasps: poses (m, 4, 4) and preshapes (m,), those of the head last."""
+        config = self._config
+        found = self._grid.propose(occupancy, config.proposals)
+        if self._head is None or not config.predicted:
+            return found.poses, found.preshape
+        predicted = self._head.candidates(channels, _LOOKED_AT * config.predicted)
+        preshapes = self._grid.preshapes[predicted.preshape]
+        kept = np.flatnonzero(self._feasible(occupancy, predicted.poses, preshapes))[: config.predicted]
+        return (
+            np.concatenate([found.poses, predicted.poses[kept]]),
+            np.concatenate([found.preshape, preshapes[kept]]),
+        )
+
+    def _feasible(
+        self, occupancy: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Tell where the open hand gets and enough fingers meet the object."""
+        config = self._config.proposals
+        free, fingers = self._grid.meets(occupancy, poses, preshapes, points=config.points)
+        return free & (fingers >= min(config.fingers, 2))
+
     def _refined(
         self, scored: "_Scored", volume: NDArray[np.uint8], judge: Score, rng: np.random.Generator, scale: float
     ) -> "_Scored":
@@ -255,8 +299,7 @@ class GraspFinder(Finder):
         parents = np.repeat(best, config.children)
         poses = perturbed(scored.poses[parents], rng, config.position * scale, config.rotation * scale)
         preshapes = scored.preshapes[parents]
-        free, fingers = self._grid.meets(volume[0], poses, preshapes, points=config.proposals.points)
-        kept = free & (fingers >= min(config.proposals.fingers, 2))
+        kept = self._feasible(volume[0], poses, preshapes)
         if not kept.any():
             return scored
         scores = judge(volume, poses[kept], preshapes[kept])

@@ -9,9 +9,11 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.calibration import CAUTION, OTHERS, Calibration
 from graspbox.perception.completion import CompletionNet
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.head_graphs import HeadGraph
 from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.scorer import ScorerNet
 from graspbox.perception.weight_files import restore_weights
@@ -76,8 +78,8 @@ class ScorerGraph(nn.Module):  # type: ignore[misc]
         return *self._judged(logits), logits
 
 
-def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
-    """Load the networks of a policy's folder from their weights.
+def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | HeadGraph, ...]:
+    """Load the networks of a policy's folder from their weights: completion, scorer, and the head if it has one.
 
     Raises
     ------
@@ -91,4 +93,9 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph, ScorerGraph]:
     members = [ScorerNet(grid, config.width) for _ in range(config.members)]
     for member, name in zip(members, config.weights, strict=True):
         restore_weights(member, Path(folder) / name)
-    return CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
+    parts = CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
+    if config.head is None:
+        return parts
+    head = AnchorNet(len(grid.preshapes), config.head, config.crop)
+    restore_weights(head, Path(folder) / "head.safetensors")
+    return *parts, HeadGraph(head)

@@ -146,8 +146,8 @@ def grasp_image(
     check_table(small, lens, pose)
     crops = _crop(small, lens, pose, config, None if region is None else _mask(region, image.shape, step, small.shape))
     grid = HandGrid(config.hand, config.grid, crop=config.crop)
-    complete, scorer = load_parts(folder, config, grid, backend)
-    found = GraspFinder(grid, complete, scorer, config.finder, crop=config.crop).decide(crops, seed=seed)
+    complete, scorer, head = load_parts(folder, config, grid, backend)
+    found = GraspFinder(grid, complete, scorer, config.finder, crop=config.crop, head=head).decide(crops, seed=seed)
     if found is None:
         chosen, poses, preshapes = np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)), np.zeros(0)
         volume = np.concatenate([complete(crops.channels), crops.channels[0, :2]])

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from graspbox.errors import ConfigError
 from graspbox.perception.anchors import AnchorConfig
 
-__all__ = ["HeadConfig", "Kind"]
+__all__ = ["HeadConfig", "Kind", "check_anchor"]
 
 Kind = Literal["anchor", "set", "regressor", "constant"]
 
@@ -46,3 +46,15 @@ class HeadConfig:
                 raise ConfigError(f"{name} is {getattr(self, name)}; give 1 or more")
         if not self.secure >= 0.0:
             raise ConfigError(f"secure is {self.secure}; give 0 or more")
+
+
+def check_anchor(head: HeadConfig) -> None:
+    """Refuse a head that cannot be published.
+
+    Raises
+    ------
+    ConfigError
+        If it is of another kind than ``anchor``.
+    """
+    if head.kind != "anchor":
+        raise ConfigError(f"head.kind is {head.kind!r}; heads of the kind 'anchor' alone are published")

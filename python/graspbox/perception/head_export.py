@@ -10,16 +10,18 @@ import graspbox
 from graspbox.errors import ConfigError
 from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.export import PARITY, write_onnx
-from graspbox.perception.head_finder import FILTERED
 from graspbox.perception.head_folders import HeadPolicyConfig, write_head_policy
 from graspbox.perception.head_graphs import HeadGraph
 from graspbox.perception.heads import HeadNet
+from graspbox.perception.onnx_files import PARITY, write_onnx
 from graspbox.perception.policy_folders import file_hash
 from graspbox.perception.runtimes import onnx_network, torch_network
 from graspbox.perception.weight_files import round_weights, save_weights
 
-__all__ = ["export_head"]
+__all__ = ["HEAD_FILES", "export_head", "write_head"]
+
+#: Files of a head: the network, and its weights.
+HEAD_FILES = ("head.onnx", "head.safetensors")
 
 
 def export_head(
@@ -60,24 +62,13 @@ def export_head(
         raise ConfigError(f"a {type(net).__name__} cannot be exported; give a head of the kind 'anchor'")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    generator = torch.Generator().manual_seed(0)
-    n = crop.resolution
-    # Smooth noise, as the surfaces that a head meets: neighbouring voxels differ by little.
-    coarse = torch.rand((1, 2, n // 8, n // 8, n // 8), generator=generator)
-    smooth = torch.nn.functional.interpolate(coarse, size=(n, n, n), mode="trilinear")
-    example = (255.0 * (smooth > 0.6) * smooth).to(torch.uint8)
-    round_weights(net)
-    count = min(FILTERED, len(net.anchors))
-    graph = HeadGraph(net, count)
-    write_onnx(graph, [example], False, folder / "head.onnx", [])
-    _check(folder / "head.onnx", graph, example)
-    save_weights(net, folder / "head.safetensors")
+    write_head(folder, net, crop)
     config = HeadPolicyConfig(
         name=name,
         graspbox=graspbox.__version__,
         hand=hand,
         preshapes=net.anchors.shape[0],
-        files={file: file_hash(folder / file) for file in ("head.onnx", "head.safetensors")},
+        files={file: file_hash(folder / file) for file in HEAD_FILES},
         filtered=filtered,
         head=net.config,
         crop=crop,
@@ -86,6 +77,28 @@ def export_head(
         shutil.copyfile(licence, folder / "LICENSE")
     write_head_policy(folder, config)
     return config
+
+
+def write_head(folder: Path, net: AnchorNet, crop: CropConfig = CropConfig()) -> None:  # noqa: B008 (frozen)
+    """Write `HEAD_FILES` into a folder; the weights are rounded to half precision.
+
+    Raises
+    ------
+    ConfigError
+        If the ONNX file does not give what the network gives.
+    """
+    generator = torch.Generator().manual_seed(0)
+    n = crop.resolution
+    # Smooth noise, as the surfaces that a head meets: neighbouring voxels differ by little.
+    coarse = torch.rand((1, 2, n // 8, n // 8, n // 8), generator=generator)
+    smooth = torch.nn.functional.interpolate(coarse, size=(n, n, n), mode="trilinear")
+    example = (255.0 * (smooth > 0.6) * smooth).to(torch.uint8)
+    round_weights(net)
+    graph = HeadGraph(net)
+    path, weights = (folder / name for name in HEAD_FILES)
+    write_onnx(graph, [example], False, path, [])
+    _check(path, graph, example)
+    save_weights(net, weights)
 
 
 def _check(path: Path, graph: HeadGraph, example: torch.Tensor) -> None:

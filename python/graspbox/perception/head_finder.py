@@ -1,51 +1,18 @@
 """One decision by one network: from a depth image to the grasp to try, without proposals or scorer."""
 
 import time
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from graspbox.perception.anchors import Anchors, Candidates
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import Crops
-from graspbox.perception.finder import Complete, Finder, FoundGrasp, Score, observed_only
+from graspbox.perception.finder import Complete, Finder, FoundGrasp, Head, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.runtimes import Network
 
-__all__ = ["FILTERED", "Head", "HeadFinder", "OnnxHead"]
+__all__ = ["HeadFinder"]
 
 #: Candidates of a head that the collision filter goes through.
-FILTERED = 1024
-#: Channels of a crop that a head sees.
-_SEEN = 2
-
-
-class Head(Protocol):
-    """What predicts grasps: a network of `graspbox.perception.heads`, or `OnnxHead`."""
-
-    def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
-        """Give the best grasps of one crop (2 or more, N, N, N) uint8."""
-
-
-class OnnxHead:
-    """A published head.
-
-    Parameters
-    ----------
-    network : callable
-        `graspbox.perception.head_graphs.HeadGraph`.
-    anchors : Anchors
-        Its anchors.
-    """
-
-    def __init__(self, network: Network, anchors: Anchors) -> None:
-        self._network, self._anchors = network, anchors
-
-    def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
-        """Give the best grasps of one crop (2 or more, N, N, N) uint8, at most as many as the file has."""
-        found = self._network({"volumes": np.ascontiguousarray(volume[None, :_SEEN])})
-        return self._anchors.candidates(*(found[name][:count] for name in ("anchors", "residuals", "scores")))
+_FILTERED = 1024
 
 
 class HeadFinder(Finder):
@@ -91,7 +58,7 @@ class HeadFinder(Finder):
         if not crops.found[0]:
             return None
         started = time.perf_counter()
-        found = self._net.candidates(crops.channels[0], FILTERED if self._filtered else 1)
+        found = self._net.candidates(crops.channels[0], _FILTERED if self._filtered else 1)
         predicted = time.perf_counter()
         occupancy = observed_only(crops.channels)[0]
         poses, preshapes, scores = found.poses, self._grid.preshapes[found.preshape], found.scores

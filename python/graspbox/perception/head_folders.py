@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.head_configs import HeadConfig
+from graspbox.perception.head_configs import HeadConfig, check_anchor
 from graspbox.perception.policy_folders import check_hashes, read_config, write_config
 
 __all__ = ["HEAD_KIND", "HeadPolicyConfig", "read_head_policy", "write_head_policy"]
@@ -47,8 +46,7 @@ class HeadPolicyConfig:
     crop: CropConfig = field(default_factory=CropConfig)
 
     def __post_init__(self) -> None:
-        if self.head.kind != "anchor":
-            raise ConfigError(f"head.kind is {self.head.kind!r}; heads of the kind 'anchor' alone are published")
+        check_anchor(self.head)
         check_hashes(self.files)
 
 

@@ -6,27 +6,29 @@ from torch import Tensor, nn
 
 from graspbox.perception.anchor_net import AnchorNet
 
-__all__ = ["HeadGraph"]
+__all__ = ["BEST", "HeadGraph"]
+
+#: Anchors that a published head gives.
+BEST = 1024
 
 
 class HeadGraph(nn.Module):  # type: ignore[misc]
-    """The best anchors of one crop, from channels (1, 2, N, N, N) uint8.
+    """The `BEST` anchors of one crop, the best first, from channels (1, 2, N, N, N) uint8.
 
     Parameters
     ----------
     net : AnchorNet
         The head.
-    count : int
-        How many anchors it gives, the best first.
     """
 
     inputs = ("volumes",)
     outputs = ("anchors", "residuals", "scores")
 
-    def __init__(self, net: AnchorNet, count: int) -> None:
+    def __init__(self, net: AnchorNet) -> None:
         super().__init__()
         # The exporter makes a loop of torch's embedding bag, which takes a thousand times as long.
-        self.net, self._count = copy.copy(net.eval()), count
+        self.net = copy.copy(net.eval())
+        self._count = min(BEST, len(net.anchors))
         self.net._sampled = _sampled
 
     def forward(self, volumes: Tensor) -> tuple[Tensor, Tensor, Tensor]:

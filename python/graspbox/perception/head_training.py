@@ -4,6 +4,7 @@ A run's folder is that of `graspbox.perception.training`, and ``head.json``, whi
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Self
@@ -26,7 +27,7 @@ from graspbox.perception.head_configs import HeadConfig
 from graspbox.perception.heads import ConstantNet, HeadNet, PoseNet, head_of
 from graspbox.perception.scenes import SceneConfig
 from graspbox.perception.scorer_training import auc
-from graspbox.perception.training import TrainConfig, Trained, Trainer, load_weights, save_atomic
+from graspbox.perception.training import TrainConfig, Trained, Trainer, TrainProgress, load_weights, save_atomic
 from graspbox.perception.trials import GraspTrials
 from graspbox.simulation import Scene
 
@@ -182,6 +183,7 @@ def train_head(
     data: HeadData,
     head: HeadConfig = HeadConfig(),  # noqa: B008 (frozen)
     config: TrainConfig = TrainConfig(batch_size=16, max_steps=4000, validate_every=250, patience=1000),  # noqa: B008
+    progress: Callable[[TrainProgress], None] | None = None,
 ) -> Trained:
     """Train a head in a folder, or continue there; see `graspbox.perception.training`.
 
@@ -196,6 +198,8 @@ def train_head(
         The head; its anchors are those of the data.
     config : TrainConfig
         How it is trained; `batch_size` counts scenes.
+    progress : callable, optional
+        Called after each step.
 
     Raises
     ------
@@ -226,7 +230,7 @@ def train_head(
         return head_losses(net, batch, sampler)
 
     trainer = Trainer(net, Path(folder), config, batch=batch, losses=losses, validate=data.validation)
-    return trainer.run()
+    return trainer.run(progress)
 
 
 def choose_constant(folder: Path, data: HeadData) -> dict[str, float]:

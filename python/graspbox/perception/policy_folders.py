@@ -5,6 +5,7 @@
 | ``config.json``            | `DepthPolicyConfig` |
 | ``completion.onnx``, ``completion.safetensors`` | the completion; its weights |
 | ``scorer.onnx``, ``scorer-N.safetensors``       | the scorer with all its members; their weights |
+| ``head.onnx``, ``head.safetensors``            | the head, if it has one; its weights |
 | ``README.md``              | the card: data, command, time, seed, scores, limits |
 | ``LICENSE``                | the licence of the weights |
 """
@@ -22,6 +23,7 @@ from graspbox.files import dumps, read_bounded, write_text
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import FinderConfig
+from graspbox.perception.head_configs import HeadConfig, check_anchor
 
 __all__ = [
     "KIND",
@@ -75,6 +77,8 @@ class DepthPolicyConfig:
         `graspbox.perception.completion.CompletionNet`.
     crop, grid, finder
         Settings with which it was trained, and with which grasps are found.
+    head : HeadConfig or None
+        The head whose grasps are scored beside the proposals.
     """
 
     name: str
@@ -89,11 +93,14 @@ class DepthPolicyConfig:
     crop: CropConfig = field(default_factory=CropConfig)
     grid: HandGridConfig = field(default_factory=HandGridConfig)
     finder: FinderConfig = field(default_factory=FinderConfig)
+    head: HeadConfig | None = None
 
     def __post_init__(self) -> None:
         check_texts(self, "name", "graspbox", "hand")
         check_counts(self, "members", "width", "finalists", "completion_width")
         check_hashes(self.files)
+        if self.head is not None:
+            check_anchor(self.head)
 
     @property
     def weights(self) -> tuple[str, ...]:

@@ -9,15 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError, FileError, MissingExtraError
+from graspbox.perception.anchors import Anchors, Candidates
 from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.policy_folders import DepthPolicyConfig
 
 __all__ = [
+    "AnchorHead",
     "Backend",
     "Completion",
     "Judged",
     "Network",
+    "Parts",
     "Scorer",
     "Stability",
     "load_parts",
@@ -28,6 +31,9 @@ __all__ = [
 
 #: What runs networks.
 Backend = Literal["onnx", "torch"]
+
+#: Channels of a crop that a head sees.
+_SEEN = 2
 
 #: From named arrays to named arrays.
 Network = Callable[[Mapping[str, NDArray[Any]]], Mapping[str, NDArray[Any]]]
@@ -179,6 +185,26 @@ class Scorer:
         return self.judge(volume, crop_from_hand, preshape).choice
 
 
+class AnchorHead:
+    """Predicts grasps.
+
+    Parameters
+    ----------
+    network : callable
+        `graspbox.perception.head_graphs.HeadGraph`.
+    anchors : Anchors
+        Its anchors.
+    """
+
+    def __init__(self, network: Network, anchors: Anchors) -> None:
+        self._network, self._anchors = network, anchors
+
+    def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
+        """Give the best grasps of one crop (2 or more, N, N, N) uint8, at most as many as the network has."""
+        found = self._network({"volumes": np.ascontiguousarray(volume[None, :_SEEN])})
+        return self._anchors.candidates(*(found[name][:count] for name in ("anchors", "residuals", "scores")))
+
+
 class Stability:
     """Tells how likely a grasp holds from what a hand feels.
 
@@ -201,9 +227,17 @@ def load_stability(folder: Path) -> Stability:
     return Stability(onnx_network(Path(folder) / "feel.onnx", 1))
 
 
+class Parts(NamedTuple):
+    """The networks of a policy of one depth image; the head is None where the policy has none."""
+
+    complete: Completion
+    scorer: Scorer
+    head: AnchorHead | None
+
+
 def load_parts(
     folder: Path, config: DepthPolicyConfig, grid: HandGrid, backend: Backend = "onnx", num_threads: int | None = None
-) -> tuple[Completion, Scorer]:
+) -> Parts:
     """Load the networks of a policy's folder.
 
     Parameters
@@ -219,9 +253,10 @@ def load_parts(
     num_threads : int, optional
         Threads of onnxruntime; by default one per core. torch has a setting of its own.
     """
+    names = ["completion", "scorer", *(["head"] if config.head else [])]
     if backend == "torch":
-        graphs = import_module("graspbox.perception.graphs").load_graphs(folder)
-        completion, scorer = (torch_network(graph) for graph in graphs)
+        networks = [torch_network(graph) for graph in import_module("graspbox.perception.graphs").load_graphs(folder)]
     else:
-        completion, scorer = (onnx_network(folder / f"{part}.onnx", num_threads) for part in ("completion", "scorer"))
-    return Completion(completion), Scorer(scorer, ScorerInputs(grid), config.finalists)
+        networks = [onnx_network(folder / f"{name}.onnx", num_threads) for name in names]
+    head = AnchorHead(networks[2], Anchors(len(grid.preshapes), config.head.anchors)) if config.head else None
+    return Parts(Completion(networks[0]), Scorer(networks[1], ScorerInputs(grid), config.finalists), head)

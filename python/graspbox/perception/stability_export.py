@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from graspbox.perception.export import write_onnx
+from graspbox.perception.onnx_files import write_onnx
 from graspbox.perception.stability_net import StabilityGraph, StabilityNet
 from graspbox.perception.weight_files import save_weights
 

@@ -15,7 +15,16 @@ from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
 from graspbox.perception.crops import add_depth_noise
-from graspbox.perception.finder import Complete, Finder, FinderConfig, FoundGrasp, GraspFinder, Score, observed_only
+from graspbox.perception.finder import (
+    Complete,
+    Finder,
+    FinderConfig,
+    FoundGrasp,
+    GraspFinder,
+    Head,
+    Score,
+    observed_only,
+)
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.hand_views import HandView
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
@@ -139,14 +148,17 @@ class DepthGrasp(Policy):
         grid = HandGrid(self.hand, grid_config, crop=self.crop, num_threads=self._num_threads)
         complete: Complete = observed_only
         score: Score = _no_score
+        head: Head | None = None
         if self._folder is not None and self._published is not None:
             if (name := self.hand.name) != self._published.hand:
                 raise ConfigError(f"the policy {self.name!r} knows the hand {self._published.hand!r}, not {name!r}")
             parts = load_parts(Path(self._folder), self._published, grid, self._backend, self._num_threads)
-            complete = complete if "completion" in self._oracles else parts[0]
-            self.scorer = None if "scorer" in self._oracles else parts[1]
-            score = self.scorer or score
-        return GraspFinder(grid, complete, score, self._config, crop=self.crop, num_threads=self._num_threads)
+            complete = complete if "completion" in self._oracles else parts.complete
+            self.scorer = None if "scorer" in self._oracles else parts.scorer
+            score, head = self.scorer or score, parts.head
+        return GraspFinder(
+            grid, complete, score, self._config, crop=self.crop, head=head, num_threads=self._num_threads
+        )
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         if seed is not None:

@@ -7,9 +7,9 @@ from graspbox.perception.anchors import Anchors
 from graspbox.perception.configs import DepthNoise
 from graspbox.perception.finder import Finder
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.head_finder import HeadFinder, OnnxHead
+from graspbox.perception.head_finder import HeadFinder
 from graspbox.perception.head_folders import read_head_policy
-from graspbox.perception.runtimes import onnx_network
+from graspbox.perception.runtimes import AnchorHead, onnx_network
 from graspbox.policies.depth import DepthGrasp
 
 __all__ = ["HEAD", "HeadGrasp"]
@@ -76,5 +76,5 @@ class HeadGrasp(DepthGrasp):
         crop = self._head.crop
         grid = HandGrid(self.hand, crop=crop, num_threads=self._num_threads)
         anchors = Anchors(self._head.preshapes, self._head.head.anchors)
-        head = OnnxHead(onnx_network(folder / "head.onnx", self._num_threads), anchors)
+        head = AnchorHead(onnx_network(folder / "head.onnx", self._num_threads), anchors)
         return HeadFinder(grid, head, crop=crop, filtered=self._filtered)

@@ -39,7 +39,7 @@ class SeenPlanner(DepthGrasp):
         complete = observed_only
         if self._folder is not None and self._published is not None:
             grid = HandGrid(self.hand, self._published.grid, crop=self.crop)
-            complete = load_parts(Path(self._folder), self._published, grid, self._backend)[0]
+            complete = load_parts(Path(self._folder), self._published, grid, self._backend).complete
         return PlannedFinder(self.hand, complete, self.crop)
 
 

@@ -61,7 +61,7 @@ def _result(name: str, found: Mapping[str, Any]) -> str:
         return ""
     if name == "data":
         return f"{found['train']} trials to learn from, {found['validation']} to validate"
-    measure = "overlap (IoU)" if name == "completion" else "AUC"
+    measure = {"completion": "overlap (IoU)", "head": "share of its first choices that held"}.get(name, "AUC")
     return f"{found['steps']} steps, {measure} {found['best']:.3f}"
 
 

@@ -17,21 +17,23 @@ from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
 from graspbox.perception.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.perception.collect import CollectConfig, collect, load_trials
-from graspbox.perception.completion import CompletionNet, train_completion
+from graspbox.perception.completion import train_completion
 from graspbox.perception.export import FINALISTS, export_completion, export_depth_policy
-from graspbox.perception.finder import Complete, FinderConfig
+from graspbox.perception.finder import FinderConfig
 from graspbox.perception.graphs import ScorerGraph
 from graspbox.perception.grasp_inputs import ScorerInputs
+from graspbox.perception.head_export import write_head
+from graspbox.perception.head_training import HeadData, train_head
 from graspbox.perception.policy_folders import read_depth_policy
-from graspbox.perception.runtimes import Completion, Scorer, load_parts, onnx_network, torch_network
+from graspbox.perception.runtimes import Parts, Scorer, load_parts, torch_network
 from graspbox.perception.scene_views import SceneViews
 from graspbox.perception.scenes import SceneConfig, SceneSampler
-from graspbox.perception.scorer import ScorerNet
 from graspbox.perception.scorer_training import train_scorer
-from graspbox.perception.training import TrainConfig, Trained, TrainProgress, load_weights
+from graspbox.perception.training import TrainConfig, Trained, TrainProgress
 from graspbox.perception.trials import GraspTrials
 from graspbox.policies import DepthGrasp
 from graspbox.policy_training.cards import write_card
+from graspbox.policy_training.networks import TrainedNetworks
 from graspbox.policy_training.settings import QUICK, QUICK_OBJECTS, Settings
 from graspbox.policy_training.stages import Run, Stage
 
@@ -39,12 +41,14 @@ __all__ = ["FINDER", "RUNGS", "PolicyTraining"]
 
 
 #: How the policy decides: as much of proposals and refinement as 50 ms on two cores allow.
-FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=112), children=5)
+FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
+#: Of how many grasps trials are collected: enough that those at random show what the scorer does not know.
+_COLLECTED = {"most": 256, "predicted": 96}
 
 
 #: What the policy was on its way, each without refinement: a scorer that learned from the data set alone; the same
-#: after the rounds on its own choices; and the ensemble.
-RUNGS = ("scorer", "rounds", "ensemble")
+#: after the rounds on its own choices; and the ensemble. ``geometry`` is the whole policy without the head.
+RUNGS = ("scorer", "rounds", "ensemble", "geometry")
 
 
 class TimeUp(Exception):  # noqa: N818 (no error)
@@ -82,6 +86,7 @@ class PolicyTraining:
         self.finder, self.scenes = FINDER, SceneConfig()
         self.grid = HandGrid(crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
+        self.networks = TrainedNetworks(self.out, self.sizes, self.grid, self.scenes)
         self.data = settings.data or (self.out / "data" / "set",)
         kept = {k: v for k, v in asdict(settings).items() if k not in ("out", "hours", "publish")}
         self.run = Run(self.out, json.loads(json.dumps(kept, default=str)), echo)
@@ -103,6 +108,7 @@ class PolicyTraining:
             stage("data", hours.data, self.make_data)
         stage("completion", hours.completion, self.complete)
         stage("scorer", hours.scorer, partial(self.member, number=0, rounds=0))
+        stage("head", hours.head, self.head)
         for n in range(1, sizes.rounds + 1):
             stage(f"collect-{n}", hours.collect, partial(self.collect, number=n))
             stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
@@ -151,6 +157,8 @@ class PolicyTraining:
             batch_size=sizes.completion_batch,
             max_steps=sizes.completion_steps,
             validate_every=sizes.validate_every,
+            # It gains most as the learning rate falls, after a long level stretch.
+            patience=sizes.completion_steps,
             max_seconds=stage.limit,
             seed=self.seed,
         )
@@ -166,35 +174,13 @@ class PolicyTraining:
             width=sizes.completion_width,
             progress=reporter(stage, "overlap"),
         )
-        export_completion(self.completion_net(), stage.folder / "completion.onnx", self.scenes.crop)
+        export_completion(self.networks.completion_net(), stage.folder / "completion.onnx", self.scenes.crop)
         return results_of(trained)
-
-    def completion_net(self) -> CompletionNet:
-        """Load the trained completion."""
-        net = CompletionNet(self.sizes.completion_width)
-        load_weights(net, self.out / "completion" / "weights.pt")
-        return net
-
-    def completion(self) -> Complete:
-        """Load the exported completion."""
-        return Completion(onnx_network(self.out / "completion" / "completion.onnx"))
 
     @cached_property
     def views(self) -> SceneViews:
         """Views that all members and rounds learn from."""
-        return SceneViews(self.scenes, self.completion(), self.seed)
-
-    def folder(self, member: int, round_: int) -> Path:
-        """Name the folder of a member's weights: the first one has some after each round."""
-        if member:
-            return self.out / f"member-{member}"
-        return self.out / (f"round-{round_}" if round_ else "scorer")
-
-    def member_net(self, member: int, round_: int) -> ScorerNet:
-        """Load a trained member."""
-        net = ScorerNet(self.grid, self.sizes.width)
-        load_weights(net, self.folder(member, round_) / "weights.pt")
-        return net
+        return SceneViews(self.scenes, self.networks.completion(), self.seed)
 
     def member(self, stage: Stage, number: int, rounds: int) -> dict[str, Any]:
         """Train a member on the data set and on the trials of so many rounds."""
@@ -221,15 +207,32 @@ class PolicyTraining:
             self.views,
             config,
             on_policy=GraspTrials.joined(on_policy) if on_policy else None,
-            start=self.folder(0, rounds - 1) / "weights.pt" if going_on else None,
+            start=self.networks.folder(0, rounds - 1) / "weights.pt" if going_on else None,
             width=sizes.width,
             progress=reporter(stage, "AUC"),
         )
         return results_of(trained) | {"trials": len(train), "on_policy": sum(len(trials) for trials in on_policy)}
 
+    def head(self, stage: Stage) -> dict[str, Any]:
+        """Train the head whose grasps are scored beside the proposals, on the data set, and export it."""
+        steps = self.sizes.head_steps
+        config = TrainConfig(
+            batch_size=16,
+            max_steps=steps,
+            validate_every=min(250, steps),
+            patience=steps,
+            max_seconds=stage.limit,
+            seed=self.seed,
+        )
+        train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
+        data = HeadData.of(train, held_out, self.grid, scenes=self.scenes, seed=self.seed)
+        trained = train_head(stage.folder, data, config=config, progress=reporter(stage, "share of holds"))
+        write_head(stage.folder, self.networks.head_net(), self.scenes.crop)
+        return results_of(trained) | {"trials": len(train)}
+
     def collect(self, stage: Stage, number: int) -> dict[str, Any]:
         """Collect trials of what the first member chooses after the last round."""
-        graph = ScorerGraph([self.member_net(0, number - 1)], Calibration(), FINALISTS)
+        graph = ScorerGraph([self.networks.member_net(0, number - 1)], Calibration(), FINALISTS)
         scorer = Scorer(torch_network(graph), self.inputs, FINALISTS)
         results: dict[str, Any] = {}
         counts: dict[object_sets.Split, int] = {"validation": self.sizes.held_out_scenes, "train": self.sizes.scenes}
@@ -239,15 +242,17 @@ class PolicyTraining:
             def report(scene: int, trials: GraspTrials, split: str = split, scenes: int = scenes) -> None:
                 stage.report(f"{scene + 1} of {scenes} scenes ({split})", (scene + 1) / scenes)
 
-            config = CollectConfig(finder=replace(self.finder, proposals=replace(self.finder.proposals, most=256)))
+            proposals = replace(self.finder.proposals, most=_COLLECTED["most"])
+            finder = replace(self.finder, proposals=proposals, predicted=_COLLECTED["predicted"])
             trials = collect(
                 stage.folder / split,
                 sampler,
                 range(scenes),
                 self.grid,
-                config,
-                complete=self.completion(),
+                CollectConfig(finder=finder),
+                complete=self.networks.completion(),
                 score=scorer,
+                head=self.networks.predictor(),
                 progress=report,
                 stop=stage.late,
             )
@@ -255,15 +260,12 @@ class PolicyTraining:
             results[split] = {"trials": len(trials), **{k: round(v, 4) for k, v in shares.items()}}
         return results
 
-    def members(self) -> list[ScorerNet]:
-        """Load the ensemble."""
-        return [self.member_net(number, self.sizes.rounds) for number in range(self.sizes.members)]
-
     def calibrate(self, stage: Stage) -> dict[str, Any]:
         """Try choices on held-out objects; choose the weight of a secure hold, and fit the logits."""
-        graph = ScorerGraph(self.members(), Calibration(), FINALISTS)
+        graph = ScorerGraph(self.networks.members(), Calibration(), FINALISTS)
         scorer = Scorer(torch_network(graph), self.inputs, FINALISTS)
-        found = self.choices(stage, self.settings.fresh, "validation", scorer, self.completion(), self.sizes.choices)
+        parts = Parts(self.networks.completion(), scorer, self.networks.predictor())
+        found = self.choices(stage, self.settings.fresh, "validation", parts, self.sizes.choices)
         rates = np.stack([found.success.mean(axis=0), found.secure.mean(axis=0)], axis=1)
         best = int(np.argmax(rates.sum(axis=1)))
         return {
@@ -281,8 +283,7 @@ class PolicyTraining:
         stage: Stage,
         objects: str | tuple[str, ...],
         split: object_sets.Split | None,
-        scorer: Scorer,
-        complete: Complete,
+        parts: Parts,
         count: int,
         weights: tuple[float, ...] = SECURE_WEIGHTS,
     ) -> Choices:
@@ -298,9 +299,10 @@ class PolicyTraining:
             sampler,
             range(count),
             self.grid,
-            complete,
-            scorer,
+            parts.complete,
+            parts.scorer,
             self.finder,
+            head=parts.head,
             weights=weights,
             progress=report,
             stop=stage.late,
@@ -315,27 +317,31 @@ class PolicyTraining:
         config = export_depth_policy(
             self.policy_folder(),
             self.settings.name,
-            self.completion_net(),
-            self.members(),
+            self.networks.completion_net(),
+            self.networks.members(),
             calibration,
             crop=self.scenes.crop,
             finder=self.finder,
+            head=self.networks.head_net(),
             licence=self.licence,
         )
         return {"files": len(config.files)}
 
     def export_rungs(self, folder: Path, calibration: Calibration) -> dict[str, Any]:
         """Write what the policy was on its way, so that each step can be measured: see `RUNGS`."""
-        rounds, unrefined = self.sizes.rounds, replace(self.finder, refinements=0)
-        members = {
-            "scorer": [self.member_net(0, 0)],
-            "rounds": [self.member_net(0, rounds)],
-            "ensemble": self.members(),
+        nets, unrefined = self.networks, replace(self.finder, refinements=0)
+        rungs = {
+            "scorer": ([nets.member_net(0, 0)], unrefined),
+            "rounds": ([nets.member_net(0, self.sizes.rounds)], unrefined),
+            "ensemble": (nets.members(), unrefined),
+            "geometry": (nets.members(), replace(self.finder, predicted=0)),
         }
-        completion = self.completion_net()
         for name in RUNGS:
+            members, finder = rungs[name]
+            head = nets.head_net() if finder.predicted else None
+            completion, crop = nets.completion_net(), self.scenes.crop
             export_depth_policy(
-                folder / name, name, completion, members[name], calibration, crop=self.scenes.crop, finder=unrefined
+                folder / name, name, completion, members, calibration, crop=crop, finder=finder, head=head
             )
         return {"folders": list(RUNGS)}
 
@@ -343,7 +349,7 @@ class PolicyTraining:
         """Evaluate the policy as ``graspbox evaluate`` does, and measure its calibration."""
         folder = self.policy_folder()
         policy, config = DepthGrasp(folder), read_depth_policy(folder)
-        complete, scorer = load_parts(folder, config, self.grid)
+        parts = load_parts(folder, config, self.grid)
         results: dict[str, Any] = {}
         for objects in self.settings.evaluated:
             split: object_sets.Split | None = None if "procedural" in objects else "test"
@@ -354,7 +360,7 @@ class PolicyTraining:
 
             result = evaluation.evaluate(policy, objects=objects, split=split, trials=count, progress=report)
             weights = (config.calibration.secure_weight,)
-            tried = self.choices(stage, objects, split, scorer, complete, count, weights)
+            tried = self.choices(stage, objects, split, parts, count, weights)
             results[objects] = {
                 **{k: v for k, v in result.to_json().items() if k != "objects"},
                 "ece": round(calibration_error(tried.judged[:, 0, 0], tried.success[:, 0]), 4),

@@ -14,6 +14,7 @@ class Hours:
     data: float = 3.0
     completion: float = 1.75
     scorer: float = 0.9
+    head: float = 0.9
     collect: float = 0.5
     """Of each round."""
     round: float = 0.35
@@ -34,6 +35,7 @@ class Sizes:
     """Scenes per object of the data set."""
     completion_steps: int = 12_000
     scorer_steps: int = 15_000
+    head_steps: int = 4_000
     round_steps: int = 6_000
     batch: int = 256
     completion_batch: int = 16
@@ -60,6 +62,7 @@ QUICK = Sizes(
     rests=1,
     completion_steps=6,
     scorer_steps=12,
+    head_steps=6,
     round_steps=6,
     batch=32,
     completion_batch=4,

@@ -28,7 +28,7 @@ from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 import graspbox
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
 from graspbox.errors import ConfigError
-from graspbox.perception.export import PARITY, write_onnx
+from graspbox.perception.onnx_files import PARITY, write_onnx
 from graspbox.perception.policy_folders import file_hash
 from graspbox.perception.runtimes import Network, onnx_network
 from graspbox.perception.weight_files import check_size, restore_weights, save_weights
@@ -178,7 +178,7 @@ def check_parity(
     Raises
     ------
     ConfigError
-        If their actions differ by more than `graspbox.perception.export.PARITY`.
+        If their actions differ by more than `graspbox.perception.onnx_files.PARITY`.
     """
     differences = []
     for observation in seen:

@@ -1,0 +1,74 @@
+"""ONNX files: a torch module as one file that gives the same numbers (extra ``train``)."""
+
+import logging
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from graspbox.errors import ConfigError
+from graspbox.files import replacing
+from graspbox.perception.runtimes import onnx_network, torch_network
+
+__all__ = ["PARITY", "write_onnx"]
+
+#: Greatest difference between what ONNX and torch give; bytes may differ by 1.
+PARITY = 1e-4
+_OPSET = 18
+
+
+def write_onnx(
+    graph: nn.Module,
+    example: Sequence[Tensor],
+    dynamic: bool,
+    path: Path,
+    checks: Sequence[Mapping[str, NDArray[Any]]],
+) -> None:
+    """Write a graph, traced with an example, and compare the file with it on given inputs.
+
+    A graph whose `forward` takes any number of inputs says so by ``variadic = True``.
+
+    Raises
+    ------
+    ConfigError
+        If they differ.
+    """
+    rows = torch.export.Dim("rows", min=2)
+    each = tuple({0: rows} for _ in example)
+    shapes = None if not dynamic else (each,) if getattr(graph, "variadic", False) else each
+    quiet = logging.getLogger("torch.onnx")
+    level = quiet.level
+    quiet.setLevel(logging.ERROR)
+    with replacing(path) as temporary, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecations inside the exporter
+        torch.onnx.export(
+            graph,
+            tuple(example),
+            str(temporary),
+            input_names=list(graph.inputs),
+            output_names=list(graph.outputs),
+            dynamic_shapes=shapes,
+            opset_version=_OPSET,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+        )
+    quiet.setLevel(level)
+    network, reference = onnx_network(path), torch_network(graph)
+    for inputs in checks:
+        found, expected = network(inputs), reference(inputs)
+        for name, values in expected.items():
+            worst = _difference(found[name], values)
+            if worst > PARITY:
+                raise ConfigError(f"{path} differs from the network by {worst:.2g} in {name!r}; do not use it")
+
+
+def _difference(a: NDArray[Any], b: NDArray[Any]) -> float:
+    """Give the greatest difference; bytes that differ by one count as equal, since a rounding decides."""
+    worst = float(np.abs(a.astype(np.float64) - b.astype(np.float64)).max())
+    return max(0.0, worst - 1.0) if a.dtype == np.uint8 else worst
