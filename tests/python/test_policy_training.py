@@ -102,6 +102,11 @@ def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -
             np.testing.assert_allclose(one.scores, other.scores, atol=PARITY)
 
 
+def test_a_network_does_not_tell_where_its_code_was(trained: Path) -> None:
+    for path in (trained / "policy").glob("*.onnx"):
+        assert b".py" not in path.read_bytes(), path.name
+
+
 def test_weights_are_stored_in_half_precision_without_a_loss(trained: Path) -> None:
     from safetensors.torch import load_file
 

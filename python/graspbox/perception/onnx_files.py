@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
@@ -15,7 +16,7 @@ from graspbox.errors import ConfigError
 from graspbox.files import replacing
 from graspbox.perception.runtimes import onnx_network, torch_network
 
-__all__ = ["PARITY", "write_onnx"]
+__all__ = ["PARITY", "strip_notes", "write_onnx"]
 
 #: Greatest difference between what ONNX and torch give; bytes may differ by 1.
 PARITY = 1e-4
@@ -58,6 +59,7 @@ def write_onnx(
             external_data=False,
             verbose=False,
         )
+        strip_notes(temporary)
     quiet.setLevel(level)
     network, reference = onnx_network(path), torch_network(graph)
     for inputs in checks:
@@ -66,6 +68,16 @@ def write_onnx(
             worst = _difference(found[name], values)
             if worst > PARITY:
                 raise ConfigError(f"{path} differs from the network by {worst:.2g} in {name!r}; do not use it")
+
+
+def strip_notes(path: Path) -> None:
+    """Take out of an ONNX file what the exporter notes of each node: paths and lines of the code that it came from."""
+    model = onnx.load(str(path))
+    graph = model.graph
+    for noted in (model, graph, *model.functions, *graph.node, *graph.value_info, *graph.input, *graph.output):
+        del noted.metadata_props[:]
+        noted.doc_string = ""
+    onnx.save(model, str(path))
 
 
 def _difference(a: NDArray[Any], b: NDArray[Any]) -> float:

@@ -1,0 +1,93 @@
+"""How grasps of a head join those that geometry proposes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from graspbox import object_sets
+from graspbox.perception import HandGrid, ProposalConfig
+from graspbox.perception.anchors import Candidates
+from graspbox.perception.crops import Crops
+from graspbox.perception.finder import FinderConfig, FoundGrasp, GraspFinder, observed_only
+from graspbox.perception.scenes import SceneConfig, SceneSampler
+from graspbox.perception.seen_scenes import see
+
+CONFIG = FinderConfig(ProposalConfig(most=24), predicted=3, refinements=0)
+
+
+class Ladder:
+    """Predicts grasps straight down over the crop's middle: two inside the object, then ever higher ones."""
+
+    def __init__(self, top: float) -> None:
+        self.asked, self._top = 0, top
+
+    def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
+        """Give as many as it is asked for."""
+        del volume
+        self.asked = count
+        heights = self._top + np.concatenate([[-0.03, -0.02], 0.02 + 0.002 * np.arange(count - 2)])
+        poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (count, 1, 1))
+        poses[:, 2, 3] = heights
+        return Candidates(poses, np.zeros(count, dtype=np.int64), np.linspace(1.0, 0.5, count))
+
+
+@pytest.fixture(scope="module")
+def crops() -> Crops:
+    sampler = SceneSampler(object_sets.load("procedural:can:0"), SceneConfig(), 0)
+    seen = see(sampler, 0, np.random.default_rng(0))
+    assert seen.crops is not None
+    return seen.crops
+
+
+def top_of(crops: Crops) -> float:
+    """Height of the highest voxel that is seen, metres."""
+    config = SceneConfig().crop
+    filled = np.flatnonzero((crops.channels[0, 0] >= 64).any(axis=(0, 1)))
+    return float(config.origin[2] + (filled[-1] + 1) * config.voxel_size)
+
+
+def highest(
+    volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Score by height."""
+    del volume, preshapes
+    return np.asarray(poses[:, 2, 3])
+
+
+def decide(crops: Crops, config: FinderConfig, head: Ladder | None) -> FoundGrasp:
+    found = GraspFinder(HandGrid(), observed_only, highest, config, head=head).decide(crops)
+    assert found is not None
+    return found
+
+
+def test_the_best_that_the_hand_reaches_are_scored_too(crops: Crops) -> None:
+    head = Ladder(top_of(crops))
+    alone, both = decide(crops, CONFIG, None), decide(crops, CONFIG, head)
+    assert head.asked > CONFIG.predicted
+    # Those of geometry come first and are unchanged, then the head's, best first, without the two inside the object.
+    assert len(both.scores) == len(alone.scores) + CONFIG.predicted
+    np.testing.assert_array_equal(both.poses[: len(alone.poses)], alone.poses)
+    added = both.poses[len(alone.poses) :, 2, 3]
+    np.testing.assert_allclose(added, top_of(crops) + np.array([0.02, 0.022, 0.024]))
+    assert (both.preshapes[len(alone.poses) :] == HandGrid().preshapes[0]).all()
+
+
+def test_a_grasp_of_the_head_is_chosen_where_it_scores_best(crops: Crops) -> None:
+    found = GraspFinder(
+        HandGrid(),
+        observed_only,
+        lambda volume, poses, preshapes: -np.linalg.norm(poses[:, :2, 3], axis=1) - np.abs(poses[:, 2, 2] + 1),
+        CONFIG,
+        head=Ladder(top_of(crops)),
+    ).decide(crops)
+    assert found is not None
+    np.testing.assert_allclose(found.world_from_hand[:2, 3], found.world_from_crop[:2, 3], atol=1e-12)
+
+
+def test_without_predictions_the_head_is_not_asked(crops: Crops) -> None:
+    head = Ladder(top_of(crops))
+    alone, none = decide(crops, CONFIG, None), decide(crops, replace(CONFIG, predicted=0), head)
+    assert head.asked == 0
+    np.testing.assert_array_equal(none.poses, alone.poses)
