@@ -13,13 +13,13 @@ class Hours:
 
     data: float = 3.0
     completion: float = 1.75
-    scorer: float = 0.9
+    scorer: float = 0.6
     head: float = 0.9
-    collect: float = 0.5
+    collect: float = 0.3
     """Of each round."""
     round: float = 0.35
     """Of each round."""
-    member: float = 1.2
+    member: float = 1.0
     """Of each further member of the ensemble."""
     calibrate: float = 0.4
     evaluate: float = 0.7
