@@ -25,11 +25,12 @@ from graspbox.perception.completion import (  # noqa: E402
 from graspbox.perception.finder import FinderConfig  # noqa: E402
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph  # noqa: E402
 from graspbox.perception.grasp_inputs import ScorerInputs  # noqa: E402
+from graspbox.perception.perturbations import HandError  # noqa: E402
 from graspbox.perception.runtimes import Completion, Scorer, torch_network  # noqa: E402
 from graspbox.perception.scene_views import SceneViews  # noqa: E402
 from graspbox.perception.scenes import SceneConfig, SceneSampler  # noqa: E402
 from graspbox.perception.scorer import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
-from graspbox.perception.scorer_training import auc, train_scorer  # noqa: E402
+from graspbox.perception.scorer_training import TrialSampler, auc, train_scorer  # noqa: E402
 from graspbox.perception.training import TrainConfig, Trainer, load_weights  # noqa: E402
 from graspbox.perception.trials import GraspTrials  # noqa: E402
 
@@ -370,3 +371,18 @@ def test_a_completion_trains_and_is_read_again(tmp_path: Path) -> None:
     found = Completion(torch_network(CompletionGraph(net)))(scenes.crops.channels)
     assert found.shape == (2, N, N, N)
     assert found.dtype == np.uint8
+
+
+def test_the_scorer_sees_a_trial_as_far_from_the_hand_as_the_hand_errs(tmp_path: Path, inputs: ScorerInputs) -> None:
+    found = collect(tmp_path, sampler(), range(2), inputs.grid, CollectConfig(per_scene=16))
+    views = SceneViews(SceneConfig(image_size=96))
+    sure, erring = (
+        TrialSampler(found, inputs, views, 0, error).draw(0, np.arange(2), 16).batch.poses.numpy()
+        for error in (HandError(0.0, 0.0), HandError(0.004, 0.05))
+    )
+    moved = np.linalg.inv(sure) @ erring
+    assert moved.shape == (32, 4, 4)
+    # 96 numbers each: their deviation is within 30 % of what was asked for, but for one in 10,000 draws.
+    assert moved[:, :3, 3].std() == pytest.approx(0.004, rel=0.3)
+    turns = np.stack([moved[:, 2, 1], moved[:, 0, 2], moved[:, 1, 0]])
+    assert turns.std() == pytest.approx(0.05, rel=0.3)

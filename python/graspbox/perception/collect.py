@@ -15,7 +15,7 @@ from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import Complete, FinderConfig, GraspFinder, Head, Score
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.perturbations import perturbed
+from graspbox.perception.perturbations import HandError, perturbed
 from graspbox.perception.scenes import SceneSampler
 from graspbox.perception.seen_scenes import see
 from graspbox.perception.trials import GraspTrials
@@ -31,15 +31,14 @@ class CollectConfig:
     ----------
     per_scene : int
         Trials in each scene.
-    position_error, rotation_error : float
-        Standard deviation of the hand's error along and about each of its axes, metres and radians.
+    error : HandError
+        How far the hand goes from the grasps that are chosen.
     finder : FinderConfig
         How grasps are proposed, and refined where they are scored.
     """
 
     per_scene: int = 32
-    position_error: float = 0.003
-    rotation_error: float = 0.05
+    error: HandError = field(default_factory=HandError)
     finder: FinderConfig = field(default_factory=lambda: FinderConfig(ProposalConfig(most=256)))
 
 
@@ -130,7 +129,7 @@ def _collect_scene(
     poses, preshapes, scores = found
     chosen = _choose(len(preshapes), config.per_scene, rng, scores)
     world_from_hand = perturbed(
-        seen.crops.world_from_crop[0] @ poses[chosen], rng, config.position_error, config.rotation_error
+        seen.crops.world_from_crop[0] @ poses[chosen], rng, config.error.position, config.error.rotation
     )
     outcomes = seen.scene.simulate(np.linalg.inv(seen.world_from_object) @ world_from_hand, preshapes[chosen])
     return GraspTrials.of_scene(seen.source, seen.world_from_object, world_from_hand, preshapes[chosen], outcomes)

@@ -1,9 +1,25 @@
 """Small random motions of hand poses."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["perturbed"]
+__all__ = ["HandError", "perturbed"]
+
+
+@dataclass(frozen=True)
+class HandError:
+    """How far a hand goes from where it is sent: normal errors along and about each of its axes.
+
+    Attributes
+    ----------
+    position, rotation : float
+        Standard deviations, metres and radians.
+    """
+
+    position: float = 0.004
+    rotation: float = 0.07
 
 
 def perturbed(

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from graspbox.errors import ConfigError
 from graspbox.perception.grasp_inputs import ScorerInputs
+from graspbox.perception.perturbations import HandError, perturbed
 from graspbox.perception.scene_views import SceneViews
 from graspbox.perception.scorer import TARGETS, ScorerBatch, ScorerNet, scorer_losses
 from graspbox.perception.training import TrainConfig, Trained, Trainer, TrainProgress, load_weights
@@ -46,6 +47,9 @@ class TrialSampler:
         The scenes as cameras see them.
     seed : int
         Seed of all batches.
+    error : HandError
+        The scorer sees each trial as far from where the hand went: what it learns is how likely a grasp holds if the
+        hand errs so.
 
     Raises
     ------
@@ -53,10 +57,17 @@ class TrialSampler:
         If there are no trials.
     """
 
-    def __init__(self, trials: GraspTrials, inputs: ScorerInputs, views: SceneViews, seed: int) -> None:
+    def __init__(
+        self,
+        trials: GraspTrials,
+        inputs: ScorerInputs,
+        views: SceneViews,
+        seed: int,
+        error: HandError = HandError(),  # noqa: B008 (frozen)
+    ) -> None:
         if not len(trials):
             raise ConfigError("there are no trials to learn from; collect some first")
-        self._trials, self._inputs, self._seed = trials, inputs, seed
+        self._trials, self._inputs, self._seed, self._error = trials, inputs, seed, error
         order = np.argsort(trials.scene_of, kind="stable")
         starts = np.searchsorted(trials.scene_of[order], np.arange(len(trials.source) + 1))
         self._rows = [order[a:b] for a, b in pairwise(starts)]
@@ -76,7 +87,8 @@ class TrialSampler:
             if seen is None:
                 continue
             volume, world_from_crop = seen
-            poses.append(np.linalg.inv(world_from_crop) @ self._trials.world_from_hand[chosen])
+            sent = perturbed(self._trials.world_from_hand[chosen], rng, self._error.position, self._error.rotation)
+            poses.append(np.linalg.inv(world_from_crop) @ sent)
             crop_of.append(np.full(len(chosen), len(volumes)))
             volumes.append(volume)
             rows.append(chosen)
@@ -112,6 +124,7 @@ def train_scorer(
     config: TrainConfig = TrainConfig(batch_size=256, max_steps=10_000, validate_every=250),  # noqa: B008 (frozen)
     *,
     on_policy: GraspTrials | None = None,
+    error: HandError = HandError(),  # noqa: B008 (frozen)
     start: Path | None = None,
     width: int = 48,
     progress: Callable[[TrainProgress], None] | None = None,
@@ -132,6 +145,8 @@ def train_scorer(
         How it is trained; members of an ensemble differ by its seed.
     on_policy : GraspTrials, optional
         Trials of what the proposals give (`graspbox.perception.collect`): half of each batch.
+    error : HandError
+        See `TrialSampler`.
     start : Path, optional
         A file of weights with which training begins.
     width : int
@@ -145,8 +160,9 @@ def train_scorer(
         If there are no trials, or `start` holds another network.
     """
     torch.manual_seed(config.seed)
-    samplers = [TrialSampler(given, inputs, views, config.seed) for given in (trials, on_policy) if given is not None]
-    held_out = TrialSampler(validation, inputs, views, 0)
+    given = [some for some in (trials, on_policy) if some is not None]
+    samplers = [TrialSampler(some, inputs, views, config.seed, error) for some in given]
+    held_out = TrialSampler(validation, inputs, views, 0, error)
     per_batch = max(1, config.batch_size // _PER_SCENE // len(samplers))
     kept: list[_Drawn] = []
 
