@@ -21,7 +21,7 @@ from graspbox.perception.onnx_files import write_onnx
 from graspbox.perception.perturbations import perturbed
 from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, write_depth_policy
 from graspbox.perception.scorer import ScorerNet
-from graspbox.perception.weight_files import round_weights, save_weights
+from graspbox.perception.weight_files import fold_norms, round_weights, save_weights
 
 __all__ = [
     "FINALISTS",
@@ -122,6 +122,7 @@ def export_depth_policy(
     folder.mkdir(parents=True, exist_ok=True)
     hand_grid = HandGrid(hand, grid, crop=crop)
     for net in (completion, *members):
+        fold_norms(net)
         round_weights(net)
     export_completion(completion, folder / f"{_COMPLETION}.onnx", crop)
     export_scorer(members, calibration, hand_grid, folder / f"{_SCORER}.onnx")

@@ -16,7 +16,7 @@ from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.head_graphs import HeadGraph
 from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.scorer import ScorerNet
-from graspbox.perception.weight_files import restore_weights
+from graspbox.perception.weight_files import fold_norms, restore_weights
 
 __all__ = ["CompletionGraph", "ScorerGraph", "load_graphs"]
 
@@ -89,13 +89,13 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | HeadGraph
     config = read_depth_policy(Path(folder))
     grid = HandGrid(config.hand, config.grid, crop=config.crop)
     completion = CompletionNet(config.completion_width)
-    restore_weights(completion, Path(folder) / "completion.safetensors")
+    head = None if config.head is None else AnchorNet(len(grid.preshapes), config.head, config.crop)
     members = [ScorerNet(grid, config.width) for _ in range(config.members)]
-    for member, name in zip(members, config.weights, strict=True):
-        restore_weights(member, Path(folder) / name)
+    nets = {"completion.safetensors": completion, **dict(zip(config.weights, members, strict=True))}
+    if head is not None:
+        nets["head.safetensors"] = head
+    for name, net in nets.items():
+        fold_norms(net)
+        restore_weights(net, Path(folder) / name)
     parts = CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
-    if config.head is None:
-        return parts
-    head = AnchorNet(len(grid.preshapes), config.head, config.crop)
-    restore_weights(head, Path(folder) / "head.safetensors")
-    return *parts, HeadGraph(head)
+    return parts if head is None else (*parts, HeadGraph(head))

@@ -16,7 +16,7 @@ from graspbox.perception.heads import HeadNet
 from graspbox.perception.onnx_files import PARITY, write_onnx
 from graspbox.perception.policy_folders import file_hash
 from graspbox.perception.runtimes import onnx_network, torch_network
-from graspbox.perception.weight_files import round_weights, save_weights
+from graspbox.perception.weight_files import fold_norms, round_weights, save_weights
 
 __all__ = ["HEAD_FILES", "export_head", "write_head"]
 
@@ -93,6 +93,7 @@ def write_head(folder: Path, net: AnchorNet, crop: CropConfig = CropConfig()) ->
     coarse = torch.rand((1, 2, n // 8, n // 8, n // 8), generator=generator)
     smooth = torch.nn.functional.interpolate(coarse, size=(n, n, n), mode="trilinear")
     example = (255.0 * (smooth > 0.6) * smooth).to(torch.uint8)
+    fold_norms(net)
     round_weights(net)
     graph = HeadGraph(net)
     path, weights = (folder / name for name in HEAD_FILES)

@@ -10,17 +10,21 @@ import numpy as np
 import onnx
 import torch
 from numpy.typing import NDArray
+from onnx import helper, numpy_helper
 from torch import Tensor, nn
 
 from graspbox.errors import ConfigError
 from graspbox.files import replacing
 from graspbox.perception.runtimes import onnx_network, torch_network
 
-__all__ = ["PARITY", "strip_notes", "write_onnx"]
+__all__ = ["PARITY", "write_onnx"]
 
 #: Greatest difference between what ONNX and torch give; bytes may differ by 1.
 PARITY = 1e-4
 _OPSET = 18
+#: Numbers of a constant from which on it is stored in less space, and in which type.
+_LARGE = 1024
+_NARROW = {np.dtype(np.float32): np.float16, np.dtype(np.int64): np.int32}
 
 
 def write_onnx(
@@ -59,7 +63,7 @@ def write_onnx(
             external_data=False,
             verbose=False,
         )
-        strip_notes(temporary)
+        _tidy(temporary)
     quiet.setLevel(level)
     network, reference = onnx_network(path), torch_network(graph)
     for inputs in checks:
@@ -70,13 +74,31 @@ def write_onnx(
                 raise ConfigError(f"{path} differs from the network by {worst:.2g} in {name!r}; do not use it")
 
 
-def strip_notes(path: Path) -> None:
-    """Take out of an ONNX file what the exporter notes of each node: paths and lines of the code that it came from."""
+def _tidy(path: Path) -> None:
+    """Store constants in half the space where that is exact, and take out what the exporter notes of each node.
+
+    onnxruntime widens the constants once, when it loads the file. The notes are paths and lines of code.
+    """
     model = onnx.load(str(path))
     graph = model.graph
     for noted in (model, graph, *model.functions, *graph.node, *graph.value_info, *graph.input, *graph.output):
         del noted.metadata_props[:]
         noted.doc_string = ""
+    widened = []
+    for constant in graph.initializer:
+        values = numpy_helper.to_array(constant)
+        narrow = _NARROW.get(values.dtype)
+        if values.size < _LARGE or narrow is None:
+            continue
+        with np.errstate(over="ignore"):
+            packed = values.astype(narrow)
+        if np.array_equal(packed, values):
+            name, kind = constant.name, constant.data_type
+            constant.CopyFrom(numpy_helper.from_array(packed, f"{name}_packed"))
+            widened.append(helper.make_node("Cast", [f"{name}_packed"], [name], to=kind))
+    nodes = [*widened, *graph.node]
+    del graph.node[:]
+    graph.node.extend(nodes)
     onnx.save(model, str(path))
 
 

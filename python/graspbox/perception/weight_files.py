@@ -1,23 +1,39 @@
 """Files of weights of published policies, in half precision where that is exact: half the space (extra ``train``).
 
-Networks are rounded before they are exported; their files then hold the rounded weights exactly. They compute in single
-precision as before.
+A network is made ready before it is exported: normalizations become part of the convolutions before them, as an ONNX
+file has them, and what is left is rounded. Both files of the network then hold these weights exactly. It computes in
+single precision as before.
 """
 
+from itertools import pairwise
 from pathlib import Path
 
 import torch
 from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from graspbox.errors import ConfigError
 from graspbox.files import write_bytes
 
-__all__ = ["LARGEST_NETWORK", "check_size", "restore_weights", "round_weights", "save_weights"]
+__all__ = ["LARGEST_NETWORK", "check_size", "fold_norms", "restore_weights", "round_weights", "save_weights"]
 
 #: Most bytes of the weights of a published network; its folder holds them twice.
 LARGEST_NETWORK = 8_000_000
 #: Numbers of a tensor from which on its precision matters for the size of a file.
 _LARGE = 1024
+
+
+def fold_norms(net: nn.Module) -> None:
+    """Make batch normalizations part of the convolutions before them, in place; for evaluation.
+
+    A module normalizes what a convolution gives where the normalization is registered directly after it.
+    """
+    for module in list(net.eval().modules()):
+        children = list(module.named_children())
+        for (name, convolution), (following, norm) in pairwise(children):
+            if isinstance(convolution, nn.Conv2d | nn.Conv3d) and isinstance(norm, nn.BatchNorm2d | nn.BatchNorm3d):
+                setattr(module, name, fuse_conv_bn_eval(convolution, norm))
+                setattr(module, following, nn.Identity())
 
 
 def round_weights(net: nn.Module) -> None:
