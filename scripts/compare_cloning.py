@@ -66,7 +66,9 @@ class Settings:
     demonstrator: str = "expert"
     """Policy that shows how."""
     shown: int = 800
-    """Demonstrations, secure successes all of them."""
+    """Demonstrations, all of them of the kind that is kept."""
+    keep: str = "secure"
+    """Demonstrations to keep: secure successes, every success (`success`), or all."""
     noise: float = 0.1
     """Noise that disturbs the demonstrator, in shares of an action."""
     epochs: int = 60
@@ -132,6 +134,7 @@ def steps_of(settings: Settings) -> list[Step]:
     words += [word for name in observed for word in ("--obs", name)]
     words += ["--set", "frame_skip=4", "--set", "max_episode_steps=50", "--set", "reward=firm"]
     words += ["--episodes", str(settings.shown), "--noise", str(settings.noise), "--seed", str(SHOWN_SEED)]
+    words += [] if settings.keep == "secure" else ["--keep", settings.keep]
     found = [Step("demonstrations", tuple(words), folder / "shown.done.json")]
     for given in settings.inputs:
         found += _runs(settings, given, shown)
@@ -143,6 +146,7 @@ def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
     clone = folder / f"clone-{given}"
     words = [str(SCRIPTS / "clone_sb3.py"), "ppo", str(shown), str(clone), "--resume", "--seed", str(settings.seed)]
     words += ["--epochs", str(settings.epochs), "--shown", str(settings.shown), "--episodes", str(settings.watched)]
+    words += [] if settings.keep == "secure" else ["--keep", settings.keep]
     words += [word for name in INPUTS[given] for word in ("--obs", name)]
     found = [Step(clone.name, tuple(words), folder / f"{clone.name}.done.json")]
     kinds: dict[str, Any] = {"rl": ("firm", SCRATCH, ()), "tuned": ("firm", (), ("--clone", str(clone)))}

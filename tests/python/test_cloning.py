@@ -275,7 +275,7 @@ def test_a_comparison_runs_once_and_explains_itself(
 
     monkeypatch.setattr(program, "call", call)
     words = [str(tmp_path / "out"), "--inputs", "state", "--shown", "10", "--epochs", "1", "--steps", "64"]
-    words += ["--episodes", "3", "--noise", "0.0", "--evaluations", "1", "--watched", "2"]
+    words += ["--episodes", "3", "--noise", "0.0", "--evaluations", "1", "--watched", "2", "--keep", "success"]
     words += [word for change in PPO[:-1] for word in ("--set", change)]
     assert program.main(words) == 0
     assert ran == ["-m", "clone_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3"]
@@ -283,6 +283,7 @@ def test_a_comparison_runs_once_and_explains_itself(
     for name in ("clone-state", "rl-state", "tuned-state", "expert", "planner"):
         assert f"\n| {name} | " in page
     assert page.count("train_sb3.py ppo") == 2
+    assert page.count("--keep success") == 2
     assert (tmp_path / "out/curves.png").stat().st_size > 10_000
     ran.clear()
     assert program.main(words) == 0
