@@ -1,5 +1,6 @@
-"""Files that are written whole or not at all, and read up to a bound."""
+"""Files that are written whole or not at all, and read up to a bound; folders that one process writes into."""
 
+import fcntl
 import json
 import os
 import secrets
@@ -10,9 +11,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from graspbox.errors import FileError
+from graspbox.errors import ConfigError, FileError
 
-__all__ = ["check_output", "dumps", "read_bounded", "replacing", "write_bytes", "write_text"]
+__all__ = ["check_output", "dumps", "locked", "read_bounded", "replacing", "write_bytes", "write_text"]
+
+#: File of a folder that a process locks while it writes into the folder.
+_LOCK = ".lock"
 
 
 def _failure(error: OSError, path: Path) -> FileError:
@@ -48,6 +52,32 @@ def check_output(path: str | os.PathLike[str]) -> Path:
             return path
     except (OSError, ValueError) as error:
         raise _failure(error if isinstance(error, OSError) else OSError(22, str(error)), path) from None
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes from writing into a folder, which is made; the lock goes with this process, however it ends.
+
+    Raises
+    ------
+    ConfigError
+        If another process has locked it.
+    FileError
+        If it cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
+    except OSError as error:
+        raise _failure(error, folder) from None
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(f"another process is writing into {str(folder)!r}; wait for it to end") from None
+        yield
+    finally:
+        os.close(lock)
 
 
 @contextmanager

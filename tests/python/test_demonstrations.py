@@ -24,7 +24,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Demonstrations:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.name != ".lock"}
 
 
 def same_steps(a: Demonstrations, b: Demonstrations) -> bool:
@@ -99,6 +99,18 @@ def test_an_interrupted_recording_is_continued(made: Demonstrations, tmp_path: P
     whole = record("expert", tmp_path / "whole", episodes=5, **settings)
     assert same_steps(more, whole)
     assert len(more.episodes) == 5
+
+
+def test_two_recordings_into_a_folder_are_refused(tmp_path: Path) -> None:
+    """One that went on after its parent had been killed, beside a new one, once mixed their files."""
+    settings: dict[str, Any] = {"obs": OBS, "num_envs": 2, **FAST}
+
+    def second(kept: int, trials: int) -> None:
+        del kept, trials
+        with pytest.raises(ConfigError, match="another process is writing into"):
+            record("expert", tmp_path, episodes=1, **settings)
+
+    assert len(record("expert", tmp_path, episodes=1, progress=second, **settings).episodes) == 1
 
 
 def test_failures_are_kept_where_told(tmp_path: Path) -> None:

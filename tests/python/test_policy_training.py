@@ -183,6 +183,8 @@ def test_stages_keep_their_time_and_results(tmp_path: Path) -> None:
     (tmp_path / "long" / "seconds.json").write_text("100.0\n")
 
     def long(stage: Stage) -> dict[str, Any]:
+        with pytest.raises(errors.ConfigError, match="another process is writing"):
+            run.stage("other", 9.0, late)
         assert stage.seconds >= 100.0
         stage.report("half of it", 0.5)
         assert float((stage.folder / "seconds.json").read_text()) >= 100.0

@@ -1,11 +1,9 @@
 """Making a data set: shard after shard, each written whole, resumed where it was interrupted."""
 
-import fcntl
 import hashlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,13 +15,12 @@ from graspbox.dataset.runners import Runner, local
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.shards import Shard, divide, stored_facts
 from graspbox.errors import ConfigError, FileError
-from graspbox.files import replacing, write_text
+from graspbox.files import locked, replacing, write_text
 from graspbox.hands import HandLike, load_hand
 from graspbox.object_sets import ObjectSet
 
 __all__ = ["Progress", "Result", "generate"]
 
-_LOCK = ".lock"
 #: The manifest is written again after a shard once this time has passed, seconds; the shards hold all that it says.
 _MANIFEST_EVERY = 30.0
 
@@ -148,7 +145,7 @@ def generate(
     settings = manifest.settings_of(subjects, files, loaded, config)
     shards = divide(subjects, config, manifest.fingerprint(settings))
     place = Path(folder)
-    with _locked(place):
+    with locked(place):
         before = manifest.read(place)
         _check(before, settings, place, resume)
         work = _Work(place, loaded, config, settings, shards, started)
@@ -169,24 +166,6 @@ def _check(before: dict[str, Any] | None, settings: dict[str, Any], folder: Path
     if not resume:
         raise ConfigError(f"{str(folder)!r} holds a data set already; name another folder, or resume it")
     manifest.check_unchanged(before, settings, folder)
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing into the folder; the lock goes with this process, however it ends."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
-    except OSError as error:
-        raise FileError(error.errno, error.strerror or str(error), str(folder)) from None
-    try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ConfigError(f"another process is writing into {str(folder)!r}; wait for it to end") from None
-        yield
-    finally:
-        os.close(lock)
 
 
 class _Work:

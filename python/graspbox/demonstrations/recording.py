@@ -18,6 +18,7 @@ from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import TrialResult
 from graspbox.evaluation.trials import Steps, TrialRun, trial_seeds
+from graspbox.files import locked
 from graspbox.policies import Actions, Policy, Task
 
 __all__ = ["KEEP", "record"]
@@ -97,7 +98,8 @@ def record(
     Raises
     ------
     ConfigError
-        If an argument cannot be used, the folder was begun with other settings, or too few trials are worth keeping.
+        If an argument cannot be used, the folder was begun with other settings, another process is writing into it, or
+        too few trials are worth keeping.
     MissingExtraError
         Without pyarrow.
     """
@@ -121,20 +123,19 @@ def record(
         "file_episodes": per_file,
         "versions": {"graspbox": _core.__version__, "numpy": version("numpy"), "pyarrow": version("pyarrow")},
     }
-    store = Store(Path(out), described)
-    done = Demonstrations(out)
-    if len(done.episodes) >= wanted:
-        return done
-    needed = (chosen.obs,) if isinstance(chosen.obs, str) else tuple(chosen.obs or ())
-    together = tuple(dict.fromkeys([*names, *needed]))
-    envs = gymnasium.make_vec(env_id, width, obs=together, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
-    try:
-        noisy = _Noisy(chosen, noise)
-        noisy.bind(Task.of(envs))
-        _Recording(noisy, envs, names, store, wanted, KEEP[keep]).run(described, done, progress)
-    finally:
-        envs.close()
-    return Demonstrations(out)
+    with locked(Path(out)):
+        store, done = Store(Path(out), described), Demonstrations(out)
+        if len(done.episodes) < wanted:
+            needed = (chosen.obs,) if isinstance(chosen.obs, str) else tuple(chosen.obs or ())
+            together = tuple(dict.fromkeys([*names, *needed]))
+            envs = gymnasium.make_vec(env_id, width, obs=together, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
+            try:
+                noisy = _Noisy(chosen, noise)
+                noisy.bind(Task.of(envs))
+                _Recording(noisy, envs, names, store, wanted, KEEP[keep]).run(described, done, progress)
+            finally:
+                envs.close()
+        return Demonstrations(out)
 
 
 def _positive(name: str, value: SupportsIndex) -> int:

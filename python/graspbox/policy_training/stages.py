@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, write_text
+from graspbox.files import dumps, locked, write_text
 from graspbox.progress import shown_time
 
 __all__ = ["Run", "Stage"]
@@ -125,18 +125,24 @@ class Run:
             Seconds that it may take.
         work : callable
             Does it, and gives results that JSON can hold.
+
+        Raises
+        ------
+        ConfigError
+            If another process is at work in the folder.
         """
         path = self.folder / f"{name}.json"
         if path.exists():
             found: dict[str, Any] = json.loads(path.read_text())
             self.log(f"{name}: over since an earlier run, {shown_time(found['seconds'])}")
             return found
-        self.log(f"{name}: begins, at most {shown_time(limit)}")
-        stage = Stage(name, self.folder / name, limit, self.log)
-        made = work(stage)
-        results = {"seconds": round(stage.seconds, 1), **made}
-        stage.record()
-        write_text(path, dumps(results) + "\n")
+        with locked(self.folder):
+            self.log(f"{name}: begins, at most {shown_time(limit)}")
+            stage = Stage(name, self.folder / name, limit, self.log)
+            made = work(stage)
+            results = {"seconds": round(stage.seconds, 1), **made}
+            stage.record()
+            write_text(path, dumps(results) + "\n")
         self.log(f"{name}: over after {shown_time(stage.seconds)}; {json.dumps(results)}")
         # As the next run will read them.
         read: dict[str, Any] = json.loads(path.read_text())
