@@ -169,7 +169,15 @@ class ObjectSet(Sequence[ObjectSpec]):
 
 
 def name_and_split(given: str) -> tuple[str, Split | None]:
-    """Take ``NAME`` or ``NAME/SPLIT``, as scripts have it, apart; `load` checks both."""
+    """Take ``NAME`` or ``NAME/SPLIT``, as scripts have it, apart; `load` checks both.
+
+    The slashes of a path are not taken for one before a split: ``dir:meshes/mugs/test`` is the split of a folder.
+    """
+    name, _, split = given.rpartition("/")
+    if split in get_args(Split):
+        return name, split  # type: ignore[return-value]
+    if given.startswith("dir:") or Path(given).exists():
+        return given, None
     name, _, split = given.partition("/")
     return name, split or None  # type: ignore[return-value]
 

@@ -278,3 +278,25 @@ def test_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pyte
 def test_what_names_no_set_is_refused(objects: Any) -> None:
     with pytest.raises(errors.ObjectSetError, match="give names of object sets or mesh files"):
         object_sets.load(objects)
+
+
+@pytest.mark.parametrize(
+    ("given", "name", "split"),
+    [
+        ("ycb", "ycb", None),
+        ("ycb/test", "ycb", "test"),
+        ("procedural:unseen:0-19", "procedural:unseen:0-19", None),
+        ("dir:/a/b", "dir:/a/b", None),
+        ("dir:/a/b/validation", "dir:/a/b", "validation"),
+        # A wrong split is refused by `load`, which names the right ones.
+        ("ycb/tset", "ycb", "tset"),
+    ],
+)
+def test_a_name_and_a_split_are_taken_apart(given: str, name: str, split: str | None) -> None:
+    assert object_sets.name_and_split(given) == (name, split)
+
+
+def test_the_path_of_a_mesh_has_no_split(tmp_path: Path) -> None:
+    path = tmp_path / "mug.stl"
+    path.touch()
+    assert object_sets.name_and_split(str(path)) == (str(path), None)
