@@ -33,11 +33,11 @@ __all__ = ["QUICK", "FeelSettings", "FeelSizes", "FeelTraining"]
 class FeelSizes:
     """How much is recorded and learnt; ``--quick`` makes all of it small."""
 
-    scenes: int = 1_000
+    scenes: int = 2_000
     """Scenes to learn from."""
     held_out_scenes: int = 320
     """Scenes that validate and calibrate."""
-    per_scene: int = 6
+    per_scene: int = 8
     """Grasps of each scene."""
     steps: int = 4_000
     validate_every: int = 100

@@ -29,7 +29,7 @@ __all__ = ["BLOCK", "FeltTrials", "Recorder"]
 #: Scenes of a file.
 BLOCK = 8
 #: Grasps that are tried are among this many of the best; one this many ranks lower is tried 1/e times as often.
-_BEST, _RANKS = 80, 30.0
+_BEST, _RANKS = 160, 60.0
 #: The hand waits here while the camera looks, world_from_hand: over the table, palm down, as high as it goes.
 _WAITING = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.74], [0.0, 0.0, 0.0, 1.0]])
 
