@@ -118,7 +118,7 @@ def test_weights_are_stored_in_half_precision_without_a_loss(trained: Path) -> N
 
 def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     torch = pytest.importorskip("torch")
-    from graspbox.perception import export
+    from graspbox.perception import export, onnx_files
     from graspbox.perception.graphs import ScorerGraph
     from graspbox.perception.runtimes import onnx_network, torch_network
     from graspbox.perception.scorer import ScorerNet
@@ -139,7 +139,7 @@ def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch
         }
         found, expected = network(inputs), graph(inputs)
         for name, values in expected.items():
-            np.testing.assert_allclose(found[name], values, atol=export.PARITY)
+            np.testing.assert_allclose(found[name], values, atol=onnx_files.PARITY)
     # Members that are sure of everything give many grasps the same probability; which are finalists does not matter.
     sure = [ScorerNet(grid, width=8) for _ in range(2)]
     with torch.no_grad():
@@ -147,7 +147,7 @@ def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch
             member.head[-1].bias.fill_(40.0)
     export.export_scorer(sure, Calibration(), grid, tmp_path / "sure.onnx")
     monkeypatch.setattr(
-        export,
+        onnx_files,
         "torch_network",
         lambda graph: lambda inputs: {k: v + 1 for k, v in torch_network(graph)(inputs).items()},
     )

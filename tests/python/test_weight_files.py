@@ -1,6 +1,7 @@
 """Weights as they are published: normalizations folded, large weights in half precision, the same results."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ _ROWS = 1 << 16
 _SMALL = HeadConfig(width=8, features=8, hidden=16, anchors=AnchorConfig(heights=8))
 
 
-def lively(net: torch.nn.Module) -> torch.nn.Module:
+def lively(net: Any) -> Any:
     """Give normalizations statistics of their own, as training does."""
     generator = torch.Generator().manual_seed(0)
     for module in net.modules():
@@ -35,7 +36,7 @@ def lively(net: torch.nn.Module) -> torch.nn.Module:
     return net.eval()
 
 
-def given(name: str) -> tuple[torch.nn.Module, tuple[torch.Tensor, ...]]:
+def given(name: str) -> tuple[Any, tuple[Any, ...]]:
     """Make a small network and what it takes."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
@@ -69,7 +70,7 @@ def test_folded_networks_give_the_same(name: str, left: int, tmp_path: Path) -> 
         torch.testing.assert_close(other(*inputs), net(*inputs), atol=0, rtol=0)
 
 
-class Table(torch.nn.Module):  # type: ignore[misc]
+class Table(torch.nn.Module):  # type: ignore[misc, name-defined]
     """Looks numbers up: constants that are exact in less space, and others."""
 
     inputs, outputs = ("rows",), ("exact", "inexact", "far")
@@ -80,7 +81,7 @@ class Table(torch.nn.Module):  # type: ignore[misc]
         self.register_buffer("thirds", torch.arange(_ROWS) / 3.0)
         self.register_buffer("large", torch.arange(_ROWS) + 2**40)
 
-    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    def forward(self, rows: Any) -> tuple[Any, ...]:
         """Give the numbers of rows."""
         return self.halves[rows] * 2, self.thirds[rows] * 2, self.large[rows] + 1
 
