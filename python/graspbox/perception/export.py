@@ -12,7 +12,7 @@ from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.completion import CompletionNet
 from graspbox.perception.configs import CropConfig, HandGridConfig
-from graspbox.perception.finder import FinderConfig
+from graspbox.perception.finder import LOOKED_AT, FinderConfig
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph
 from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
 from graspbox.perception.hand_grids import HandGrid
@@ -132,7 +132,7 @@ def export_depth_policy(
     kept = [f"{part}.onnx" for part in (_COMPLETION, _SCORER)]
     kept += [f"{_COMPLETION}.safetensors", *(f"{_SCORER}-{number}.safetensors" for number in range(len(members)))]
     if head is not None:
-        write_head(folder, head, crop)
+        write_head(folder, head, crop, LOOKED_AT * finder.predicted)
         kept += HEAD_FILES
     config = DepthPolicyConfig(
         name=name,

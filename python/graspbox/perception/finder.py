@@ -20,7 +20,17 @@ from graspbox.perception.crops import Crops, crop
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 
-__all__ = ["Complete", "Finder", "FinderConfig", "FoundGrasp", "GraspFinder", "Head", "Score", "observed_only"]
+__all__ = [
+    "LOOKED_AT",
+    "Complete",
+    "Finder",
+    "FinderConfig",
+    "FoundGrasp",
+    "GraspFinder",
+    "Head",
+    "Score",
+    "observed_only",
+]
 
 #: From channels (n, 3, N, N, N) of crops to occupancies (n, N, N, N), all uint8.
 Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
@@ -28,7 +38,7 @@ Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 #: to scores (m,); greater is better.
 Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 #: Candidates of a head that are checked, for each that may be added.
-_LOOKED_AT = 4
+LOOKED_AT = 4
 
 
 class Head(Protocol):
@@ -274,7 +284,7 @@ class GraspFinder(Finder):
         found = self._grid.propose(occupancy, config.proposals)
         if self._head is None or not config.predicted:
             return found.poses, found.preshape
-        predicted = self._head.candidates(channels, _LOOKED_AT * config.predicted)
+        predicted = self._head.candidates(channels, LOOKED_AT * config.predicted)
         preshapes = self._grid.preshapes[predicted.preshape]
         kept = np.flatnonzero(self._feasible(occupancy, predicted.poses, preshapes))[: config.predicted]
         return (

@@ -11,7 +11,7 @@ from graspbox.errors import ConfigError
 from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.head_folders import HeadPolicyConfig, write_head_policy
-from graspbox.perception.head_graphs import HeadGraph
+from graspbox.perception.head_graphs import BEST, HeadGraph
 from graspbox.perception.heads import HeadNet
 from graspbox.perception.onnx_files import PARITY, write_onnx
 from graspbox.perception.policy_folders import file_hash
@@ -79,8 +79,13 @@ def export_head(
     return config
 
 
-def write_head(folder: Path, net: AnchorNet, crop: CropConfig = CropConfig()) -> None:  # noqa: B008 (frozen)
-    """Write `HEAD_FILES` into a folder; the weights are rounded to half precision.
+def write_head(
+    folder: Path,
+    net: AnchorNet,
+    crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+    best: int = BEST,
+) -> None:
+    """Write `HEAD_FILES` into a folder, weights rounded to half precision; the network gives `best` anchors.
 
     Raises
     ------
@@ -95,7 +100,7 @@ def write_head(folder: Path, net: AnchorNet, crop: CropConfig = CropConfig()) ->
     example = (255.0 * (smooth > 0.6) * smooth).to(torch.uint8)
     fold_norms(net)
     round_weights(net)
-    graph = HeadGraph(net)
+    graph = HeadGraph(net, best)
     path, weights = (folder / name for name in HEAD_FILES)
     write_onnx(graph, [example], False, path, [])
     _check(path, graph, example)

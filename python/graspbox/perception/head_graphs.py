@@ -13,22 +13,24 @@ BEST = 1024
 
 
 class HeadGraph(nn.Module):  # type: ignore[misc]
-    """The `BEST` anchors of one crop, the best first, from channels (1, 2, N, N, N) uint8.
+    """The best anchors of one crop, the best first, from channels (1, 2, N, N, N) uint8.
 
     Parameters
     ----------
     net : AnchorNet
         The head.
+    best : int
+        How many anchors it gives, if there are so many.
     """
 
     inputs = ("volumes",)
     outputs = ("anchors", "residuals", "scores")
 
-    def __init__(self, net: AnchorNet) -> None:
+    def __init__(self, net: AnchorNet, best: int = BEST) -> None:
         super().__init__()
         # The exporter makes a loop of torch's embedding bag, which takes a thousand times as long.
         self.net = copy.copy(net.eval())
-        self._count = min(BEST, len(net.anchors))
+        self._count = min(best, len(net.anchors))
         self.net._sampled = _sampled
 
     def forward(self, volumes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
