@@ -17,6 +17,7 @@ __all__ = [
     "HandGrid",
     "Mesh",
     "Objects",
+    "REST_TIME",
     "Scene",
     "__version__",
     "_config",
@@ -54,6 +55,8 @@ __all__ = [
 __version__: str
 #: Once the object has risen this far, it counts as dropped if it is lost, not as slipped, m.
 CLEAR_OF_TABLE: float
+#: Time over which the speed of an object in the hand is averaged, s.
+REST_TIME: float
 
 @type_check_only
 class BoxArrays(TypedDict):

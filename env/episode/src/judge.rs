@@ -7,6 +7,7 @@ use graspbox_mesh::in_range;
 use graspbox_sim::World;
 use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
 /// What counts as success: the object is held high, free of table and ground, and still in the hand, without a break.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,9 +17,13 @@ pub struct SuccessCriterion {
     pub lift_height: f64,
     /// All of it holds for this long, seconds.
     pub hold_time: f64,
-    /// In the hand's frame the object moves slower than this, m/s.
+    /// In the hand's frame the object's centre of mass moves slower than this, on average over [`REST_TIME`], m/s.
     pub rest_speed: f64,
 }
+
+/// Time over which the speed of an object in the hand is averaged, seconds. Contact points that come and go move an object at rest by a
+/// fraction of a millimetre within one step.
+pub const REST_TIME: f64 = 0.1;
 
 impl Default for SuccessCriterion {
     fn default() -> Self {
@@ -94,6 +99,23 @@ pub struct Verdict {
     pub turn: f64,
 }
 
+/// Places of a point after the steps of the last [`REST_TIME`], oldest first, metres.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+struct RecentMotion(VecDeque<Point3<f64>>);
+
+impl RecentMotion {
+    /// Takes the place after a step of `dt` seconds; gives the average speed over [`REST_TIME`], or since the first place, m/s.
+    fn speed(&mut self, dt: f64, place: Point3<f64>) -> f64 {
+        let steps = (REST_TIME / dt).round().max(1.0) as usize;
+        self.0.push_back(place);
+        while self.0.len() > steps + 1 {
+            self.0.pop_front();
+        }
+        let time = (self.0.len() - 1) as f64 * dt;
+        if time > 0.0 { (place - self.0[0]).norm() / time } else { f64::INFINITY }
+    }
+}
+
 /// Observes a world step by step.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Judge {
@@ -102,6 +124,8 @@ pub struct Judge {
     resting_height: f64,
     /// Centre of mass in the object frame.
     center: Point3<f64>,
+    /// Of the centre of mass, in the hand's frame.
+    motion: RecentMotion,
     /// Steps for which the success predicate has held without a break.
     held_steps: u64,
     /// Pose in the hand when the object last left the scenery.
@@ -121,6 +145,7 @@ impl Judge {
             criterion,
             resting_height: world.object_center().z,
             center,
+            motion: RecentMotion::default(),
             held_steps: 0,
             left_table: None,
             was_on_scenery: true,
@@ -156,7 +181,7 @@ impl Judge {
             self.left_table = Some(hand_from_object);
         }
         self.was_on_scenery = on_scenery;
-        let still = world.object_velocity_in_hand().0.norm() < self.criterion.rest_speed;
+        let still = self.motion.speed(world.dt(), hand_from_object * self.center) < self.criterion.rest_speed;
         let holds = rise >= self.criterion.lift_height && !on_scenery && still;
         self.held_steps = if holds { self.held_steps + 1 } else { 0 };
     }
@@ -226,5 +251,34 @@ impl Judge {
         } else {
             FailureKind::Slipped
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: f64 = 0.002;
+
+    /// Speed after each of `steps` steps of a point that is at `place(time)`, m/s.
+    fn speeds(steps: usize, place: impl Fn(f64) -> f64) -> Vec<f64> {
+        let mut motion = RecentMotion::default();
+        (0..steps).map(|step| motion.speed(DT, Point3::new(place(step as f64 * DT), 0.0, 0.0))).collect()
+    }
+
+    #[test]
+    fn a_steady_motion_has_its_own_speed() {
+        let found = speeds(200, |time| 0.02 * time);
+        assert!(found[0].is_infinite());
+        assert!(found[1..].iter().all(|speed| (speed - 0.02).abs() < 1e-9));
+    }
+
+    #[test]
+    fn a_jump_counts_as_the_motion_of_its_time() {
+        let found = speeds(200, |time| if time > 0.2 { 3e-4 } else { 0.0 });
+        let fastest = found[1..].iter().copied().fold(0.0, f64::max);
+        assert!((fastest - 3e-4 / REST_TIME).abs() < 1e-9, "{fastest}");
+        assert!(fastest < SuccessCriterion::default().rest_speed);
+        assert!(found[199].abs() < 1e-12, "it is forgotten after {REST_TIME} s");
     }
 }

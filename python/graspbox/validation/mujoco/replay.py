@@ -6,12 +6,13 @@ Only MuJoCo steps the world. Between steps the actuators move (`drive`), and the
 from __future__ import annotations
 
 import copy
+from collections import deque
 from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
-from graspbox._core import CLEAR_OF_TABLE
+from graspbox._core import CLEAR_OF_TABLE, REST_TIME
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
@@ -61,7 +62,8 @@ class Outcome:
     failure: FailureKind | None
     #: Rise of the centre of mass at the end, m.
     lift: float
-    #: Greatest speed in the hand's frame during the last half second, m/s; infinite for a trial that ended before.
+    #: Greatest speed in the hand's frame, averaged as the core does, during the last half second, m/s; infinite for a
+    #: trial that ended before.
     speed: float
     #: Links of the hand that touched the object when lifting began, and at the end.
     touching: tuple[int, int]
@@ -186,14 +188,11 @@ class Replay:
         data.qpos[now], data.qvel[dof] = after, speed
         self.steps += 1
 
-    def object_speed(self) -> float:
-        """Speed of the centre of mass in the hand's frame, which only translates, m/s."""
-        dof = self._object_dof
-        body, data = self.scene.object_body, self.data
-        spin = data.xmat[body].reshape(3, 3) @ data.qvel[dof + 3 : dof + 6]
-        velocity = data.qvel[dof : dof + 3] + np.cross(spin, data.xipos[body] - data.xpos[body])
-        velocity[2] -= data.qvel[self._carriage[1]]
-        return float(np.linalg.norm(velocity))
+    def object_place(self) -> Array:
+        """Where the centre of mass is in the hand's frame, but for a fixed distance: the hand only translates, m."""
+        place = self.data.xipos[self.scene.object_body].copy()
+        place[2] -= self.data.qpos[self._carriage[0]]
+        return place
 
     def sample(self) -> Sample:
         """Take a row of the trace."""
@@ -240,6 +239,7 @@ def replay(
     close, end, hold = (round(t / dt) for t in (times.close_time, times.end, HOLD_TIME))
     look, rows = max(1, round(_LOOK_EVERY / dt)), max(1, round(0.01 / dt))
     samples = [run.sample()] if trace else []
+    places: deque[Array] = deque(maxlen=round(REST_TIME / (look * dt)) + 1)
     touching, highest, left_table, was_on_scenery = 0, 0.0, False, True
     holds, fastest, deepest, rise, links, on_scenery = True, 0.0, 0.0, 0.0, 0, True
     while run.steps < end:
@@ -258,8 +258,9 @@ def replay(
         elif early_stop and rise + times.lift_height - times.rise(run.steps * dt) + _CURL_RISE < LIFT_HEIGHT:
             holds = False
             break
+        places.append(run.object_place())
         if run.steps > end - hold:
-            speed = run.object_speed()
+            speed = float(np.linalg.norm(places[-1] - places[0])) / (max(len(places) - 1, 1) * look * dt)
             fastest, deepest = max(fastest, speed), max(deepest, depth)
             holds = holds and rise >= LIFT_HEIGHT and not on_scenery and speed < REST_SPEED
     finite = bool(np.isfinite(run.data.qpos).all()) and not run.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number
