@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 __all__ = [
     "CLEAR_OF_TABLE",
+    "REST_TIME",
     "EnvPool",
     "Hand",
     "HandGrid",
     "Mesh",
     "Objects",
-    "REST_TIME",
     "Scene",
     "__version__",
     "_config",
