@@ -225,11 +225,13 @@ class Loop:
     def evaluate(self) -> None:
         """Run the policy on held-out objects."""
         from graspbox import evaluation
+        from graspbox.policies.goals import with_goals
         from graspbox.sb3.policy import ModelPolicy, summary
 
         what = json.loads(self.log.path.read_text().splitlines()[0])["settings"]
-        policy = ModelPolicy(self.model, self.model.get_vec_normalize_env(), "clone")
-        keywords = {**what["env"], "split": self.settings.evaluate, "trials": self.settings.episodes}
+        policy: Any = ModelPolicy(self.model, self.model.get_vec_normalize_env(), "clone")
+        policy, keywords = with_goals(policy, what["env"])
+        keywords |= {"split": self.settings.evaluate, "trials": self.settings.episodes}
         keywords |= {"seed": EVALUATION_SEED, "num_envs": min(what["num_envs"], self.settings.episodes)}
         row = summary(evaluation.evaluate(policy, what["id"], **keywords))
         self.log.append({"timesteps": self.updates, "seconds": round(self.seconds, 1), **row})

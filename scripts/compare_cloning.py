@@ -1,9 +1,12 @@
-"""Compare a clone of demonstrations, learning from rewards alone, and the clone tuned by rewards, at equal budget.
+r"""Compare a clone of demonstrations, learning from rewards alone, and the clone tuned by rewards, at equal budget.
 
     python scripts/compare_cloning.py out/cloning
     python scripts/compare_cloning.py out/cloning --inputs state --steps 300000 --shown 800
+    python scripts/compare_cloning.py out/goal --inputs goal --demonstrator policies/depth \
+        --objects procedural:seen:0-199 --unseen procedural:unseen:0-19 ycb
 
-Records demonstrations, and for each input (``state``; ``seeing``: depth, proprio, tactile) makes
+Records demonstrations, and for each input (``state``; ``seeing``: depth, proprio, tactile; ``goal``: the grasp that the
+demonstrator finds in one depth image, proprio, tactile) makes
 
 | run | what it is |
 |---|---|
@@ -37,12 +40,13 @@ from graspbox.cli.common import console, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.files import dumps, write_text
 from graspbox.pictures.files import Figure, write
+from graspbox.policies.goals import GOAL_NAME
 
 SCRIPTS = Path(__file__).parent
 OBJECTS = ("procedural:box:0-99", "procedural:can:0-99", "procedural:ball:0-99")
 UNSEEN = ("procedural:box:1000-1199", "procedural:can:1000-1199", "procedural:ball:1000-1199")
 COLORS = {"rl": "tab:blue", "tuned": "tab:orange", "dense": "tab:green"}
-INPUTS = {"state": ("state",), "seeing": ("proprio", "tactile", "depth")}
+INPUTS = {"state": ("state",), "seeing": ("proprio", "tactile", "depth"), "goal": ("proprio", "tactile", "goal")}
 #: Seeds of the demonstrations, and of the trials of the comparison; training evaluates on others.
 SHOWN_SEED, TEST_SEED = 20_000, 90_000
 #: A policy that begins at random has to explore, and may move fast.
@@ -64,7 +68,13 @@ class Settings:
     inputs: tuple[str, ...] = ("state", "seeing")
     """What the policies observe: state, seeing."""
     demonstrator: str = "expert"
-    """Policy that shows how."""
+    """Policy that shows how: a name, or a folder; for the input `goal` the folder of one that looks once."""
+    objects: tuple[str, ...] = OBJECTS
+    """Object sets to learn from, the split `train` of each."""
+    unseen: tuple[str, ...] = UNSEEN
+    """Object sets of the comparison, the split `test` of each."""
+    max_episode_steps: int = 50
+    """Steps of an episode, 0.2 s each."""
     shown: int = 800
     """Demonstrations, all of them of the kind that is kept."""
     keep: str = "secure"
@@ -130,9 +140,10 @@ def steps_of(settings: Settings) -> list[Step]:
     folder, shown = settings.folder, settings.folder / "shown"
     observed = dict.fromkeys(name for given in settings.inputs for name in INPUTS[given])
     words = ["graspbox", "record", settings.demonstrator, "--out", str(shown), "--split", "train"]
-    words += [word for name in OBJECTS for word in ("--objects", name)]
+    words += [word for name in settings.objects for word in ("--objects", name)]
     words += [word for name in observed for word in ("--obs", name)]
-    words += ["--set", "frame_skip=4", "--set", "max_episode_steps=50", "--set", "reward=firm"]
+    words += ["--set", "frame_skip=4", "--set", "reward=firm"]
+    words += ["--set", f"max_episode_steps={settings.max_episode_steps}"]
     words += ["--episodes", str(settings.shown), "--noise", str(settings.noise), "--seed", str(SHOWN_SEED)]
     words += [] if settings.keep == "secure" else ["--keep", settings.keep]
     found = [Step("demonstrations", tuple(words), folder / "shown.done.json")]
@@ -155,7 +166,7 @@ def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
     obs = INPUTS[given][0] if len(INPUTS[given]) == 1 else "[" + ", ".join(INPUTS[given]) + "]"
     for kind, (reward, changes, more) in kinds.items():
         run = folder / f"{kind}-{given}"
-        changes = (f"env.reward={reward}", f"env.obs={obs}", *changes, *settings.set)
+        changes = (f"env.reward={reward}", f"env.obs={obs}", *_environment(settings, given), *changes, *settings.set)
         words = [str(SCRIPTS / "train_sb3.py"), "ppo", str(run), "--resume", *more, "--steps", str(settings.steps)]
         words += ["--evaluations", str(settings.evaluations), "--episodes", str(settings.watched)]
         words += ["--seed", str(settings.seed), *(word for change in changes for word in ("--set", change))]
@@ -163,9 +174,21 @@ def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
     return [step for one in found for step in (one, _test(settings, folder / one.name))]
 
 
+def _environment(settings: Settings, given: str) -> tuple[str, ...]:
+    """Parameters of the environment that differ from those of the file."""
+    found: list[str] = []
+    if settings.objects != OBJECTS:
+        found.append(f"env.objects=[{', '.join(f'{name!r}' for name in settings.objects)}]")
+    if settings.max_episode_steps != 50:
+        found.append(f"env.max_episode_steps={settings.max_episode_steps}")
+    if GOAL_NAME in INPUTS[given]:
+        found.append(f"env.goal_from={settings.demonstrator}")
+    return tuple(found)
+
+
 def _test(settings: Settings, run: Path) -> Step:
     words = [str(SCRIPTS / "evaluate_sb3.py"), str(run), "--episodes", str(settings.episodes), "--json"]
-    words += ["--seed", str(TEST_SEED), *(word for name in UNSEEN for word in ("--objects", name))]
+    words += ["--seed", str(TEST_SEED), *(word for name in settings.unseen for word in ("--objects", name))]
     return Step(f"test of {run.name}", tuple(words), run.with_name(f"{run.name}.test.json"), output=True)
 
 
@@ -180,14 +203,14 @@ def test_policies(settings: Settings) -> None:
             found = evaluation.evaluate(
                 name,
                 "graspbox/Grasp-v0",
-                list(UNSEEN),
+                list(settings.unseen),
                 settings.episodes,
                 TEST_SEED,
                 split="test",
                 num_envs=32,
                 progress=lambda done, task=task: bar.update(task, completed=done),
                 frame_skip=4,
-                max_episode_steps=50,
+                max_episode_steps=settings.max_episode_steps,
             )
         row = {"success": found.rate, "ci95": list(found.ci95), "episodes": len(found.trials)}
         row |= {"secure": found.secure / len(found.trials), "secure_ci95": list(found.secure_ci95)}

@@ -43,6 +43,7 @@ def measure(
     sb3.require()
     import torch
 
+    from graspbox.policies.goals import with_goals
     from graspbox.sb3.policy import evaluate_baselines, summary
     from graspbox.sb3.running import load_policy
 
@@ -50,7 +51,8 @@ def measure(
     # Small networks are fastest on one thread; the other threads are for the environments.
     torch.set_num_threads(1)
     policy = load_policy(run["algorithm"], folder / ("best" if best else "checkpoint"))
-    settings, num_envs = {**run["env"], **keywords}, run["num_envs"]
+    policy, settings = with_goals(policy, {**run["env"], **keywords})
+    num_envs = run["num_envs"]
     found = evaluation.evaluate(policy, run["id"], trials=episodes, seed=seed, num_envs=num_envs, **settings)
     summaries = {"policy": summary(found)}
     if baselines:

@@ -178,7 +178,8 @@ def train(settings: Settings) -> int:
     sb3.require()
     import torch
 
-    from graspbox.sb3.policy import evaluate_baselines
+    from graspbox.policies.goals import with_goals
+    from graspbox.sb3.policy import ModelPolicy, evaluate_baselines
     from graspbox.sb3.running import Run, make_env, make_held_out, normalized
 
     begun = has_run(settings.folder)
@@ -206,6 +207,7 @@ def train(settings: Settings) -> int:
         every_minutes=None if settings.minutes is None else settings.minutes / settings.evaluations,
         seconds=seconds,
         value_warmup=parameters.value_warmup if parameters.demonstrations else 0,
+        policy=lambda model, statistics: with_goals(ModelPolicy(model, statistics), held_out)[0],
     )
     keep_near_clone(settings, parameters, model)
     before = model.num_timesteps

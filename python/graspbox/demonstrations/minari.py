@@ -12,6 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from graspbox.demonstrations.store import Demonstrations
 from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.policies.goals import GOAL_NAME
 
 __all__ = ["to_minari"]
 
@@ -47,6 +48,8 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
     if not demonstrations.episodes:
         raise ConfigError(f"{str(demonstrations.folder)!r} holds no episode; record some")
     settings = demonstrations.settings
+    if GOAL_NAME in settings["observations"]:
+        raise ConfigError("the observation 'goal' is none of the environment's, as Minari wants; record without it")
     spec = EnvSpec.from_json(json.dumps(settings["env_spec"]))
     try:
         minari.dataset.minari_dataset.parse_dataset_id(dataset_id)

@@ -20,6 +20,7 @@ from graspbox.evaluation.results import TrialResult
 from graspbox.evaluation.trials import Steps, TrialRun, trial_seeds
 from graspbox.files import locked
 from graspbox.policies import Actions, Policy, Task
+from graspbox.policies.goals import GOAL_NAME, Goals, goal_space
 
 __all__ = ["KEEP", "record"]
 
@@ -70,7 +71,8 @@ def record(
     episodes : int
         Number of episodes to keep.
     obs : str or sequence of str
-        Observations to record; what the policy itself observes need not be among them.
+        Observations to record; what the policy itself observes need not be among them. ``"goal"``, beside others, is
+        the grasp that the policy found, if it finds one in a depth image: see `graspbox.policies.goals`.
     seed : int
         Determines the seeds of the trials.
     keep : {"secure", "success", "all"}
@@ -114,9 +116,10 @@ def record(
     )
     names = (obs,) if isinstance(obs, str) else tuple(dict.fromkeys(obs))
     kwargs = {**chosen.settings, **settings, "objects": objects, "split": split}
+    goals = Goals(chosen) if GOAL_NAME in names else None
     described = {
         **_describe(env_id, names, kwargs),
-        "policy": chosen.name,
+        "policy": policy if isinstance(policy, str) else chosen.name,
         "keep": keep,
         "noise": float(noise),
         "seed": natural(seed, "seed", bits=64),
@@ -127,10 +130,10 @@ def record(
         store, done = Store(Path(out), described), Demonstrations(out)
         if len(done.episodes) < wanted:
             needed = (chosen.obs,) if isinstance(chosen.obs, str) else tuple(chosen.obs or ())
-            together = tuple(dict.fromkeys([*names, *needed]))
+            together = tuple(name for name in dict.fromkeys([*names, *needed]) if name != GOAL_NAME)
             envs = gymnasium.make_vec(env_id, width, obs=together, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
             try:
-                noisy = _Noisy(chosen, noise)
+                noisy = _Noisy(chosen, noise, goals)
                 noisy.bind(Task.of(envs))
                 _Recording(noisy, envs, names, store, wanted, KEEP[keep]).run(described, done, progress)
             finally:
@@ -149,11 +152,12 @@ def _describe(env_id: str, names: tuple[str, ...], kwargs: dict[str, Any]) -> di
     """Describe the environment and its spaces in plain JSON values."""
     if env_id.removeprefix("graspbox:") not in IDS:
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
-    if not names:
-        raise ConfigError("obs is empty; name at least one observation to record")
-    env = gymnasium.make(env_id, obs=names, **kwargs)
+    plain = tuple(name for name in names if name != GOAL_NAME)
+    if not plain:
+        raise ConfigError(f"obs is {names}; name at least one observation of the environment to record")
+    env = gymnasium.make(env_id, obs=plain, **kwargs)
     try:
-        spaces = env.observation_space.spaces  # type: ignore[attr-defined]
+        spaces = {**env.observation_space.spaces, GOAL_NAME: goal_space()}  # type: ignore[attr-defined]
         assert env.spec is not None
         spec = json.loads(env.spec.to_json())
         fps = env.metadata["render_fps"]
@@ -172,12 +176,13 @@ def _describe(env_id: str, names: tuple[str, ...], kwargs: dict[str, Any]) -> di
 class _Noisy(Policy):
     """Adds noise to the actions of a policy, and remembers what they were."""
 
-    def __init__(self, policy: Policy, noise: float) -> None:
-        self._policy, self._noise = policy, noise
+    def __init__(self, policy: Policy, noise: float, goals: Goals | None) -> None:
+        self._policy, self._noise, self._goals = policy, noise, goals
         self.name, self.obs, self.settings = policy.name, policy.obs, policy.settings
 
     def _bind(self, task: Task) -> None:
-        self._policy.bind(task)
+        (self._goals or self._policy).bind(task)
+        self._shown: dict[str, Any] = {}
         self._streams = [np.random.default_rng(0) for _ in range(task.num_envs)]
         self.chosen = self._zeros()
 
@@ -194,11 +199,23 @@ class _Noisy(Policy):
         """Act as the policy does, with noise."""
         chosen: Actions = np.clip(self._policy.act(observation), -1.0, 1.0)
         self.chosen = chosen
+        if self._goals is not None:
+            self._shown = {GOAL_NAME: self._goals.show(observation["proprio"])}
         if not self._noise:
             return chosen
         noise = np.stack([stream.normal(0.0, self._noise, chosen.shape[1]) for stream in self._streams])
         disturbed: Actions = np.clip(chosen + noise, -1.0, 1.0).astype(np.float32)
         return disturbed
+
+    def before(self, name: str, steps: Steps, row: int) -> Any:
+        """Give what was observed before a step."""
+        return self._shown[name][steps.env[row]] if name in self._shown else steps.observation[name][row]
+
+    def after(self, name: str, steps: Steps, row: int) -> Any:
+        """Give what was observed after the last step of an episode."""
+        if name in self._shown and self._goals is not None:
+            return self._goals.after(int(steps.env[row]), steps.following["proprio"][row])
+        return steps.following[name][row]
 
 
 class _Recording:
@@ -253,9 +270,9 @@ class _Recording:
 
     def _watch(self, steps: Steps) -> None:
         for row, trial in enumerate(steps.trial.tolist()):
-            seen = {name: steps.observation[name][row] for name in self._names}
+            seen = {name: self._policy.before(name, steps, row) for name in self._names}
             ended = bool(steps.terminated[row] | steps.truncated[row])
-            last = {name: steps.following[name][row] for name in self._names} if ended else None
+            last = {name: self._policy.after(name, steps, row) for name in self._names} if ended else None
             action = self._policy.chosen[steps.env[row]]
             ends = bool(steps.terminated[row]), bool(steps.truncated[row])
             self._open.setdefault(trial, []).append((seen, action, float(steps.reward[row]), *ends, last))

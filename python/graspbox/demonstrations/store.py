@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from graspbox.dataset.extras import parquet, pyarrow
 from graspbox.errors import ConfigError
 from graspbox.files import dumps, read_bounded, write_bytes, write_text
+from graspbox.policies.goals import GOAL_NAME
 from graspbox.resume_log import changes
 
 if TYPE_CHECKING:
@@ -140,7 +141,9 @@ class Demonstrations:
         spec = self.settings["env_spec"]
         keywords = {name: value for name, value in spec["kwargs"].items() if name not in _OWN and value is not None}
         seen: Any = list(obs) if len(obs) > 1 else (*obs, "state")[0]
-        return self.settings["env_id"], {**keywords, "max_episode_steps": spec["max_episode_steps"], "obs": seen}
+        looked = {"goal_from": self.settings["policy"]} if GOAL_NAME in obs else {}
+        more = {"max_episode_steps": spec["max_episode_steps"], "obs": seen, **looked}
+        return self.settings["env_id"], {**keywords, **more}
 
     def read(self, names: tuple[str, ...] | None = None) -> Iterator[EpisodeSteps]:
         """Read episode by episode; one file is in memory at a time.

@@ -26,6 +26,7 @@ from graspbox.perception.finder import FinderConfig
 from graspbox.perception.head_configs import HeadConfig, check_anchor
 
 __all__ = [
+    "CONFIG",
     "KIND",
     "POSE_KIND",
     "DepthPolicyConfig",
@@ -41,6 +42,8 @@ __all__ = [
     "write_depth_policy",
 ]
 
+#: The file that says what a folder holds.
+CONFIG = "config.json"
 #: Version of the folder's format.
 FORMAT = 1
 #: Kind of the policy that `DepthPolicyConfig` describes.
@@ -155,7 +158,7 @@ def check_hashes(files: object) -> None:
 def write_config(folder: Path, kind: str, config: Any) -> None:
     """Write ``config.json`` of a policy of some kind."""
     content = {"format": FORMAT, "kind": kind, **json.loads(to_json(config, type(config)))}
-    write_text(Path(folder) / "config.json", dumps(content) + "\n")
+    write_text(Path(folder) / CONFIG, dumps(content) + "\n")
 
 
 def write_depth_policy(folder: Path, config: DepthPolicyConfig) -> None:
@@ -202,7 +205,7 @@ _Config = TypeVar("_Config", bound=_Published)
 
 def read_config(folder: Path, kind: str, config_class: type[_Config]) -> _Config:
     """Read ``config.json`` of a policy of some kind; raises as `read_depth_policy`."""
-    path = folder / "config.json"
+    path = folder / CONFIG
     content = _content(folder)
     if content["kind"] != kind:
         raise ConfigError(f"{path} describes a policy of the kind {content['kind']!r}; expected {kind!r}")
@@ -220,7 +223,7 @@ def read_config(folder: Path, kind: str, config_class: type[_Config]) -> _Config
 
 
 def _content(folder: Path) -> dict[str, Any]:
-    path = Path(folder) / "config.json"
+    path = Path(folder) / CONFIG
     if not path.is_file():
         raise FileError(2, "there is no policy in this folder", str(path))
     try:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._core import Hand, Mesh
+from graspbox.envs import spaces
 from graspbox.envs.coding import Codec, encode_action, object_pose
 from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion
 from graspbox.errors import ConfigError
@@ -199,10 +200,39 @@ class DepthGrasp(Policy):
         pose, preshape = found.best()
         return float(self.scorer.judge(found.volume, pose[None], np.array([preshape])).success[0])
 
+    @property
+    def period(self) -> float:
+        """Seconds of a step of ``Grasp-v0``."""
+        found: float = spaces.tables(self.hand)["control_period"]
+        return found * self.task.frame_skip
+
+    def hand_pose(self, proprio: NDArray[Any]) -> NDArray[np.float64]:
+        """Read ``world_from_hand`` (4, 4) off a row of the observation ``proprio``."""
+        assert self._proprio is not None
+        return self._proprio.pose(proprio, "hand")
+
+    def has_looked(self, env: int) -> bool:
+        """Whether it has looked in the present episode of an environment."""
+        return self._waiting[env] is None
+
+    def look(self, env: int, seen: Mapping[str, Any]) -> None:
+        """Look in ``Grasp-v0`` without moving, once per episode, as soon as the hand is out of the image.
+
+        Parameters
+        ----------
+        env : int
+            Index of the environment.
+        seen : mapping
+            The environment's row of each observation in `obs`.
+        """
+        seed = self._waiting[env]
+        if seed is None or self._view.sees(self.hand_pose(seen["proprio"]), self._preshape(seen)):
+            return
+        self._waiting[env], self.found[env] = None, self.find(env, seed, seen)
+
     def _move(self, env: int, seen: Mapping[str, Any]) -> NDArray[np.float32] | None:
         """Choose the next action in ``Grasp-v0``: leave the image, look, grasp; `seen` is the environment's row."""
-        assert self._proprio is not None
-        hand = self._proprio.pose(seen["proprio"], "hand")
+        hand = self.hand_pose(seen["proprio"])
         if self._waiting[env] is not None:
             if self._drivers[env] is None:
                 self._drivers[env] = self._leaving(hand, seen)
@@ -270,10 +300,13 @@ class DepthGrasp(Policy):
 
     def grasping(self, found: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
         """Make what moves the hand from ``world_from_hand`` (4, 4) to a grasp in ``Grasp-v0``, closes and lifts."""
-        filled = np.flatnonzero((found.occupancy >= 64).any(axis=(0, 1)))
-        top = self.crop.origin[2] + (filled[-1] + 1) * self.crop.voxel_size if len(filled) else 0.0
         goal = found.world_from_hand
-        return ScriptedGrasp(world_from_hand, goal, found.preshape, float(top), **self._motion_settings())
+        return ScriptedGrasp(world_from_hand, goal, found.preshape, self.top(found), **self._motion_settings())
+
+    def top(self, found: FoundGrasp) -> float:
+        """Height over the table of the object as it is seen, metres."""
+        filled = np.flatnonzero((found.occupancy >= 64).any(axis=(0, 1)))
+        return float(self.crop.origin[2] + (filled[-1] + 1) * self.crop.voxel_size) if len(filled) else 0.0
 
 
 def _no_score(

@@ -8,8 +8,10 @@ import numpy as np
 
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError
+from graspbox.perception.policy_folders import CONFIG, file_hash
 from graspbox.perception.runtimes import Network, onnx_network
 from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.goals import GOAL_NAME, Goals, goal_base, goal_space, plain_settings
 from graspbox.policies.network_folders import ACTING, NetworkInput, read_network_policy
 from graspbox.simulation import load_hand
 
@@ -46,6 +48,27 @@ class NetworkPolicy(Policy):
         self.settings = dict(self.config.settings)
         self._file, self._num_threads = Path(folder) / "policy.onnx", num_threads
         self._network: Network | None = None
+        self._goals = self._load_goals(Path(folder))
+
+    def _load_goals(self, folder: Path) -> Goals | None:
+        """Load what looks for the observation ``goal``."""
+        if not self.config.goal_from:
+            return None
+        other = folder / self.config.goal_from
+        if not (other / CONFIG).is_file() or file_hash(other / CONFIG) != self.config.goal_hash:
+            raise ConfigError(
+                f"the policy {self.name!r} needs the policy that it learnt with in {str(other)!r}; there is another "
+                "one, or none"
+            )
+        base = goal_base({"obs": self.config.obs, "goal_from": other})
+        assert base is not None
+        plain = plain_settings({**self.settings, "obs": self.config.obs}, base)
+        self.obs, self.settings = plain.pop("obs"), plain
+        return Goals(base)
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        if self._goals is not None:
+            self._goals.base._begin(env, seed, info)
 
     def _bind(self, task: Task) -> None:
         if task.env_id != self.env_id:
@@ -68,13 +91,18 @@ class NetworkPolicy(Policy):
                 f"the actions of the environments have shape {shape}; those of the policy {self.name!r} have "
                 f"({self.config.actions},)"
             )
+        if self._goals is not None:
+            self._goals.bind(task)
         if self._network is None:
             self._network = onnx_network(self._file, self._num_threads)
 
     def _check(self, wanted: NetworkInput, task: Task) -> None:
         """Compare an observation of the environments with what the network takes."""
         space: Any = task.observation_space
-        box = space if isinstance(task.obs, str) else space[wanted.name]
+        if self._goals is not None and wanted.name == GOAL_NAME:
+            box = goal_space()
+        else:
+            box = space if isinstance(task.obs, str) else space[wanted.name]
         if (box.shape, str(box.dtype)) != (wanted.shape, wanted.dtype):
             raise ConfigError(
                 f"the observation {wanted.name!r} has shape {box.shape} and type {box.dtype}; the policy "
@@ -88,6 +116,9 @@ class NetworkPolicy(Policy):
         assert self._network is not None
         names = [one.name for one in self.config.inputs]
         rows: Mapping[str, Any] = observation if isinstance(observation, Mapping) else {names[0]: observation}
+        if self._goals is not None:
+            self._goals.look(observation)
+            rows = {**rows, GOAL_NAME: self._goals.show(rows["proprio"])}
         for i in range(len(actions)):
             inputs = {name: np.ascontiguousarray(rows[name][i : i + 1]) for name in names}
             actions[i] = self._network(inputs)["action"][0]

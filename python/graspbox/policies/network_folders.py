@@ -72,6 +72,11 @@ class NetworkPolicyConfig:
         What that policy is made of, as ``scripts/sb3.yaml`` has it.
     files : mapping of str to str
         SHA-256 of every file of the network.
+    goal_from : str
+        Folder, from this one, of the policy whose grasps are the observation ``goal`` (`graspbox.policies.goals`);
+        empty where there is no such observation.
+    goal_hash : str
+        SHA-256 of its ``config.json``, which names its files.
     """
 
     name: str
@@ -84,6 +89,8 @@ class NetworkPolicyConfig:
     algorithm: str
     files: Mapping[str, str]
     policy_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    goal_from: str = ""
+    goal_hash: str = ""
 
     def __post_init__(self) -> None:
         check_texts(self, "name", "graspbox", "algorithm")

@@ -176,6 +176,11 @@ def write_network_card(
         f"`{config.env_id}` and observes {_listed(names)}. Made by graspbox {graspbox.__version__}, for the hand "
         f"`{hand}`."
     )
+    if config.goal_from:
+        what += (
+            f" The observation `goal` is the grasp that the policy in `{config.goal_from}` finds in one depth image, "
+            "as soon as the hand is out of it; that policy must lie there, and its card tells what it learnt from."
+        )
     if true:
         what += f" It is **privileged**: no sensor measures {_listed(true)}, which the simulation tells."
     text = _NETWORK.format(name=config.name, what=_filled(what))

@@ -11,6 +11,7 @@
 """
 
 import json
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -29,7 +30,7 @@ import graspbox
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
 from graspbox.errors import ConfigError
 from graspbox.perception.onnx_files import PARITY, write_onnx
-from graspbox.perception.policy_folders import file_hash
+from graspbox.perception.policy_folders import CONFIG, file_hash
 from graspbox.perception.runtimes import Network, onnx_network
 from graspbox.perception.weight_files import check_size, restore_weights, save_weights
 from graspbox.policies import Task
@@ -41,6 +42,7 @@ from graspbox.policies.network_folders import (
     write_network_policy,
 )
 from graspbox.sb3.action_graphs import ActionGraph, Scales
+from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy
 from graspbox.sb3.running import ALGORITHMS
 from graspbox.sb3.training import model_arguments
@@ -120,6 +122,7 @@ def export_policy(
         the model does.
     """
     settings = published_settings(env_id, env)
+    goal = env.get("goal_from")
     given = env.get("obs", keywords(GraspVectorSettings)["obs"].default)
     obs = given if isinstance(given, str) else tuple(given)
     names = (obs,) if isinstance(obs, str) else obs
@@ -127,7 +130,8 @@ def export_policy(
     check_size(graph, f"the policy {name!r}")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    envs = _environments(env_id, _ENVS, {**settings, "obs": obs}, env.get("objects", "procedural"))
+    looked = {} if goal is None else {"goal_from": goal}
+    envs = _environments(env_id, _ENVS, {**settings, "obs": obs, **looked}, env.get("objects", "procedural"))
     try:
         seen = list(_observations(policy, envs))
         boxes = _boxes(envs.single_observation_space, obs)
@@ -150,11 +154,26 @@ def export_policy(
         algorithm=algorithm,
         policy_kwargs=json.loads(json.dumps(dict(policy_kwargs))),
         files={file: file_hash(folder / file) for file in (_NETWORK, _WEIGHTS)},
+        **_goal_of(folder, goal),
     )
     if licence is not None:
         shutil.copyfile(licence, folder / "LICENSE")
     write_network_policy(folder, config)
     return config
+
+
+def _goal_of(folder: Path, goal: str | None) -> dict[str, str]:
+    """Name what the observation ``goal`` comes from; it must lie where the published policy will find it."""
+    if goal is None:
+        return {}
+    if not (Path(goal) / CONFIG).is_file():
+        raise ConfigError(
+            f"goal_from is {goal!r}; a policy that learnt with a published one, a folder, can be published"
+        )
+    return {
+        "goal_from": os.path.relpath(Path(goal).resolve(), folder.resolve()),
+        "goal_hash": file_hash(Path(goal) / CONFIG),
+    }
 
 
 def _write(graph: ActionGraph, example: list[torch.Tensor], path: Path) -> None:
@@ -193,9 +212,7 @@ def check_parity(
 
 
 def _environments(env_id: str, count: int, settings: Mapping[str, Any], objects: Any) -> VectorEnv[Any, Any, Any]:
-    return gymnasium.make_vec(
-        env_id, num_envs=count, objects=objects, autoreset_mode=AutoresetMode.SAME_STEP, **settings
-    )
+    return make_vec(env_id, count, objects=objects, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
 
 
 def _observations(policy: ModelPolicy, envs: VectorEnv[Any, Any, Any]) -> Iterator[Any]:
@@ -230,7 +247,8 @@ def load_graph(folder: Path) -> ActionGraph:
     from safetensors.torch import load_file
 
     config = read_network_policy(Path(folder))
-    envs = _environments(config.env_id, 1, {**config.settings, "obs": config.obs}, "procedural:can:0")
+    looked = {"goal_from": Path(folder) / config.goal_from} if config.goal_from else {}
+    envs = _environments(config.env_id, 1, {**config.settings, "obs": config.obs, **looked}, "procedural:can:0")
     spaces = envs.single_observation_space, envs.single_action_space
     envs.close()
     space = _model_space(spaces[0])

@@ -136,13 +136,14 @@ def _recorded(clone: Mapping[str, Any]) -> Made:
     spec = given["env_spec"]
     kept = {name: value for name, value in spec["kwargs"].items() if value is not None}
     objects, split = kept.pop("objects", "procedural"), kept.pop("split", None)
-    obs = kept.pop("obs", "state")
-    kept.pop("num_threads", None)
+    for name in ("obs", "num_threads"):
+        kept.pop(name, None)
     counts = _counts(source)
     words = ["graspbox", "record", given["policy"], "--out", shown(source), "--env", given["env_id"]]
     words += ["--episodes", str(counts["episodes"])] if counts else []
     words += ["--seed", str(given["seed"]), "--keep", given["keep"], "--noise", str(given["noise"])]
-    words += [*(["--split", split] if split else []), *_repeated("--objects", objects), *_repeated("--obs", obs)]
+    words += [*(["--split", split] if split else []), *_repeated("--objects", objects)]
+    words += _repeated("--obs", given["observations"])
     kept.setdefault("max_episode_steps", spec["max_episode_steps"])
     words += [word for name, value in kept.items() for word in ("--set", f"{name}={_json(value)}")]
     told = f"demonstrations of `{given['policy']}`, kept: {given['keep']}, noise {given['noise']}"

@@ -82,5 +82,6 @@ def evaluate_baselines(env_id: str, num_envs: int, episodes: int, seed: int, **s
     dict
         `summary` by name of the policy.
     """
+    settings.pop("goal_from", None)
     keywords = {**settings, "obs": "state", "trials": episodes, "seed": seed, "num_envs": num_envs}
     return {name: summary(evaluation.evaluate(policies.load(name), env_id, **keywords)) for name in BASELINES}

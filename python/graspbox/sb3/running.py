@@ -30,7 +30,9 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from graspbox.errors import ConfigError
 from graspbox.evaluation import run_trials, trial_seeds
 from graspbox.policies import Policy, Task
+from graspbox.policies.goals import goal_base, plain_settings
 from graspbox.resume_log import ResumeLog
+from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy, summary
 from graspbox.sb3.ppo import PPO
 from graspbox.sb3.vec_env import VecEnv
@@ -42,8 +44,8 @@ ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC, "td3": TD3}
 
 
 def make_env(env_id: str, num_envs: int, **settings: Any) -> VecMonitor:
-    """Make environments that record the length and return of their episodes."""
-    return VecMonitor(VecEnv.make(env_id, num_envs, **settings))
+    """Make environments that record the length and return of their episodes; keywords as `goal_env.make_vec` has."""
+    return VecMonitor(VecEnv(make_vec(env_id, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)))
 
 
 def normalized(env: Any, gamma: float, *, observations: bool, reward: bool) -> Any:
@@ -61,7 +63,12 @@ def normalized(env: Any, gamma: float, *, observations: bool, reward: bool) -> A
 
 
 def make_held_out(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any, Any]:
-    """Make the environments of evaluations; `graspbox.evaluation.run_trials` resets them."""
+    """Make the environments of evaluations; `graspbox.evaluation.run_trials` resets them.
+
+    With ``goal_from`` they show what `graspbox.policies.goals.with_goals` makes goals of.
+    """
+    base = goal_base(settings)
+    settings = settings if base is None else plain_settings(settings, base)
     return gymnasium.make_vec(env_id, num_envs=num_envs, autoreset_mode=AutoresetMode.DISABLED, **settings)
 
 

@@ -190,7 +190,7 @@ class Replay:
 
     def object_place(self) -> Array:
         """Where the centre of mass is in the hand's frame, but for a fixed distance: the hand only translates, m."""
-        place = self.data.xipos[self.scene.object_body].copy()
+        place: Array = self.data.xipos[self.scene.object_body].copy()
         place[2] -= self.data.qpos[self._carriage[0]]
         return place
 

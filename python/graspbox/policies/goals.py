@@ -1,0 +1,227 @@
+"""The grasp that a policy finds in one depth image, as an observation of ``Grasp-v0``: where the hand shall go.
+
+A policy that acts in every step, such as a clone tuned by rewards, need not look at images itself. Another one
+(`DepthGrasp`, `HeadGrasp`) looks once, as soon as the hand is out of the camera's image, and from then on the
+observation ``goal`` tells where its grasp is, seen from the hand. Nothing of it is privileged. Until then, and where no
+grasp was found, ``goal`` is zero.
+
+| name | what it does |
+|---|---|
+| `GOAL`       | the entries of the observation |
+| `Goals`      | makes it, for some environments |
+| `GoalPolicy` | a policy that observes it, for `graspbox.evaluation.evaluate` |
+| `with_goals` | the same, from the keywords of a run: ``goal_from`` names the folder of the policy that looks |
+
+`graspbox.sb3.goal_env` makes environments of it, in which rewards teach.
+
+>>> from graspbox import evaluation, policies
+>>> from graspbox.policies.goals import GoalPolicy
+>>> def down(seen):
+...     return np.tile(np.float32([0, 0, -0.1, *6 * [0], 1 / 3]), (len(seen["goal"]), 1))
+>>> found = evaluation.evaluate(
+...     GoalPolicy(policies.load("seen_planner"), down), "graspbox/Grasp-v0", "procedural:can:0", 1, max_episode_steps=5
+... )
+>>> found.trials[0].steps
+5
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.errors import ConfigError
+from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.depth import DepthGrasp
+
+__all__ = ["GOAL", "GOAL_NAME", "GoalPolicy", "Goals", "goal_space", "plain_settings", "with_goals"]
+
+#: Name of the observation.
+GOAL_NAME = "goal"
+#: Its entries, in order: name, number, least and greatest value, meaning.
+GOAL: tuple[tuple[str, int, float, float, str], ...] = (
+    ("shift", 3, -10.0, 10.0, "from the hand to the grasp, hand axes, in units of 0.1 m"),
+    ("turn", 6, -1.0, 1.0, "x axis of the grasp in the hand's axes, then its y axis"),
+    ("preshape", 1, 0.0, 1.0, "share of the preshape's range"),
+    ("top", 1, 0.0, 10.0, "height of the object over the table, as it is seen, in units of 0.1 m"),
+    ("score", 1, -10.0, 10.0, "what the policy that looked gives its grasp, clipped"),
+    ("time", 1, 0.0, 10.0, "since it has looked, in units of 10 s"),
+    ("found", 1, 0.0, 1.0, "1 where there is a grasp, else 0, as is everything else"),
+)
+#: Units of lengths and of the time, metres and seconds.
+_LENGTH, _TIME = 0.1, 10.0
+
+
+def goal_space() -> spaces.Box:
+    """Give the space of the observation of one environment: (14,) float32."""
+    low, high = (np.repeat([row[i] for row in GOAL], [row[1] for row in GOAL]).astype(np.float32) for i in (2, 3))
+    return spaces.Box(low, high)
+
+
+class Goals:
+    """What a policy finds that looks once, seen from the hands of environments of ``Grasp-v0``.
+
+    Parameters
+    ----------
+    base : DepthGrasp
+        What looks: `DepthGrasp`, `HeadGrasp` or another policy that derives from it, without oracles.
+
+    Attributes
+    ----------
+    base
+        The same.
+
+    Raises
+    ------
+    ConfigError
+        For another policy.
+    """
+
+    def __init__(self, base: Policy) -> None:
+        if not isinstance(base, DepthGrasp) or "state" in base.obs:
+            raise ConfigError(
+                f"goals come from a policy that finds its grasp in a depth image, such as policies/depth, not from "
+                f"{base.name!r}"
+            )
+        self.base = base
+
+    def bind(self, task: Task) -> None:
+        """Prepare for environments; raises as `Policy.bind`, and for others than those of ``Grasp-v0``."""
+        if not task.closed_loop:
+            raise ConfigError(f"goals are for graspbox/Grasp-v0, not for {task.env_id!r}")
+        self.base.bind(task)
+        self._since = np.zeros(task.num_envs)
+        self._period = self.base.period
+        self._shown: list[object] = [None] * task.num_envs
+
+    def look(self, observation: Mapping[str, NDArray[Any]]) -> None:
+        """Let the policy look where it has not and the hand is out of the image."""
+        for env in range(len(self._since)):
+            if not self.base.has_looked(env):
+                self.base.look(env, {name: observation[name][env] for name in self.base.obs})
+
+    def show(self, proprio: NDArray[Any]) -> NDArray[np.float32]:
+        """Show the goals of a step (n, 14), for the observation ``proprio`` (n, k); call it once for every step."""
+        rows = np.zeros((len(self._since), sum(row[1] for row in GOAL)), dtype=np.float32)
+        for env in range(len(rows)):
+            found = self.base.found[env] if self.base.has_looked(env) else None
+            same = found is not None and self._shown[env] is found
+            self._since[env] = self._since[env] + self._period if same else 0.0
+            self._shown[env] = found
+            rows[env] = self._row(env, proprio[env], self._since[env])
+        return rows
+
+    def after(self, env: int, proprio: NDArray[Any]) -> NDArray[np.float32]:
+        """Show the goal (14,) of one environment after a step that ends its episode, for ``proprio`` (k,)."""
+        return self._row(env, proprio, self._since[env] + self._period)
+
+    def _row(self, env: int, proprio: NDArray[Any], since: float) -> NDArray[np.float32]:
+        space, found = goal_space(), self._shown[env]
+        if found is None:
+            return np.zeros(space.shape, dtype=np.float32)
+        grasp: Any = found
+        goal = np.linalg.inv(self.base.hand_pose(proprio)) @ grasp.world_from_hand
+        low, high = self.base.hand.preshape_limits
+        share = (grasp.preshape - low) / (high - low) if high > low else 0.0
+        top = self.base.top(grasp) / _LENGTH
+        row = [*goal[:3, 3] / _LENGTH, *goal[:3, 0], *goal[:3, 1], share, top, grasp.score, since / _TIME, 1.0]
+        return np.clip(np.array(row, dtype=np.float32), space.low, space.high)
+
+
+class GoalPolicy(Policy):
+    """A policy of ``Grasp-v0`` that observes, beside what the environments show, where another one would grasp.
+
+    Parameters
+    ----------
+    base : DepthGrasp
+        What looks; see `Goals`.
+    decide : callable
+        From observations by their names, ``goal`` among them, to actions (n, k): ``ModelPolicy(model).act`` of
+        `graspbox.sb3.policy`, or any function.
+    names : sequence of str
+        What else it observes.
+    name : str
+        Name in results.
+
+    Raises
+    ------
+    ConfigError
+        For a base policy that does not find grasps in what a camera sees.
+    """
+
+    env_id = "graspbox/Grasp-v0"
+
+    def __init__(
+        self,
+        base: Policy,
+        decide: Callable[[dict[str, NDArray[Any]]], ArrayLike],
+        names: Sequence[str] = (),
+        name: str = "goal",
+    ) -> None:
+        self.goals, self._decide = Goals(base), decide
+        self._names = tuple(one for one in names if one != GOAL_NAME)
+        plain = plain_settings({"obs": (*self._names, GOAL_NAME)}, base)
+        self.name, self.obs, self.settings = name, plain.pop("obs"), plain
+
+    def _bind(self, task: Task) -> None:
+        self.goals.bind(task)
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        self.goals.base._begin(env, seed, info)
+
+    def act(self, observation: Any) -> Actions:
+        """Look where it is time to, and decide."""
+        self.goals.look(observation)
+        seen = {name: observation[name] for name in self._names}
+        found = self._decide({**seen, GOAL_NAME: self.goals.show(observation["proprio"])})
+        return np.asarray(found, dtype=np.float32)
+
+
+def plain_settings(settings: Mapping[str, Any], base: Policy) -> dict[str, Any]:
+    """Give the keywords of environments that show all that a policy with goals and its base observe, but no goal."""
+    names = [name for name in settings["obs"] if name != GOAL_NAME]
+    needed = (base.obs,) if isinstance(base.obs, str) else base.obs or ()
+    kept = {name: value for name, value in settings.items() if name != "goal_from"}
+    return {**base.settings, **kept, "obs": tuple(dict.fromkeys([*names, *needed]))}
+
+
+def with_goals(policy: Policy, settings: Mapping[str, Any]) -> tuple[Policy, dict[str, Any]]:
+    """Let a policy observe goals if the keywords of its run say so.
+
+    Parameters
+    ----------
+    policy : Policy
+        What decides.
+    settings : mapping
+        Keywords of environments, with ``goal_from``, a folder that `graspbox.policies.load` takes, or without.
+
+    Returns
+    -------
+    Policy, dict
+        A `GoalPolicy` and keywords without ``goal_from``, or both as they are.
+
+    Raises
+    ------
+    ConfigError
+        If ``goal_from`` stands without the observation ``goal`` or the reverse, or names another kind of policy.
+    """
+    base = goal_base(settings)
+    if base is None:
+        return policy, dict(settings)
+    return GoalPolicy(base, policy.act, settings["obs"], policy.name), plain_settings(settings, base)
+
+
+def goal_base(settings: Mapping[str, Any]) -> Policy | None:
+    """Load what the keyword ``goal_from`` names; None without it. Raises as `with_goals`."""
+    from graspbox import policies
+
+    obs, folder = settings.get("obs", ()), settings.get("goal_from")
+    wanted = not isinstance(obs, str) and GOAL_NAME in obs
+    if (folder is not None) != wanted or obs == GOAL_NAME:
+        raise ConfigError(
+            f"obs is {obs!r} and goal_from {folder!r}; the observation 'goal' stands beside others, and goal_from "
+            "names the folder of the policy that looks, such as policies/depth"
+        )
+    return None if folder is None else policies.load(str(folder))

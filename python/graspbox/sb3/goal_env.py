@@ -1,0 +1,122 @@
+"""``Grasp-v0`` as an agent sees it that is told where another policy would grasp: the observation ``goal``.
+
+That policy looks once per episode, as soon as the hand is out of the camera's image (`graspbox.policies.goals`); the
+agent acts in every step. Rewards, infos and seeds are those of the environment.
+
+>>> from graspbox.sb3.goal_env import make_vec
+>>> envs = make_vec(
+...     "graspbox/Grasp-v0", 2, objects="procedural:can:0-3", obs=("proprio", "goal"), goal_from="seen_planner",
+...     frame_skip=4, autoreset_mode="SameStep",
+... )
+>>> seen, info = envs.reset(seed=0)
+>>> sorted(seen), seen["goal"].shape
+(['goal', 'proprio'], (2, 14))
+>>> seen, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
+
+With Stable-Baselines3: ``graspbox.sb3.VecEnv(envs)``.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.errors import ConfigError
+from graspbox.policies.base import Policy, Task
+from graspbox.policies.goals import GOAL_NAME, Goals, goal_base, goal_space, plain_settings
+
+__all__ = ["GoalVectorEnv", "make_vec"]
+
+Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
+
+
+def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any, Any]:
+    """Make environments as ``gymnasium.make_vec`` does; with the keyword ``goal_from`` their agent observes goals.
+
+    Parameters
+    ----------
+    env_id : str
+        One of `graspbox.envs.IDS`.
+    num_envs : int
+        Number of environments.
+    **settings
+        Keywords of the environments, ``obs`` with ``"goal"`` among them, and ``goal_from``: a folder of the policy that
+        looks, as `graspbox.policies.load` takes it. Without ``goal_from`` these are plain environments.
+
+    Raises
+    ------
+    ConfigError
+        As `graspbox.policies.goals.with_goals` and `GoalVectorEnv`.
+    """
+    base = goal_base(settings)
+    if base is None:
+        return gymnasium.make_vec(env_id, num_envs=num_envs, **settings)
+    envs = gymnasium.make_vec(env_id, num_envs=num_envs, **plain_settings(settings, base))
+    return GoalVectorEnv(envs, base, settings["obs"])
+
+
+class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
+    """Environments of ``Grasp-v0`` whose agent observes where another policy would grasp.
+
+    Parameters
+    ----------
+    env : VectorEnv
+        Of ``graspbox/Grasp-v0``, with ``autoreset_mode="SameStep"`` and the keywords that
+        `graspbox.policies.goals.plain_settings` gives.
+    base : DepthGrasp
+        What looks; see `graspbox.policies.goals.Goals`.
+    names : sequence of str
+        What the agent observes, ``"goal"`` among them.
+
+    Attributes
+    ----------
+    goals : Goals
+        The goals of the present episodes.
+
+    Raises
+    ------
+    ConfigError
+        For other environments, or a base policy that cannot look there.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], base: Policy, names: Sequence[str]) -> None:
+        super().__init__(env)
+        if env.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
+            raise ConfigError("goals need environments with autoreset_mode='SameStep'")
+        self.goals = Goals(base)
+        self.goals.bind(Task.of(env))
+        self._names = tuple(name for name in names if name != GOAL_NAME)
+        given: Any = env.single_observation_space
+        boxes = {name: given[name] for name in self._names} | {GOAL_NAME: goal_space()}
+        self.single_observation_space = spaces.Dict(boxes)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Begin episodes, as the environment does."""
+        observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
+        self.goals.base.reset(seed, mask=(options or {}).get("reset_mask"), info=info)
+        return self._observe(observation), info
+
+    def step(self, actions: ArrayLike) -> Step:
+        """Act, as in the environment; where an episode ends, the next one begins."""
+        observation, rewards, terminated, truncated, info = self.env.step(actions)
+        over = terminated | truncated
+        for env in np.flatnonzero(over).tolist():
+            last = info["final_obs"][env]
+            goal = self.goals.after(env, last["proprio"])
+            info["final_obs"][env] = {**{name: last[name] for name in self._names}, GOAL_NAME: goal}
+        if over.any():
+            self.goals.base.reset(mask=over, info=info)
+        return self._observe(observation), rewards, terminated, truncated, info
+
+    def _observe(self, observation: Any) -> dict[str, NDArray[Any]]:
+        self.goals.look(observation)
+        goals = self.goals.show(observation["proprio"])
+        return {**{name: observation[name] for name in self._names}, GOAL_NAME: goals}
