@@ -27,6 +27,7 @@
 | `head`    | `HeadGrasp`: one network |
 | `network` | `NetworkPolicy` |
 | `network_folders` | what its folder holds |
+| `goals` | where another policy would grasp, as an observation of ``Grasp-v0`` |
 | `residual` | `ResidualGrasp`: bounded corrections of the grasps of another policy |
 | `depth_oracles` | the truth in place of its parts, to measure what each loses, and ``robust_oracle`` |
 | `seen_baselines` | `SeenPlanner` and `NearestGrasp`, which see one depth image and have no scorer |

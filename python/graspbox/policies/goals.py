@@ -33,6 +33,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
+from graspbox.perception.finder import FoundGrasp
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 
@@ -52,12 +53,12 @@ GOAL: tuple[tuple[str, int, float, float, str], ...] = (
 )
 #: Units of lengths and of the time, metres and seconds.
 _LENGTH, _TIME = 0.1, 10.0
+_LOW, _HIGH = (np.repeat([row[i] for row in GOAL], [row[1] for row in GOAL]).astype(np.float32) for i in (2, 3))
 
 
 def goal_space() -> spaces.Box:
     """Give the space of the observation of one environment: (14,) float32."""
-    low, high = (np.repeat([row[i] for row in GOAL], [row[1] for row in GOAL]).astype(np.float32) for i in (2, 3))
-    return spaces.Box(low, high)
+    return spaces.Box(_LOW, _HIGH)
 
 
 class Goals:
@@ -94,7 +95,7 @@ class Goals:
         self.base.bind(task)
         self._since = np.zeros(task.num_envs)
         self._period = self.base.period
-        self._shown: list[object] = [None] * task.num_envs
+        self._shown: list[FoundGrasp | None] = [None] * task.num_envs
 
     def look(self, observation: Mapping[str, NDArray[Any]]) -> None:
         """Let the policy look where it has not and the hand is out of the image."""
@@ -104,7 +105,7 @@ class Goals:
 
     def show(self, proprio: NDArray[Any]) -> NDArray[np.float32]:
         """Show the goals of a step (n, 14), for the observation ``proprio`` (n, k); call it once for every step."""
-        rows = np.zeros((len(self._since), sum(row[1] for row in GOAL)), dtype=np.float32)
+        rows = np.zeros((len(self._since), len(_LOW)), dtype=np.float32)
         for env in range(len(rows)):
             found = self.base.found[env] if self.base.has_looked(env) else None
             same = found is not None and self._shown[env] is found
@@ -118,16 +119,15 @@ class Goals:
         return self._row(env, proprio, self._since[env] + self._period)
 
     def _row(self, env: int, proprio: NDArray[Any], since: float) -> NDArray[np.float32]:
-        space, found = goal_space(), self._shown[env]
+        found = self._shown[env]
         if found is None:
-            return np.zeros(space.shape, dtype=np.float32)
-        grasp: Any = found
-        goal = np.linalg.inv(self.base.hand_pose(proprio)) @ grasp.world_from_hand
+            return np.zeros_like(_LOW)
+        goal = np.linalg.inv(self.base.hand_pose(proprio)) @ found.world_from_hand
         low, high = self.base.hand.preshape_limits
-        share = (grasp.preshape - low) / (high - low) if high > low else 0.0
-        top = self.base.top(grasp) / _LENGTH
-        row = [*goal[:3, 3] / _LENGTH, *goal[:3, 0], *goal[:3, 1], share, top, grasp.score, since / _TIME, 1.0]
-        return np.clip(np.array(row, dtype=np.float32), space.low, space.high)
+        share = (found.preshape - low) / (high - low) if high > low else 0.0
+        top = self.base.top(found) / _LENGTH
+        row = [*goal[:3, 3] / _LENGTH, *goal[:3, 0], *goal[:3, 1], share, top, found.score, since / _TIME, 1.0]
+        return np.clip(np.array(row, dtype=np.float32), _LOW, _HIGH)
 
 
 class GoalPolicy(Policy):

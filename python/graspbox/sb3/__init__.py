@@ -5,6 +5,7 @@
 | `graspbox.sb3.VecEnv` | the native vector environments as a ``VecEnv`` of Stable-Baselines3 |
 | `graspbox.sb3.Extractor` | a features extractor with a suitable network for each kind of observation |
 | `graspbox.sb3.TrunkExtractor` | a features extractor with a network that was trained before |
+| `graspbox.sb3.goal_env` | ``Grasp-v0`` in which an agent is told where another policy would grasp |
 | `graspbox.sb3.residual_env` | ``GraspPose-v0`` in which an agent corrects the grasps of another policy |
 | `graspbox.sb3.residual_training` | runs that learn to correct |
 | `graspbox.sb3.policy` | a trained model as a `graspbox.policies.Policy`; baselines to compare it with |
