@@ -22,11 +22,11 @@ SETTINGS: dict[str, Any] = {"objects": OBJECTS, "frame_skip": 4, "max_episode_st
 PROPRIO = Codec("twist", load_hand("reflex"), "proprio")
 
 
-def entries(rows: NDArray[np.float32], name: str) -> NDArray[np.float32]:
+def entries(rows: NDArray[np.float32], name: str) -> NDArray[np.float64]:
     """Take some entries of goals, by their name."""
     names = [row[0] for row in GOAL]
     start = sum(row[1] for row in GOAL[: names.index(name)])
-    return rows[..., start : start + GOAL[names.index(name)][1]]
+    return rows[..., start : start + GOAL[names.index(name)][1]].astype(np.float64)
 
 
 def make(num_envs: int = 2, **more: Any) -> goal_env.GoalVectorEnv:
@@ -79,7 +79,7 @@ def test_a_goal_is_the_grasp_that_was_found_seen_from_the_hand() -> None:
 def test_time_runs_from_the_look() -> None:
     envs = make(1)
     seen, _ = envs.reset(seed=0)
-    times = []
+    times: list[float] = []
     while len(times) < 4:
         if entries(seen["goal"], "found")[0, 0]:
             times.append(entries(seen["goal"], "time")[0, 0])
