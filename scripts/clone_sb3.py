@@ -225,7 +225,7 @@ class Loop:
     def evaluate(self) -> None:
         """Run the policy on held-out objects."""
         from graspbox import evaluation
-        from graspbox.policies.goals import with_goals
+        from graspbox.sb3.goal_env import with_goals
         from graspbox.sb3.policy import ModelPolicy, summary
 
         what = json.loads(self.log.path.read_text().splitlines()[0])["settings"]

@@ -43,7 +43,7 @@ def measure(
     sb3.require()
     import torch
 
-    from graspbox.policies.goals import with_goals
+    from graspbox.sb3.goal_env import with_goals
     from graspbox.sb3.policy import evaluate_baselines, summary
     from graspbox.sb3.running import load_policy
 

@@ -178,7 +178,7 @@ def train(settings: Settings) -> int:
     sb3.require()
     import torch
 
-    from graspbox.policies.goals import with_goals
+    from graspbox.sb3.goal_env import with_goals
     from graspbox.sb3.policy import ModelPolicy, evaluate_baselines
     from graspbox.sb3.running import Run, make_env, make_held_out, normalized
 

@@ -14,7 +14,7 @@ from graspbox.demonstrations import Demonstrations, record, to_minari
 from graspbox.envs.coding import Codec, rotation_from_columns
 from graspbox.errors import ConfigError
 from graspbox.policies import Task, goals
-from graspbox.policies.goals import GOAL, GoalPolicy, Goals, goal_space, plain_settings, with_goals
+from graspbox.policies.goals import GOAL, GoalPolicy, Goals, goal_space, plain_settings
 from graspbox.sb3 import goal_env
 
 OBJECTS = ("procedural:can:0-3", "procedural:box:0-3")
@@ -114,9 +114,11 @@ def test_results_do_not_depend_on_neighbours() -> None:
 
 def test_with_goals_follows_the_keywords() -> None:
     policy = policies.load("zero")
-    same, settings = with_goals(policy, {"obs": "state"})
+    same, settings = goal_env.with_goals(policy, {"obs": "state"})
     assert (same, settings) == (policy, {"obs": "state"})
-    changed, settings = with_goals(policy, {"obs": ["tactile", "goal"], "goal_from": "seen_planner", "frame_skip": 4})
+    changed, settings = goal_env.with_goals(
+        policy, {"obs": ["tactile", "goal"], "goal_from": "seen_planner", "frame_skip": 4}
+    )
     assert changed.obs == settings["obs"] == ("tactile", "depth", "proprio")
     assert settings["frame_skip"] == 4
     assert "goal_from" not in settings

@@ -154,7 +154,7 @@ def _describe(env_id: str, names: tuple[str, ...], kwargs: dict[str, Any]) -> di
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
     plain = tuple(name for name in names if name != GOAL_NAME)
     if not plain:
-        raise ConfigError(f"obs is {names}; name at least one observation of the environment to record")
+        raise ConfigError(f"obs is {names or 'empty'}; name at least one observation of the environment")
     env = gymnasium.make(env_id, obs=plain, **kwargs)
     try:
         spaces = {**env.observation_space.spaces, GOAL_NAME: goal_space()}  # type: ignore[attr-defined]

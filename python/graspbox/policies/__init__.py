@@ -58,14 +58,14 @@ from typing import cast
 from graspbox.errors import ConfigError
 from graspbox.perception.feel_folders import FEEL
 from graspbox.perception.head_folders import HEAD_KIND
-from graspbox.perception.policy_folders import KIND, POSE_KIND, read_kind
+from graspbox.perception.policy_folders import CONFIG, KIND, POSE_KIND, file_hash, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 from graspbox.policies.depth_oracles import RobustOracle
 from graspbox.policies.feel import Attempt, FeelThenLift
 from graspbox.policies.head import HEAD, HeadGrasp
 from graspbox.policies.network import NetworkPolicy
-from graspbox.policies.network_folders import NETWORK_KIND
+from graspbox.policies.network_folders import NETWORK_KIND, read_network_policy
 from graspbox.policies.planner import Expert, Planner
 from graspbox.policies.seen_baselines import NearestGrasp, SeenPlanner
 from graspbox.policies.simple import Random, Zero
@@ -96,11 +96,25 @@ def _regressor(folder: Path) -> Policy:
     return cast(Policy, import_module("graspbox.learning.regressor").PoseRegressor(folder))
 
 
+def _network(folder: Path) -> Policy:
+    """Make a network that acts, and load the policy that looks for it, if one does."""
+    config = read_network_policy(folder)
+    if not config.goal_from:
+        return NetworkPolicy(folder)
+    other = folder / config.goal_from
+    if not (other / CONFIG).is_file() or file_hash(other / CONFIG) != config.goal_hash:
+        raise ConfigError(
+            f"the policy {config.name!r} needs the policy that it learnt with in {str(other)!r}; there is another one, "
+            "or none"
+        )
+    return NetworkPolicy(folder, base=load(str(other)))
+
+
 #: Policies of a folder, by the kind that its ``config.json`` names.
 _KINDS: dict[str, Callable[[Path], Policy]] = {
     KIND: DepthGrasp,
     HEAD_KIND: HeadGrasp,
-    NETWORK_KIND: NetworkPolicy,
+    NETWORK_KIND: _network,
     POSE_KIND: _regressor,
 }
 #: File of a folder in which a network of the study was trained (`graspbox.learning`).

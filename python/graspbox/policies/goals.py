@@ -10,7 +10,6 @@ grasp was found, ``goal`` is zero.
 | `GOAL`       | the entries of the observation |
 | `Goals`      | makes it, for some environments |
 | `GoalPolicy` | a policy that observes it, for `graspbox.evaluation.evaluate` |
-| `with_goals` | the same, from the keywords of a run: ``goal_from`` names the folder of the policy that looks |
 
 `graspbox.sb3.goal_env` makes environments of it, in which rewards teach.
 
@@ -37,7 +36,7 @@ from graspbox.perception.finder import FoundGrasp
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 
-__all__ = ["GOAL", "GOAL_NAME", "GoalPolicy", "Goals", "goal_space", "plain_settings", "with_goals"]
+__all__ = ["GOAL", "GOAL_NAME", "GoalPolicy", "Goals", "goal_space", "plain_settings"]
 
 #: Name of the observation.
 GOAL_NAME = "goal"
@@ -185,43 +184,3 @@ def plain_settings(settings: Mapping[str, Any], base: Policy) -> dict[str, Any]:
     needed = (base.obs,) if isinstance(base.obs, str) else base.obs or ()
     kept = {name: value for name, value in settings.items() if name != "goal_from"}
     return {**base.settings, **kept, "obs": tuple(dict.fromkeys([*names, *needed]))}
-
-
-def with_goals(policy: Policy, settings: Mapping[str, Any]) -> tuple[Policy, dict[str, Any]]:
-    """Let a policy observe goals if the keywords of its run say so.
-
-    Parameters
-    ----------
-    policy : Policy
-        What decides.
-    settings : mapping
-        Keywords of environments, with ``goal_from``, a folder that `graspbox.policies.load` takes, or without.
-
-    Returns
-    -------
-    Policy, dict
-        A `GoalPolicy` and keywords without ``goal_from``, or both as they are.
-
-    Raises
-    ------
-    ConfigError
-        If ``goal_from`` stands without the observation ``goal`` or the reverse, or names another kind of policy.
-    """
-    base = goal_base(settings)
-    if base is None:
-        return policy, dict(settings)
-    return GoalPolicy(base, policy.act, settings["obs"], policy.name), plain_settings(settings, base)
-
-
-def goal_base(settings: Mapping[str, Any]) -> Policy | None:
-    """Load what the keyword ``goal_from`` names; None without it. Raises as `with_goals`."""
-    from graspbox import policies
-
-    obs, folder = settings.get("obs", ()), settings.get("goal_from")
-    wanted = not isinstance(obs, str) and GOAL_NAME in obs
-    if (folder is not None) != wanted or obs == GOAL_NAME:
-        raise ConfigError(
-            f"obs is {obs!r} and goal_from {folder!r}; the observation 'goal' stands beside others, and goal_from "
-            "names the folder of the policy that looks, such as policies/depth"
-        )
-    return None if folder is None else policies.load(str(folder))

@@ -8,10 +8,9 @@ import numpy as np
 
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError
-from graspbox.perception.policy_folders import CONFIG, file_hash
 from graspbox.perception.runtimes import Network, onnx_network
 from graspbox.policies.base import Actions, Policy, Task
-from graspbox.policies.goals import GOAL_NAME, Goals, goal_base, goal_space, plain_settings
+from graspbox.policies.goals import GOAL_NAME, Goals, goal_space, plain_settings
 from graspbox.policies.network_folders import ACTING, NetworkInput, read_network_policy
 from graspbox.simulation import load_hand
 
@@ -28,6 +27,9 @@ class NetworkPolicy(Policy):
     ----------
     folder : Path
         A folder of `graspbox.policies.network_folders`.
+    base : Policy, optional
+        The policy in the folder that ``config.goal_from`` names, where the network observes ``goal``;
+        `graspbox.policies.load` gives it.
     num_threads : int
         Threads of a decision; the networks are small.
 
@@ -42,26 +44,20 @@ class NetworkPolicy(Policy):
         What the folder says.
     """
 
-    def __init__(self, folder: Path, *, num_threads: int = 1) -> None:
+    def __init__(self, folder: Path, *, base: Policy | None = None, num_threads: int = 1) -> None:
         self.config = read_network_policy(Path(folder))
         self.name, self.obs, self.env_id = self.config.name, self.config.obs, self.config.env_id
         self.settings = dict(self.config.settings)
         self._file, self._num_threads = Path(folder) / "policy.onnx", num_threads
         self._network: Network | None = None
-        self._goals = self._load_goals(Path(folder))
+        self._goals = self._make_goals(base)
 
-    def _load_goals(self, folder: Path) -> Goals | None:
-        """Load what looks for the observation ``goal``."""
+    def _make_goals(self, base: Policy | None) -> Goals | None:
+        """Make what shows the observation ``goal``."""
         if not self.config.goal_from:
             return None
-        other = folder / self.config.goal_from
-        if not (other / CONFIG).is_file() or file_hash(other / CONFIG) != self.config.goal_hash:
-            raise ConfigError(
-                f"the policy {self.name!r} needs the policy that it learnt with in {str(other)!r}; there is another "
-                "one, or none"
-            )
-        base = goal_base({"obs": self.config.obs, "goal_from": other})
-        assert base is not None
+        if base is None:
+            raise ConfigError(f"the policy {self.name!r} observes 'goal'; load it by graspbox.policies.load")
         plain = plain_settings({**self.settings, "obs": self.config.obs}, base)
         self.obs, self.settings = plain.pop("obs"), plain
         return Goals(base)

@@ -1,7 +1,14 @@
 """``Grasp-v0`` as an agent sees it that is told where another policy would grasp: the observation ``goal``.
 
 That policy looks once per episode, as soon as the hand is out of the camera's image (`graspbox.policies.goals`); the
-agent acts in every step. Rewards, infos and seeds are those of the environment.
+agent acts in every step. Rewards, infos and seeds are those of the environment. The keyword ``goal_from`` names the
+folder of the policy that looks.
+
+| name | what it does |
+|---|---|
+| `make_vec`      | environments for training, from the keywords of a run |
+| `GoalVectorEnv` | the same, from environments and a policy that looks |
+| `with_goals`    | a policy that is evaluated, from the keywords of a run |
 
 >>> from graspbox.sb3.goal_env import make_vec
 >>> envs = make_vec(
@@ -16,7 +23,7 @@ agent acts in every step. Rewards, infos and seeds are those of the environment.
 With Stable-Baselines3: ``graspbox.sb3.VecEnv(envs)``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -26,11 +33,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from graspbox import policies
 from graspbox.errors import ConfigError
 from graspbox.policies.base import Policy, Task
-from graspbox.policies.goals import GOAL_NAME, Goals, goal_base, goal_space, plain_settings
+from graspbox.policies.goals import GOAL_NAME, GoalPolicy, Goals, goal_space, plain_settings
 
-__all__ = ["GoalVectorEnv", "make_vec"]
+__all__ = ["GoalVectorEnv", "goal_base", "make_vec", "with_goals"]
 
 Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
@@ -51,7 +59,7 @@ def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any,
     Raises
     ------
     ConfigError
-        As `graspbox.policies.goals.with_goals` and `GoalVectorEnv`.
+        As `with_goals` and `GoalVectorEnv`.
     """
     base = goal_base(settings)
     if base is None:
@@ -120,3 +128,41 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         self.goals.look(observation)
         goals = self.goals.show(observation["proprio"])
         return {**{name: observation[name] for name in self._names}, GOAL_NAME: goals}
+
+
+def with_goals(policy: Policy, settings: Mapping[str, Any]) -> tuple[Policy, dict[str, Any]]:
+    """Let a policy observe goals if the keywords of its run say so.
+
+    Parameters
+    ----------
+    policy : Policy
+        What decides.
+    settings : mapping
+        Keywords of environments, with ``goal_from``, a folder that `graspbox.policies.load` takes, or without.
+
+    Returns
+    -------
+    Policy, dict
+        A `GoalPolicy` and keywords without ``goal_from``, or both as they are.
+
+    Raises
+    ------
+    ConfigError
+        If ``goal_from`` stands without the observation ``goal`` or the reverse, or names another kind of policy.
+    """
+    base = goal_base(settings)
+    if base is None:
+        return policy, dict(settings)
+    return GoalPolicy(base, policy.act, settings["obs"], policy.name), plain_settings(settings, base)
+
+
+def goal_base(settings: Mapping[str, Any]) -> Policy | None:
+    """Load what the keyword ``goal_from`` names; None without it. Raises as `with_goals`."""
+    obs, folder = settings.get("obs", ()), settings.get("goal_from")
+    wanted = not isinstance(obs, str) and GOAL_NAME in obs
+    if (folder is not None) != wanted or obs == GOAL_NAME:
+        raise ConfigError(
+            f"obs is {obs!r} and goal_from {folder!r}; the observation 'goal' stands beside others, and goal_from "
+            "names the folder of the policy that looks, such as policies/depth"
+        )
+    return None if folder is None else policies.load(str(folder))
