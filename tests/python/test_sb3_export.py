@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -32,6 +33,7 @@ from graspbox.sb3.policy import ModelPolicy  # noqa: E402
 from graspbox.sb3.training import model_arguments  # noqa: E402
 
 OBJECTS = ("procedural:can:0-3",)
+HEAD = Path(__file__).parents[2] / "policies/head"
 SEEING = ("depth", "proprio", "tactile")
 GRASP, DECISION = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
 NETWORKS = {"net_arch": [16], "activation_fn": "ELU"}
@@ -232,6 +234,30 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
     assert "env.obs=[depth, proprio, tactile]" in words
     assert (tmp_path / "policies/tuned/LICENSE").is_file()
     assert not list((tmp_path / "policies/tuned").glob("*.pkl"))
+
+
+def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp_path: Path) -> None:
+    """It finds it there, says so on its card, and refuses another one."""
+    base = tmp_path / "policies/head"
+    shutil.copytree(HEAD, base)
+    keywords: dict[str, Any] = {"objects": ("procedural:can:0-9",), "frame_skip": 4, "max_episode_steps": 50}
+    names = ("proprio", "goal")
+    record(str(base), tmp_path / "shown", episodes=10, obs=names, num_envs=4, split="train", keep="all", **keywords)
+    cloning = script("clone_sb3")
+    changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.policy_kwargs={net_arch: [16]}")
+    given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": names, "keep": "all"}
+    cloning.clone(cloning.Settings("ppo", tmp_path / "shown", tmp_path / "clone", **given))
+    found = published(tmp_path / "clone", tmp_path / "policies/clone")
+    assert "the grasp that the policy in `../head` finds in one depth image" in " ".join(found["card"].split())
+    (recorded,) = (line for line in found["card"].splitlines() if line.startswith("graspbox record"))
+    assert shlex.split(recorded).count("--obs") == 2
+    policy = policies.load(str(tmp_path / "policies/clone"))
+    assert policy.obs == ("proprio", "depth")
+    assert export.load_graph(tmp_path / "policies/clone").inputs == names
+    config = json.loads((base / "config.json").read_text())
+    (base / "config.json").write_text(json.dumps({**config, "name": "other"}))
+    with pytest.raises(errors.ConfigError, match="needs the policy that it learnt with"):
+        policies.load(str(tmp_path / "policies/clone"))
 
 
 def test_a_run_from_the_state_is_privileged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
