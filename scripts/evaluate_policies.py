@@ -5,8 +5,9 @@
 
 A policy is what `graspbox.policies.load` takes (a name or a folder), ``completed_planner=FOLDER`` (the planner on what
 the completion of a policy's folder makes of the image), ``nearest=DATA`` (the grasp that held in the known scene of a
-data set that looks most alike), or ``filtered=FOLDER`` (a head with its collision filter). ``--stressed`` names those
-that are measured under all conditions; the others only see the first.
+data set that looks most alike), ``filtered=FOLDER`` (a head with its collision filter), or a policy of one depth image
+that lacks a part: ``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both.
+``--stressed`` names those that are measured under all conditions; the others only see the first.
 
 All policies get the same trials: object, pose and noise follow from the seed. The folder then has ``log.jsonl`` with
 every trial, ``evaluation.md`` with the tables, and ``policies.png``, ``conditions.png`` and ``reliability.png``. The
@@ -18,7 +19,7 @@ Needs the extras ``cli``, and ``onnx``, ``train``, ``data``, ``ycb`` for what ne
 import shlex
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,15 @@ from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table, pooled
 from graspbox.files import write_text
+from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.resume_log import ResumeLog
+
+#: Settings of the finder that take a part away from a policy of one depth image.
+WITHOUT: dict[str, dict[str, Any]] = {
+    "unrefined": {"refinements": 0},
+    "geometric": {"predicted": 0},
+    "plain": {"refinements": 0, "predicted": 0},
+}
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,11 @@ def load(spec: str) -> policies.Policy:
         from graspbox.perception.nearest_finder import remember
 
         return policies.NearestGrasp(remember(path))
-    raise ConfigError(f"there is no policy {spec!r}; before = stand completed_planner, filtered or nearest")
+    if kind in WITHOUT:
+        finder = read_depth_policy(Path(path)).finder
+        return policies.DepthGrasp(Path(path), config=replace(finder, **WITHOUT[kind]))
+    known = ", ".join(("completed_planner", "filtered", "nearest", *WITHOUT))
+    raise ConfigError(f"there is no policy {spec!r}; before = stands one of {known}")
 
 
 def jobs(settings: Settings) -> Iterator[dict[str, Any]]:

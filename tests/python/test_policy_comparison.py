@@ -229,6 +229,25 @@ def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
 # --- the script ----------------------------------------------------------------------------------------------------
 
 
+def test_parts_of_a_policy_can_be_left_out() -> None:
+    """Without its head, or without its refinement, a policy scores fewer grasps."""
+    pytest.importorskip("onnxruntime")
+    pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
+    from test_scripts import script
+
+    program = script("evaluate_policies")
+    folder = Path(__file__).parents[2] / "policies/depth"
+    counts = {}
+    for spec in (str(folder), *(f"{kind}={folder}" for kind in program.WITHOUT)):
+        policy = program.load(spec)
+        evaluate(policy, "graspbox/GraspPose-v0", CANS, trials=1, num_envs=1)
+        counts[spec.partition("=")[0]] = len(policy.found[0].scores)
+    assert counts["plain"] < counts["unrefined"] < counts[str(folder)]
+    assert counts["plain"] < counts["geometric"] < counts[str(folder)]
+    with pytest.raises(ConfigError, match="before = stands one of"):
+        program.load(f"blind={folder}")
+
+
 def test_the_script_measures_resumes_and_writes_tables_and_pictures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
