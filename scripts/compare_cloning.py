@@ -66,7 +66,7 @@ class Settings:
     folder: tyro.conf.Positional[Path]
     """Where everything goes."""
     inputs: tuple[str, ...] = ("state", "seeing")
-    """What the policies observe: state, seeing."""
+    """What the policies observe: state, seeing, goal."""
     demonstrator: str = "expert"
     """Policy that shows how: a name, or a folder; for the input `goal` the folder of one that looks once."""
     objects: tuple[str, ...] = OBJECTS
@@ -142,8 +142,8 @@ def steps_of(settings: Settings) -> list[Step]:
     words = ["graspbox", "record", settings.demonstrator, "--out", str(shown), "--split", "train"]
     words += [word for name in settings.objects for word in ("--objects", name)]
     words += [word for name in observed for word in ("--obs", name)]
-    words += ["--set", "frame_skip=4", "--set", "reward=firm"]
-    words += ["--set", f"max_episode_steps={settings.max_episode_steps}"]
+    words += ["--set", "frame_skip=4", "--set", f"max_episode_steps={settings.max_episode_steps}"]
+    words += ["--set", "reward=firm"]
     words += ["--episodes", str(settings.shown), "--noise", str(settings.noise), "--seed", str(SHOWN_SEED)]
     words += [] if settings.keep == "secure" else ["--keep", settings.keep]
     found = [Step("demonstrations", tuple(words), folder / "shown.done.json")]
@@ -195,7 +195,7 @@ def _test(settings: Settings, run: Path) -> Step:
 def test_policies(settings: Settings) -> None:
     """Evaluate the demonstrator and the planner on the trials of the comparison."""
     for name in dict.fromkeys((settings.demonstrator, "planner")):
-        path = settings.folder / f"{name}.test.json"
+        path = settings.folder / f"{Path(name).name}.test.json"
         if path.exists():
             continue
         with progress() as bar:
@@ -247,9 +247,10 @@ def curves(settings: Settings) -> Figure:
                 panel.fill_between(places, *bands, color=color, alpha=0.15, lw=0)
             for row in rows_of(settings.folder / f"clone-{given}")[-1:]:
                 panel.axhline(row[name], ls="--", color="0.3", lw=1, label="clone")
-            if settings.demonstrator in found:
-                rate = found[settings.demonstrator][name]
-                panel.axhline(rate, ls=":", color="0.3", lw=1, label=f"{settings.demonstrator}, on test objects")
+            shown = Path(settings.demonstrator).name
+            if shown in found:
+                rate = found[shown][name]
+                panel.axhline(rate, ls=":", color="0.3", lw=1, label=f"{shown}, on test objects")
             panel.set(ylim=(-0.03, 1.03), ylabel=f"share that is a {name}" if name == "success" else "share secure")
             panel.grid(alpha=0.3)
         panels[0, column].set_title(", ".join(INPUTS[given]))

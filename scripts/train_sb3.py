@@ -178,7 +178,8 @@ def train(settings: Settings) -> int:
     sb3.require()
     import torch
 
-    from graspbox.sb3.goal_env import with_goals
+    from graspbox.policies.goals import plain_settings
+    from graspbox.sb3.goal_env import goal_base, with_goals
     from graspbox.sb3.policy import ModelPolicy, evaluate_baselines
     from graspbox.sb3.running import Run, make_env, make_held_out, normalized
 
@@ -189,7 +190,8 @@ def train(settings: Settings) -> int:
     eval_envs = min(parameters.num_envs, settings.episodes)
     env = make_env(settings.env, parameters.num_envs, **{**parameters.env, "split": "train"})
     env = normalized(env, float(parameters.model.get("gamma", 0.99)), **parameters.normalize)
-    test = make_held_out(settings.env, eval_envs, **held_out)
+    base = goal_base(held_out)
+    test = make_held_out(settings.env, eval_envs, **(held_out if base is None else plain_settings(held_out, base)))
     model, seconds = make_model(settings, parameters, env, begun)
     if settings.baselines:
         with console.status("baselines"):
@@ -207,7 +209,7 @@ def train(settings: Settings) -> int:
         every_minutes=None if settings.minutes is None else settings.minutes / settings.evaluations,
         seconds=seconds,
         value_warmup=parameters.value_warmup if parameters.demonstrations else 0,
-        policy=lambda model, statistics: with_goals(ModelPolicy(model, statistics), held_out)[0],
+        policy=lambda model, statistics: with_goals(ModelPolicy(model, statistics), held_out, base)[0],
     )
     keep_near_clone(settings, parameters, model)
     before = model.num_timesteps

@@ -55,7 +55,7 @@ __all__ = [
 __version__: str
 #: Once the object has risen this far, it counts as dropped if it is lost, not as slipped, m.
 CLEAR_OF_TABLE: float
-#: Time over which the speed of an object in the hand is averaged, s.
+#: Time over which the speed of an object in the hand is measured, s.
 REST_TIME: float
 
 @type_check_only

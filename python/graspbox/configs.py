@@ -181,7 +181,8 @@ class SuccessCriterion:
     hold_time : float
         All of it holds for this long, seconds, 0 to 60.
     rest_speed : float
-        In the hand's frame the object's centre of mass moves slower than this, on average over 0.1 s, m/s, 0.0001 to 1.
+        In the hand's frame the object's centre of mass moves slower than this, measured from where it was 0.1 s before,
+        m/s, 0.0001 to 1.
     """
 
     lift_height: float = 0.15

@@ -4,7 +4,8 @@ The trial: the open hand starts at the pose, closes, lifts, and holds; with ``Tr
 shakes what it holds. One judge decides:
 
 - ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
-  touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s (`SuccessCriterion`).
+  touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s, measured from where it was
+  0.1 s before (`SuccessCriterion`).
 - ``secure``: success, and since it left the table it has moved less than 5 cm and 15 degrees in the hand's frame.
 - ``survives_shake``: success, and success again after the hand has shaken the object along and about its axes, with 2 g
   by default, and held it still for another second. False where there was no shake.

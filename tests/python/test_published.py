@@ -14,9 +14,11 @@ FOLDER = Path(__file__).parents[2] / "policies"
 #: is called in tables. Cards state rates of more trials; networks differ in their last digits between processors, so
 #: that a few trials may turn.
 LEAST = {
+    "clone": (20, "graspbox/Grasp-v0", "clone"),
     "depth": (20, "graspbox/GraspPose-v0", "depth"),
     "feel": (22, "graspbox/Grasp-v0", "depth-feel"),
     "head": (15, "graspbox/GraspPose-v0", "head"),
+    "tuned": (17, "graspbox/Grasp-v0", "tuned"),
 }
 
 

@@ -16,7 +16,7 @@ use graspbox_vision::Mount;
 use serde::{Deserialize, Serialize};
 
 /// Leads every saved state; the number changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagent9";
+const MAGIC: &[u8; 8] = b"gbagenta";
 
 /// The content of a saved state.
 #[derive(Serialize, Deserialize)]

@@ -17,11 +17,11 @@ pub struct SuccessCriterion {
     pub lift_height: f64,
     /// All of it holds for this long, seconds.
     pub hold_time: f64,
-    /// In the hand's frame the object's centre of mass moves slower than this, on average over [`REST_TIME`], m/s.
+    /// In the hand's frame the object's centre of mass moves slower than this, measured from where it was [`REST_TIME`] before, m/s.
     pub rest_speed: f64,
 }
 
-/// Time over which the speed of an object in the hand is averaged, seconds. Contact points that come and go move an object at rest by a
+/// Time over which the speed of an object in the hand is measured, seconds. Contact points that come and go move an object at rest by a
 /// fraction of a millimetre within one step.
 pub const REST_TIME: f64 = 0.1;
 
@@ -104,7 +104,7 @@ pub struct Verdict {
 struct RecentMotion(VecDeque<Point3<f64>>);
 
 impl RecentMotion {
-    /// Takes the place after a step of `dt` seconds; gives the average speed over [`REST_TIME`], or since the first place, m/s.
+    /// Takes the place after a step of `dt` seconds; gives the speed from the place [`REST_TIME`] before, or from the first one, m/s.
     fn speed(&mut self, dt: f64, place: Point3<f64>) -> f64 {
         let steps = (REST_TIME / dt).round().max(1.0) as usize;
         self.0.push_back(place);

@@ -49,7 +49,7 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
         raise ConfigError(f"{str(demonstrations.folder)!r} holds no episode; record some")
     settings = demonstrations.settings
     if GOAL_NAME in settings["observations"]:
-        raise ConfigError("the observation 'goal' is none of the environment's, as Minari wants; record without it")
+        raise ConfigError("'goal' is not an observation of the environment, which Minari requires; record without it")
     spec = EnvSpec.from_json(json.dumps(settings["env_spec"]))
     try:
         minari.dataset.minari_dataset.parse_dataset_id(dataset_id)

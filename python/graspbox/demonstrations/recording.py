@@ -72,7 +72,9 @@ def record(
         Number of episodes to keep.
     obs : str or sequence of str
         Observations to record; what the policy itself observes need not be among them. ``"goal"``, beside others, is
-        the grasp that the policy found, if it finds one in a depth image: see `graspbox.policies.goals`.
+        the grasp that the policy found, if it finds one in a depth image, and is given by the name of its folder: see
+        `graspbox.policies.goals`. The policy looks when it has moved the hand out of the image, which may be a step
+        later than a policy that observes goals does.
     seed : int
         Determines the seeds of the trials.
     keep : {"secure", "success", "all"}
@@ -117,9 +119,12 @@ def record(
     names = (obs,) if isinstance(obs, str) else tuple(dict.fromkeys(obs))
     kwargs = {**chosen.settings, **settings, "objects": objects, "split": split}
     goals = Goals(chosen) if GOAL_NAME in names else None
+    if goals is not None and not isinstance(policy, str):
+        raise ConfigError("goals are recorded of a policy that is given by its name or folder, which a clone loads too")
     described = {
         **_describe(env_id, names, kwargs),
-        "policy": policy if isinstance(policy, str) else chosen.name,
+        "policy": chosen.name,
+        **({} if goals is None else {"goal_from": policy}),
         "keep": keep,
         "noise": float(noise),
         "seed": natural(seed, "seed", bits=64),

@@ -141,7 +141,7 @@ class Demonstrations:
         spec = self.settings["env_spec"]
         keywords = {name: value for name, value in spec["kwargs"].items() if name not in _OWN and value is not None}
         seen: Any = list(obs) if len(obs) > 1 else (*obs, "state")[0]
-        looked = {"goal_from": self.settings["policy"]} if GOAL_NAME in obs else {}
+        looked = {"goal_from": self.settings["goal_from"]} if GOAL_NAME in obs else {}
         more = {"max_episode_steps": spec["max_episode_steps"], "obs": seen, **looked}
         return self.settings["env_id"], {**keywords, **more}
 

@@ -35,12 +35,12 @@ from graspbox.errors import ConfigError
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
+from graspbox.policies.feel import FeelThenLift
+from graspbox.policies.network_folders import GOAL_NAME
 
 __all__ = ["GOAL", "GOAL_NAME", "GoalPolicy", "Goals", "goal_space", "plain_settings"]
 
-#: Name of the observation.
-GOAL_NAME = "goal"
-#: Its entries, in order: name, number, least and greatest value, meaning.
+#: Entries of the observation, in order: name, number, least and greatest value, meaning.
 GOAL: tuple[tuple[str, int, float, float, str], ...] = (
     ("shift", 3, -10.0, 10.0, "from the hand to the grasp, hand axes, in units of 0.1 m"),
     ("turn", 6, -1.0, 1.0, "x axis of the grasp in the hand's axes, then its y axis"),
@@ -80,9 +80,9 @@ class Goals:
     """
 
     def __init__(self, base: Policy) -> None:
-        if not isinstance(base, DepthGrasp) or "state" in base.obs:
+        if not isinstance(base, DepthGrasp) or isinstance(base, FeelThenLift) or "state" in base.obs:
             raise ConfigError(
-                f"goals come from a policy that finds its grasp in a depth image, such as policies/depth, not from "
+                f"goals come from a policy that looks once, at a depth image, such as policies/depth, not from "
                 f"{base.name!r}"
             )
         self.base = base
@@ -102,13 +102,16 @@ class Goals:
             if not self.base.has_looked(env):
                 self.base.look(env, {name: observation[name][env] for name in self.base.obs})
 
-    def show(self, proprio: NDArray[Any]) -> NDArray[np.float32]:
-        """Show the goals of a step (n, 14), for the observation ``proprio`` (n, k); call it once for every step."""
+    def show(self, proprio: NDArray[Any], *, stepped: bool = True) -> NDArray[np.float32]:
+        """Show the goals (n, 14), for the observation ``proprio`` (n, k).
+
+        Call it once after every step of the environments, or with ``stepped=False`` if they have not moved since.
+        """
         rows = np.zeros((len(self._since), len(_LOW)), dtype=np.float32)
         for env in range(len(rows)):
             found = self.base.found[env] if self.base.has_looked(env) else None
             same = found is not None and self._shown[env] is found
-            self._since[env] = self._since[env] + self._period if same else 0.0
+            self._since[env] = self._since[env] + stepped * self._period if same else 0.0
             self._shown[env] = found
             rows[env] = self._row(env, proprio[env], self._since[env])
         return rows

@@ -20,10 +20,19 @@ from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.perception.policy_folders import check_counts, check_hashes, check_texts, read_config, write_config
 
-__all__ = ["NETWORK_KIND", "NetworkInput", "NetworkPolicyConfig", "read_network_policy", "write_network_policy"]
+__all__ = [
+    "GOAL_NAME",
+    "NETWORK_KIND",
+    "NetworkInput",
+    "NetworkPolicyConfig",
+    "read_network_policy",
+    "write_network_policy",
+]
 
 #: Kind of the policy that `NetworkPolicyConfig` describes.
 NETWORK_KIND = "network"
+#: Name of the observation that another policy makes, `graspbox.policies.goals`.
+GOAL_NAME = "goal"
 #: Settings of an environment that decide what an action does; a folder names all that its environment has.
 ACTING = ("control", "frame_skip", "hand")
 
@@ -94,6 +103,8 @@ class NetworkPolicyConfig:
 
     def __post_init__(self) -> None:
         check_texts(self, "name", "graspbox", "algorithm")
+        if not (isinstance(self.goal_from, str) and isinstance(self.goal_hash, str)):
+            raise ConfigError(f"goal_from is {self.goal_from!r} and goal_hash {self.goal_hash!r}; give texts")
         check_counts(self, "actions")
         check_hashes(self.files)
         if self.env_id not in IDS:
@@ -104,6 +115,8 @@ class NetworkPolicyConfig:
         given = [one.name if isinstance(one, NetworkInput) else one for one in self.inputs]
         if sorted(named) != sorted(given):
             raise ConfigError(f"inputs are {given!r}; give one for each name in obs, {self.obs!r}")
+        if bool(self.goal_from) != (GOAL_NAME in named):
+            raise ConfigError(f"obs is {self.obs!r} and goal_from {self.goal_from!r}; the one needs the other")
         for name in ("settings", "policy_kwargs"):
             if not isinstance(getattr(self, name), Mapping):
                 raise ConfigError(f"{name} is {getattr(self, name)!r}; give values by their names")

@@ -179,7 +179,7 @@ def write_network_card(
     if config.goal_from:
         what += (
             f" The observation `goal` is the grasp that the policy in `{config.goal_from}` finds in one depth image, "
-            "as soon as the hand is out of it; that policy must lie there, and its card tells what it learnt from."
+            "as soon as the hand has left the image. That policy must lie there; its card tells what it learnt from."
         )
     if true:
         what += f" It is **privileged**: no sensor measures {_listed(true)}, which the simulation tells."

@@ -123,6 +123,7 @@ def export_policy(
     """
     settings = published_settings(env_id, env)
     goal = env.get("goal_from")
+    looked_by = _goal_of(Path(folder), goal)
     given = env.get("obs", keywords(GraspVectorSettings)["obs"].default)
     obs = given if isinstance(given, str) else tuple(given)
     names = (obs,) if isinstance(obs, str) else obs
@@ -154,7 +155,7 @@ def export_policy(
         algorithm=algorithm,
         policy_kwargs=json.loads(json.dumps(dict(policy_kwargs))),
         files={file: file_hash(folder / file) for file in (_NETWORK, _WEIGHTS)},
-        **_goal_of(folder, goal),
+        **looked_by,
     )
     if licence is not None:
         shutil.copyfile(licence, folder / "LICENSE")

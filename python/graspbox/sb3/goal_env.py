@@ -110,7 +110,7 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         """Begin episodes, as the environment does."""
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
         self.goals.base.reset(seed, mask=(options or {}).get("reset_mask"), info=info)
-        return self._observe(observation), info
+        return self._observe(observation, stepped=False), info
 
     def step(self, actions: ArrayLike) -> Step:
         """Act, as in the environment; where an episode ends, the next one begins."""
@@ -122,23 +122,27 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
             info["final_obs"][env] = {**{name: last[name] for name in self._names}, GOAL_NAME: goal}
         if over.any():
             self.goals.base.reset(mask=over, info=info)
-        return self._observe(observation), rewards, terminated, truncated, info
+        return self._observe(observation, stepped=True), rewards, terminated, truncated, info
 
-    def _observe(self, observation: Any) -> dict[str, NDArray[Any]]:
+    def _observe(self, observation: Any, *, stepped: bool) -> dict[str, NDArray[Any]]:
         self.goals.look(observation)
-        goals = self.goals.show(observation["proprio"])
+        goals = self.goals.show(observation["proprio"], stepped=stepped)
         return {**{name: observation[name] for name in self._names}, GOAL_NAME: goals}
 
 
-def with_goals(policy: Policy, settings: Mapping[str, Any]) -> tuple[Policy, dict[str, Any]]:
+def with_goals(
+    policy: Policy, settings: Mapping[str, Any], base: Policy | None = None
+) -> tuple[Policy, dict[str, Any]]:
     """Let a policy observe goals if the keywords of its run say so.
 
     Parameters
     ----------
     policy : Policy
-        What decides.
+        What decides, without being bound: `graspbox.sb3.policy.ModelPolicy`.
     settings : mapping
         Keywords of environments, with ``goal_from``, a folder that `graspbox.policies.load` takes, or without.
+    base : Policy, optional
+        What ``goal_from`` names, where it has been loaded.
 
     Returns
     -------
@@ -150,7 +154,7 @@ def with_goals(policy: Policy, settings: Mapping[str, Any]) -> tuple[Policy, dic
     ConfigError
         If ``goal_from`` stands without the observation ``goal`` or the reverse, or names another kind of policy.
     """
-    base = goal_base(settings)
+    base = base or goal_base(settings)
     if base is None:
         return policy, dict(settings)
     return GoalPolicy(base, policy.act, settings["obs"], policy.name), plain_settings(settings, base)

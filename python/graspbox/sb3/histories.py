@@ -139,7 +139,15 @@ def _recorded(clone: Mapping[str, Any]) -> Made:
     for name in ("obs", "num_threads"):
         kept.pop(name, None)
     counts = _counts(source)
-    words = ["graspbox", "record", given["policy"], "--out", shown(source), "--env", given["env_id"]]
+    words = [
+        "graspbox",
+        "record",
+        given.get("goal_from", given["policy"]),
+        "--out",
+        shown(source),
+        "--env",
+        given["env_id"],
+    ]
     words += ["--episodes", str(counts["episodes"])] if counts else []
     words += ["--seed", str(given["seed"]), "--keep", given["keep"], "--noise", str(given["noise"])]
     words += [*(["--split", split] if split else []), *_repeated("--objects", objects)]

@@ -30,9 +30,8 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from graspbox.errors import ConfigError
 from graspbox.evaluation import run_trials, trial_seeds
 from graspbox.policies import Policy, Task
-from graspbox.policies.goals import plain_settings
 from graspbox.resume_log import ResumeLog
-from graspbox.sb3.goal_env import goal_base, make_vec
+from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy, summary
 from graspbox.sb3.ppo import PPO
 from graspbox.sb3.vec_env import VecEnv
@@ -63,12 +62,7 @@ def normalized(env: Any, gamma: float, *, observations: bool, reward: bool) -> A
 
 
 def make_held_out(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any, Any]:
-    """Make the environments of evaluations; `graspbox.evaluation.run_trials` resets them.
-
-    With ``goal_from`` they show what `graspbox.sb3.goal_env.with_goals` makes goals of.
-    """
-    base = goal_base(settings)
-    settings = settings if base is None else plain_settings(settings, base)
+    """Make the environments of evaluations; `graspbox.evaluation.run_trials` resets them."""
     return gymnasium.make_vec(env_id, num_envs=num_envs, autoreset_mode=AutoresetMode.DISABLED, **settings)
 
 
