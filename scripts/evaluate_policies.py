@@ -6,7 +6,8 @@
 A policy is what `graspbox.policies.load` takes (a name or a folder), ``completed_planner=FOLDER`` (the planner on what
 the completion of a policy's folder makes of the image), ``nearest=DATA`` (the grasp that held in the known scene of a
 data set that looks most alike), ``filtered=FOLDER`` (a head with its collision filter), or a policy of one depth image
-that lacks a part: ``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both.
+that lacks a part: ``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both; or that
+expects a hand which is off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``.
 ``--stressed`` names those that are measured under all conditions; the others only see the first.
 
 All policies get the same trials: object, pose and noise follow from the seed. The folder then has ``log.jsonl`` with
@@ -20,6 +21,7 @@ import shlex
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import radians, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +34,17 @@ from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table, pooled
 from graspbox.files import write_text
+from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.resume_log import ResumeLog
 
-#: Settings of the finder that take a part away from a policy of one depth image.
-WITHOUT: dict[str, dict[str, Any]] = {
+#: Settings of the finder by which a policy of one depth image differs from its folder: it lacks a part, or expects the
+#: standard deviations of the condition ``hand_10``.
+VARIANTS: dict[str, dict[str, Any]] = {
     "unrefined": {"refinements": 0},
     "geometric": {"predicted": 0},
     "plain": {"refinements": 0, "predicted": 0},
+    "tolerant": {"hand_error": PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))},
 }
 
 
@@ -91,10 +96,10 @@ def load(spec: str) -> policies.Policy:
         from graspbox.perception.nearest_finder import remember
 
         return policies.NearestGrasp(remember(path))
-    if kind in WITHOUT:
+    if kind in VARIANTS:
         finder = read_depth_policy(Path(path)).finder
-        return policies.DepthGrasp(Path(path), config=replace(finder, **WITHOUT[kind]))
-    known = ", ".join(("completed_planner", "filtered", "nearest", *WITHOUT))
+        return policies.DepthGrasp(Path(path), config=replace(finder, **VARIANTS[kind]))
+    known = ", ".join(("completed_planner", "filtered", "nearest", *VARIANTS))
     raise ConfigError(f"there is no policy {spec!r}; before = stands one of {known}")
 
 

@@ -7,10 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from graspbox import object_sets
+from graspbox.errors import ConfigError
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import FinderConfig, FoundGrasp, GraspFinder, observed_only
+from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.scenes import SceneConfig, SceneSampler
 from graspbox.perception.seen_scenes import see
 
@@ -91,3 +93,47 @@ def test_without_predictions_the_head_is_not_asked(crops: Crops) -> None:
     alone, none = decide(crops, CONFIG, None), decide(crops, replace(CONFIG, predicted=0), head)
     assert head.asked == 0
     np.testing.assert_array_equal(none.poses, alone.poses)
+
+
+def test_a_hand_that_errs_takes_a_good_grasp_among_good_ones(crops: Crops) -> None:
+    """Not the best one, if those beside it are bad."""
+    proposed = decide(crops, CONFIG, None).poses[:, :3, 3]
+    apart = np.linalg.norm(proposed[:, None] - proposed, axis=2)
+    peak, middle = np.unravel_index(np.argmax(apart), apart.shape)
+    assert apart.max() > 0.05
+
+    def score(
+        volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        del volume, preshapes
+        to_peak, to_middle = (np.linalg.norm(poses[:, :3, 3] - proposed[i], axis=1) for i in (peak, middle))
+        return np.where(to_peak < 1e-4, 1.0, np.where(to_middle < 0.02, 0.8, 0.1))
+
+    def chosen(config: FinderConfig) -> NDArray[np.float64]:
+        found = GraspFinder(HandGrid(), observed_only, score, config).decide(crops)
+        assert found is not None
+        assert found.score == found.scores.max() <= (1.0 if config.hand_error is None else 0.8)
+        return np.asarray(found.best()[0][:3, 3])
+
+    refined = replace(CONFIG, refinements=2)
+    np.testing.assert_allclose(chosen(refined), proposed[peak], atol=1e-4)
+    tolerant = replace(refined, hand_error=PoseNoise(0.005, 0.05))
+    assert np.linalg.norm(chosen(tolerant) - proposed[middle]) < 0.02
+    np.testing.assert_array_equal(chosen(tolerant), chosen(tolerant))
+
+
+def test_without_errors_the_mean_is_the_score(crops: Crops) -> None:
+    still = replace(CONFIG, hand_error=PoseNoise(0.0, 0.0), finalists=5)
+    found, alone = decide(crops, still, None), decide(crops, CONFIG, None)
+    assert len(found.scores) == 5
+    np.testing.assert_allclose(found.scores, np.sort(alone.scores)[::-1][:5])
+    assert "average" in found.seconds
+    assert "average" not in alone.seconds
+
+
+@pytest.mark.parametrize(("values", "said"), [((4, 0.07), "position .* metres"), ((0.004, 10), "rotation .* radians")])
+def test_errors_in_other_units_are_refused(values: tuple[float, float], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        PoseNoise(*values)
+    with pytest.raises(ConfigError):
+        PoseNoise(float("nan"))

@@ -232,5 +232,11 @@ def test_the_command_writes_grasps_and_a_picture(
     np.testing.assert_allclose(pose, seen.world_from_camera[0])
     both = runner.invoke(typer_app, [*words, "--camera-pose", str(tmp_path / "pose.npy"), "--camera-height", "1"])
     assert isinstance(both.exception, errors.ConfigError)
+    erring = runner.invoke(typer_app, [*words, "--hand-error", "6", "6", "--json"])
+    choices = [grasp["choice"] for grasp in json.loads(erring.stdout)["grasps"]]
+    assert choices == sorted(choices, reverse=True)
+    assert choices != [grasp["choice"] for grasp in written["grasps"]]
+    huge = runner.invoke(typer_app, [*words, "--hand-error", "600", "6"])
+    assert "position of the hand's error is 0.6" in str(huge.exception)
     half = runner.invoke(typer_app, [*words, "--tilt", "30"])
     assert "needs both --camera-height and --tilt" in str(half.exception)

@@ -25,7 +25,7 @@ from graspbox.perception.completion import (  # noqa: E402
 from graspbox.perception.finder import FinderConfig  # noqa: E402
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph  # noqa: E402
 from graspbox.perception.grasp_inputs import ScorerInputs  # noqa: E402
-from graspbox.perception.perturbations import HandError  # noqa: E402
+from graspbox.perception.perturbations import PoseNoise  # noqa: E402
 from graspbox.perception.runtimes import Completion, Scorer, torch_network  # noqa: E402
 from graspbox.perception.scene_views import SceneViews  # noqa: E402
 from graspbox.perception.scenes import SceneConfig, SceneSampler  # noqa: E402
@@ -378,7 +378,7 @@ def test_the_scorer_sees_a_trial_as_far_from_the_hand_as_the_hand_errs(tmp_path:
     views = SceneViews(SceneConfig(image_size=96))
     sure, erring = (
         TrialSampler(found, inputs, views, 0, error).draw(0, np.arange(2), 16).batch.poses.numpy()
-        for error in (HandError(0.0, 0.0), HandError(0.004, 0.05))
+        for error in (PoseNoise(0.0, 0.0), PoseNoise(0.004, 0.05))
     )
     moved = np.linalg.inv(sure) @ erring
     assert moved.shape == (32, 4, 4)

@@ -12,6 +12,7 @@ from graspbox.errors import ConfigError
 from graspbox.files import check_output, dumps, write_text
 from graspbox.perception.depth_images import camera_over_table, check_intrinsics, fit_table, read_depth, read_pose
 from graspbox.perception.grasp_image import ImageGrasps, grasp_image
+from graspbox.perception.perturbations import PoseNoise
 
 
 def _pose(
@@ -78,6 +79,15 @@ def grasp_image_command(
         tuple[int, int, int, int] | None,
         typer.Option("--region", metavar="LEFT TOP RIGHT BOTTOM", help="Pixels within which the object is looked for."),
     ] = None,
+    hand_error: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--hand-error",
+            metavar="MILLIMETRES DEGREES",
+            help="How far your hand goes from where it is sent, one standard deviation along and about each axis: "
+            "grasps that tolerate it come first.",
+        ),
+    ] = None,
     count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option("--out", help="Write the grasps into this JSON file.")] = None,
@@ -99,7 +109,8 @@ def grasp_image_command(
 
         pictures.check_path(picture)
     pose = _pose(depth, lens, camera_pose, camera_height, tilt)
-    found = grasp_image(depth, lens, pose, policy, count=count, region=region, seed=seed)
+    error = None if hand_error is None else PoseNoise(1e-3 * hand_error[0], float(np.radians(hand_error[1])))
+    found = grasp_image(depth, lens, pose, policy, count=count, region=region, hand_error=error, seed=seed)
     if out is not None:
         write_text(out, dumps(found.to_json()) + "\n")
     if picture is not None:

@@ -15,6 +15,7 @@
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
 | `hand_grids` | candidate grasps of an occupied volume, and the voxels around the hand at each |
 | `anchors` | a grid of steep grasps, and poses between them |
+| `perturbations` | small errors of hand poses |
 
 The networks are in modules of their own, which need torch (extra ``train``) and are not imported here: `scenes` renders
 what they learn from, `completion` tells the object's occupancy from a crop, `scorer` tells how likely a grasp holds.
@@ -26,6 +27,7 @@ its grasp, from which `stability_net` tells whether it will hold.
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig, ProposalConfig
 from graspbox.perception.crops import CHANNELS, Crops, add_depth_noise, crop, solid_occupancy
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid, Proposals
+from graspbox.perception.perturbations import PoseNoise
 
 __all__ = [
     "CHANNELS",
@@ -35,6 +37,7 @@ __all__ = [
     "DepthNoise",
     "HandGrid",
     "HandGridConfig",
+    "PoseNoise",
     "ProposalConfig",
     "Proposals",
     "add_depth_noise",

@@ -15,7 +15,7 @@ from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import Complete, FinderConfig, GraspFinder, Head, Score
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.perturbations import HandError, perturbed
+from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.perception.scenes import SceneSampler
 from graspbox.perception.seen_scenes import see
 from graspbox.perception.trials import GraspTrials
@@ -31,14 +31,14 @@ class CollectConfig:
     ----------
     per_scene : int
         Trials in each scene.
-    error : HandError
+    error : PoseNoise
         How far the hand goes from the grasps that are chosen.
     finder : FinderConfig
         How grasps are proposed, and refined where they are scored.
     """
 
     per_scene: int = 32
-    error: HandError = field(default_factory=HandError)
+    error: PoseNoise = field(default_factory=PoseNoise)
     finder: FinderConfig = field(default_factory=lambda: FinderConfig(ProposalConfig(most=256)))
 
 

@@ -18,7 +18,7 @@ from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import CropConfig, ProposalConfig
 from graspbox.perception.crops import Crops, crop
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.perturbations import perturbed
+from graspbox.perception.perturbations import PoseNoise, perturbed
 
 __all__ = [
     "LOOKED_AT",
@@ -66,6 +66,13 @@ class FinderConfig:
     position, rotation : float
         Standard deviation of the first step along and about each axis of the hand, metres and radians; half of it in
         each step after.
+    hand_error : PoseNoise, optional
+        How far the hand may go from where it is sent. Where it is given, the best grasps are compared by their mean
+        score over such errors and refined by it once more. By default the hand does not err.
+    finalists : int
+        How many of the best grasps are compared by that mean.
+    neighbours : int
+        Errors that the mean is of, besides none. A grasp that the open hand does not reach then counts as 0.
     """
 
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
@@ -75,6 +82,9 @@ class FinderConfig:
     children: int = 8
     position: float = 0.006
     rotation: float = 0.10
+    hand_error: PoseNoise | None = None
+    finalists: int = 16
+    neighbours: int = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +106,10 @@ class FoundGrasp:
     volume : (3, N, N, N) uint8
         Completed, surface, unseen.
     poses, preshapes, scores
-        All grasps that were scored: ``crop_from_hand`` (m, 4, 4), (m,), (m,); refined ones last.
+        All grasps that were scored: ``crop_from_hand`` (m, 4, 4), (m,), (m,); refined ones last. With an error of the
+        hand, those alone that were compared by their mean.
     seconds : dict of str to float
-        Time that each step took: ``crop``, ``complete``, ``propose``, ``score``, ``refine``.
+        Time that each step took: ``crop``, ``complete``, ``propose``, ``score``, ``refine``, ``average``.
     """
 
     world_from_hand: NDArray[np.float64]
@@ -259,9 +270,12 @@ class GraspFinder(Finder):
         scored = _Scored(poses, preshapes, judge(volume, poses, preshapes))
         clock.lap("score")
         rng = np.random.default_rng(seed)
-        for step in range(self._config.refinements):
-            scored = self._refined(scored, volume, judge, rng, 0.5**step)
+        scored = self._refined(scored, volume, judge, rng)
         clock.lap("refine")
+        if self._config.hand_error is not None:
+            tolerant = _Tolerant(judge, self._grid, self._config, self._config.hand_error)
+            scored = self._refined(self._finalists(scored, volume, tolerant), volume, tolerant, rng)
+            clock.lap("average")
         best = int(np.argmax(scored.scores))
         return FoundGrasp(
             world_from_hand=crops.world_from_crop[0] @ scored.poses[best],
@@ -301,23 +315,55 @@ class GraspFinder(Finder):
         return free & (fingers >= min(config.fingers, 2))
 
     def _refined(
-        self, scored: "_Scored", volume: NDArray[np.uint8], judge: Score, rng: np.random.Generator, scale: float
+        self, scored: "_Scored", volume: NDArray[np.uint8], judge: Score, rng: np.random.Generator
     ) -> "_Scored":
-        """Add feasible neighbours of the best grasps."""
+        """Add feasible neighbours of the best grasps, nearer ones in each step."""
         config = self._config
-        best = np.argsort(-scored.scores, kind="stable")[: config.parents]
-        parents = np.repeat(best, config.children)
-        poses = perturbed(scored.poses[parents], rng, config.position * scale, config.rotation * scale)
-        preshapes = scored.preshapes[parents]
-        kept = self._feasible(volume[0], poses, preshapes)
-        if not kept.any():
-            return scored
-        scores = judge(volume, poses[kept], preshapes[kept])
-        return _Scored(
-            np.concatenate([scored.poses, poses[kept]]),
-            np.concatenate([scored.preshapes, preshapes[kept]]),
-            np.concatenate([scored.scores, scores]),
-        )
+        for step in range(config.refinements):
+            best = np.argsort(-scored.scores, kind="stable")[: config.parents]
+            parents = np.repeat(best, config.children)
+            scale = 0.5**step
+            poses = perturbed(scored.poses[parents], rng, config.position * scale, config.rotation * scale)
+            preshapes = scored.preshapes[parents]
+            kept = self._feasible(volume[0], poses, preshapes)
+            if not kept.any():
+                continue
+            scores = judge(volume, poses[kept], preshapes[kept])
+            scored = _Scored(
+                np.concatenate([scored.poses, poses[kept]]),
+                np.concatenate([scored.preshapes, preshapes[kept]]),
+                np.concatenate([scored.scores, scores]),
+            )
+        return scored
+
+    def _finalists(self, scored: "_Scored", volume: NDArray[np.uint8], judge: Score) -> "_Scored":
+        """Keep the best grasps alone, and score them anew."""
+        best = np.argsort(-scored.scores, kind="stable")[: self._config.finalists]
+        poses, preshapes = scored.poses[best], scored.preshapes[best]
+        return _Scored(poses, preshapes, judge(volume, poses, preshapes))
+
+
+class _Tolerant:
+    """Scores grasps by the mean over the errors of a hand.
+
+    All grasps have the same errors, so that chance does not decide between them.
+    """
+
+    def __init__(self, judge: Score, grid: HandGrid, config: FinderConfig, error: PoseNoise) -> None:
+        still = np.tile(np.eye(4), (config.neighbours, 1, 1))
+        moved = perturbed(still, np.random.default_rng(0), error.position, error.rotation)
+        self._judge, self._grid, self._points = judge, grid, config.proposals.points
+        self._errors = np.concatenate([np.eye(4)[None], moved])
+
+    def __call__(
+        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        around = (poses[:, None] @ self._errors).reshape(-1, 4, 4)
+        repeated = np.repeat(preshapes, len(self._errors))
+        free, _ = self._grid.meets(volume[0], around, repeated, points=self._points)
+        scores = np.zeros(len(around))
+        scores[free] = self._judge(volume, around[free], repeated[free])
+        return np.asarray(scores.reshape(len(poses), -1).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Grasps for one depth image of one's own, ranked, by a published policy."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from graspbox.perception.crops import Crops, crop
 from graspbox.perception.depth_images import check_intrinsics, check_table, thinned
 from graspbox.perception.finder import FoundGrasp, GraspFinder
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, load_parts
 
@@ -102,6 +103,7 @@ def grasp_image(
     *,
     count: int = 5,
     region: tuple[int, int, int, int] | None = None,
+    hand_error: PoseNoise | None = None,
     backend: Backend = "onnx",
     seed: int = 0,
 ) -> ImageGrasps:
@@ -122,6 +124,9 @@ def grasp_image(
     region : (int, int, int, int), optional
         Columns and rows, left, top, right and bottom, within which the object is looked for; by default it is the
         largest thing on the table.
+    hand_error : PoseNoise, optional
+        How far your hand may go from where it is sent: grasps are then ranked by how well they do over such errors.
+        The probabilities stay those of a hand that does not err.
     backend : {"onnx", "torch"}
         What runs the networks.
     seed : int
@@ -147,7 +152,8 @@ def grasp_image(
     crops = _crop(small, lens, pose, config, None if region is None else _mask(region, image.shape, step, small.shape))
     grid = HandGrid(config.hand, config.grid, crop=config.crop)
     complete, scorer, head = load_parts(folder, config, grid, backend)
-    found = GraspFinder(grid, complete, scorer, config.finder, crop=config.crop, head=head).decide(crops, seed=seed)
+    finder = config.finder if hand_error is None else replace(config.finder, hand_error=hand_error)
+    found = GraspFinder(grid, complete, scorer, finder, crop=config.crop, head=head).decide(crops, seed=seed)
     if found is None:
         chosen, poses, preshapes = np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)), np.zeros(0)
         volume = np.concatenate([complete(crops.channels), crops.channels[0, :2]])
@@ -155,7 +161,8 @@ def grasp_image(
         chosen, poses, preshapes = _distinct(found, count), found.poses, found.preshapes
         volume = found.volume
     judged = scorer.judge(volume, poses[chosen], preshapes[chosen])
-    order = np.argsort(-judged.choice, kind="stable")
+    choice = judged.choice if finder.hand_error is None or found is None else found.scores[chosen]
+    order = np.argsort(-choice, kind="stable")
     return ImageGrasps(
         policy=config,
         depth=small,
@@ -166,7 +173,7 @@ def grasp_image(
         occupancy=volume[0],
         table_from_hand=crops.world_from_crop[0] @ poses[chosen][order],
         preshape=preshapes[chosen][order],
-        choice=judged.choice[order],
+        choice=choice[order],
         success=judged.success[order],
         secure=judged.secure[order],
     )

@@ -5,21 +5,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HandError", "perturbed"]
+from graspbox.errors import ConfigError
+
+__all__ = ["PoseNoise", "perturbed"]
 
 
 @dataclass(frozen=True)
-class HandError:
+class PoseNoise:
     """How far a hand goes from where it is sent: normal errors along and about each of its axes.
 
     Attributes
     ----------
     position, rotation : float
-        Standard deviations, metres and radians.
+        Standard deviations, metres and radians; at most 0.05 m and 0.5.
+
+    Raises
+    ------
+    ConfigError
+        For a number out of range.
     """
 
     position: float = 0.004
     rotation: float = 0.07
+
+    def __post_init__(self) -> None:
+        for name, most, unit in (("position", 0.05, "metres"), ("rotation", 0.5, "radians")):
+            if not 0.0 <= (given := getattr(self, name)) <= most:
+                raise ConfigError(f"{name} of the hand's error is {given}; give {unit}, 0 to {most}")
 
 
 def perturbed(

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from graspbox.errors import ConfigError
 from graspbox.perception.grasp_inputs import ScorerInputs
-from graspbox.perception.perturbations import HandError, perturbed
+from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.perception.scene_views import SceneViews
 from graspbox.perception.scorer import TARGETS, ScorerBatch, ScorerNet, scorer_losses
 from graspbox.perception.training import TrainConfig, Trained, Trainer, TrainProgress, load_weights
@@ -47,7 +47,7 @@ class TrialSampler:
         The scenes as cameras see them.
     seed : int
         Seed of all batches.
-    error : HandError
+    error : PoseNoise
         The scorer sees each trial as far from where the hand went: what it learns is how likely a grasp holds if the
         hand errs so.
 
@@ -63,7 +63,7 @@ class TrialSampler:
         inputs: ScorerInputs,
         views: SceneViews,
         seed: int,
-        error: HandError = HandError(),  # noqa: B008 (frozen)
+        error: PoseNoise = PoseNoise(),  # noqa: B008 (frozen)
     ) -> None:
         if not len(trials):
             raise ConfigError("there are no trials to learn from; collect some first")
@@ -124,7 +124,7 @@ def train_scorer(
     config: TrainConfig = TrainConfig(batch_size=256, max_steps=10_000, validate_every=250),  # noqa: B008 (frozen)
     *,
     on_policy: GraspTrials | None = None,
-    error: HandError = HandError(),  # noqa: B008 (frozen)
+    error: PoseNoise = PoseNoise(),  # noqa: B008 (frozen)
     start: Path | None = None,
     width: int = 48,
     progress: Callable[[TrainProgress], None] | None = None,
@@ -145,7 +145,7 @@ def train_scorer(
         How it is trained; members of an ensemble differ by its seed.
     on_policy : GraspTrials, optional
         Trials of what the proposals give (`graspbox.perception.collect`): half of each batch.
-    error : HandError
+    error : PoseNoise
         See `TrialSampler`.
     start : Path, optional
         A file of weights with which training begins.

@@ -1,6 +1,7 @@
 """``depth``: grasps from one depth camera, without mesh or true pose."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -28,6 +29,7 @@ from graspbox.perception.finder import (
 )
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.hand_views import HandView
+from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, Scorer, load_parts
 from graspbox.policies.base import Actions, Policy, Task
@@ -63,6 +65,9 @@ class DepthGrasp(Policy):
         Noise that is added to the depth that the environments render.
     config : FinderConfig, optional
         How grasps are found; by default as the folder says.
+    hand_error : PoseNoise, optional
+        How far the hand may go from where it is sent: grasps that tolerate it are chosen. A decision then takes several
+        times as long.
     backend : {"onnx", "torch"}
         What runs the networks: onnxruntime (extra ``onnx``), or torch.
     num_threads : int, optional
@@ -88,6 +93,7 @@ class DepthGrasp(Policy):
         oracles: Sequence[Oracle] = (),
         noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
         config: FinderConfig | None = None,
+        hand_error: PoseNoise | None = None,
         backend: Backend = "onnx",
         num_threads: int | None = None,
     ) -> None:
@@ -101,6 +107,8 @@ class DepthGrasp(Policy):
         self._backend, self._num_threads = backend, num_threads
         self._published = self._read(folder)
         self._config = config or (self._published.finder if self._published else FinderConfig())
+        if hand_error is not None:
+            self._config = replace(self._config, hand_error=hand_error)
         if self._published is not None:
             self.name = self._published.name
         #: Once the policy is bound: the hand, and the settings of the crop.
