@@ -5,9 +5,9 @@
 
 A policy is what `graspbox.policies.load` takes (a name or a folder), ``completed_planner=FOLDER`` (the planner on what
 the completion of a policy's folder makes of the image), ``nearest=DATA`` (the grasp that held in the known scene of a
-data set that looks most alike), ``filtered=FOLDER`` (a head with its collision filter), or a policy of one depth image
-that lacks a part: ``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both; or that
-expects a hand which is off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``.
+data set that looks most alike), ``filtered=FOLDER`` or ``unfiltered=FOLDER`` (a head with or without its collision
+filter), or a policy of one depth image that lacks a part: ``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its
+head, ``plain=FOLDER`` both; or that expects a hand which is off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``.
 ``--stressed`` names those that are measured under all conditions; the others only see the first.
 
 All policies get the same trials: object, pose and noise follow from the seed. The folder then has ``log.jsonl`` with
@@ -46,6 +46,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "plain": {"refinements": 0, "predicted": 0},
     "tolerant": {"hand_error": PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))},
 }
+#: Whether a head has its collision filter.
+_HEADS = {"filtered": True, "unfiltered": False}
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,8 @@ def load(spec: str) -> policies.Policy:
         return policies.load(spec)
     if kind == "completed_planner":
         return policies.SeenPlanner(Path(path))
-    if kind == "filtered":
-        return policies.HeadGrasp(Path(path), filtered=True)
+    if kind in _HEADS:
+        return policies.HeadGrasp(Path(path), filtered=_HEADS[kind])
     if kind == "nearest":
         from graspbox.perception.nearest_finder import remember
 
@@ -99,7 +101,7 @@ def load(spec: str) -> policies.Policy:
     if kind in VARIANTS:
         finder = read_depth_policy(Path(path)).finder
         return policies.DepthGrasp(Path(path), config=replace(finder, **VARIANTS[kind]))
-    known = ", ".join(("completed_planner", "filtered", "nearest", *VARIANTS))
+    known = ", ".join(("completed_planner", *_HEADS, "nearest", *VARIANTS))
     raise ConfigError(f"there is no policy {spec!r}; before = stands one of {known}")
 
 

@@ -1,5 +1,6 @@
 """A log of JSON lines from which a long job resumes after an interruption."""
 
+import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -24,17 +25,19 @@ class ResumeLog:
     Raises
     ------
     ConfigError
-        If the file was begun with other settings, or is not a log.
+        If the file was begun with other settings, is not a log, or another process writes into it.
     """
 
     def __init__(self, path: str | os.PathLike[str], settings: dict[str, Any]) -> None:
         self.path = Path(path)
         self.rows: list[dict[str, Any]] = []
-        content = self.path.read_bytes() if self.path.is_file() else b""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.touch()
+        _lock(self.path)
+        content = self.path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
         lines = whole.decode(errors="replace").splitlines()
         if not lines:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.write_text("")
             self._write({"settings": settings})
             return
@@ -59,6 +62,26 @@ class ResumeLog:
             file.write(json.dumps(row, allow_nan=False) + "\n")
             file.flush()
             os.fsync(file.fileno())
+
+
+#: The locks of this process by device and number of the file; they go with the process, however it ends.
+_LOCKS: dict[tuple[int, int], int] = {}
+
+
+def _lock(path: Path) -> None:
+    """Keep other processes from writing into a log."""
+    descriptor = os.open(path, os.O_RDONLY)
+    status = os.fstat(descriptor)
+    file = (status.st_dev, status.st_ino)
+    if file in _LOCKS:
+        os.close(descriptor)
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise ConfigError(f"another process is writing into {str(path)!r}; wait for it to end") from None
+    _LOCKS[file] = descriptor
 
 
 def changes(old: Any, new: Any, name: str = "") -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -42,6 +43,18 @@ def test_a_log_continues_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
         ResumeLog(path, {"poses": 4})
     with pytest.raises(ConfigError, match=r"poses was 3, is now absent; env\.obs was absent, is now 'rgb'"):
         ResumeLog(path, {"env": {"obs": "rgb"}})
+
+
+def test_two_processes_do_not_write_into_one_log(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    log = ResumeLog(path, {})
+    other = "import sys; from graspbox.resume_log import ResumeLog; ResumeLog(sys.argv[1], {}).append({'name': 'b'})"
+    command = [sys.executable, "-c", other, str(path)]
+    refused = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert refused.returncode == 1
+    assert "another process is writing into" in refused.stderr
+    log.append({"name": "a"})
+    assert ResumeLog(path, {}).rows == [{"name": "a"}]
 
 
 @pytest.mark.parametrize("content", ["hello\n", "[1]\n", '{"name": "a"}\n'])

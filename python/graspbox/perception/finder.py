@@ -84,7 +84,7 @@ class FinderConfig:
     rotation: float = 0.10
     hand_error: PoseNoise | None = None
     finalists: int = 16
-    neighbours: int = 16
+    neighbours: int = 32
 
 
 @dataclass(frozen=True, eq=False)
