@@ -9,6 +9,8 @@ milliseconds; processor time changes little where other programs compete for the
 import argparse
 import time
 from collections import defaultdict
+from dataclasses import replace
+from math import radians
 from pathlib import Path
 
 import numpy as np
@@ -17,20 +19,22 @@ from graspbox import object_sets
 from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.finder import FoundGrasp, GraspFinder
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.perception.runtimes import Backend, load_parts
 from graspbox.perception.scenes import SceneConfig, SceneSampler
 from graspbox.views import ViewPlan, views
 
-STEPS = ("crop", "complete", "propose", "score", "refine")
+STEPS = ("crop", "complete", "propose", "score", "refine", "average")
 
 
-def finder_of(folder: Path, backend: Backend, num_threads: int | None) -> GraspFinder:
-    """Make the policy's finder with one backend."""
+def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: PoseNoise | None) -> GraspFinder:
+    """Make the policy's finder with one backend, for a hand that errs if an error is given."""
     config = read_depth_policy(folder)
     grid = HandGrid(config.hand, config.grid, crop=config.crop, num_threads=num_threads)
     completion, scorer, head = load_parts(folder, config, grid, backend, num_threads)
-    return GraspFinder(grid, completion, scorer, config.finder, crop=config.crop, head=head, num_threads=num_threads)
+    finder = config.finder if error is None else replace(config.finder, hand_error=error)
+    return GraspFinder(grid, completion, scorer, finder, crop=config.crop, head=head, num_threads=num_threads)
 
 
 def main() -> None:
@@ -41,12 +45,14 @@ def main() -> None:
     parser.add_argument("--decisions", type=int, default=50)
     parser.add_argument("--threads", type=int, help="threads; by default one per core")
     parser.add_argument("--backends", nargs="+", default=["onnx", "torch"])
+    parser.add_argument("--hand-error", nargs=2, type=float, help="standard deviations, millimetres and degrees")
     args = parser.parse_args()
+    error = PoseNoise(1e-3 * args.hand_error[0], radians(args.hand_error[1])) if args.hand_error else None
     if "torch" in args.backends and args.threads:
         import torch
 
         torch.set_num_threads(args.threads)
-    finders = {backend: finder_of(args.policy, backend, args.threads) for backend in args.backends}
+    finders = {backend: finder_of(args.policy, backend, args.threads, error) for backend in args.backends}
     scenes = SceneConfig()
     sampler = SceneSampler(object_sets.load(args.objects), scenes, 0)
     plan = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.1, distance=scenes.distance)
@@ -71,7 +77,8 @@ def main() -> None:
         )
     print("backend  " + "".join(f"{step:>10}" for step in (*STEPS, "wall", "processor")))
     for backend in finders:
-        numbers = [np.median(wall[backend][step]) for step in (*STEPS, "all")] + [np.median(processor[backend])]
+        numbers = [np.median(wall[backend][step] or [0.0]) for step in (*STEPS, "all")]
+        numbers.append(np.median(processor[backend]))
         print(f"{backend:<9}" + "".join(f"{1e3 * number:10.1f}" for number in numbers))
     print(f"{same} of {args.decisions} decisions are the same with all backends")
 
