@@ -56,7 +56,7 @@ def test_readme_code_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     assert all(0.0 <= float(rate) <= 1.0 for rate in rates)
 
 
-@pytest.mark.parametrize(("name", "count"), [("hands", 1), ("environments", 7), ("dataset", 3), ("policies", 1)])
+@pytest.mark.parametrize(("name", "count"), [("hands", 1), ("environments", 7), ("dataset", 3), ("policies", 2)])
 def test_code_of_pages_runs(name: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     assert run_blocks(ROOT / "docs" / f"{name}.md") == count

@@ -14,10 +14,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspbox.arguments import floats
 from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import CropConfig, ProposalConfig
 from graspbox.perception.crops import Crops, crop
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.leveling import level
 from graspbox.perception.perturbations import PoseNoise, perturbed
 
 __all__ = [
@@ -183,7 +185,8 @@ class Finder(ABC):
         intrinsics : (3, 3) array
             Pixels.
         world_from_camera : (4, 4) array
-            Pose of the camera; the table is the plane z = 0.
+            Pose of the camera; the table is the plane z = 0. Small errors of height and tilt are corrected
+            (`graspbox.perception.leveling.level`).
         seed : int
             Seed of the refinement.
         complete, score : callable, optional
@@ -202,8 +205,10 @@ class Finder(ABC):
             For arrays of another shape or type.
         """
         began = time.perf_counter()
-        images, poses = np.asarray(depth)[None], np.asarray(world_from_camera)[None]
-        crops = crop(images, intrinsics, poses, config=self._crop, num_threads=self._num_threads)
+        image, lens = np.asarray(depth), floats(intrinsics, "intrinsics")
+        metres = 0.001 * image if image.dtype == np.uint16 else image
+        poses = level(metres, lens, floats(world_from_camera, "world_from_camera"))[None]
+        crops = crop(image[None], lens, poses, config=self._crop, num_threads=self._num_threads)
         taken = time.perf_counter() - began
         if crops.found[0] and on_crop is not None:
             on_crop(crops.world_from_crop[0])

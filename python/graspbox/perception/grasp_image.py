@@ -13,6 +13,7 @@ from graspbox.perception.crops import Crops, crop
 from graspbox.perception.depth_images import check_intrinsics, check_table, thinned
 from graspbox.perception.finder import FoundGrasp, GraspFinder
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.leveling import level
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, load_parts
@@ -36,7 +37,7 @@ class ImageGrasps:
     intrinsics : (3, 3) float64
         Its intrinsics, pixels.
     table_from_camera : (4, 4) float64
-        Pose of the camera, metres; the table is the plane z = 0.
+        Pose of the camera, metres, corrected; the table is the plane z = 0.
     object : (h, w) bool
         Pixels of the object.
     table_from_crop : (4, 4) float64
@@ -116,7 +117,8 @@ def grasp_image(
     intrinsics : (3, 3) array
         Pixels.
     table_from_camera : (4, 4) array
-        Pose of the camera: z forward, x right, y down; the table is the plane z = 0, metres.
+        Pose of the camera: z forward, x right, y down; the table is the plane z = 0, metres. Small errors of height and
+        tilt are corrected (`graspbox.perception.leveling.level`).
     policy : str or PathLike
         The folder of a published policy.
     count : int
@@ -149,6 +151,7 @@ def grasp_image(
     config, folder = read_depth_policy(Path(policy)), Path(policy)
     small, lens, step = thinned(image, lens)
     check_table(small, lens, pose)
+    pose = level(small, lens, pose)
     crops = _crop(small, lens, pose, config, None if region is None else _mask(region, image.shape, step, small.shape))
     grid = HandGrid(config.hand, config.grid, crop=config.crop)
     complete, scorer, head = load_parts(folder, config, grid, backend)
