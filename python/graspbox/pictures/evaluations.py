@@ -47,7 +47,7 @@ def save_rates(path: PathLike, title: str, rows: Mapping[str, tuple[int, int, in
         for place, rate in zip(places, rates, strict=True):
             axes.text(1.0, place + offset, f"{rate:.0f}", va="center", ha="left", color="white", fontsize=7)
     axes.set_yticks(places, list(rows))
-    axes.invert_yaxis()
+    axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("share of trials, %")
     axes.set_title(title, fontsize=10)
