@@ -13,6 +13,7 @@
 |---|---|
 | `configs` | settings of all of it |
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
+| `leveling` | height and tilt of a camera, corrected by the table that it sees |
 | `hand_grids` | candidate grasps of an occupied volume, and the voxels around the hand at each |
 | `anchors` | a grid of steep grasps, and poses between them |
 | `perturbations` | small errors of hand poses |
