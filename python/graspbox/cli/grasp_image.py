@@ -14,6 +14,16 @@ from graspbox.perception.depth_images import camera_over_table, check_intrinsics
 from graspbox.perception.grasp_image import ImageGrasps, grasp_image
 from graspbox.perception.perturbations import PoseNoise
 
+HandErrorOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--hand-error",
+        metavar="MILLIMETRES DEGREES",
+        help="How far your hand goes from where it is sent, one standard deviation along and about each axis: grasps "
+        "that tolerate it come first.",
+    ),
+]
+
 
 def _pose(
     depth: NDArray[np.float64],
@@ -35,6 +45,21 @@ def _pose(
     tilted = np.degrees(np.arcsin(-pose[2, 2]))
     console.print(f"table found: the camera is {pose[2, 3]:.3f} m above it and looks down by {tilted:.1f} degrees")
     return pose
+
+
+def _noise(hand_error: tuple[float, float] | None) -> PoseNoise | None:
+    """Convert millimetres and degrees."""
+    return None if hand_error is None else PoseNoise(1e-3 * hand_error[0], float(np.radians(hand_error[1])))
+
+
+def _check_outputs(out: Path | None, picture: Path | None) -> None:
+    """Refuse what cannot be written before anything is computed."""
+    if out is not None:
+        check_output(out)
+    if picture is not None:
+        from graspbox import pictures
+
+        pictures.check_path(picture)
 
 
 def _print(found: ImageGrasps) -> None:
@@ -79,15 +104,7 @@ def grasp_image_command(
         tuple[int, int, int, int] | None,
         typer.Option("--region", metavar="LEFT TOP RIGHT BOTTOM", help="Pixels within which the object is looked for."),
     ] = None,
-    hand_error: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--hand-error",
-            metavar="MILLIMETRES DEGREES",
-            help="How far your hand goes from where it is sent, one standard deviation along and about each axis: "
-            "grasps that tolerate it come first.",
-        ),
-    ] = None,
+    hand_error: HandErrorOption = None,
     count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option("--out", help="Write the grasps into this JSON file.")] = None,
@@ -102,18 +119,15 @@ def grasp_image_command(
     depth = read_depth(image, depth_scale)
     fx, fy, cx, cy = intrinsics
     lens = check_intrinsics([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], (depth.shape[0], depth.shape[1]))
-    if out is not None:
-        check_output(out)
-    if picture is not None:
-        from graspbox import pictures
-
-        pictures.check_path(picture)
+    _check_outputs(out, picture)
     pose = _pose(depth, lens, camera_pose, camera_height, tilt)
-    error = None if hand_error is None else PoseNoise(1e-3 * hand_error[0], float(np.radians(hand_error[1])))
+    error = _noise(hand_error)
     found = grasp_image(depth, lens, pose, policy, count=count, region=region, hand_error=error, seed=seed)
     if out is not None:
         write_text(out, dumps(found.to_json()) + "\n")
     if picture is not None:
+        from graspbox import pictures
+
         pictures.save_grasp_image(picture, found)
     if as_json:
         print_json(found.to_json())
