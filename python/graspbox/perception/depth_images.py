@@ -10,7 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox.arguments import floats
 from graspbox.errors import ConfigError, FileError, MissingExtraError
 
-__all__ = ["camera_over_table", "check_intrinsics", "check_table", "fit_table", "read_depth", "read_pose", "thinned"]
+__all__ = [
+    "camera_over_table",
+    "check_intrinsics",
+    "check_table",
+    "fit_table",
+    "points_of",
+    "read_depth",
+    "read_pose",
+    "thinned",
+]
 
 #: Metres per unit of images of integers, as most cameras write them.
 _INTEGERS = 0.001
@@ -246,7 +255,7 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
     ConfigError
         If no plane has a quarter of the pixels, or the largest is no table below the camera.
     """
-    points = _points(depth, intrinsics)
+    points = points_of(depth, intrinsics)
     rng = np.random.default_rng(0)
     voters = points[rng.permutation(len(points))[:_VOTERS]]
     if len(voters) < 3:
@@ -290,7 +299,7 @@ def check_table(
     ConfigError
         If less than an eighth of the image is on it.
     """
-    points = _points(depth, intrinsics)
+    points = points_of(depth, intrinsics)
     heights = points @ table_from_camera[2, :3] + table_from_camera[2, 3]
     near = np.abs(heights) < 2 * (_ON_TABLE + _ON_TABLE_GROWTH * points[:, 2])
     share = float(near.mean()) if len(points) else 0.0
@@ -302,9 +311,10 @@ def check_table(
         )
 
 
-def _points(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give the points (n, 3) that an image shows, camera frame."""
-    rows, columns = np.nonzero(depth)
+def points_of(depth: NDArray[np.floating], intrinsics: NDArray[np.float64], every: int = 1) -> NDArray[np.float64]:
+    """Give the points (n, 3) that an image shows, camera frame; those of every k-th pixel of every k-th row."""
+    rows, columns = np.nonzero(depth[::every, ::every])
+    rows, columns = every * rows, every * columns
     z = depth[rows, columns]
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(z))])
     points: NDArray[np.float64] = ((np.linalg.inv(intrinsics) @ pixels) * z).T

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
+from graspbox.perception.depth_images import points_of
 
 __all__ = ["level"]
 
@@ -56,11 +57,7 @@ def level(
         raise ConfigError(f"depth has shape {depth.shape}; give one image (H, W)")
     if not np.linalg.det(intrinsics):
         raise ConfigError(f"intrinsics are {intrinsics.tolist()}; give focal lengths above 0 in the diagonal")
-    rows, columns = np.nonzero(depth[::_EVERY, ::_EVERY])
-    rows, columns = _EVERY * rows, _EVERY * columns
-    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
-    points = (np.linalg.inv(intrinsics) @ pixels * depth[rows, columns]).T.astype(np.float64)
-    points = points @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
+    points = points_of(depth, intrinsics, _EVERY) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
     flat, heights = np.column_stack([points[:, :2], np.ones(len(points))]), points[:, 2]
     plane = np.zeros(3)
     for band, above in _STEPS:
