@@ -15,8 +15,8 @@ __all__ = ["level"]
 #: Steps of the fit: distances from the plane within which points count, metres, and the weight of those above it. There
 #: are things on a table and none below it, so that at first the lower points count more.
 _STEPS = ((0.04, 0.02), (0.02, 0.02), (0.01, 0.1), (0.006, 0.3), (0.004, 1.0), (0.004, 1.0))
-#: Every second pixel of every second row.
-_EVERY = 2
+#: Every third pixel of every third row is enough.
+_EVERY = 3
 #: Least share of the image's points that the plane must have.
 _SHARE = 0.25
 #: Greatest correction, metres and radians: what deviates more is no table seen by a camera that is nearly calibrated.
@@ -65,8 +65,8 @@ def level(
         on = np.abs(over) < band
         if on.sum() < max(3, _SHARE * len(points)):
             return world_from_camera
-        weights = np.sqrt(np.where(over[on] > 0.0, above, 1.0))
-        plane = np.linalg.lstsq(flat[on] * weights[:, None], heights[on] * weights, rcond=None)[0]
+        weighted = flat[on].T * np.where(over[on] > 0.0, above, 1.0)
+        plane = np.linalg.lstsq(weighted @ flat[on], weighted @ heights[on], rcond=None)[0]
     up = np.array([-plane[0], -plane[1], 1.0]) / np.sqrt(1.0 + plane[0] ** 2 + plane[1] ** 2)
     middle = flat[on].mean(axis=0)
     off, tilt = abs(float(middle @ plane)), float(np.arccos(min(up[2], 1.0)))
