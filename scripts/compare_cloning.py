@@ -251,7 +251,7 @@ def curves(settings: Settings) -> Figure:
             if shown in found:
                 rate = found[shown][name]
                 panel.axhline(rate, ls=":", color="0.3", lw=1, label=f"{shown}, on test objects")
-            panel.set(ylim=(-0.03, 1.03), ylabel=f"share that is a {name}" if name == "success" else "share secure")
+            panel.set(ylim=(-0.03, 1.03), ylabel="share that succeeds" if name == "success" else "share secure")
             panel.grid(alpha=0.3)
         panels[0, column].set_title(", ".join(INPUTS[given]))
         panels[1, column].set_xlabel("steps of all environments")

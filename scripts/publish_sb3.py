@@ -21,10 +21,11 @@ from typing import Any
 import tyro
 import yaml
 
-from graspbox import object_sets, sb3
+from graspbox import sb3
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import MAX_TRIALS
+from graspbox.perception.policy_folders import write_learned_from
 from graspbox.policy_training.network_cards import Score, measure, object_set, write_network_card
 from graspbox.sb3.histories import Made, history, settings_of, shown
 
@@ -68,10 +69,14 @@ def check(settings: Settings) -> None:
         object_set(name)
 
 
-def known_objects(made: list[Made]) -> frozenset[str]:
-    """Name the objects that a policy learnt from."""
-    sets = [object_sets.load(one.objects["objects"], split=one.objects.get("split")) for one in made if one.objects]
-    return frozenset(name for found in sets for name in found.names)
+def learned_from(made: list[Made]) -> list[str]:
+    """Name the object sets that a policy learned from."""
+    found: list[str] = []
+    for one in made:
+        given = one.objects.get("objects", ())
+        split = one.objects.get("split")
+        found += [f"{name}/{split}" if split else name for name in ([given] if isinstance(given, str) else given)]
+    return found
 
 
 def publish(settings: Settings, command: str) -> list[Score]:
@@ -97,6 +102,7 @@ def publish(settings: Settings, command: str) -> list[Score]:
         policy_kwargs=run["model"].get("policy_kwargs", {}),
         licence=LICENCE,
     )
+    write_learned_from(settings.out, learned_from(made))
     with progress() as bar:
         task = bar.add_task(config.name, total=settings.trials * len(settings.objects))
         scores = measure(
@@ -104,7 +110,6 @@ def publish(settings: Settings, command: str) -> list[Score]:
             settings.objects,
             settings.trials,
             settings.seed,
-            known_objects(made),
             progress=lambda done: bar.update(task, completed=done),
             num_envs=settings.num_envs,
         )

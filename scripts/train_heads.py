@@ -194,10 +194,13 @@ def publish(settings: Settings, folder: Path, rows: list[dict[str, Any]], comman
     """Export the head ``anchor`` with its card."""
     from graspbox.perception.head_export import export_head
     from graspbox.perception.head_training import load_head
+    from graspbox.perception.policy_folders import write_learned_from
     from graspbox.policy_training.cards import write_head_card
+    from graspbox.policy_training.learned import of_datasets
 
     net = load_head(settings.out / "anchor", len(HandGrid().preshapes))
     config = export_head(folder, folder.name, net, licence=Path(__file__).parents[1] / "LICENSE")
+    write_learned_from(folder, [*of_datasets(settings.data), *settings.untried])
     trained = next(row for row in rows if row.get("trained") == "anchor")
     scores = [row for row in rows if row.get("head") == "anchor"]
     data = ", ".join(f"`{path}`" for path in settings.data)

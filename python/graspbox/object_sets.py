@@ -26,6 +26,7 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources, util
@@ -230,6 +231,29 @@ def load(
         found = replace(found, objects=tuple(replace(spec, mass=mass, mass_known="given") for spec in found))
     _check_names(found)
     return found if split is None else found.split(split)
+
+
+def without(found: ObjectSet, learned_from: Sequence[str]) -> ObjectSet:
+    """Leave out the objects of other sets, by where their meshes come from.
+
+    Parameters
+    ----------
+    found : ObjectSet
+        What to choose from.
+    learned_from : sequence of str
+        Names of sets, ``NAME`` or ``NAME/SPLIT``. A set that is not on this machine has nothing to leave out.
+
+    Returns
+    -------
+    ObjectSet
+        The others; it may be empty.
+    """
+    learned: set[str] = set()
+    for given in learned_from:
+        name, split = name_and_split(given)
+        with suppress(ObjectSetError, FileError, MissingExtraError):
+            learned |= {spec.source for spec in load(name, split=split)}
+    return replace(found, objects=tuple(spec for spec in found if spec.source not in learned))
 
 
 def _check_names(found: ObjectSet) -> None:

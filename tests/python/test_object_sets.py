@@ -300,3 +300,23 @@ def test_the_path_of_a_mesh_has_no_split(tmp_path: Path) -> None:
     path = tmp_path / "mug.stl"
     path.touch()
     assert object_sets.name_and_split(str(path)) == (str(path), None)
+
+
+def test_objects_of_other_sets_are_left_out() -> None:
+    found = object_sets.load(["procedural:can:0-19", "procedural:box:0"])
+    kept = object_sets.without(found, ["procedural:can:5-30/train", "procedural:seen:0-9/test", "procedural:mug"])
+    expected = [
+        spec.name
+        for spec in found
+        if not (spec.family == "can" and spec.seed is not None and spec.seed >= 5 and spec.split == "train")
+        and not (spec.seed is not None and spec.seed <= 9 and spec.split == "test")
+    ]
+    assert list(kept.names) == expected
+    assert 0 < len(kept) < len(found)
+    assert not object_sets.without(found, ["procedural:0-19"])
+
+
+def test_a_set_that_is_not_here_leaves_nothing_out(tmp_path: Path) -> None:
+    found = object_sets.load(str(write_mesh(tmp_path / "one.off")))
+    assert object_sets.without(found, [f"dir:{tmp_path / 'elsewhere'}", "procedural:can"]) == found
+    assert not object_sets.without(found, [str(tmp_path / "one.off")])

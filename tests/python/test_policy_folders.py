@@ -12,9 +12,15 @@ import numpy as np
 import pytest
 
 import tiny_policy
-from graspbox import errors, evaluation, policies
+from graspbox import errors, evaluation, object_sets, policies
 from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
-from graspbox.perception.policy_folders import file_hash, read_depth_policy, write_depth_policy
+from graspbox.perception.policy_folders import (
+    file_hash,
+    read_depth_policy,
+    read_learned_from,
+    write_depth_policy,
+    write_learned_from,
+)
 from graspbox.perception.scenes import SceneConfig
 from graspbox.policies import DepthGrasp
 from graspbox.policy_training.cards import write_card
@@ -90,6 +96,7 @@ def changed(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:
         (changed(lambda c: c.update(finalists=0)), "config.json: finalists is 0; give a positive integer"),
         (changed(lambda c: c["calibration"].update(success=[0.0, 1.0])), "success is .*positive slope"),
         (changed(lambda c: c["crop"].update(sides=3)), "no field 'sides'; did you mean 'side'"),
+        (changed(lambda c: c.update(learned_from=[3])), r"config.json: learned_from is \[3\]; give a list of names"),
         (changed(lambda c: c["files"].update({"../x": "0"})), "in its own folder"),
         (lambda folder: (folder / "config.json").write_text("{"), "is no JSON"),
         (lambda folder: (folder / "scorer.onnx").write_bytes(b"x"), "scorer.onnx is not the file"),
@@ -102,6 +109,25 @@ def test_a_spoilt_folder_is_refused(tmp_path: Path, spoil: Callable[[Path], Any]
     spoil(tmp_path)
     with pytest.raises((errors.ConfigError, errors.FileError), match=message):
         policies.load(str(tmp_path))
+
+
+def test_objects_from_which_a_policy_learned_are_left_out(tmp_path: Path) -> None:
+    tiny_policy.make(tmp_path)
+    assert read_learned_from(tmp_path) == ()
+    write_learned_from(tmp_path, ["procedural:can:0-3/train"])
+    write_learned_from(tmp_path, ["procedural:can:0-3/train", "procedural:can:4"])
+    assert read_learned_from(tmp_path) == ("procedural:can:0-3/train", "procedural:can:4")
+    objects = object_sets.load("procedural:can:0-5")
+    learned = [spec.name for spec in objects if spec.seed == 4 or (spec.seed < 4 and spec.split == "train")]  # type: ignore[operator]
+    policy = policies.load(str(tmp_path))
+    found = evaluation.evaluate(policy, objects=objects, trials=8)
+    assert (found.objects_given, found.objects_left_out) == (6, len(learned))
+    assert not {row.name for row in found.objects} & set(learned)
+    assert found.to_json()["objects_left_out"] == len(learned)
+    with pytest.raises(errors.ConfigError, match="'tiny' learned from all 1 objects of 'procedural:can:4'"):
+        evaluation.evaluate(policy, objects="procedural:can:4", trials=1)
+    found = evaluation.evaluate(policy, objects="procedural:can:4", trials=1, include_learned=True)
+    assert found.objects_left_out == 0
 
 
 def test_a_file_that_is_no_network_is_refused(tmp_path: Path) -> None:

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspbox import errors, policies
+from graspbox import errors, object_sets, policies
 from graspbox.perception import HandGrid
 from graspbox.perception.calibration import Calibration
-from graspbox.perception.policy_folders import read_depth_policy
+from graspbox.perception.policy_folders import read_depth_policy, read_learned_from
+from graspbox.policy_training.learned import of_splits
+from graspbox.policy_training.settings import QUICK_OBJECTS
 from graspbox.policy_training.stages import Run, Stage
 
 pytestmark = pytest.mark.train
@@ -70,6 +72,10 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert log.count("completion: begins") == 1
     assert "completion: over since an earlier run" in log
     assert all(f"{name}: begins" in log for name in STAGES)
+    learned = read_learned_from(trained / "policy")
+    assert set(of_splits(QUICK_OBJECTS["fresh"])) < set(learned)
+    made = object_sets.load(QUICK_OBJECTS["objects"], split="train")
+    assert not object_sets.without(made, learned)
     card = (trained / "policy" / "README.md").read_text()
     assert "| `procedural:bottle:30-33` | 6 |" in card
     assert "--quick" in card

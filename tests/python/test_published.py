@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from graspbox import evaluation, policies
-from graspbox.perception.policy_folders import read_kind
+from graspbox.perception.policy_folders import read_kind, read_learned_from
 
 pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
 
@@ -33,6 +33,7 @@ def test_a_published_policy_grasps(name: str) -> None:
     policy = policies.load(str(FOLDER / name))
     assert policy.name == called
     found = evaluation.evaluate(policy, env_id, "procedural:unseen:30-39", trials=24, seed=0, num_envs=8)
+    assert found.objects_left_out == 0
     assert found.succeeded >= least, found.failures
 
 
@@ -43,5 +44,6 @@ def test_a_published_policy_has_a_card_and_a_licence(name: str) -> None:
     card = (folder / "README.md").read_text()
     assert all(title in card for title in ("## Scores", "## Data and training", "## Limits", "## Licence"))
     assert "procedural:unseen:0-19" in card
+    assert read_learned_from(folder)
     assert (folder / "LICENSE").read_text() == (FOLDER.parent / "LICENSE").read_text()
     assert sum(path.stat().st_size for path in folder.iterdir()) < 16e6

@@ -21,6 +21,11 @@ def _print(result: Evaluation) -> None:
         f"success {result.rate:.1%} (95 % interval {result.ci95[0]:.1%} to {result.ci95[1]:.1%}); "
         f"secure {secure:.1%} ({low:.1%} to {high:.1%}); {result.ms_per_decision:.2f} ms per decision"
     )
+    if result.objects_left_out:
+        typer.echo(
+            f"left out: {result.objects_left_out} of {result.objects_given} objects, from which the policy learned "
+            "(--include-learned keeps them)"
+        )
     if result.failures:
         typer.echo("failures: " + ", ".join(f"{count} {kind}" for kind, count in result.failures.items()))
 
@@ -37,6 +42,9 @@ def evaluate(
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
     split: Split = None,
     scale: Scale = 1.0,
+    include_learned: Annotated[
+        bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
+    ] = False,
     seed: Seed = 0,
     num_envs: Annotated[
         int,
@@ -63,6 +71,7 @@ def evaluate(
             found,
             trials,
             seed,
+            include_learned=include_learned,
             num_envs=num_envs,
             num_threads=threads,
             progress=lambda done: bar.update(task, completed=done),

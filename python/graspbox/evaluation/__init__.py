@@ -19,6 +19,7 @@ changes what is counted.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, SupportsIndex
 
 import gymnasium
@@ -59,11 +60,14 @@ def evaluate(
     seed: SupportsIndex = 0,
     *,
     split: object_sets.Split | None = None,
+    include_learned: bool = False,
     num_envs: SupportsIndex = 16,
     progress: Callable[[int], None] = lambda _: None,
     **settings: Any,
 ) -> Evaluation:
     """Evaluate a policy on seeded trials; the same seed gives the same trials, whatever `num_envs` is.
+
+    Objects from which the policy learned (`Policy.learned_from`) are left out.
 
     Parameters
     ----------
@@ -79,6 +83,8 @@ def evaluate(
         Determines the seeds of the trials (`trial_seeds`); at least 0.
     split : {"train", "validation", "test"}, optional
         Sample from this split only.
+    include_learned : bool
+        Sample from objects from which the policy learned, too.
     num_envs : int
         Environments that step at once, 1 to `MAX_ENVS`.
     progress : callable
@@ -89,7 +95,7 @@ def evaluate(
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError
-        If an argument cannot be used.
+        If an argument cannot be used, or the policy learned from all objects.
     MeshError, FileError, SimulationError
         If an object cannot be read or simulated.
     """
@@ -105,12 +111,18 @@ def evaluate(
     if chosen.obs is not None:
         settings.setdefault("obs", chosen.obs)
     settings = {**chosen.settings, **settings}
-    envs = gymnasium.make_vec(
-        env_id, width, objects=objects, split=split, autoreset_mode=AutoresetMode.DISABLED, **settings
-    )
+    found = object_sets.load(objects, split=split)
+    kept = found if include_learned else object_sets.without(found, chosen.learned_from)
+    if not kept:
+        raise ConfigError(
+            f"the policy {chosen.name!r} learned from all {len(found)} objects of {found.name!r}; name others, such as "
+            "'procedural:unseen' or split='test', or give include_learned=True (--include-learned)"
+        )
+    envs = gymnasium.make_vec(env_id, width, objects=kept, autoreset_mode=AutoresetMode.DISABLED, **settings)
     try:
         chosen.bind(Task.of(envs))
-        return run_trials(chosen, envs, seeds, progress=progress)
+        result = run_trials(chosen, envs, seeds, progress=progress)
+        return replace(result, objects_given=len(found), objects_left_out=len(found) - len(kept))
     finally:
         envs.close()
 

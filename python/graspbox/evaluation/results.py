@@ -103,12 +103,16 @@ class Evaluation:
         In the order of `trial_seeds`.
     ms_per_decision : float
         Wall time of the policy per action, milliseconds; the simulation is not included.
+    objects_given, objects_left_out : int
+        How many objects there were to sample from, and from how many of them the policy had learned.
     """
 
     policy: str
     env_id: str
     trials: tuple[TrialResult, ...]
     ms_per_decision: float = field(compare=False)
+    objects_given: int = field(default=0, compare=False)
+    objects_left_out: int = field(default=0, compare=False)
 
     @property
     def succeeded(self) -> int:
@@ -175,6 +179,7 @@ class Evaluation:
             "rate": self.rate,
             "ci95": list(self.ci95),
             "objects": [{"name": o.name, "trials": o.trials, "succeeded": o.succeeded} for o in self.objects],
+            "objects_left_out": self.objects_left_out,
             "calibration_error": self.calibration_error,
             "ms_per_decision": self.ms_per_decision,
         }

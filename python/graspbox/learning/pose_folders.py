@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.learning.model_configs import ModelConfig
-from graspbox.perception.policy_folders import POSE_KIND, check_hashes, check_texts, read_config, write_config
+from graspbox.perception.policy_folders import (
+    POSE_KIND,
+    check_hashes,
+    check_texts,
+    read_config,
+    read_learned_from,
+    write_config,
+)
 from graspbox.perception.runtimes import Network, onnx_network
 
 __all__ = ["PosePolicyConfig", "PublishedPoses", "read_pose_policy", "write_pose_policy"]
@@ -95,11 +102,14 @@ class PublishedPoses:
         What the folder says.
     config : ModelConfig
         The network.
+    learned_from : tuple of str
+        Object sets from which it learned.
     """
 
     def __init__(self, folder: Path, num_threads: int | None = None) -> None:
         self.published = read_pose_policy(folder)
         self.config = self.published.model
+        self.learned_from = read_learned_from(Path(folder))
         self._file, self._num_threads = Path(folder) / "pose.onnx", num_threads
         self._network: Network | None = None
 

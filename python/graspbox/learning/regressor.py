@@ -79,6 +79,7 @@ class PoseRegressor(Policy):
         self._knows: str | None = None
         if isinstance(self.model, PublishedPoses):
             self.name, self._knows = self.model.published.name, self.model.published.hand
+            self.learned_from = self.model.learned_from
         self.obs = "rgbd" if self.kind == "image" else "voxels"
         self.settings = {"cameras": cameras(self.kind)}
 

@@ -2,7 +2,7 @@
 
 | file | contents |
 |---|---|
-| ``config.json``            | `DepthPolicyConfig` |
+| ``config.json``            | `DepthPolicyConfig`, and the object sets from which the policy learned |
 | ``completion.onnx``, ``completion.safetensors`` | the completion; its weights |
 | ``scorer.onnx``, ``scorer-N.safetensors``       | the scorer with all its members; their weights |
 | ``head.onnx``, ``head.safetensors``            | the head, if it has one; its weights |
@@ -12,7 +12,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -38,8 +38,10 @@ __all__ = [
     "read_config",
     "read_depth_policy",
     "read_kind",
+    "read_learned_from",
     "write_config",
     "write_depth_policy",
+    "write_learned_from",
 ]
 
 #: The file that says what a folder holds.
@@ -50,6 +52,8 @@ FORMAT = 1
 KIND = "depth-grasp"
 #: Kind of those that `graspbox.learning.pose_folders` describes.
 POSE_KIND = "study-pose"
+#: Entry of ``config.json``, of policies of every kind: the object sets from which the policy learned.
+_LEARNED_FROM = "learned_from"
 _LARGEST_CONFIG = 1 << 20
 _LARGEST_FILE = 1 << 30
 
@@ -209,7 +213,7 @@ def read_config(folder: Path, kind: str, config_class: type[_Config]) -> _Config
     content = _content(folder)
     if content["kind"] != kind:
         raise ConfigError(f"{path} describes a policy of the kind {content['kind']!r}; expected {kind!r}")
-    given = {name: value for name, value in content.items() if name not in ("format", "kind")}
+    given = {name: value for name, value in content.items() if name not in ("format", "kind", _LEARNED_FROM)}
     try:
         config = config_of(config_class, given, str(path))
     except TypeError as error:
@@ -220,6 +224,22 @@ def read_config(folder: Path, kind: str, config_class: type[_Config]) -> _Config
         raise ConfigError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     check_files(path, config.files)
     return config
+
+
+def read_learned_from(folder: Path) -> tuple[str, ...]:
+    """Read from which object sets a policy learned, ``NAME`` or ``NAME/SPLIT``; raises as `read_kind`."""
+    found = _content(folder).get(_LEARNED_FROM, [])
+    if not isinstance(found, list) or not all(isinstance(name, str) for name in found):
+        path = Path(folder) / CONFIG
+        raise ConfigError(f"{path}: {_LEARNED_FROM} is {found!r}; give a list of names of object sets")
+    return tuple(found)
+
+
+def write_learned_from(folder: Path, names: Iterable[str]) -> None:
+    """Add to a policy's ``config.json`` from which object sets it learned; raises as `read_kind`."""
+    known = (*read_learned_from(folder), *names)
+    content = {**_content(folder), _LEARNED_FROM: list(dict.fromkeys(known))}
+    write_text(Path(folder) / CONFIG, dumps(content) + "\n")
 
 
 def _content(folder: Path) -> dict[str, Any]:

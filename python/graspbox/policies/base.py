@@ -134,12 +134,16 @@ class Policy(ABC):
         not.
     env_id : str or None
         The one environment that it acts in, one of `graspbox.envs.IDS`; None: any.
+    learned_from : tuple of str
+        Object sets from which it learned, ``NAME`` or ``NAME/SPLIT``; `graspbox.evaluation.evaluate` leaves their
+        objects out.
     """
 
     name: str = "policy"
     obs: str | tuple[str, ...] | None = None
     settings: Mapping[str, Any] = {}
     env_id: str | None = None
+    learned_from: tuple[str, ...] = ()
     _task: Task | None = None
 
     @property

@@ -30,7 +30,7 @@ from graspbox.perception.finder import (
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.hand_views import HandView
 from graspbox.perception.perturbations import PoseNoise
-from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
+from graspbox.perception.policy_folders import CONFIG, DepthPolicyConfig, read_depth_policy, read_learned_from
 from graspbox.perception.runtimes import Backend, Scorer, load_parts
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth_oracles import Truth
@@ -109,6 +109,8 @@ class DepthGrasp(Policy):
         self._config = config or (self._published.finder if self._published else FinderConfig())
         if hand_error is not None:
             self._config = replace(self._config, hand_error=hand_error)
+        if folder is not None and (Path(folder) / CONFIG).is_file():
+            self.learned_from = read_learned_from(Path(folder))
         if self._published is not None:
             self.name = self._published.name
         #: Once the policy is bound: the hand, and the settings of the crop.

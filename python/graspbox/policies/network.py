@@ -8,6 +8,7 @@ import numpy as np
 
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError
+from graspbox.perception.policy_folders import read_learned_from
 from graspbox.perception.runtimes import Network, onnx_network
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.goals import GOAL_NAME, Goals, goal_space, plain_settings
@@ -48,6 +49,7 @@ class NetworkPolicy(Policy):
         self.config = read_network_policy(Path(folder))
         self.name, self.obs, self.env_id = self.config.name, self.config.obs, self.config.env_id
         self.settings = dict(self.config.settings)
+        self.learned_from = (*read_learned_from(Path(folder)), *(base.learned_from if base else ()))
         self._file, self._num_threads = Path(folder) / "policy.onnx", num_threads
         self._network: Network | None = None
         self._goals = self._make_goals(base)

@@ -289,6 +289,7 @@ class ResidualGrasp(Policy):
     ) -> None:
         self.proposals, self._correct = Proposals(base, config), correct
         self.name, self.obs, self.settings = f"{base.name} + residual", base.obs, base.settings
+        self.learned_from = base.learned_from
 
     def _bind(self, task: Task) -> None:
         self.proposals.bind(task)

@@ -5,6 +5,7 @@
 | `settings` | arguments of a training, with time limits and sizes |
 | `stages`   | a long run in stages, which an interruption does not lose |
 | `depth`    | the stages of a policy that grasps from one depth image |
+| `learned`  | the object sets from which a policy learned, as its folder names them |
 | `cards`    | the page that a published policy has |
 | `feel`     | the stages that teach such a policy to feel before it lifts |
 | `felt_trials` | grasps of it, felt and lifted: what it learns from |

@@ -24,7 +24,7 @@ from graspbox.perception.graphs import ScorerGraph
 from graspbox.perception.grasp_inputs import ScorerInputs
 from graspbox.perception.head_export import write_head
 from graspbox.perception.head_training import HeadData, train_head
-from graspbox.perception.policy_folders import read_depth_policy
+from graspbox.perception.policy_folders import read_depth_policy, write_learned_from
 from graspbox.perception.runtimes import Parts, Scorer, load_parts, torch_network
 from graspbox.perception.scene_views import SceneViews
 from graspbox.perception.scenes import SceneConfig, SceneSampler
@@ -33,6 +33,7 @@ from graspbox.perception.training import TrainConfig, Trained, TrainProgress
 from graspbox.perception.trials import GraspTrials
 from graspbox.policies import DepthGrasp
 from graspbox.policy_training.cards import write_card
+from graspbox.policy_training.learned import of_datasets, of_splits
 from graspbox.policy_training.networks import TrainedNetworks
 from graspbox.policy_training.settings import QUICK, QUICK_OBJECTS, Settings
 from graspbox.policy_training.stages import Run, Stage
@@ -325,6 +326,9 @@ class PolicyTraining:
             head=self.networks.head_net(),
             licence=self.licence,
         )
+        # The completion learns from the objects of the data set, also where other data sets are given.
+        names = of_datasets(self.data) + of_splits((*self.settings.objects, *self.settings.fresh))
+        write_learned_from(self.policy_folder(), names)
         return {"files": len(config.files)}
 
     def export_rungs(self, folder: Path, calibration: Calibration) -> dict[str, Any]:

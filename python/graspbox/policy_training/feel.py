@@ -15,7 +15,7 @@ from graspbox.errors import ConfigError
 from graspbox.perception.array_files import load_or_make
 from graspbox.perception.calibration import calibration_error, fit_logits
 from graspbox.perception.feel_folders import FeelConfig, read_feel, write_feel
-from graspbox.perception.policy_folders import file_hash, read_depth_policy
+from graspbox.perception.policy_folders import file_hash, read_depth_policy, write_learned_from
 from graspbox.perception.scorer_training import auc
 from graspbox.perception.stability import FEEL_TIMES
 from graspbox.perception.stability_export import export_stability
@@ -235,6 +235,7 @@ class FeelTraining:
             files={name: file_hash(folder / name) for name in written},
         )
         write_feel(folder, config)
+        write_learned_from(folder, (self.settings.objects, self.settings.held_out))
         return {"files": len(names) + len(written) + 1}
 
     def threshold(self, stage: Stage) -> dict[str, Any]:

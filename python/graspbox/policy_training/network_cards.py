@@ -22,7 +22,8 @@ __all__ = ["Score", "measure", "object_set", "write_network_card", "write_pose_c
 _SCORES = """## Scores
 
 First attempt in `{env_id}`, seed {seed} of the trials. In brackets the 95 % intervals (Wilson).
-*Known* is how many of the objects it learnt from. The folder was measured as it is, by onnxruntime.
+*Known* is how many of the objects were left out since it learnt from them. The folder was measured as it is, by
+onnxruntime.
 
 | objects | known | trials | success | secure | most frequent failures |
 |---|--:|--:|--:|--:|---|
@@ -80,7 +81,7 @@ class Score:
     objects : str
         The set, as the command line has it: ``NAME`` or ``NAME/SPLIT``.
     count, known : int
-        Number of its objects, and how many of them the policy learnt from.
+        Number of its objects, and how many of them were left out since the policy learned from them.
     result : Evaluation
         The trials.
     """
@@ -102,7 +103,6 @@ def measure(
     objects: Sequence[str],
     trials: int,
     seed: int,
-    known: frozenset[str],
     *,
     progress: Callable[[int], None] = lambda _: None,
     **settings: Any,
@@ -117,8 +117,6 @@ def measure(
         Sets: ``NAME`` or ``NAME/SPLIT``.
     trials, seed : int
         Of each set.
-    known : frozenset of str
-        Names of the objects that it learnt from.
     progress : callable
         Called with the number of finished trials of all sets.
     **settings
@@ -132,7 +130,7 @@ def measure(
             progress(before + count)
 
         result = evaluation.evaluate(policy, None, found, trials, seed, progress=done, **settings)
-        scores.append(Score(name, len(found), len(known & set(found.names)), result))
+        scores.append(Score(name, result.objects_given, result.objects_left_out, result))
     return scores
 
 

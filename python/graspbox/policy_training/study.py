@@ -11,6 +11,7 @@ from graspbox.learning.export import export_pose_model
 from graspbox.learning.model import PoseModel
 from graspbox.learning.samples import Samples
 from graspbox.learning.study_results import NetworkResult
+from graspbox.perception.policy_folders import write_learned_from
 from graspbox.perception.weight_files import LARGEST_NETWORK
 from graspbox.policy_training.cards import rate
 from graspbox.policy_training.network_cards import Score, measure, write_pose_card
@@ -109,7 +110,8 @@ def publish_best(
     model = PoseModel.load(_trained(out, best))
     samples, unseen = data[model.config.kind]
     config = export_pose_model(folder, folder.name, model, unseen.inputs[:_CHECKED], licence=licence)
-    scores = measure(str(folder), objects, trials, seed, frozenset(samples.names), progress=progress, **settings)
+    write_learned_from(folder, (f"ycb:{name}" for name in samples.names))
+    scores = measure(str(folder), objects, trials, seed, progress=progress, **settings)
     facts = {
         "objects": ", ".join(samples.names),
         "samples": f"{len(samples)}, {mapping}; seed {seed}",

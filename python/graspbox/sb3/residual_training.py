@@ -63,7 +63,7 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         "learning_rate": 5e-4,
         "ent_coef": 0.0,
         "target_kl": 0.05,
-        "policy_kwargs": {"net_arch": [256, 256], "log_std_init": -1.0},
+        "policy_kwargs": {"net_arch": [256, 256], "log_std_init": -2.0},
     },
 }
 #: Logarithm of the standard deviation with which an actor of SAC begins to explore.
