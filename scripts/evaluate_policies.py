@@ -7,7 +7,8 @@ A policy is what `graspbox.policies.load` takes (a name or a folder), ``complete
 the completion of a policy's folder makes of the image), ``nearest=DATA`` (the grasp that held in the known scene of a
 data set that looks most alike), ``filtered=FOLDER`` or ``unfiltered=FOLDER`` (a head with or without its collision
 filter), or a policy of one depth image that lacks a part: ``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its
-head, ``plain=FOLDER`` both; or that expects a hand which is off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``.
+head, ``plain=FOLDER`` both; or that expects a hand which is off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``; or
+with the truth for a part: ``true_completion=FOLDER``, ``true_scorer=FOLDER`` (simulation), ``true_both=FOLDER``.
 ``--stressed`` names those that are measured under all conditions; the others only see the first.
 
 All policies get the same trials: object, pose and noise follow from the seed. The folder then has ``log.jsonl`` with
@@ -36,6 +37,7 @@ from graspbox.evaluation.reports import COLUMNS, Measured, class_table, conditio
 from graspbox.files import write_text
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import read_depth_policy
+from graspbox.policies.depth import Oracle
 from graspbox.resume_log import ResumeLog
 
 #: Settings of the finder by which a policy of one depth image differs from its folder: it lacks a part, or expects the
@@ -45,6 +47,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "geometric": {"predicted": 0},
     "plain": {"refinements": 0, "predicted": 0},
     "tolerant": {"hand_error": PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))},
+}
+#: Parts of a policy of one depth image that the truth stands in for, to measure what each loses.
+ORACLES: dict[str, tuple[Oracle, ...]] = {
+    "true_completion": ("completion",),
+    "true_scorer": ("scorer",),
+    "true_both": ("completion", "scorer"),
 }
 #: Whether a head has its collision filter.
 _HEADS = {"filtered": True, "unfiltered": False}
@@ -101,7 +109,9 @@ def load(spec: str) -> policies.Policy:
     if kind in VARIANTS:
         finder = read_depth_policy(Path(path)).finder
         return policies.DepthGrasp(Path(path), config=replace(finder, **VARIANTS[kind]))
-    known = ", ".join(("completed_planner", *_HEADS, "nearest", *VARIANTS))
+    if kind in ORACLES:
+        return policies.DepthGrasp(Path(path), oracles=ORACLES[kind])
+    known = ", ".join(("completed_planner", *_HEADS, "nearest", *VARIANTS, *ORACLES))
     raise ConfigError(f"there is no policy {spec!r}; before = stands one of {known}")
 
 

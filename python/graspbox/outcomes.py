@@ -73,7 +73,7 @@ class Outcomes(ByValue):
     lift : (n,) float64
         Rise of the object's centre of mass at the end, metres.
     kindness_rate : (n,) float64
-        Mean of |d distance/dt| between hand and object since lifting began, m/s.
+        Mean absolute rate of change of the distance between hand and object since lifting began, m/s.
     legacy_success : (n,) bool
         The study's success; False where it was not measured (see `kindness`).
     kindness : (n,) float64

@@ -238,7 +238,7 @@ def test_parts_of_a_policy_can_be_left_out() -> None:
     program = script("evaluate_policies")
     folder = Path(__file__).parents[2] / "policies/depth"
     counts = {}
-    for spec in (str(folder), *(f"{kind}={folder}" for kind in program.VARIANTS)):
+    for spec in (str(folder), *(f"{kind}={folder}" for kind in (*program.VARIANTS, *program.ORACLES))):
         policy = program.load(spec)
         evaluate(policy, "graspbox/GraspPose-v0", CANS, trials=1, num_envs=1)
         counts[spec.partition("=")[0]] = len(policy.found[0].scores)
