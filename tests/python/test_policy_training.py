@@ -87,6 +87,14 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert "a run with another seed" in other.stderr
 
 
+def test_objects_that_are_learned_from_are_not_evaluated(tmp_path: Path) -> None:
+    words = [sys.executable, str(SCRIPT), "--out", str(tmp_path / "run"), "--evaluated", "procedural:prism:300"]
+    found = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert found.returncode == 2
+    assert "--evaluated is 'procedural:prism:300'; name objects from which nothing is learned" in found.stderr
+    assert not (tmp_path / "run").exists()
+
+
 def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -> None:
     from graspbox import evaluation
     from graspbox.perception.onnx_files import PARITY

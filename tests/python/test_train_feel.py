@@ -88,7 +88,7 @@ def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
     assert isinstance(policy, FeelThenLift)
     # The folder stays a policy of one depth image.
     assert type(policies.DepthGrasp(folder)) is policies.DepthGrasp
-    evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:20", trials=1, num_envs=1)
+    evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:20", trials=1, num_envs=1, include_learned=True)
     assert 0.0 < policy.attempts[0][0].probability < 1.0
 
 
@@ -98,7 +98,9 @@ def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
 
     trials = FeltTrials.load(trained / "record-train" / "0000000.npz")
     policy = FeelThenLift(trained / "policy", threshold=0.0)
-    found = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:10-19", trials=8, seed=0, num_envs=8)
+    found = evaluation.evaluate(
+        policy, "graspbox/Grasp-v0", "procedural:can:10-19", trials=8, seed=0, include_learned=True, num_envs=8
+    )
     felt = np.stack([attempts[0].felt for attempts in policy.attempts])
     own = trials.felt[trials.first]
     assert felt.shape == own.shape

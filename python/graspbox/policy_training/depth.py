@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from graspbox import dataset, evaluation, object_sets
+from graspbox.errors import ConfigError
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
 from graspbox.perception.choices import SECURE_WEIGHTS, Choices, try_choices
@@ -73,7 +74,7 @@ class PolicyTraining:
     Raises
     ------
     ConfigError
-        If the folder holds a run with other settings.
+        If the folder holds a run with other settings, or all objects of an evaluation are learned from.
     """
 
     def __init__(
@@ -82,6 +83,10 @@ class PolicyTraining:
         if settings.quick:
             settings = replace(settings, sizes=QUICK, **QUICK_OBJECTS)
         self.settings, self.sizes, self.command = settings, settings.sizes, command
+        self.learned = of_splits((*settings.objects, *settings.fresh))
+        for objects in settings.evaluated:
+            if not object_sets.without(object_sets.load(objects, split=_evaluated_split(objects)), self.learned):
+                raise ConfigError(f"--evaluated is {objects!r}; name objects from which nothing is learned")
         self.licence = licence
         self.seed, self.out = settings.seed, settings.out
         self.finder, self.scenes = FINDER, SceneConfig()
@@ -326,9 +331,8 @@ class PolicyTraining:
             head=self.networks.head_net(),
             licence=self.licence,
         )
-        # The completion learns from the objects of the data set, also where other data sets are given.
-        names = of_datasets(self.data) + of_splits((*self.settings.objects, *self.settings.fresh))
-        write_learned_from(self.policy_folder(), names)
+        # The completion learns from `settings.objects`, also where data sets are given.
+        write_learned_from(self.policy_folder(), [*of_datasets(self.data), *self.learned])
         return {"files": len(config.files)}
 
     def export_rungs(self, folder: Path, calibration: Calibration) -> dict[str, Any]:
@@ -356,7 +360,7 @@ class PolicyTraining:
         parts = load_parts(folder, config, self.grid)
         results: dict[str, Any] = {}
         for objects in self.settings.evaluated:
-            split: object_sets.Split | None = None if "procedural" in objects else "test"
+            split = _evaluated_split(objects)
             count = self.sizes.trials
 
             def report(done: int, objects: str = objects, count: int = count) -> None:
@@ -370,6 +374,11 @@ class PolicyTraining:
                 "ece": round(calibration_error(tried.judged[:, 0, 0], tried.success[:, 0]), 4),
             }
         return results
+
+
+def _evaluated_split(objects: str) -> object_sets.Split | None:
+    """Give the split that is evaluated: of sets other than procedural ones only the test."""
+    return None if "procedural" in objects else "test"
 
 
 def reporter(stage: Stage, measure: str) -> Callable[[TrainProgress], None]:
