@@ -33,7 +33,7 @@ from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES, object_classes
-from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table, pooled
+from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table, pooled
 from graspbox.files import write_text
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import read_depth_policy
@@ -171,7 +171,9 @@ def run(settings: Settings, command: str) -> list[Measured]:
             log.append(measure(job, policy, settings.trials))
     order = {tuple(job.values()): n for n, job in enumerate(wanted)}
     kept = [row for row in log.rows if tuple(row[key] for key in keys) in order]
-    rows = [Measured.of(row) for row in sorted(kept, key=lambda row: order[tuple(row[key] for key in keys)])]
+    kept.sort(key=lambda row: order[tuple(row[key] for key in keys)])
+    named = labels(settings.policies)
+    rows = [Measured.of(row, named[row["policy"]]) for row in kept]
     report(settings, rows, command)
     return rows
 

@@ -13,7 +13,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import evaluate
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES, object_classes
-from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, policy_table
+from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import solid_occupancy
 from graspbox.perception.planned_finder import PlannedFinder
@@ -193,13 +193,14 @@ def measured(policy: str, success: list[bool], **changes: Any) -> Measured:
     """Make trials of two objects in turns."""
     trials = [[("plate", "can")[i % 2], s, s and i % 2 == 0, False, 0.5] for i, s in enumerate(success)]
     given = {"condition": "nominal", "policy": policy, "objects": "set", "seed": 0, "milliseconds": 3.0}
-    return Measured.of({**given, "trials": trials, **changes})
+    row = {**given, "trials": trials, **changes}
+    return Measured.of(row, row["policy"])
 
 
 def test_tables_count_pool_and_compare() -> None:
     assert COLUMNS[0] == "object"
-    rows = [measured("robust_oracle", [True] * 8), measured("out/depth", [True, True, False, True] * 2)]
-    rows.append(measured("out/depth", [False] * 4, seed=1))
+    rows = [measured("robust_oracle", [True] * 8), measured("depth", [True, True, False, True] * 2)]
+    rows.append(measured("depth", [False] * 4, seed=1))
     text = policy_table(rows)
     assert "| depth | set | 12 | 50.0 % (25.4 to 74.6) | 16.7 %" in text
     assert text.count("| depth |") == 1
@@ -209,7 +210,7 @@ def test_tables_count_pool_and_compare() -> None:
     # Of four plates that the oracle lifted, the policy lifted two.
     assert "50.0 % (15.0 to 85.0)" in class_table(rows[:2], classes)
     assert rows[1].calibration_error == pytest.approx(0.25)
-    shaken = measured("out/depth", [True] * 4, condition="shake")
+    shaken = measured("depth", [True] * 4, condition="shake")
     assert CONDITIONS["shake"].meaning in condition_table([rows[1], shaken])
 
 
@@ -224,6 +225,17 @@ def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
     assert all(p is not None and 0.0 <= p <= 1.0 for p in stated)
     assert found.calibration_error is not None
     assert found.to_json()["calibration_error"] == found.calibration_error
+
+
+def test_every_policy_has_a_label_of_its_own() -> None:
+    policies = ["planner", "policies/depth", "plain=policies/depth", "x/policy", "y/policy"]
+    policies += ["filtered=out/set", "filtered=policies/head", "unfiltered=a/head", "unfiltered=b/head"]
+    found = labels(policies)
+    assert list(found) == policies
+    assert list(found.values()) == [
+        *("planner", "depth", "plain", "x/policy", "y/policy"),
+        *("filtered set", "filtered head", "unfiltered=a/head", "unfiltered=b/head"),
+    ]
 
 
 # --- the script ----------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from graspbox.evaluation.object_classes import CLASSES
 from graspbox.evaluation.results import wilson
 from graspbox.perception.calibration import calibration_error
 
-__all__ = ["COLUMNS", "Measured", "class_table", "condition_table", "policy_table", "pooled"]
+__all__ = ["COLUMNS", "Measured", "class_table", "condition_table", "labels", "policy_table", "pooled"]
 
 #: Fields of `graspbox.evaluation.TrialResult` that the log has of each trial, in order.
 COLUMNS = ("object", "success", "secure", "survives_shake", "confidence")
@@ -27,7 +27,7 @@ class Measured:
     Attributes
     ----------
     condition, policy, objects : str
-        What was measured: a name in `CONDITIONS`, the policy (of a folder its name), the object set.
+        What was measured: a name in `CONDITIONS`, the policy (see `labels`), the object set.
     seed : int
         Seed of the trials.
     names : tuple of str
@@ -52,10 +52,8 @@ class Measured:
     milliseconds: float
 
     @classmethod
-    def of(cls, row: Mapping[str, Any]) -> Self:
-        """Read a row of the log of ``scripts/evaluate_policies.py``."""
-        kind, given, _ = row["policy"].partition("=")
-        policy = kind if given else Path(kind).name
+    def of(cls, row: Mapping[str, Any], policy: str) -> Self:
+        """Read a row of the log of ``scripts/evaluate_policies.py``, with the label of its policy."""
         columns: dict[str, Any] = {n: tuple(c) for n, c in zip(COLUMNS, zip(*row["trials"], strict=True), strict=True)}
         others = {name: row[name] for name in ("condition", "objects", "seed", "milliseconds")}
         return cls(policy=policy, names=columns.pop("object"), **columns, **others)
@@ -75,6 +73,29 @@ class Measured:
             "calibration_error": self.calibration_error,
             "milliseconds": self.milliseconds,
         }
+
+
+def labels(policies: Sequence[str]) -> dict[str, str]:
+    """Give each policy a label of its own.
+
+    That is KIND of ``KIND=FOLDER``, and the last part of a folder; more of both where two policies would share a label.
+    """
+    found = dict.fromkeys(policies, "")
+    for shorten in (_shortest, _short, str):
+        texts = [shorten(policy) for policy in found]
+        for policy, text in zip(found, texts, strict=True):
+            found[policy] = found[policy] or (text if texts.count(text) == 1 else "")
+    return found
+
+
+def _shortest(policy: str) -> str:
+    kind, given, _ = policy.partition("=")
+    return kind if given else Path(kind).name
+
+
+def _short(policy: str) -> str:
+    kind, given, path = policy.partition("=")
+    return f"{kind} {Path(path).name}" if given else "/".join(Path(kind).parts[-2:])
 
 
 def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[Measured]:
