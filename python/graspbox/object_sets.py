@@ -234,19 +234,9 @@ def load(
 
 
 def without(found: ObjectSet, learned_from: Sequence[str]) -> ObjectSet:
-    """Leave out the objects of other sets, by where their meshes come from.
+    """Leave out the objects of other sets, ``NAME`` or ``NAME/SPLIT``, by where their meshes come from.
 
-    Parameters
-    ----------
-    found : ObjectSet
-        What to choose from.
-    learned_from : sequence of str
-        Names of sets, ``NAME`` or ``NAME/SPLIT``. A set that is not on this machine has nothing to leave out.
-
-    Returns
-    -------
-    ObjectSet
-        The others; it may be empty.
+    A set that is not on this machine has nothing to leave out; the result may be empty.
     """
     learned: set[str] = set()
     for given in learned_from:

@@ -121,9 +121,13 @@ def check_python(words: list[str]) -> None:
     else:
         files = list((ROOT / "tests/python").glob(words[1]))
         assert files, words
-    source = "".join(file.read_text() for file in files)
+    # Groups of options, such as ``--sizes.rounds``, are classes of this package.
+    grouped = sorted((ROOT / "python/graspbox/policy_training").glob("*.py"))
+    own = "".join(file.read_text() for file in files)
+    shared = "".join(file.read_text() for file in grouped)
     for option in (word for word in rest if word.startswith("--")):
-        name = option[2:].partition("=")[0]
+        group, _, name = option[2:].partition("=")[0].rpartition(".")
+        source = shared if group else own
         assert f"--{name}" in source or re.search(rf"\b{name.replace('-', '_')}\b", source), (words, option)
 
 
