@@ -318,7 +318,7 @@ def reproduce(settings: Settings, command: str) -> list[NetworkResult]:
         )
     results = results if todo else write_page(settings, command, log, data)
     if settings.publish is not None:
-        publish(settings, settings.publish, results, data, command)
+        publish(settings, settings.publish, results, data, objects, command)
     return results
 
 
@@ -327,6 +327,7 @@ def publish(
     folder: Path,
     results: list[NetworkResult],
     data: dict[str, tuple[Samples, Samples]],
+    learned: ObjectSet,
     command: str,
 ) -> None:
     """Publish the best small network."""
@@ -340,6 +341,7 @@ def publish(
             results,
             data,
             mapping=settings.mapping,
+            learned_from=[spec.source for spec in learned],
             objects=settings.measured,
             trials=settings.trials,
             seed=settings.seed,

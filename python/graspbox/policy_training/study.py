@@ -74,6 +74,7 @@ def publish_best(
     data: Mapping[str, tuple[Samples, Samples]],
     *,
     mapping: str,
+    learned_from: Sequence[str],
     objects: Sequence[str],
     trials: int,
     seed: int,
@@ -94,6 +95,8 @@ def publish_best(
         Samples by their kind, and views of objects that no sample shows, with which the export is checked.
     mapping : str
         Which view went with which pose.
+    learned_from : sequence of str
+        Object sets of the samples; the evaluation leaves them out.
     objects, trials, seed, progress, **settings
         As `graspbox.policy_training.network_cards.measure`.
     command : str
@@ -110,7 +113,7 @@ def publish_best(
     model = PoseModel.load(_trained(out, best))
     samples, unseen = data[model.config.kind]
     config = export_pose_model(folder, folder.name, model, unseen.inputs[:_CHECKED], licence=licence)
-    write_learned_from(folder, (f"ycb:{name}" for name in samples.names))
+    write_learned_from(folder, learned_from)
     scores = measure(str(folder), objects, trials, seed, progress=progress, **settings)
     facts = {
         "objects": ", ".join(samples.names),
