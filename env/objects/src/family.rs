@@ -58,6 +58,8 @@ pub enum Family {
     Prism = 22,
     /// Bars or rods joined in a plane, lying: angle bracket, hook, fork of a frame, hex key.
     Bracket = 23,
+    /// Filled carton or canister, standing or lying, or a thick piece of timber.
+    Carton = 24,
 }
 
 /// What a family promises of each of its objects.
@@ -271,6 +273,14 @@ const FACTS: &[FamilyFacts] = &[
         greatest: [0.26, 0.21, 0.025],
         mass: [0.002, 0.601],
         source: "L, T, U, H and Z shapes of 8 to 24 mm bar or rod, 50 to 180 mm long; wood, plastic, aluminium or steel",
+    },
+    FamilyFacts {
+        family: Family::Carton,
+        name: "carton",
+        least: [0.0599, 0.0599, 0.0599],
+        greatest: [0.241, 0.241, 0.241],
+        mass: [0.05, 1.001],
+        source: "filled cartons, canisters and timber 60 to 94 mm thick, 430 to 950 kg/m3, less where it would weigh over 1 kg",
     },
 ];
 

@@ -98,6 +98,7 @@ pub fn generate(family: Family, seed: u64) -> Result<ProceduralObject, MeshError
         Family::Superquadric => rounds::superquadric(&mut sampler)?,
         Family::Prism => prisms::prism(&mut sampler),
         Family::Bracket => brackets::bracket(&mut sampler)?,
+        Family::Carton => prisms::carton(&mut sampler),
     };
     made.settle();
     let name = format!("{family}-{seed:06}");

@@ -1,4 +1,4 @@
-//! Solid prisms of one material, from a die to a piece of timber: the sizes and masses that no grocery has.
+//! Prisms: solid ones, from a die to a piece of timber, in sizes and masses that no grocery has; and filled cartons.
 
 use crate::draft::{Draft, Rest};
 use crate::lathe::{self, Rz};
@@ -8,8 +8,8 @@ use crate::surface::{P3, Surface};
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};
 
-/// Greatest mass, kilograms: what is larger is of a lighter material.
-const HEAVIEST: f64 = 0.9;
+/// Greatest masses of a prism and of a carton, kilograms: what is larger is of a lighter material.
+const HEAVIEST: [f64; 2] = [0.9, 1.0];
 /// Steps around a section that is no rectangle; a multiple of the number of its sides.
 const COLUMNS: usize = 48;
 
@@ -22,8 +22,29 @@ pub(crate) fn prism(sampler: &mut Sampler) -> Draft {
     let long = (wide * sampler.range(0.4, 3.0)).clamp(thick, 0.22);
     let long = if sampler.chance(0.3) { wide } else { long };
     let sides = sampler.pick([4, 4, 4, 4, 6, 8, 0]);
-    let (surface, cloud) = match sides {
-        4 => bar(sampler, Vector3::new(thick, wide, long)),
+    let (surface, cloud) = solid(sampler, sides, Vector3::new(thick, wide, long));
+    let most = (HEAVIEST[0] / surface.volume()).min(1200.0);
+    let mass = surface.volume() * sampler.range(0.3 * most, most);
+    Draft { surface, parts: vec![cloud], mass, rest: Rest::Stands }
+}
+
+/// Filled carton or canister, standing or lying, or a thick piece of timber: not much narrower than the hand opens, and heavy.
+pub(crate) fn carton(sampler: &mut Sampler) -> Draft {
+    let thick = sampler.range(0.06, 0.094);
+    let wide = if sampler.chance(0.6) { thick } else { (thick * sampler.range(1.0, 1.3)).min(0.11) };
+    let long = sampler.range(wide, 0.24);
+    let sides = sampler.pick([4, 4, 4, 4, 8, 0]);
+    let (surface, cloud) = solid(sampler, sides, Vector3::new(thick, wide, long));
+    let most = (HEAVIEST[1] / surface.volume()).min(950.0);
+    let mass = surface.volume() * sampler.range(0.45 * most, most);
+    Draft { surface, parts: vec![cloud], mass, rest: Rest::Stands }
+}
+
+/// Prism with a section of 4 or more sides, or a round one for 0, whose sizes are `size`, the least first.
+fn solid(sampler: &mut Sampler, sides: usize, size: Vector3<f64>) -> (Surface, Vec<P3>) {
+    let (thick, long) = (size.x, size.z);
+    match sides {
+        4 => bar(sampler, size),
         0 => rod(thick / 2.0, long, lathe::round, |outline| lathe::band_cloud(outline, &lathe::round)),
         _ => {
             let place = move |p: Rz, angle: f64| polygon(p, angle, sides);
@@ -31,10 +52,7 @@ pub(crate) fn prism(sampler: &mut Sampler) -> Draft {
             let corners = move |p: &Rz| (0..sides).map(move |k| lathe::round(*p, corner(k))).collect::<Vec<P3>>();
             rod(thick / 2.0, long, place, |outline| outline.iter().flat_map(corners).collect())
         }
-    };
-    let most = (HEAVIEST / surface.volume()).min(1200.0);
-    let mass = surface.volume() * sampler.range(0.3 * most, most);
-    Draft { surface, parts: vec![cloud], mass, rest: Rest::Stands }
+    }
 }
 
 /// Rectangular section, on any of its faces; edges broken as far as its size allows.

@@ -94,10 +94,16 @@ class Settings:
         "procedural:seen:0-199",
         "procedural:prism:200-799",
         "procedural:bracket:200-799",
+        "procedural:carton:200-799",
         "ycb",
     )
     """Objects of the data set that is made, and of the completion."""
-    fresh: tuple[str, ...] = ("procedural:seen:200-399", "procedural:prism:1000-1799", "procedural:bracket:1000-1799")
+    fresh: tuple[str, ...] = (
+        "procedural:seen:200-399",
+        "procedural:prism:1000-1799",
+        "procedural:bracket:1000-1799",
+        "procedural:carton:1000-1799",
+    )
     """Objects of the rounds (split train), and of validation and calibration (split validation)."""
     evaluated: tuple[str, ...] = ("procedural:unseen:0-19", "ycb")
     """Objects of the evaluation; of sets other than unseen families only the split test."""
