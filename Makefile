@@ -16,13 +16,14 @@ export VIRTUAL_ENV := $(VENV)
 export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
 
-.PHONY: help demo test test-rust test-python test-train test-examples test-all lint fmt bench docs clean
+.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-all lint fmt bench docs clean
 
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
 	@echo "make test           Rust and Python tests, without torch"
 	@echo "make test-train     tests that need torch, Stable-Baselines3 or Ray (several GB the first time)"
 	@echo "make test-examples  the examples for TorchRL and RLlib, in their own virtual environment (as much again)"
+	@echo "make test-lerobot   exported demonstrations, loaded by LeRobot, in its own virtual environment (8 GB)"
 	@echo "make test-all       all of them, the slow ones too"
 	@echo "make lint           clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
 	@echo "make fmt            format Rust and Python"
@@ -84,11 +85,22 @@ $(EXAMPLES)/.stamp: pyproject.toml
 test-examples: $(EXAMPLES)/.stamp $(STAMPS)/core
 	GRASPBOX_REQUIRE_EXAMPLES=1 $(EXAMPLES)/bin/python -m pytest tests/python/test_examples.py -k 'torchrl or rllib'
 
+# LeRobot pins other versions of torch and datasets.
+LEROBOT := $(CURDIR)/.venv-lerobot
+$(LEROBOT)/.stamp: pyproject.toml
+	$(PYTHON) -m venv --clear $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet pytest lerobot -e '.[lerobot]'
+	$(LEROBOT)/bin/python -c 'import lerobot'
+	touch $@
+
+test-lerobot: $(LEROBOT)/.stamp $(STAMPS)/core
+	$(LEROBOT)/bin/python -m pytest tests/python/test_demonstrations_export.py -k lerobot
+
 test-all: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_YCB=$(YCB) cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
 	python -m graspbox.validation mujoco --trials 200 --seed 0
-	$(MAKE) test-examples
+	$(MAKE) test-examples test-lerobot
 
 lint: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all --check
