@@ -139,4 +139,4 @@ docs: $(STAMPS)/dev $(STAMPS)/core
 	echo '<a href="python/graspbox.html">Python</a> <a href="rust/graspbox_episode/index.html">Rust</a>' > out/docs/index.html
 
 clean:
-	rm -rf out $(VENV) $(EXAMPLES) target
+	rm -rf out $(VENV) $(EXAMPLES) $(LEROBOT) target
