@@ -69,7 +69,15 @@ fn hold(scene: &Arc<Scene>, start: &Isometry3<f64>, preshape: f64) -> Held {
     }
 }
 
-/// Prints a hold and returns what is wrong with it.
+impl Held {
+    /// Lifted, held by contact forces, and neither slipping nor sinking in by more than the limits times `slack`.
+    fn firm(&self, slack: f64) -> bool {
+        // Without contact force there is no hold to measure.
+        self.lifted && self.force > 0.5 && self.slip <= slack * SLIP && self.mean_depth <= slack * PENETRATION
+    }
+}
+
+/// Prints a hold and returns the name of what is not held firmly.
 fn judge(name: &str, held: &Held) -> Option<String> {
     println!(
         "{name:28} penetration mean {:.3} mm, worst {:.2}; slip {:.4} mm/s, {:.3} deg/s; summed force {:.0} N{}",
@@ -80,9 +88,7 @@ fn judge(name: &str, held: &Held) -> Option<String> {
         held.force,
         if held.lifted { "" } else { "; NOT HELD" }
     );
-    // Without contact force there is no hold to measure.
-    let firm = held.lifted && held.force > 0.5 && held.slip <= SLIP && held.mean_depth <= PENETRATION;
-    (!firm).then(|| name.to_owned())
+    (!held.firm(1.0)).then(|| name.to_owned())
 }
 
 #[test]
@@ -107,46 +113,51 @@ fn primitives_are_held_firmly() {
     assert!(bad.is_empty(), "not firm: {bad:?}");
 }
 
-/// Holds `body` by the best-ranked of its first `tried` poses whose trial succeeds and that hold it for as long as it is measured here; by
-/// the last that succeeds where all lose it later, and none where none succeeds.
-fn hold_planned(body: &Body, tried: usize) -> Option<Held> {
+/// Holds `body` by the best-ranked of its first `tried` poses whose trial succeeds and that hold it firmly for as long as it is measured
+/// here; by the last that succeeds where none is firm, and none where none succeeds. Also the number of poses that were passed over:
+/// grasps that succeed in a trial but lose the object later, or in which it settles anew.
+fn hold_planned(body: &Body, tried: usize) -> (Option<Held>, usize) {
     let scene = scene(body, PhysicsConfig::default());
     let poses: Vec<GraspPose> = planned(body, &scene, tried, 0);
-    let mut last = None;
+    let (mut last, mut passed_over) = (None, 0);
     for chunk in poses.chunks(4) {
         let outcomes = run_trials(&scene, chunk, TrialConfig::default(), &Progress::default()).unwrap();
         for (pose, _) in chunk.iter().zip(&outcomes).filter(|(_, o)| o.success) {
             let found = hold(&scene, &(scene.world_from_object() * pose.object_from_hand), pose.preshape);
-            if found.lifted {
-                return Some(found);
+            if found.firm(1.1) {
+                return (Some(found), passed_over);
             }
-            println!("{:28} one grasp loses it after the trial", body.name());
+            println!("{:28} passed over: slip {:.2} mm/s, lifted {}", body.name(), 1e3 * found.slip, found.lifted);
+            passed_over += 1;
             last = Some(found);
         }
     }
-    last
+    (last, passed_over)
 }
 
 /// Every family; at least 80 % of them must have a successful grasp among their first 12 poses. One family may exceed the limits, by at
-/// most 10 %: the scissors creep by 0.102 mm/s. Penetration is deepest for light objects (0.42 mm for the chain), since the stiffness of
-/// a contact is proportional to the mass that it supports.
+/// most 10 %. Penetration is deepest for light objects, since the stiffness of a contact is proportional to the mass that it supports.
+/// Four grasps are passed over: one loses the bracket, a finger slides over an edge of the carton (0.53 kg), and two let it slip by
+/// 0.12 and 0.15 mm/s.
 #[test]
 fn procedural_objects_are_held_firmly() {
-    let (mut bad, mut held) = (Vec::new(), 0);
+    let (mut bad, mut held, mut passed_over) = (Vec::new(), 0, 0);
     for family in Family::ALL {
         let body = procedural(family, 0);
-        match hold_planned(&body, 12) {
+        let (hold, passed) = hold_planned(&body, 12);
+        passed_over += passed;
+        match hold {
             Some(hold) => {
                 held += 1;
                 bad.extend(judge(body.name(), &hold));
-                let far = hold.slip > 1.1 * SLIP || hold.mean_depth > 1.1 * PENETRATION;
-                assert!(hold.lifted && !far, "{} is not firm", body.name());
+                assert!(hold.firm(1.1), "{} is not firm", body.name());
             }
             None => println!("{:28} no pose of 12 holds it", body.name()),
         }
     }
-    println!("{held} of {} families held", Family::ALL.len());
+    println!("{held} of {} families held; {passed_over} grasps passed over", Family::ALL.len());
     assert!(bad.len() <= 1, "not firm: {bad:?}");
+    assert!(passed_over <= 6, "{passed_over} grasps succeed in a trial and are not firm");
     assert!(4 * Family::ALL.len() <= 5 * held, "only {held} families are held");
 }
 
@@ -180,7 +191,7 @@ fn ycb_objects_are_held_firmly() {
     for (name, mass) in YCB {
         let body = from_file(&folder.join(format!("{name}.stl")), mass, &cache);
         // The suite tests whether grasps are firm, not how soon the planner finds one.
-        match hold_planned(&body, 100) {
+        match hold_planned(&body, 100).0 {
             Some(hold) => bad.extend(judge(name, &hold)),
             None => {
                 println!("{name:28} NOT HELD: no pose of 100 succeeds");
