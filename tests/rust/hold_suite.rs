@@ -187,11 +187,13 @@ fn ycb_folder() -> PathBuf {
 fn ycb_objects_are_held_firmly() {
     let folder = ycb_folder();
     let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).join("parts");
-    let mut bad = Vec::new();
+    let (mut bad, mut passed_over) = (Vec::new(), 0);
     for (name, mass) in YCB {
         let body = from_file(&folder.join(format!("{name}.stl")), mass, &cache);
         // The suite tests whether grasps are firm, not how soon the planner finds one.
-        match hold_planned(&body, 100).0 {
+        let (hold, passed) = hold_planned(&body, 100);
+        passed_over += passed;
+        match hold {
             Some(hold) => bad.extend(judge(name, &hold)),
             None => {
                 println!("{name:28} NOT HELD: no pose of 100 succeeds");
@@ -199,5 +201,7 @@ fn ycb_objects_are_held_firmly() {
             }
         }
     }
+    println!("{passed_over} grasps passed over");
     assert!(bad.is_empty(), "not firm: {bad:?}");
+    assert!(passed_over <= 2, "{passed_over} grasps succeed in a trial and are not firm");
 }
