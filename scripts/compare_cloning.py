@@ -196,7 +196,12 @@ def test_policies(settings: Settings) -> None:
     """Evaluate the demonstrator and the planner on the trials of the comparison."""
     for name in dict.fromkeys((settings.demonstrator, "planner")):
         path = settings.folder / f"{Path(name).name}.test.json"
+        asked = {"objects": list(settings.unseen), "episodes": settings.episodes, "steps": settings.max_episode_steps}
         if path.exists():
+            if (known := json.loads(path.read_text()).get("asked")) != asked:
+                raise ConfigError(
+                    f"{str(path)!r} was measured with {known}, not {asked}; remove it or name another folder"
+                )
             continue
         with progress() as bar:
             task = bar.add_task(name, total=settings.episodes)
@@ -214,7 +219,7 @@ def test_policies(settings: Settings) -> None:
             )
         row = {"success": found.rate, "ci95": list(found.ci95), "episodes": len(found.trials)}
         row |= {"secure": found.secure / len(found.trials), "secure_ci95": list(found.secure_ci95)}
-        write_text(path, dumps({"policy": row}) + "\n")
+        write_text(path, dumps({"policy": row, "asked": asked}) + "\n")
 
 
 def results(folder: Path) -> dict[str, dict[str, Any]]:

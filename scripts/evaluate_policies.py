@@ -11,16 +11,17 @@ head, ``plain=FOLDER`` both; or that expects a hand which is off by up to 10 mm 
 with the truth for a part: ``true_completion=FOLDER``, ``true_scorer=FOLDER`` (simulation), ``true_both=FOLDER``.
 ``--stressed`` names those that are measured under all conditions; the others only see the first.
 
-All policies get the same trials: object, pose and noise follow from the seed. The folder then has ``log.jsonl`` with
-every trial, ``evaluation.md`` with the tables, and ``policies.png``, ``conditions.png`` and ``reliability.png``. The
-same command continues what was interrupted. Exit status: 0 at the end, 2 for wrong arguments, 130 for an interruption.
+All policies get the same trials: object, pose and noise follow from the seed, and objects from which one of them
+learned are left out for all. The folder then has ``log.jsonl`` with every trial, ``evaluation.md`` with the tables, and
+``policies.png``, ``conditions.png`` and ``reliability.png``. The same command continues what was interrupted. Exit
+status: 0 at the end, 2 for wrong arguments, 130 for an interruption.
 
 Needs the extras ``cli``, and ``onnx``, ``train``, ``data``, ``ycb`` for what needs them.
 """
 
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import radians, sqrt
 from pathlib import Path
@@ -28,7 +29,7 @@ from typing import Any
 
 import tyro
 
-from graspbox import evaluation, object_sets, policies
+from graspbox import evaluation, learned_sets, object_sets, policies
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.conditions import CONDITIONS
@@ -104,8 +105,9 @@ def load(spec: str) -> policies.Policy:
         return policies.HeadGrasp(Path(path), filtered=_HEADS[kind])
     if kind == "nearest":
         from graspbox.perception.nearest_finder import remember
+        from graspbox.policy_training.learned import of_datasets
 
-        return policies.NearestGrasp(remember(path))
+        return policies.NearestGrasp(replace(remember(path), learned_from=tuple(of_datasets([Path(path)]))))
     if kind in VARIANTS:
         finder = read_depth_policy(Path(path)).finder
         return policies.DepthGrasp(Path(path), config=replace(finder, **VARIANTS[kind]))
@@ -125,16 +127,35 @@ def jobs(settings: Settings) -> Iterator[dict[str, Any]]:
                     yield {"condition": condition, "policy": policy, "objects": objects, "seed": seed}
 
 
-def measure(job: dict[str, Any], policy: policies.Policy, trials: int) -> dict[str, Any]:
+def unknown_objects(
+    sets: tuple[str, ...], loaded: Iterable[policies.Policy]
+) -> tuple[dict[str, object_sets.ObjectSet], dict[str, int]]:
+    """Load the objects of each set from which no policy learned; also count those that are left out, where some are."""
+    learned = sorted({name for policy in loaded for name in policy.learned_from})
+    kept, left_out = {}, {}
+    for given in sets:
+        name, split = object_sets.name_and_split(given)
+        found = object_sets.load(name, split=split)
+        kept[given] = learned_sets.without(found, learned)
+        if not kept[given]:
+            raise ConfigError(f"--objects has {given!r}, from which the policies learned; name other objects")
+        if missing := len(found) - len(kept[given]):
+            left_out[given] = missing
+            console.print(f"{missing} of {len(found)} objects of {given} are left out: a policy learned from them")
+    return kept, left_out
+
+
+def measure(
+    job: dict[str, Any], policy: policies.Policy, objects: object_sets.ObjectSet, trials: int
+) -> dict[str, Any]:
     """Run the trials of one job."""
-    name, split = object_sets.name_and_split(job["objects"])
     title = f"{job['policy']}, {job['objects']}, {job['condition']}, seed {job['seed']}"
     with progress() as bar:
         task = bar.add_task(title, total=trials)
         found = evaluation.evaluate(
             policy,
-            objects=name,
-            split=split,
+            objects=objects,
+            include_learned=True,
             trials=trials,
             seed=job["seed"],
             progress=lambda done: bar.update(task, completed=done),
@@ -148,37 +169,36 @@ def measure(job: dict[str, Any], policy: policies.Policy, trials: int) -> dict[s
     }
 
 
-def classes_of(sets: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def classes_of(sets: Iterable[object_sets.ObjectSet]) -> dict[str, tuple[str, ...]]:
     """Name the classes of every object."""
-    found = {}
-    for given in sets:
-        name, split = object_sets.name_and_split(given)
-        found |= {spec.name: object_classes(spec.load()) for spec in object_sets.load(name, split=split)}
-    return found
+    return {spec.name: object_classes(spec.load()) for objects in sets for spec in objects}
 
 
 def run(settings: Settings, command: str) -> list[Measured]:
     """Measure what the log lacks, and write tables and pictures."""
     check(settings)
-    log = ResumeLog(settings.out / "log.jsonl", {"trials": settings.trials})
+    loaded = {spec: load(spec) for spec in settings.policies}
+    objects, left_out = unknown_objects(settings.objects, loaded.values())
+    # Policies that are added later must leave the same objects out.
+    log = ResumeLog(
+        settings.out / "log.jsonl", {"trials": settings.trials} | ({"left_out": left_out} if left_out else {})
+    )
     keys = ("condition", "policy", "objects", "seed")
     done = {tuple(row[key] for key in keys) for row in log.rows}
     wanted = list(jobs(settings))
-    loaded: dict[str, policies.Policy] = {}
     for job in wanted:
         if tuple(job.values()) not in done:
-            policy = loaded.setdefault(job["policy"], load(job["policy"]))
-            log.append(measure(job, policy, settings.trials))
+            log.append(measure(job, loaded[job["policy"]], objects[job["objects"]], settings.trials))
     order = {tuple(job.values()): n for n, job in enumerate(wanted)}
     kept = [row for row in log.rows if tuple(row[key] for key in keys) in order]
     kept.sort(key=lambda row: order[tuple(row[key] for key in keys)])
     named = labels(settings.policies)
     rows = [Measured.of(row, named[row["policy"]]) for row in kept]
-    report(settings, rows, command)
+    report(settings, rows, classes_of(objects.values()), command)
     return rows
 
 
-def report(settings: Settings, rows: list[Measured], command: str) -> None:
+def report(settings: Settings, rows: list[Measured], classes: dict[str, tuple[str, ...]], command: str) -> None:
     """Write tables and pictures."""
     from graspbox.pictures import save_rates, save_reliability
 
@@ -190,7 +210,7 @@ def report(settings: Settings, rows: list[Measured], command: str) -> None:
     text = f"# Evaluation\n\n```\n{command}\n```\n\n"
     text += f"First attempts in `GraspPose-v0`; in brackets 95 % intervals (Wilson). Seeds of the trials: {seeds}.\n"
     text += f"\n## Policies\n\n{policy_table(first)}\n![policies](policies.png)\n"
-    text += f"\n## By class of object\n\n{class_table(first, classes_of(settings.objects))}\n{meanings}\n"
+    text += f"\n## By class of object\n\n{class_table(first, classes)}\n{meanings}\n"
     if stressed:
         text += f"\n## Conditions\n\n{condition_table(stressed)}\n![conditions](conditions.png)\n"
     if stated := [row for row in first if row.calibration_error is not None]:

@@ -7,15 +7,16 @@ milliseconds; processor time changes little where other programs compete for the
 """
 
 import argparse
+import sys
 import time
 from collections import defaultdict
 from dataclasses import replace
-from math import radians
 from pathlib import Path
 
 import numpy as np
 
 from graspbox import object_sets
+from graspbox.errors import GraspboxError
 from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.finder import FoundGrasp, GraspFinder
 from graspbox.perception.hand_grids import HandGrid
@@ -37,8 +38,8 @@ def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: Po
     return GraspFinder(grid, completion, scorer, finder, crop=config.crop, head=head, num_threads=num_threads)
 
 
-def main() -> None:
-    """Run as a script."""
+def measure() -> None:
+    """Time decisions and print the medians."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policy", type=Path, help="folder of the policy")
     parser.add_argument("--objects", default="procedural:unseen:0-9")
@@ -47,7 +48,7 @@ def main() -> None:
     parser.add_argument("--backends", nargs="+", default=["onnx", "torch"])
     parser.add_argument("--hand-error", nargs=2, type=float, help="standard deviations, millimetres and degrees")
     args = parser.parse_args()
-    error = PoseNoise(1e-3 * args.hand_error[0], radians(args.hand_error[1])) if args.hand_error else None
+    error = PoseNoise.in_millimetres(*args.hand_error) if args.hand_error else None
     if "torch" in args.backends and args.threads:
         import torch
 
@@ -83,5 +84,15 @@ def main() -> None:
     print(f"{same} of {args.decisions} decisions are the same with all backends")
 
 
+def main() -> int:
+    """Run as a script; returns the exit status."""
+    try:
+        measure()
+    except (GraspboxError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

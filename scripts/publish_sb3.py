@@ -26,6 +26,7 @@ from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import MAX_TRIALS
 from graspbox.perception.policy_folders import write_learned_from
+from graspbox.policy_training.learned import of_splits
 from graspbox.policy_training.network_cards import Score, measure, object_set, write_network_card
 from graspbox.sb3.histories import Made, history, settings_of, shown
 
@@ -69,13 +70,16 @@ def check(settings: Settings) -> None:
         object_set(name)
 
 
-def learned_from(made: list[Made]) -> list[str]:
-    """Name the object sets that a policy learned from."""
+def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
+    """Name the object sets from which a policy learned, and the split by which it was chosen among checkpoints."""
     found: list[str] = []
     for one in made:
         given = one.objects.get("objects", ())
-        split = one.objects.get("split")
-        found += [f"{name}/{split}" if split else name for name in ([given] if isinstance(given, str) else given)]
+        names, split = [given] if isinstance(given, str) else given, one.objects.get("split")
+        found += of_splits(names, [split]) if split else names
+    if chosen_on is not None:
+        names = made[-1].objects.get("objects", ())
+        found += of_splits([names] if isinstance(names, str) else names, [chosen_on])
     return found
 
 
@@ -102,7 +106,7 @@ def publish(settings: Settings, command: str) -> list[Score]:
         policy_kwargs=run["model"].get("policy_kwargs", {}),
         licence=LICENCE,
     )
-    write_learned_from(settings.out, learned_from(made))
+    write_learned_from(settings.out, learned_from(made, run["evaluate"] if settings.best else None))
     with progress() as bar:
         task = bar.add_task(config.name, total=settings.trials * len(settings.objects))
         scores = measure(

@@ -127,11 +127,8 @@ def open_log(settings: Settings, parameters: Parameters, begun: bool) -> ResumeL
     # A run may be extended.
     what |= {"seed": settings.seed, "episodes": settings.episodes, **asdict(replace(parameters, steps=0))}
     what |= {"begins_as": None if settings.clone is None else str(settings.clone.resolve())}
-    path = settings.folder / "evaluations.jsonl"
-    if not begun:
-        # Left by a run that was interrupted before its first checkpoint.
-        path.unlink(missing_ok=True)
-    return ResumeLog(path, what)
+    # Before its first checkpoint an interrupted run leaves rows and nothing to resume from.
+    return ResumeLog(settings.folder / "evaluations.jsonl", what, fresh=not begun)
 
 
 def make_model(settings: Settings, parameters: Parameters, env: Any, begun: bool) -> tuple[Any, float]:

@@ -54,6 +54,14 @@ def check_output(path: str | os.PathLike[str]) -> Path:
         raise _failure(error if isinstance(error, OSError) else OSError(22, str(error)), path) from None
 
 
+def take_lock(descriptor: int, path: Path) -> None:
+    """Lock an open file against other processes, for as long as it is open; raises ConfigError, which names `path`."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ConfigError(f"another process is writing into {str(path)!r}; wait for it to end") from None
+
+
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Keep other processes from writing into a folder, which is made; the lock goes with this process, however it ends.
@@ -71,10 +79,7 @@ def locked(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise _failure(error, folder) from None
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ConfigError(f"another process is writing into {str(folder)!r}; wait for it to end") from None
+        take_lock(lock, folder)
         yield
     finally:
         os.close(lock)

@@ -26,7 +26,6 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources, util
@@ -233,19 +232,6 @@ def load(
     return found if split is None else found.split(split)
 
 
-def without(found: ObjectSet, learned_from: Sequence[str]) -> ObjectSet:
-    """Leave out the objects of other sets, ``NAME`` or ``NAME/SPLIT``, by where their meshes come from.
-
-    A set that is not on this machine has nothing to leave out; the result may be empty.
-    """
-    learned: set[str] = set()
-    for given in learned_from:
-        name, split = name_and_split(given)
-        with suppress(ObjectSetError, FileError, MissingExtraError):
-            learned |= {spec.source for spec in load(name, split=split)}
-    return replace(found, objects=tuple(spec for spec in found if spec.source not in learned))
-
-
 def _check_names(found: ObjectSet) -> None:
     if not found.objects:
         raise ObjectSetError(f"the object set {found.name!r} is empty")
@@ -282,7 +268,14 @@ def _file(name: str, scale: float) -> tuple[ObjectSpec, ...]:
     raise ObjectSetError(f"{name!r} names no object set; use 'procedural', 'ycb', 'dir:PATH' or a mesh file")
 
 
-def _procedural(rest: str, name: str, scale: float) -> tuple[ObjectSpec, ...]:
+def families_and_seeds(rest: str, name: str) -> tuple[tuple[str, ...], range]:
+    """Read what follows ``procedural:`` in the name of a set: its families and the seeds of each.
+
+    Raises
+    ------
+    ObjectSetError
+        If there is no such set, or it is too large.
+    """
     families: tuple[str, ...] = tuple(_core.procedural_families())
     seeds = _DEFAULT_SEEDS
     parts = rest.split(":") if rest else []
@@ -303,6 +296,11 @@ def _procedural(rest: str, name: str, scale: float) -> tuple[ObjectSpec, ...]:
         raise ObjectSetError(
             f"{name!r} names {len(families) * len(seeds)} objects; at most {_MAX_OBJECTS} fit in a set"
         )
+    return families, seeds
+
+
+def _procedural(rest: str, name: str, scale: float) -> tuple[ObjectSpec, ...]:
+    families, seeds = families_and_seeds(rest, name)
     return tuple(
         ObjectSpec(
             f"{family}-{seed:06d}",

@@ -1,6 +1,5 @@
 """A log of JSON lines from which a long job resumes after an interruption."""
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from graspbox.errors import ConfigError
+from graspbox.files import take_lock
 
 __all__ = ["ResumeLog", "changes"]
 
@@ -21,6 +21,8 @@ class ResumeLog:
         The file; its folder is created. An incomplete last line, left by an interruption, is removed.
     settings : dict
         What the rows depend on, as plain JSON values; written as the first line.
+    fresh : bool
+        Begin anew: the rows are left from a job that has nothing else to resume from.
 
     Raises
     ------
@@ -28,13 +30,13 @@ class ResumeLog:
         If the file was begun with other settings, is not a log, or another process writes into it.
     """
 
-    def __init__(self, path: str | os.PathLike[str], settings: dict[str, Any]) -> None:
+    def __init__(self, path: str | os.PathLike[str], settings: dict[str, Any], *, fresh: bool = False) -> None:
         self.path = Path(path)
         self.rows: list[dict[str, Any]] = []
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.touch()
         _lock(self.path)
-        content = self.path.read_bytes()
+        content = b"" if fresh else self.path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
         lines = whole.decode(errors="replace").splitlines()
         if not lines:
@@ -77,10 +79,10 @@ def _lock(path: Path) -> None:
         os.close(descriptor)
         return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        take_lock(descriptor, path)
+    except ConfigError:
         os.close(descriptor)
-        raise ConfigError(f"another process is writing into {str(path)!r}; wait for it to end") from None
+        raise
     _LOCKS[file] = descriptor
 
 

@@ -83,7 +83,7 @@ def command_lines() -> Iterator[list[str]]:
         parts = re.split(r"^```(\w*)\n", page.read_text(), flags=re.DOTALL | re.MULTILINE)
         prose, blocks = parts[0::4], zip(parts[1::4], parts[2::4], strict=True)
         lines = [line for language, text in blocks if not language for line in text.replace("\\\n", " ").splitlines()]
-        lines += [span for text in prose for span in re.findall(r"`((?:graspbox|python|make) [^`\n]+)`", text)]
+        lines += [span for text in prose for span in re.findall(r"`((?:graspbox|python|make)\s[^`]+)`", text)]
         for line in lines:
             try:
                 words = shlex.split(line, comments=True)

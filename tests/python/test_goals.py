@@ -95,6 +95,7 @@ def test_the_last_observation_has_a_goal_and_the_next_episode_begins_without() -
         before = seen
         seen, _, terminated, truncated, info = envs.step(follow(seen))
     assert (terminated | truncated).all()
+    assert (entries(before["goal"], "found") == 1.0).all()
     for env in range(2):
         last = info["final_obs"][env]
         assert sorted(last) == ["goal", "proprio"]

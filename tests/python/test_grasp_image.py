@@ -237,6 +237,6 @@ def test_the_command_writes_grasps_and_a_picture(
     assert choices == sorted(choices, reverse=True)
     assert choices != [grasp["choice"] for grasp in written["grasps"]]
     huge = runner.invoke(typer_app, [*words, "--hand-error", "600", "6"])
-    assert "position of the hand's error is 0.6" in str(huge.exception)
+    assert "the hand's error is 600 mm and 6 degrees; give 0 to 50 mm" in str(huge.exception)
     half = runner.invoke(typer_app, [*words, "--tilt", "30"])
     assert "needs both --camera-height and --tilt" in str(half.exception)

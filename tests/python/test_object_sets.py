@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import graspbox
-from graspbox import errors, object_sets
+from graspbox import errors, learned_sets, object_sets
 
 SPLITS: tuple[object_sets.Split, ...] = ("train", "validation", "test")
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
@@ -304,7 +304,7 @@ def test_the_path_of_a_mesh_has_no_split(tmp_path: Path) -> None:
 
 def test_objects_of_other_sets_are_left_out() -> None:
     found = object_sets.load(["procedural:can:0-19", "procedural:box:0"])
-    kept = object_sets.without(found, ["procedural:can:5-30/train", "procedural:seen:0-9/test", "procedural:mug"])
+    kept = learned_sets.without(found, ["procedural:can:5-30/train", "procedural:seen:0-9/test", "procedural:mug"])
     expected = [
         spec.name
         for spec in found
@@ -313,10 +313,26 @@ def test_objects_of_other_sets_are_left_out() -> None:
     ]
     assert list(kept.names) == expected
     assert 0 < len(kept) < len(found)
-    assert not object_sets.without(found, ["procedural:0-19"])
+    assert not learned_sets.without(found, ["procedural:0-19"])
+    with pytest.raises(
+        errors.ObjectSetError, match="learned_from has 'procedural:cann/train': there is no family 'cann'"
+    ):
+        learned_sets.without(found, ["procedural:cann/train"])
+
+
+def test_groups_of_families_are_named_one_by_one() -> None:
+    """What a policy learned from stays the same when a family is added to a group."""
+    seen = learned_sets.by_family("procedural:seen:5-30/train")
+    assert "procedural:can:5-30/train" in seen
+    assert not any("clamp" in name for name in seen)
+    listed = {spec.source for name in seen for spec in object_sets.load(name.partition("/")[0], split="train")}
+    assert listed == {spec.source for spec in object_sets.load("procedural:seen:5-30", split="train")}
+    assert learned_sets.by_family("procedural:mug:7") == ["procedural:mug:7-7"]
+    assert len(learned_sets.by_family("procedural")) == 25
+    assert learned_sets.by_family("ycb/test") == ["ycb/test"]
 
 
 def test_a_set_that_is_not_here_leaves_nothing_out(tmp_path: Path) -> None:
     found = object_sets.load(str(write_mesh(tmp_path / "one.off")))
-    assert object_sets.without(found, [f"dir:{tmp_path / 'elsewhere'}", "procedural:can"]) == found
-    assert not object_sets.without(found, [str(tmp_path / "one.off")])
+    assert learned_sets.without(found, [f"dir:{tmp_path / 'elsewhere'}", "procedural:can"]) == found
+    assert not learned_sets.without(found, [str(tmp_path / "one.off")])

@@ -169,6 +169,10 @@ def test_an_ensemble_chooses_by_mean_minus_half_a_deviation(inputs: ScorerInputs
         np.testing.assert_allclose(judged.success[rows], success, atol=1e-6)
         np.testing.assert_allclose(judged.secure[rows], secure, atol=1e-6)
         np.testing.assert_allclose(judged.choice[rows], (success + 0.5 * secure) / 1.5, atol=1e-6)
+    first = int(np.flatnonzero(np.isclose(judged.logits[:, 0], logit))[0])
+    # Scores to average are those of all members, for every grasp.
+    each = Scorer(torch_network(graph_of(inputs, biases, calibration)), inputs, 24, len(biases)).each
+    np.testing.assert_allclose(each(volume, poses, preshape), np.full(30, judged.choice[first]), atol=1e-6)
     # Fewer grasps than finalists are padded, and one member alone loses nothing.
     alone = Scorer(torch_network(graph_of(inputs, [1.0], Calibration())), inputs, 24)
     few = alone.judge(volume, poses[:3], preshape[:3])

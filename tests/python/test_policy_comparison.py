@@ -1,5 +1,6 @@
 """Policies side by side: baselines that see, the robust oracle, conditions, classes of objects, tables, the script."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import graspbox
+import tiny_policy
 from datasets_for_tests import run as make_dataset
 from graspbox import evaluation, object_sets, policies
 from graspbox.errors import ConfigError
@@ -17,6 +19,7 @@ from graspbox.evaluation.reports import COLUMNS, Measured, class_table, conditio
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import solid_occupancy
 from graspbox.perception.planned_finder import PlannedFinder
+from graspbox.perception.policy_folders import write_learned_from
 from graspbox.perception.surfaces import OCCUPIED, surface_mesh
 
 CROP = CropConfig()
@@ -258,8 +261,31 @@ def test_parts_of_a_policy_can_be_left_out() -> None:
     assert counts["plain"] < counts["geometric"] < counts[str(folder)]
     # Only those that were compared by their mean: the finalists, and what the last refinement added.
     assert 16 <= counts["tolerant"] <= 16 + 2 * 4 * 5
+    # The truth for a part needs the state of the object.
+    for kind in program.ORACLES:
+        assert "state" in program.load(f"{kind}={folder}").obs
+        assert "state" not in program.load(str(folder)).obs
+    head = folder.with_name("head")
+    for kind in ("filtered", "unfiltered"):
+        evaluate(program.load(f"{kind}={head}"), "graspbox/GraspPose-v0", CANS, trials=1, num_envs=1)
     with pytest.raises(ConfigError, match="before = stands one of"):
         program.load(f"blind={folder}")
+
+
+def test_what_one_policy_learned_from_is_left_out_for_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("onnxruntime")
+    pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
+    pytest.importorskip("matplotlib")
+    from test_scripts import script
+
+    tiny_policy.make(tmp_path / "tiny")
+    write_learned_from(tmp_path / "tiny", ["procedural:can:0-3"])
+    words = ["--out", str(tmp_path / "out"), "--policies", "random", str(tmp_path / "tiny"), "--conditions", "nominal"]
+    assert script("evaluate_policies").main([*words, "--objects", CANS, "--trials", "3"]) == 0
+    assert "4 of 5 objects of procedural:can:0-4 are left out" in capsys.readouterr().err
+    rows = [json.loads(line) for line in (tmp_path / "out/log.jsonl").read_text().splitlines()[1:]]
+    assert {trial[COLUMNS.index("object")] for row in rows for trial in row["trials"]} == {"can-000004"}
+    assert script("evaluate_policies").main([*words, "--objects", "procedural:can:0-3", "--trials", "3"]) == 2
 
 
 def test_the_script_measures_resumes_and_writes_tables_and_pictures(

@@ -16,6 +16,7 @@ from graspbox import errors, evaluation, object_sets, policies
 from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
 from graspbox.perception.policy_folders import (
     file_hash,
+    policy_hash,
     read_depth_policy,
     read_learned_from,
     write_depth_policy,
@@ -114,9 +115,12 @@ def test_a_spoilt_folder_is_refused(tmp_path: Path, spoil: Callable[[Path], Any]
 def test_objects_from_which_a_policy_learned_are_left_out(tmp_path: Path) -> None:
     tiny_policy.make(tmp_path)
     assert read_learned_from(tmp_path) == ()
+    known = policy_hash(tmp_path)
     write_learned_from(tmp_path, ["procedural:can:0-3/train"])
     write_learned_from(tmp_path, ["procedural:can:0-3/train", "procedural:can:4"])
-    assert read_learned_from(tmp_path) == ("procedural:can:0-3/train", "procedural:can:4")
+    assert read_learned_from(tmp_path) == ("procedural:can:0-3/train", "procedural:can:4-4")
+    # It acts as before.
+    assert policy_hash(tmp_path) == known
     objects = object_sets.load("procedural:can:0-5")
     learned = [spec.name for spec in objects if spec.seed == 4 or (spec.seed < 4 and spec.split == "train")]  # type: ignore[operator]
     policy = policies.load(str(tmp_path))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspbox import errors, object_sets, policies
+from graspbox import errors, learned_sets, object_sets, policies
 from graspbox.perception import HandGrid
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.policy_folders import read_depth_policy, read_learned_from
@@ -75,7 +75,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     learned = read_learned_from(trained / "policy")
     assert set(of_splits(QUICK_OBJECTS["fresh"])) < set(learned)
     made = object_sets.load(QUICK_OBJECTS["objects"], split="train")
-    assert not object_sets.without(made, learned)
+    assert not learned_sets.without(made, learned)
     card = (trained / "policy" / "README.md").read_text()
     assert "| `procedural:bottle:30-33` | 6 |" in card
     assert "--quick" in card

@@ -47,11 +47,6 @@ def _pose(
     return pose
 
 
-def _noise(hand_error: tuple[float, float] | None) -> PoseNoise | None:
-    """Convert millimetres and degrees."""
-    return None if hand_error is None else PoseNoise(1e-3 * hand_error[0], float(np.radians(hand_error[1])))
-
-
 def _check_outputs(out: Path | None, picture: Path | None) -> None:
     """Refuse what cannot be written before anything is computed."""
     if out is not None:
@@ -121,7 +116,7 @@ def grasp_image_command(
     lens = check_intrinsics([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], (depth.shape[0], depth.shape[1]))
     _check_outputs(out, picture)
     pose = _pose(depth, lens, camera_pose, camera_height, tilt)
-    error = _noise(hand_error)
+    error = None if hand_error is None else PoseNoise.in_millimetres(*hand_error)
     found = grasp_image(depth, lens, pose, policy, count=count, region=region, hand_error=error, seed=seed)
     if out is not None:
         write_text(out, dumps(found.to_json()) + "\n")

@@ -120,7 +120,9 @@ def record(
     kwargs = {**chosen.settings, **settings, "objects": objects, "split": split}
     goals = Goals(chosen) if GOAL_NAME in names else None
     if goals is not None and not isinstance(policy, str):
-        raise ConfigError("goals are recorded of a policy that is given by its name or folder, which a clone loads too")
+        raise ConfigError(
+            "obs has 'goal', and policy is an object; give its name or folder, so that a clone can load it"
+        )
     described = {
         **_describe(env_id, names, kwargs),
         "policy": chosen.name,

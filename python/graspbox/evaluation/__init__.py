@@ -25,7 +25,7 @@ from typing import Any, SupportsIndex
 import gymnasium
 from gymnasium.vector import AutoresetMode
 
-from graspbox import object_sets, policies
+from graspbox import learned_sets, object_sets, policies
 from graspbox.arguments import natural
 from graspbox.envs import IDS
 from graspbox.envs.settings import ObjectsArgument
@@ -112,7 +112,7 @@ def evaluate(
         settings.setdefault("obs", chosen.obs)
     settings = {**chosen.settings, **settings}
     found = object_sets.load(objects, split=split)
-    kept = found if include_learned else object_sets.without(found, chosen.learned_from)
+    kept = found if include_learned else learned_sets.without(found, chosen.learned_from)
     if not kept:
         raise ConfigError(
             f"the policy {chosen.name!r} learned from all {len(found)} objects of {found.name!r}; name others, such as "

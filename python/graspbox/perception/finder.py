@@ -9,7 +9,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,13 @@ class Head(Protocol):
 
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
         """Give the best grasps of one crop (2 or more, N, N, N) uint8."""
+
+
+@runtime_checkable
+class Ensemble(Protocol):
+    """A `Score` of several networks, all of which judge only the best grasps of a call."""
+
+    each: Score  # by all networks for every grasp
 
 
 @dataclass(frozen=True)
@@ -355,9 +362,10 @@ class _Tolerant:
     """
 
     def __init__(self, judge: Score, grid: HandGrid, config: FinderConfig, error: PoseNoise) -> None:
-        still = np.tile(np.eye(4), (config.neighbours, 1, 1))
-        moved = perturbed(still, np.random.default_rng(0), error.position, error.rotation)
-        self._judge, self._grid, self._points = judge, grid, config.proposals.points
+        still, rng = np.tile(np.eye(4), (config.neighbours, 1, 1)), np.random.default_rng(0)
+        moved = perturbed(still, rng, error.position, error.rotation)
+        self._judge: Score = judge.each if isinstance(judge, Ensemble) else judge
+        self._grid, self._points = grid, config.proposals.points
         self._errors = np.concatenate([np.eye(4)[None], moved])
 
     def __call__(

@@ -33,11 +33,14 @@ class Memory:
         A grasp that held, ``crop_from_hand``, metres.
     preshapes : (n,) float64
         Its preshape.
+    learned_from : tuple of str
+        The object sets of the scenes.
     """
 
     descriptions: NDArray[np.float32]
     poses: NDArray[np.float64]
     preshapes: NDArray[np.float64]
+    learned_from: tuple[str, ...] = ()
 
 
 def remember(

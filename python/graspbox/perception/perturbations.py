@@ -1,6 +1,8 @@
 """Small random motions of hand poses."""
 
 from dataclasses import dataclass
+from math import degrees, radians
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +10,10 @@ from numpy.typing import NDArray
 from graspbox.errors import ConfigError
 
 __all__ = ["PoseNoise", "perturbed"]
+
+
+#: Largest standard deviations of `PoseNoise`, metres and radians.
+_LARGEST = (0.05, 0.5)
 
 
 @dataclass(frozen=True)
@@ -29,9 +35,20 @@ class PoseNoise:
     rotation: float = 0.07
 
     def __post_init__(self) -> None:
-        for name, most, unit in (("position", 0.05, "metres"), ("rotation", 0.5, "radians")):
+        for name, most, unit in (("position", _LARGEST[0], "metres"), ("rotation", _LARGEST[1], "radians")):
             if not 0.0 <= (given := getattr(self, name)) <= most:
                 raise ConfigError(f"{name} of the hand's error is {given}; give {unit}, 0 to {most}")
+
+    @classmethod
+    def in_millimetres(cls, position: float, rotation: float) -> Self:
+        """Make it of millimetres and degrees; raises as the class."""
+        most = 1e3 * _LARGEST[0], degrees(_LARGEST[1])
+        if not (0.0 <= position <= most[0] and 0.0 <= rotation <= most[1]):
+            raise ConfigError(
+                f"the hand's error is {position:g} mm and {rotation:g} degrees; give 0 to {most[0]:g} mm and 0 to "
+                f"{most[1]:.1f} degrees"
+            )
+        return cls(1e-3 * position, radians(rotation))
 
 
 def perturbed(

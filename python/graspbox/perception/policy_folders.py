@@ -20,6 +20,7 @@ from typing import Any, Protocol, TypeVar
 from graspbox.arguments import config_of, to_json
 from graspbox.errors import ConfigError, FileError
 from graspbox.files import dumps, read_bounded, write_text
+from graspbox.learned_sets import by_family
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import FinderConfig
@@ -35,6 +36,7 @@ __all__ = [
     "check_hashes",
     "check_texts",
     "file_hash",
+    "policy_hash",
     "read_config",
     "read_depth_policy",
     "read_kind",
@@ -226,6 +228,15 @@ def read_config(folder: Path, kind: str, config_class: type[_Config]) -> _Config
     return config
 
 
+def policy_hash(folder: Path) -> str:
+    """Give the SHA-256 of what a policy does: of its ``config.json`` but for what it learned from.
+
+    The file has the hashes of the networks beside it. Raises as `read_kind`.
+    """
+    content = {key: value for key, value in _content(folder).items() if key != _LEARNED_FROM}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
 def read_learned_from(folder: Path) -> tuple[str, ...]:
     """Read from which object sets a policy learned, ``NAME`` or ``NAME/SPLIT``; raises as `read_kind`."""
     found = _content(folder).get(_LEARNED_FROM, [])
@@ -236,8 +247,16 @@ def read_learned_from(folder: Path) -> tuple[str, ...]:
 
 
 def write_learned_from(folder: Path, names: Iterable[str]) -> None:
-    """Add to a policy's ``config.json`` from which object sets it learned; raises as `read_kind`."""
-    known = (*read_learned_from(folder), *names)
+    """Add to a policy's ``config.json`` from which object sets it learned, family by family.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `read_kind`.
+    ObjectSetError
+        If a name is that of no procedural set.
+    """
+    known = (*read_learned_from(folder), *(each for name in names for each in by_family(name)))
     content = {**_content(folder), _LEARNED_FROM: list(dict.fromkeys(known))}
     write_text(Path(folder) / CONFIG, dumps(content) + "\n")
 

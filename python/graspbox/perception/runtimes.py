@@ -146,10 +146,12 @@ class Scorer:
         The hand.
     finalists : int
         The network's least number of grasps; fewer are padded.
+    members : int
+        Scorers of the ensemble.
     """
 
-    def __init__(self, network: Network, inputs: ScorerInputs, finalists: int) -> None:
-        self._network, self._inputs, self._finalists = network, inputs, finalists
+    def __init__(self, network: Network, inputs: ScorerInputs, finalists: int, members: int = 1) -> None:
+        self._network, self._inputs, self._finalists, self._members = network, inputs, finalists, members
 
     def judge(
         self, volume: NDArray[np.uint8], crop_from_hand: NDArray[np.float64], preshape: NDArray[np.float64]
@@ -183,6 +185,16 @@ class Scorer:
     ) -> NDArray[np.float64]:
         """Give what grasps are chosen by, (m,) float64; arguments as `judge`."""
         return self.judge(volume, crop_from_hand, preshape).choice
+
+    def each(
+        self, volume: NDArray[np.uint8], crop_from_hand: NDArray[np.float64], preshape: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Score as ``__call__``, but every grasp by all members of the ensemble: scores to average, not to rank by."""
+        if self._members == 1 or not len(preshape):
+            return self(volume, crop_from_hand, preshape)
+        blocks = range(self._finalists, len(preshape), self._finalists)
+        pairs = zip(np.split(crop_from_hand, blocks), np.split(preshape, blocks), strict=True)
+        return np.concatenate([self(volume, *pair) for pair in pairs])
 
 
 class AnchorHead:
@@ -259,4 +271,5 @@ def load_parts(
     else:
         networks = [onnx_network(folder / f"{name}.onnx", num_threads) for name in names]
     head = AnchorHead(networks[2], Anchors(len(grid.preshapes), config.head.anchors)) if config.head else None
-    return Parts(Completion(networks[0]), Scorer(networks[1], ScorerInputs(grid), config.finalists), head)
+    scorer = Scorer(networks[1], ScorerInputs(grid), config.finalists, config.members)
+    return Parts(Completion(networks[0]), scorer, head)

@@ -58,7 +58,7 @@ from typing import cast
 from graspbox.errors import ConfigError
 from graspbox.perception.feel_folders import FEEL
 from graspbox.perception.head_folders import HEAD_KIND
-from graspbox.perception.policy_folders import CONFIG, KIND, POSE_KIND, file_hash, read_kind
+from graspbox.perception.policy_folders import CONFIG, KIND, POSE_KIND, policy_hash, read_kind
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
 from graspbox.policies.depth_oracles import RobustOracle
@@ -102,10 +102,10 @@ def _network(folder: Path) -> Policy:
     if not config.goal_from:
         return NetworkPolicy(folder)
     other = folder / config.goal_from
-    if not (other / CONFIG).is_file() or file_hash(other / CONFIG) != config.goal_hash:
+    if not (other / CONFIG).is_file() or policy_hash(other) != config.goal_hash:
         raise ConfigError(
-            f"the policy {config.name!r} needs the policy that it learnt with in {str(other)!r}; there is another one, "
-            "or none"
+            f"the policy {config.name!r} needs, in {str(other)!r}, the policy with which it was trained; that folder "
+            "holds another one or none; restore it"
         )
     return NetworkPolicy(folder, base=load(str(other)))
 

@@ -163,6 +163,7 @@ class GoalPolicy(Policy):
         name: str = "goal",
     ) -> None:
         self.goals, self._decide = Goals(base), decide
+        self.learned_from = base.learned_from
         self._names = tuple(one for one in names if one != GOAL_NAME)
         plain = plain_settings({"obs": (*self._names, GOAL_NAME)}, base)
         self.name, self.obs, self.settings = name, plain.pop("obs"), plain

@@ -58,7 +58,7 @@ class NearestGrasp(DepthGrasp):
 
     def __init__(self, memory: Memory, *, noise: DepthNoise = DepthNoise()) -> None:  # noqa: B008 (frozen)
         super().__init__(None, noise=noise)
-        self._memory = memory
+        self._memory, self.learned_from = memory, memory.learned_from
 
     def _read(self, folder: Path | None) -> None:
         """Leave everything to the memory."""

@@ -9,6 +9,7 @@ from graspbox.evaluation import wilson
 from graspbox.files import write_text
 from graspbox.perception.head_folders import HeadPolicyConfig
 from graspbox.perception.scenes import SceneConfig
+from graspbox.policy_training.learned import evaluated_split
 from graspbox.progress import shown_time
 
 __all__ = ["LICENCE", "rate", "write_card", "write_head_card"]
@@ -101,7 +102,8 @@ def write_card(
             continue
         trials = found["trials"]
         cells = [rate(found[key], trials) for key in ("succeeded", "secure")]
-        name = f"`{objects}`" if "procedural" in objects else f"`{objects}`, split `test`"
+        split = evaluated_split(objects)
+        name = f"`{objects}`, split `{split}`" if split else f"`{objects}`"
         text += f"| {name} | {trials} | {cells[0]} | {cells[1]} | {found['ece']:.3f} |\n"
     calibrated = stages["calibrate"]
     text += (

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from graspbox import dataset, evaluation, object_sets
+from graspbox import dataset, evaluation, learned_sets, object_sets
 from graspbox.errors import ConfigError
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
@@ -34,7 +34,7 @@ from graspbox.perception.training import TrainConfig, Trained, TrainProgress
 from graspbox.perception.trials import GraspTrials
 from graspbox.policies import DepthGrasp
 from graspbox.policy_training.cards import write_card
-from graspbox.policy_training.learned import of_datasets, of_splits
+from graspbox.policy_training.learned import evaluated_split, of_datasets, of_splits
 from graspbox.policy_training.networks import TrainedNetworks
 from graspbox.policy_training.settings import QUICK, QUICK_OBJECTS, Settings
 from graspbox.policy_training.stages import Run, Stage
@@ -83,9 +83,9 @@ class PolicyTraining:
         if settings.quick:
             settings = replace(settings, sizes=QUICK, **QUICK_OBJECTS)
         self.settings, self.sizes, self.command = settings, settings.sizes, command
-        self.learned = of_splits((*settings.objects, *settings.fresh))
+        self.learned = [*of_datasets(settings.data), *of_splits((*settings.objects, *settings.fresh))]
         for objects in settings.evaluated:
-            if not object_sets.without(object_sets.load(objects, split=_evaluated_split(objects)), self.learned):
+            if not learned_sets.without(object_sets.load(objects, split=evaluated_split(objects)), self.learned):
                 raise ConfigError(f"--evaluated is {objects!r}; name objects from which nothing is learned")
         self.licence = licence
         self.seed, self.out = settings.seed, settings.out
@@ -360,7 +360,7 @@ class PolicyTraining:
         parts = load_parts(folder, config, self.grid)
         results: dict[str, Any] = {}
         for objects in self.settings.evaluated:
-            split = _evaluated_split(objects)
+            split = evaluated_split(objects)
             count = self.sizes.trials
 
             def report(done: int, objects: str = objects, count: int = count) -> None:
@@ -374,11 +374,6 @@ class PolicyTraining:
                 "ece": round(calibration_error(tried.judged[:, 0, 0], tried.success[:, 0]), 4),
             }
         return results
-
-
-def _evaluated_split(objects: str) -> object_sets.Split | None:
-    """Give the split that is evaluated: of sets other than procedural ones only the test."""
-    return None if "procedural" in objects else "test"
 
 
 def reporter(stage: Stage, measure: str) -> Callable[[TrainProgress], None]:

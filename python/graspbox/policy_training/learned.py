@@ -1,16 +1,24 @@
 """The object sets from which a policy learned, as its folder names them; `graspbox.evaluation` leaves them out."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from graspbox.dataset import manifest
 from graspbox.errors import ConfigError
+from graspbox.object_sets import Split
 
-__all__ = ["LEARNED_SPLITS", "of_datasets", "of_splits"]
+__all__ = ["LEARNED_SPLITS", "evaluated_split", "of_datasets", "of_splits"]
 
 #: Splits whose objects a training sees: to learn from, and to decide when to stop or which network to keep.
 LEARNED_SPLITS = ("train", "validation")
+#: Seeds of a family that are further apart than this are of two sets.
+_LARGEST_GAP = 50
+
+
+def evaluated_split(objects: str) -> Split | None:
+    """Give the split of a set on which a policy is evaluated: of sets other than procedural ones only the test."""
+    return None if objects.startswith("procedural") else "test"
 
 
 def of_splits(names: Iterable[str], splits: Sequence[str] = LEARNED_SPLITS) -> list[str]:
@@ -46,4 +54,17 @@ def _sets(objects: Iterable[Mapping[str, Any]]) -> list[str]:
             seeds.setdefault(family, []).append(int(seed))
         else:
             others["ycb" if kind == "ycb" else str(entry["source"])] = None
-    return [f"procedural:{family}:{min(each)}-{max(each)}" for family, each in seeds.items()] + list(others)
+    made = [f"procedural:{family}:{low}-{high}" for family, each in seeds.items() for low, high in _runs(each)]
+    return made + list(others)
+
+
+def _runs(seeds: Iterable[int]) -> Iterator[tuple[int, int]]:
+    """Give the first and last of each run of seeds, across small gaps: what is missing there is of another split."""
+    first, *others = sorted(seeds)
+    last = first
+    for seed in others:
+        if seed - last > _LARGEST_GAP:
+            yield first, last
+            first = seed
+        last = seed
+    yield first, last

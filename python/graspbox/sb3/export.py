@@ -30,7 +30,7 @@ import graspbox
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
 from graspbox.errors import ConfigError
 from graspbox.perception.onnx_files import PARITY, write_onnx
-from graspbox.perception.policy_folders import CONFIG, file_hash
+from graspbox.perception.policy_folders import CONFIG, file_hash, policy_hash
 from graspbox.perception.runtimes import Network, onnx_network
 from graspbox.perception.weight_files import check_size, restore_weights, save_weights
 from graspbox.policies import Task
@@ -169,11 +169,11 @@ def _goal_of(folder: Path, goal: str | None) -> dict[str, str]:
         return {}
     if not (Path(goal) / CONFIG).is_file():
         raise ConfigError(
-            f"goal_from is {goal!r}; a policy that learnt with a published one, a folder, can be published"
+            f"goal_from is {goal!r}, which is no folder of a published policy; train with one, such as policies/depth"
         )
     return {
         "goal_from": os.path.relpath(Path(goal).resolve(), folder.resolve()),
-        "goal_hash": file_hash(Path(goal) / CONFIG),
+        "goal_hash": policy_hash(Path(goal)),
     }
 
 

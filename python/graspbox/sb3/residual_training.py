@@ -184,13 +184,11 @@ def train_residual(
         If the folder holds a run with other settings.
     """
     begun = any((folder / name).exists() for name in ("checkpoint", "checkpoint.old"))
-    path = folder / "evaluations.jsonl"
-    if not begun:
-        # Left by a run that was interrupted before its first checkpoint.
-        path.unlink(missing_ok=True)
     bounds = {name: getattr(run.config, name) for name in ("distance", "angle", "preshape")}
     # How often a run is evaluated changes nothing of what it learns.
-    log = ResumeLog(path, {k: v for k, v in vars(run).items() if k not in ("config", "every")} | bounds)
+    what = {k: v for k, v in vars(run).items() if k not in ("config", "every")} | bounds
+    # Before its first checkpoint an interrupted run leaves rows and nothing to resume from.
+    log = ResumeLog(folder / "evaluations.jsonl", what, fresh=not begun)
     env = make_residual_env(run.num_envs, make_base(), run.config, **run.env)
     tested = make_base()
     keywords = {**tested.settings, "obs": tested.obs, **run.env, **run.held_out}

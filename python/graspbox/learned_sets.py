@@ -1,0 +1,60 @@
+"""Object sets from which a policy learned, as its folder names them: ``NAME`` or ``NAME/SPLIT``.
+
+`graspbox.evaluation` leaves their objects out; `graspbox.policy_training` writes them.
+"""
+
+import logging
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from graspbox import object_sets
+from graspbox.errors import FileError, MissingExtraError, ObjectSetError
+from graspbox.mesh_folders import MESH_SUFFIXES
+from graspbox.object_sets import ObjectSet
+
+__all__ = ["by_family", "without"]
+
+_log = logging.getLogger(__name__)
+
+
+def by_family(given: str) -> list[str]:
+    """Name each family of a procedural set by itself, and any other set as it is.
+
+    ``procedural:seen`` contains more objects as soon as a family is added; what a policy learned from does not change.
+
+    Raises
+    ------
+    ObjectSetError
+        If there is no such procedural set.
+    """
+    name, split = object_sets.name_and_split(given)
+    kind, _, rest = name.partition(":")
+    if kind != "procedural":
+        return [given]
+    families, seeds = object_sets.families_and_seeds(rest, name)
+    end = f"/{split}" if split else ""
+    return [f"procedural:{family}:{seeds[0]}-{seeds[-1]}{end}" for family in families]
+
+
+def without(found: ObjectSet, learned_from: Iterable[str]) -> ObjectSet:
+    """Leave out the objects of other sets, by where their meshes come from.
+
+    A set that is not on this machine has nothing to leave out; the result may be empty.
+
+    Raises
+    ------
+    ObjectSetError
+        If an entry names no object set.
+    """
+    learned: set[str] = set()
+    for given in learned_from:
+        name, split = object_sets.name_and_split(given)
+        try:
+            learned |= {spec.source for spec in object_sets.load(name, split=split)}
+        except (FileError, MissingExtraError, ObjectSetError) as error:
+            names_files = name.startswith("dir:") or Path(name).suffix.lower() in MESH_SUFFIXES
+            if isinstance(error, ObjectSetError) and not names_files:
+                raise ObjectSetError(f"learned_from has {given!r}: {error}") from None
+            _log.info("nothing of %s is left out: %s", given, error)
+    return replace(found, objects=tuple(spec for spec in found if spec.source not in learned))
