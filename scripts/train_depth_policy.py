@@ -19,7 +19,7 @@ Stages, each with a time limit (``--hours.NAME``; together at most 12 hours), a 
    the scorer's logits probabilities.
 8. ``export``, ``rungs``: the policy's folder, and in ``rungs`` what the policy was before the rounds, before the
    ensemble, before the refinement, and without the head, so that ``scripts/evaluate_policies.py`` tells what each step is worth.
-9. ``evaluate``: the exported policy in ``GraspPose-v0`` on objects of which nothing was learnt, and its calibration there.
+9. ``evaluate``: the exported policy in ``GraspPose-v0`` on objects from which nothing was learned, and its calibration there.
 
 The same command continues after an interruption, also after SIGKILL. ``--quick`` goes through all stages in minutes, to
 show that they work; what it makes grasps badly. Needs the extras ``cli``, ``data``, ``ycb`` and ``train``.

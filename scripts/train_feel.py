@@ -14,7 +14,7 @@ Stages, each with a time limit (``--hours``), a log (``log.txt``) and results (`
 4. ``export``: the policy's folder with what feels beside it.
 5. ``threshold``: trials of held-out objects, each with and without a second attempt, say below which probability the
    hand opens.
-6. ``evaluate``: the first attempt alone and with a second one, on objects of which nothing was learnt; the card and a
+6. ``evaluate``: the first attempt alone and with a second one, on objects from which nothing was learned; the card and a
    picture are made from it.
 
 By default the hand feels when it has closed and 10 cm into the lift; with ``--times 1.3`` it feels before it lifts.

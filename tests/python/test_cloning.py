@@ -77,7 +77,7 @@ def weights(folder: Path, part: str) -> Any:
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
 @pytest.mark.parametrize("obs", ["state", SEEING])
-def test_a_batch_is_learnt_by_heart(shown: Path, algorithm: str, obs: Any) -> None:
+def test_a_batch_is_learned_by_heart(shown: Path, algorithm: str, obs: Any) -> None:
     """Every policy, from the vector and from depth with touch, can reproduce the actions of a batch."""
     from graspbox.sb3.training import model_arguments
 
@@ -99,7 +99,7 @@ def test_a_batch_is_learnt_by_heart(shown: Path, algorithm: str, obs: Any) -> No
         optimizer.step()
         errors.append(error.item())
     assert errors[-1] < 2e-3 < 0.05 < errors[0]
-    # What a deterministic policy does is what was learnt.
+    # What a deterministic policy does is what was learned.
     policy = script_policy(model, env)
     arrays = (
         {name: rows.numpy() for name, rows in observations.items()} if isinstance(obs, tuple) else observations.numpy()

@@ -128,6 +128,7 @@ def check_python(words: list[str]) -> None:
     for option in (word for word in rest if word.startswith("--")):
         group, _, name = option[2:].partition("=")[0].rpartition(".")
         source = shared if group else own
+        assert not group or re.search(rf"^    {group}: ", own + shared, re.MULTILINE), (words, option)
         assert f"--{name}" in source or re.search(rf"\b{name.replace('-', '_')}\b", source), (words, option)
 
 

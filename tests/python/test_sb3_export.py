@@ -198,7 +198,7 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
     assert "privileged" not in card
     assert "| `procedural:can:0-19` | 4 of 20 | 3 | " in card
     assert "| `procedural:can:0-199/test` | 0 of " in card
-    assert "It learnt from `procedural:can:0-9`, split `train`." in card
+    assert "It learned from `procedural:can:0-9`, split `train`." in card
     (recorded,) = (line for line in card.splitlines() if line.startswith("graspbox record"))
     words = shlex.split(recorded)
     assert words[:5] == ["graspbox", "record", "expert", "--out", "out/shown"]
@@ -256,7 +256,7 @@ def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp
     assert export.load_graph(tmp_path / "policies/clone").inputs == names
     config = json.loads((base / "config.json").read_text())
     (base / "config.json").write_text(json.dumps({**config, "name": "other"}))
-    with pytest.raises(errors.ConfigError, match="needs the policy that it learnt with"):
+    with pytest.raises(errors.ConfigError, match="the policy with which it was trained"):
         policies.load(str(tmp_path / "policies/clone"))
 
 

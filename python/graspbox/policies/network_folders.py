@@ -68,7 +68,7 @@ class NetworkPolicyConfig:
     env_id : str
         The environment that it acts in, one of `graspbox.envs.IDS`.
     obs : str or tuple of str
-        Keyword ``obs`` of the environments that it learnt in.
+        Keyword ``obs`` of the environments that it learned in.
     settings : mapping
         Other keywords of these environments that decide what it sees and what its actions do.
     inputs : tuple of NetworkInput

@@ -25,7 +25,7 @@ Grasps an object on a table from one depth image: no mesh, no true pose. Made by
 
 ## Scores
 
-First attempt in `GraspPose-v0`, on objects of which nothing was learnt; the camera has the noise of a real one. In
+First attempt in `GraspPose-v0`, on objects from which nothing was learned; the camera has the noise of a real one. In
 brackets the 95 % intervals (Wilson).{more}
 
 """
@@ -38,7 +38,7 @@ _LIMITS = """
 
 - One object on a flat table, no larger than a cube of 0.3 m, seen from {near} to {far} m and at least
   {elevation:.0f} degrees above the table.
-- Depth of a camera with the noise of a structured-light sensor; it learnt nothing of transparent and shiny surfaces,
+- Depth of a camera with the noise of a structured-light sensor; it has seen no transparent and shiny surfaces,
   which such cameras do not see.
 - Masses and friction are those of the simulation; probabilities hold there, not on a real arm.
 """

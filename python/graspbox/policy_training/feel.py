@@ -31,7 +31,7 @@ __all__ = ["QUICK", "FeelSettings", "FeelSizes", "FeelTraining"]
 
 @dataclass(frozen=True)
 class FeelSizes:
-    """How much is recorded and learnt; ``--quick`` makes all of it small."""
+    """How much is recorded and learned; ``--quick`` makes all of it small."""
 
     scenes: int = 2_000
     """Scenes to learn from."""
@@ -79,7 +79,7 @@ class FeelSettings:
     out: Path
     """Folder of the run."""
     objects: str = "procedural:seen:400-499"
-    """Objects to learn from; the policy should not have learnt from them."""
+    """Objects to learn from; the policy should not have learned from them."""
     held_out: str = "procedural:seen:500-549"
     """Objects that validate, calibrate and choose the threshold."""
     evaluated: tuple[str, ...] = ("procedural:unseen:0-19",)
@@ -259,7 +259,7 @@ class FeelTraining:
         return load_or_make(PairedTrials, path, run)
 
     def evaluate(self, stage: Stage) -> dict[str, Any]:
-        """Measure policy, first attempt alone and how well it feels, on objects of which nothing was learnt."""
+        """Measure policy, first attempt alone and how well it feels, on objects from which nothing was learned."""
         threshold = read_feel(self.folder).threshold
         results: dict[str, Any] = {}
         found: dict[str, PairedTrials] = {}

@@ -22,7 +22,7 @@ __all__ = ["Score", "measure", "object_set", "write_network_card", "write_pose_c
 _SCORES = """## Scores
 
 First attempt in `{env_id}`, seed {seed} of the trials. In brackets the 95 % intervals (Wilson).
-*Known* is how many of the objects were left out since it learnt from them. The folder was measured as it is, by
+*Known* is how many objects were left out because it learned from them. The folder was measured as it is, by
 onnxruntime.
 
 | objects | known | trials | success | secure | most frequent failures |
@@ -65,7 +65,7 @@ _POSE_LIMITS = """
 - It stands for what the study's networks can do, not for a policy that is worth using: see `docs/study.md`.
 - It sees a camera where the study had it, 0.7 m away and 45 degrees above the table, without noise; the camera's pose
   is known.
-- It learnt from few objects, each seen from one side, and predicts one pose, with the preshape {preshape:.4f} rad.
+- It learned from few objects, each seen from one side, and predicts one pose, with the preshape {preshape:.4f} rad.
 - Networks with more weights than {limit:.0f} MB hold are not published.
 """
 
@@ -177,7 +177,7 @@ def write_network_card(
     if config.goal_from:
         what += (
             f" The observation `goal` is the grasp that the policy in `{config.goal_from}` finds in one depth image, "
-            "as soon as the hand has left the image. That policy must lie there; its card tells what it learnt from."
+            "as soon as the hand has left the image. That policy must lie there; its card tells what it learned from."
         )
     if true:
         what += f" It is **privileged**: no sensor measures {_listed(true)}, which the simulation tells."
@@ -187,9 +187,9 @@ def write_network_card(
     text += f"```\n{lines}\n```\n\n| step | what | time |\n|---|---|--:|\n"
     for one in made:
         text += f"| {one.what} | {one.told} | {'-' if one.seconds is None else shown_time(one.seconds)} |\n"
-    learnt = [one.objects for one in made if one.objects]
-    sets = list(dict.fromkeys(_listed(_names(one["objects"])) + _split(one.get("split")) for one in learnt))
-    text += f"\nIt learnt from {'; and from '.join(sets)}.\n" if sets else ""
+    learned = [one.objects for one in made if one.objects]
+    sets = list(dict.fromkeys(_listed(_names(one["objects"])) + _split(one.get("split")) for one in learned))
+    text += f"\nIt learned from {'; and from '.join(sets)}.\n" if sets else ""
     settings = ", ".join(f"`{name}={value!r}`" for name, value in config.settings.items())
     first = _filled(f"- It acts with the environment settings of `config.json` alone: {settings}.").replace(
         "\n", "\n  "
@@ -206,7 +206,7 @@ def _what(steps: Sequence[str], algorithm: str) -> str:
         return f"A clone of demonstrations, a policy of Stable-Baselines3's {algorithm.upper()}"
     if "clone" in steps:
         return f"A clone of demonstrations tuned by rewards with Stable-Baselines3's {algorithm.upper()}"
-    return f"A policy that Stable-Baselines3's {algorithm.upper()} learnt from rewards"
+    return f"A policy that Stable-Baselines3's {algorithm.upper()} learned from rewards"
 
 
 def _names(objects: Any) -> Sequence[str]:

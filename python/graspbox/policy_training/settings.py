@@ -27,7 +27,7 @@ class Hours:
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is made and learnt at most; ``--quick`` makes all of them small."""
+    """How much is made and learned at most; ``--quick`` makes all of them small."""
 
     poses: int = 128
     """Trials per scene of the data set."""

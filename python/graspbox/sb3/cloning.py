@@ -106,7 +106,7 @@ def _scaled(model: BaseAlgorithm, observations: Any) -> Any:
 
 
 def mean_actions(model: BaseAlgorithm, observations: Any) -> tuple[Tensor, Tensor | None]:
-    """Mean actions, in [-1, 1] but for an unsquashed policy's, and the logarithm of their standard deviation if learnt.
+    """Mean actions, in [-1, 1] but for an unsquashed policy's, and the log of their standard deviation if learned.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ def settings_of(folder: Path) -> dict[str, Any]:
 
 
 def steps_of(settings: dict[str, Any]) -> ClonedSteps:
-    """Read the demonstrations that a clone has learnt from; raises as `ClonedSteps`."""
+    """Read the demonstrations that a clone has learned from; raises as `ClonedSteps`."""
     clone = settings["clone"]
     return ClonedSteps(Demonstrations(clone["demonstrations"]), settings["env"]["obs"], clone["keep"], clone["shown"])
 

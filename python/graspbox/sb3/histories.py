@@ -1,6 +1,6 @@
 """How a policy of Stable-Baselines3 came about, read off the folders of its runs; without torch.
 
-A run of ``scripts/train_sb3.py`` may have begun as a clone of ``scripts/clone_sb3.py``, and that learnt from
+A run of ``scripts/train_sb3.py`` may have begun as a clone of ``scripts/clone_sb3.py``, and that learned from
 demonstrations of ``graspbox record``. Each step is told with a command that repeats it.
 """
 
@@ -34,7 +34,7 @@ class Made:
     told : str
         What it was, in a sentence.
     objects : mapping
-        Keywords ``objects`` and ``split`` of the environments from which it learnt.
+        Keywords ``objects`` and ``split`` of the environments from which it learned.
     seconds : float or None
         Wall time, evaluations included; None where it is not known.
     """
@@ -158,7 +158,7 @@ def _recorded(clone: Mapping[str, Any]) -> Made:
     if counts:
         told = f"{counts['episodes']} {told}: {counts['steps']} steps of {counts['trials']} trials"
     if clone["shown"] is not None:
-        told += f"; the clone learnt from the first {clone['shown']}"
+        told += f"; the clone learned from the first {clone['shown']}"
     return Made("demonstrations", shlex.join(words), told, {"objects": objects, "split": split})
 
 

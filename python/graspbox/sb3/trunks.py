@@ -6,7 +6,7 @@
 | ``model.json`` | `graspbox.learning.training` (``Cnn3d``) | ``voxels`` | the same, of the voxels as the regressor crops them |
 | ``head.json`` | `graspbox.perception.head_training` (``anchor``, ``set``, ``regressor``) | ``depth`` | the map of the trunk, of the crop around the object, averaged to 6 x 6 |
 
-A layer that is always learnt makes `features` numbers of them. Where the object was seen stands beside them, since crops
+A layer that is always learned makes `features` numbers of them. Where the object was seen stands beside them, since crops
 and centred pictures do not tell: whether one was seen, x and y in the world (metres), and for a head the cosine and sine
 of the crop's yaw. Other entries of a ``Dict`` go through the networks of `graspbox.sb3.extractors`.
 
