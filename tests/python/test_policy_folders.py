@@ -187,7 +187,7 @@ def test_a_card_tells_what_was_measured(tiny: Path, tmp_path: Path) -> None:
     stages: dict[str, dict[str, Any]] = {
         "scorer": {"seconds": 60.0, "trials": 500, "on_policy": 0, "reason": "steps", "steps": 9, "best": 0.9},
         "round-1": {"seconds": 30.0, "trials": 500, "on_policy": 64, "reason": "time", "steps": 5, "best": 0.95},
-        "calibrate": {"seconds": 5.0, "choices": 40, "rates": {"0.0": [0.9, 0.5], "0.3": [0.875, 0.625]}},
+        "calibrate-0": {"seconds": 5.0, "choices": 40, "rates": {"0.0": [0.9, 0.5], "0.3": [0.875, 0.625]}},
         "evaluate": {"seconds": 9.0, "ycb": {"trials": 100, "succeeded": 90, "secure": 60, "ece": 0.021}},
     }
     write_card(
@@ -200,7 +200,7 @@ def test_a_card_tells_what_was_measured(tiny: Path, tmp_path: Path) -> None:
     )
     text = (tmp_path / "README.md").read_text()
     assert "| `ycb`, split `test` | 100 | 90.0% (82.6% to 94.5%) | 60.0% (50.2% to 69.1%) | 0.021 |" in text
-    assert "| 0.3 | 87.5% | 62.5% |" in text
+    assert "| 0 | 0.3 | 40 | 87.5% | 62.5% |" in text
     assert "500 trials of `procedural:seen:0-9` and `ycb`" in text
     assert "then 64 trials" in text
     assert "| all | 0:01:44 |" in text

@@ -25,7 +25,7 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "train_depth_policy.py"
 #: Stages of ``--quick``, in order.
 STAGES = ["data", "completion", "scorer", "head"]
 STAGES += ["collect-1", "round-1", "collect-2", "round-2", "collect-3", "round-3", "member-1", "member-2"]
-STAGES += ["calibrate", "export", "rungs", "evaluate"]
+STAGES += ["calibrate-0", "calibrate-2", "export", "rungs", "evaluate"]
 
 
 def command(out: Path) -> list[str]:
@@ -57,7 +57,8 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert results["scorer"]["steps"] == 12
     assert results["collect-1"]["train"]["trials"] > 0
     assert results["round-3"]["on_policy"] > results["round-1"]["on_policy"] > 0
-    assert results["calibrate"]["choices"] > 0
+    best = {count: max(map(sum, results[f"calibrate-{count}"]["rates"].values())) for count in (0, 2)}
+    assert read_depth_policy(trained / "policy").finder.refinements == (2 if best[2] > best[0] else 0)
     assert results["evaluate"]["procedural:bottle:30-33"]["trials"] == 6
     for name, members in (("scorer", 1), ("rounds", 1), ("ensemble", 3)):
         rung = read_depth_policy(trained / "rungs" / name)

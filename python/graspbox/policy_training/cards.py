@@ -58,7 +58,7 @@ def _result(name: str, found: Mapping[str, Any]) -> str:
             for split, part in found.items()
             if split != "seconds"
         )
-    if name in ("calibrate", "evaluate", "export", "rungs"):
+    if name.startswith("calibrate") or name in ("evaluate", "export", "rungs"):
         return ""
     if name == "data":
         return f"{found['train']} trials to learn from, {found['validation']} to validate"
@@ -105,13 +105,17 @@ def write_card(
         split = evaluated_split(objects)
         name = f"`{objects}`, split `{split}`" if split else f"`{objects}`"
         text += f"| {name} | {trials} | {cells[0]} | {cells[1]} | {found['ece']:.3f} |\n"
-    calibrated = stages["calibrate"]
     text += (
         f"\nA grasp is chosen by (success + {config.calibration.secure_weight} secure) / "
-        f"{1 + config.calibration.secure_weight}. On {calibrated['choices']} held-out scenes other weights gave:\n\n"
-        "| weight of a secure hold | success | secure |\n|--:|--:|--:|\n"
+        f"{1 + config.calibration.secure_weight}, after {config.finder.refinements} refinements. On held-out scenes "
+        "other settings gave:\n\n| refinements | weight of a secure hold | scenes | success | secure |\n"
+        "|--:|--:|--:|--:|--:|\n"
     )
-    text += "".join(f"| {w} | {a:.1%} | {b:.1%} |\n" for w, (a, b) in calibrated["rates"].items())
+    for name, found in stages.items():
+        stage, _, count = name.partition("-")
+        if stage == "calibrate":
+            rates = found["rates"].items()
+            text += "".join(f"| {count} | {w} | {found['choices']} | {a:.1%} | {b:.1%} |\n" for w, (a, b) in rates)
     text += f"\n## Data and training\n\n```\n{command}\n```\n\n"
     data, fresh = (
         " and ".join(f"`{name}`" for name in names) for names in (settings.data or settings.objects, settings.fresh)

@@ -120,8 +120,13 @@ class PolicyTraining:
             stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
         for n in range(1, sizes.members):
             stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
-        found = stage("calibrate", hours.calibrate, self.calibrate)
-        weight = found["secure_weight"]
+        tried = {
+            count: stage(f"calibrate-{count}", hours.calibrate / 2, partial(self.calibrate, refinements=count))
+            for count in (0, FINDER.refinements)
+        }
+        # Refinement looks for what the scorer likes best, and may find where it is wrong.
+        found = tried[count := max(tried, key=lambda count: max(map(sum, tried[count]["rates"].values())))]
+        self.finder, weight = replace(self.finder, refinements=count), found["secure_weight"]
         calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), weight)
         stage("export", hours.evaluate, lambda s: self.export(calibration))
         stage("rungs", hours.evaluate, lambda s: self.export_rungs(s.folder, calibration))
@@ -266,12 +271,13 @@ class PolicyTraining:
             results[split] = {"trials": len(trials), **{k: round(v, 4) for k, v in shares.items()}}
         return results
 
-    def calibrate(self, stage: Stage) -> dict[str, Any]:
+    def calibrate(self, stage: Stage, refinements: int) -> dict[str, Any]:
         """Try choices on held-out objects; choose the weight of a secure hold, and fit the logits."""
         graph = ScorerGraph(self.networks.members(), Calibration(), FINALISTS)
         scorer = Scorer(torch_network(graph), self.inputs, FINALISTS)
         parts = Parts(self.networks.completion(), scorer, self.networks.predictor())
-        found = self.choices(stage, self.settings.fresh, "validation", parts, self.sizes.choices)
+        finder = replace(self.finder, refinements=refinements)
+        found = self.choices(stage, self.settings.fresh, "validation", parts, finder, self.sizes.choices)
         rates = np.stack([found.success.mean(axis=0), found.secure.mean(axis=0)], axis=1)
         best = int(np.argmax(rates.sum(axis=1)))
         return {
@@ -290,6 +296,7 @@ class PolicyTraining:
         objects: str | tuple[str, ...],
         split: object_sets.Split | None,
         parts: Parts,
+        finder: FinderConfig,
         count: int,
         weights: tuple[float, ...] = SECURE_WEIGHTS,
     ) -> Choices:
@@ -307,7 +314,7 @@ class PolicyTraining:
             self.grid,
             parts.complete,
             parts.scorer,
-            self.finder,
+            finder,
             head=parts.head,
             weights=weights,
             progress=report,
@@ -368,7 +375,7 @@ class PolicyTraining:
 
             result = evaluation.evaluate(policy, objects=objects, split=split, trials=count, progress=report)
             weights = (config.calibration.secure_weight,)
-            tried = self.choices(stage, objects, split, parts, count, weights)
+            tried = self.choices(stage, objects, split, parts, config.finder, count, weights)
             results[objects] = {
                 **{k: v for k, v in result.to_json().items() if k != "objects"},
                 "ece": round(calibration_error(tried.judged[:, 0, 0], tried.success[:, 0]), 4),

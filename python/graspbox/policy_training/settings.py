@@ -22,6 +22,7 @@ class Hours:
     member: float = 1.0
     """Of each further member of the ensemble."""
     calibrate: float = 0.4
+    """Of both calibrations, without refinement and with it."""
     evaluate: float = 0.7
 
 
