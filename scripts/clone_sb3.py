@@ -231,7 +231,8 @@ class Loop:
         what = json.loads(self.log.path.read_text().splitlines()[0])["settings"]
         policy: Any = ModelPolicy(self.model, self.model.get_vec_normalize_env(), "clone")
         policy, keywords = with_goals(policy, what["env"])
-        keywords |= {"split": self.settings.evaluate, "trials": self.settings.episodes}
+        # A validation: the policy that gives goals may know these objects.
+        keywords |= {"split": self.settings.evaluate, "trials": self.settings.episodes, "include_learned": True}
         keywords |= {"seed": EVALUATION_SEED, "num_envs": min(what["num_envs"], self.settings.episodes)}
         row = summary(evaluation.evaluate(policy, what["id"], **keywords))
         self.log.append({"timesteps": self.updates, "seconds": round(self.seconds, 1), **row})
