@@ -94,7 +94,7 @@ $(LEROBOT)/.stamp: pyproject.toml
 	touch $@
 
 test-lerobot: $(LEROBOT)/.stamp $(STAMPS)/core
-	$(LEROBOT)/bin/python -m pytest tests/python/test_demonstrations_export.py -k lerobot
+	GRASPBOX_REQUIRE_LEROBOT=1 $(LEROBOT)/bin/python -m pytest tests/python/test_demonstrations_export.py -k lerobot
 
 test-all: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_YCB=$(YCB) cargo test --release --workspace -- --include-ignored
