@@ -1,7 +1,7 @@
 r"""Compare a clone of demonstrations, learning from rewards alone, and the clone tuned by rewards, at equal budget.
 
     python scripts/compare_cloning.py out/cloning
-    python scripts/compare_cloning.py out/cloning --inputs state --steps 300000 --shown 800
+    python scripts/compare_cloning.py out/cloning_state --inputs state --steps 300000 --shown 800
     python scripts/compare_cloning.py out/goal --inputs goal --demonstrator policies/depth \
         --objects procedural:seen:0-199 --unseen procedural:unseen:0-19 ycb
 

@@ -73,13 +73,13 @@ def check(settings: Settings) -> None:
 def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
     """Name the object sets from which a policy learned, and the split by which it was chosen among checkpoints."""
     found: list[str] = []
+    names: tuple[str, ...] = ()
     for one in made:
-        given = one.objects.get("objects", ())
-        names, split = [given] if isinstance(given, str) else given, one.objects.get("split")
+        given, split = one.objects.get("objects", ()), one.objects.get("split")
+        names = (given,) if isinstance(given, str) else tuple(given)
         found += of_splits(names, [split]) if split else names
     if chosen_on is not None:
-        names = made[-1].objects.get("objects", ())
-        found += of_splits([names] if isinstance(names, str) else names, [chosen_on])
+        found += of_splits(names, [chosen_on])
     return found
 
 

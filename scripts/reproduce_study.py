@@ -2,7 +2,7 @@
 
     python scripts/reproduce_study.py --out out/study --minutes-per-network 20
     python scripts/reproduce_study.py --out out/study --minutes-per-network 20 --resume
-    python scripts/reproduce_study.py --out out/small --networks cnn3d --losses psi4 --iterations 200
+    python scripts/reproduce_study.py --out out/quick --networks cnn3d --losses psi4 --iterations 200
     python scripts/reproduce_study.py --out out/study --minutes-per-network 20 --resume --publish policies/study
 
 The folder then holds ``study.md``, which shows tables 3.2 and 3.3 beside ours and figures 3.19 to 3.27; ``results.jsonl``
