@@ -6,9 +6,10 @@
 A policy is what `graspbox.policies.load` takes (a name or a folder), ``completed_planner=FOLDER`` (the planner on what
 the completion of a policy's folder makes of the image), ``nearest=DATA`` (the grasp that held in the known scene of a
 data set that looks most alike), ``filtered=FOLDER`` or ``unfiltered=FOLDER`` (a head with or without its collision
-filter), or a policy of one depth image that lacks a part: ``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its
-head, ``plain=FOLDER`` both; or that expects a hand which is off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``; or
-with the truth for a part: ``true_completion=FOLDER``, ``true_scorer=FOLDER`` (simulation), ``true_both=FOLDER``.
+filter), or a policy of one depth image that refines its grasps twice: ``refined=FOLDER``; that lacks a part:
+``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both; that expects a hand which is
+off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``; or with the truth for a part: ``true_completion=FOLDER``,
+``true_scorer=FOLDER`` (simulation), ``true_both=FOLDER``.
 ``--stressed`` names those that are measured under all conditions; the others only see the first.
 
 All policies get the same trials: object, pose and noise follow from the seed, and objects from which one of them
@@ -41,14 +42,15 @@ from graspbox.perception.policy_folders import read_depth_policy
 from graspbox.policies.depth import Oracle
 from graspbox.resume_log import ResumeLog
 
-#: Settings of the finder by which a policy of one depth image differs from its folder: it lacks a part, or expects the
-#: standard deviations of the condition ``hand_10``.
+#: Settings of the finder by which a policy of one depth image differs from its folder: it has or lacks a part.
 VARIANTS: dict[str, dict[str, Any]] = {
+    "refined": {"refinements": 2},
     "unrefined": {"refinements": 0},
     "geometric": {"predicted": 0},
     "plain": {"refinements": 0, "predicted": 0},
-    "tolerant": {"hand_error": PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))},
 }
+#: Standard deviations of the errors of the condition ``hand_10``.
+_HAND_10 = PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))
 #: Parts of a policy of one depth image that the truth stands in for, to measure what each loses.
 ORACLES: dict[str, tuple[Oracle, ...]] = {
     "true_completion": ("completion",),
@@ -108,12 +110,14 @@ def load(spec: str) -> policies.Policy:
         from graspbox.policy_training.learned import of_datasets
 
         return policies.NearestGrasp(replace(remember(path), learned_from=tuple(of_datasets([Path(path)]))))
+    if kind == "tolerant":
+        return policies.DepthGrasp(Path(path), hand_error=_HAND_10)
     if kind in VARIANTS:
         finder = read_depth_policy(Path(path)).finder
         return policies.DepthGrasp(Path(path), config=replace(finder, **VARIANTS[kind]))
     if kind in ORACLES:
         return policies.DepthGrasp(Path(path), oracles=ORACLES[kind])
-    known = ", ".join(("completed_planner", *_HEADS, "nearest", *VARIANTS, *ORACLES))
+    known = ", ".join(("completed_planner", *_HEADS, "nearest", "tolerant", *VARIANTS, *ORACLES))
     raise ConfigError(f"there is no policy {spec!r}; before = stands one of {known}")
 
 

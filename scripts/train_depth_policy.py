@@ -14,9 +14,9 @@ Stages, each with a time limit (``--hours.NAME``; together at most 12 hours), a 
    those that geometry proposes.
 5. ``collect-N``, ``round-N``: trials on what the proposals and the scorer choose on fresh objects; training goes on with
    half of each batch from them.
-6. ``member-N``: further members of the ensemble, on all trials.
-7. ``calibrate-0``, ``calibrate-2``: choices on held-out objects are tried, without refinement and with it; they decide
-   whether the policy refines and which weight a secure hold gets in the choice, and make the scorer's logits probabilities.
+6. ``member-N``: further members of the ensemble, on all trials (``--sizes.members 3``; by default there is one scorer).
+7. ``calibrate-N``: choices on held-out objects, refined N times (``--sizes.refinements 0 2`` compares two settings; the
+   default is 0). They decide which weight a secure hold gets in the choice, and make the scorer's logits probabilities.
 8. ``export``, ``rungs``: the policy's folder, and in ``rungs`` what the policy was before the rounds, before the
    ensemble, before the refinement, and without the head, so that ``scripts/evaluate_policies.py`` tells what each step is worth.
 9. ``evaluate``: the exported policy in ``GraspPose-v0`` on objects from which nothing was learned, and its calibration there.

@@ -10,8 +10,9 @@ from graspbox import object_sets
 from graspbox.errors import ConfigError
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
+from graspbox.perception.configs import FinderConfig
 from graspbox.perception.crops import Crops
-from graspbox.perception.finder import FinderConfig, FoundGrasp, GraspFinder, observed_only
+from graspbox.perception.finder import FoundGrasp, GraspFinder, observed_only
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.scenes import SceneConfig, SceneSampler
 from graspbox.perception.seen_scenes import see
@@ -117,7 +118,8 @@ def test_a_hand_that_errs_takes_a_good_grasp_among_good_ones(crops: Crops) -> No
 
     refined = replace(CONFIG, refinements=2)
     np.testing.assert_allclose(chosen(refined), proposed[peak], atol=1e-4)
-    tolerant = replace(refined, hand_error=PoseNoise(0.005, 0.05))
+    tolerant = CONFIG.tolerating(PoseNoise(0.005, 0.05))
+    assert tolerant == replace(refined, hand_error=PoseNoise(0.005, 0.05))
     assert np.linalg.norm(chosen(tolerant) - proposed[middle]) < 0.02
     np.testing.assert_array_equal(chosen(tolerant), chosen(tolerant))
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from graspbox.perception import HandGrid
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.policy_folders import read_depth_policy, read_learned_from
 from graspbox.policy_training.learned import of_splits
-from graspbox.policy_training.settings import QUICK_OBJECTS
+from graspbox.policy_training.settings import QUICK_OBJECTS, Sizes
 from graspbox.policy_training.stages import Run, Stage
 
 pytestmark = pytest.mark.train
@@ -49,6 +50,14 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert not (out / "evaluate.json").exists()
     subprocess.run(command(out), check=True, env=env, stdout=subprocess.DEVNULL)
     return out
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("members", 0), ("members", -1), ("refinements", ()), ("refinements", (0, -1))]
+)
+def test_sizes_without_a_policy_are_refused(field: str, value: Any) -> None:
+    with pytest.raises(errors.ConfigError, match=rf"--sizes\.{field} is {re.escape(str(value))}; give"):
+        Sizes(**{field: value})
 
 
 def test_all_stages_leave_their_results(trained: Path) -> None:

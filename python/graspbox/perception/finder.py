@@ -8,7 +8,7 @@ makes the steps and measures their time.
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.arguments import floats
 from graspbox.perception.anchors import Candidates
-from graspbox.perception.configs import CropConfig, ProposalConfig
+from graspbox.perception.configs import CropConfig, FinderConfig
 from graspbox.perception.crops import Crops, crop
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.leveling import level
@@ -26,7 +26,6 @@ __all__ = [
     "LOOKED_AT",
     "Complete",
     "Finder",
-    "FinderConfig",
     "FoundGrasp",
     "GraspFinder",
     "Head",
@@ -55,45 +54,6 @@ class Ensemble(Protocol):
     """A `Score` of several networks, all of which judge only the best grasps of a call."""
 
     each: Score  # by all networks for every grasp
-
-
-@dataclass(frozen=True)
-class FinderConfig:
-    """How a grasp is found.
-
-    Attributes
-    ----------
-    proposals : ProposalConfig
-        How grasps are proposed by geometry.
-    predicted : int
-        Most grasps of a head, its best, that are added; 0 for none. Those that the open hand does not reach are left
-        out.
-    refinements : int
-        Steps of refinement: each tries neighbours of the best grasps.
-    parents, children : int
-        In each step, how many of the best grasps are varied, and how often each.
-    position, rotation : float
-        Standard deviation of the first step along and about each axis of the hand, metres and radians; half of it in
-        each step after.
-    hand_error : PoseNoise, optional
-        How far the hand may go from where it is sent. Where it is given, the best grasps are compared by their mean
-        score over such errors and refined by it once more. By default the hand does not err.
-    finalists : int
-        How many of the best grasps are compared by that mean.
-    neighbours : int
-        Errors that the mean is of, besides none. A grasp that the open hand does not reach then counts as 0.
-    """
-
-    proposals: ProposalConfig = field(default_factory=ProposalConfig)
-    predicted: int = 32
-    refinements: int = 2
-    parents: int = 4
-    children: int = 8
-    position: float = 0.006
-    rotation: float = 0.10
-    hand_error: PoseNoise | None = None
-    finalists: int = 16
-    neighbours: int = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +214,7 @@ class GraspFinder(Finder):
         grid: HandGrid,
         complete: Complete,
         score: Score,
-        config: FinderConfig = FinderConfig(),
+        config: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
         *,
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
         head: Head | None = None,

@@ -1,7 +1,7 @@
 """Grasps for one depth image of one's own, ranked, by a published policy."""
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +155,7 @@ def grasp_image(
     crops = _crop(small, lens, pose, config, None if region is None else _mask(region, image.shape, step, small.shape))
     grid = HandGrid(config.hand, config.grid, crop=config.crop)
     complete, scorer, head = load_parts(folder, config, grid, backend)
-    finder = config.finder if hand_error is None else replace(config.finder, hand_error=hand_error)
+    finder = config.finder if hand_error is None else config.finder.tolerating(hand_error)
     found = GraspFinder(grid, complete, scorer, finder, crop=config.crop, head=head).decide(crops, seed=seed)
     if found is None:
         chosen, poses, preshapes = np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)), np.zeros(0)

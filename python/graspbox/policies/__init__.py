@@ -104,7 +104,7 @@ def _network(folder: Path) -> Policy:
     other = folder / config.goal_from
     if not (other / CONFIG).is_file() or policy_hash(other) != config.goal_hash:
         raise ConfigError(
-            f"the policy {config.name!r} needs, in {str(other)!r}, the policy with which it was trained; that folder "
+            f"the policy {config.name!r} needs, in {str(other)!r}, the policy with which it was published; that folder "
             "holds another one or none; restore it"
         )
     return NetworkPolicy(folder, base=load(str(other)))

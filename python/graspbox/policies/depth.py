@@ -1,7 +1,6 @@
 """``depth``: grasps from one depth camera, without mesh or true pose."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -15,18 +14,9 @@ from graspbox.envs.coding import Codec, encode_action, object_pose
 from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion
 from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose, lens
-from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
+from graspbox.perception.configs import CropConfig, DepthNoise, FinderConfig, HandGridConfig
 from graspbox.perception.crops import add_depth_noise
-from graspbox.perception.finder import (
-    Complete,
-    Finder,
-    FinderConfig,
-    FoundGrasp,
-    GraspFinder,
-    Head,
-    Score,
-    observed_only,
-)
+from graspbox.perception.finder import Complete, Finder, FoundGrasp, GraspFinder, Head, Score, observed_only
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.hand_views import HandView
 from graspbox.perception.perturbations import PoseNoise
@@ -108,7 +98,7 @@ class DepthGrasp(Policy):
         self._published = self._read(folder)
         self._config = config or (self._published.finder if self._published else FinderConfig())
         if hand_error is not None:
-            self._config = replace(self._config, hand_error=hand_error)
+            self._config = self._config.tolerating(hand_error)
         if folder is not None and (Path(folder) / CONFIG).is_file():
             self.learned_from = read_learned_from(Path(folder))
         if self._published is not None:

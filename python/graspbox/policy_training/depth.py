@@ -19,8 +19,8 @@ from graspbox.perception.calibration import Calibration, calibration_error, fit_
 from graspbox.perception.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.perception.collect import CollectConfig, collect, load_trials
 from graspbox.perception.completion import train_completion
+from graspbox.perception.configs import FinderConfig
 from graspbox.perception.export import FINALISTS, export_completion, export_depth_policy
-from graspbox.perception.finder import FinderConfig
 from graspbox.perception.graphs import ScorerGraph
 from graspbox.perception.grasp_inputs import ScorerInputs
 from graspbox.perception.head_export import write_head
@@ -39,18 +39,13 @@ from graspbox.policy_training.networks import TrainedNetworks
 from graspbox.policy_training.settings import QUICK, QUICK_OBJECTS, Settings
 from graspbox.policy_training.stages import Run, Stage
 
-__all__ = ["FINDER", "RUNGS", "PolicyTraining"]
+__all__ = ["FINDER", "PolicyTraining"]
 
 
 #: How the policy decides: as much of proposals and refinement as 50 ms on two cores allow.
 FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
 #: Of how many grasps trials are collected: enough that those at random show what the scorer does not know.
 _COLLECTED = {"most": 256, "predicted": 96}
-
-
-#: What the policy was on its way, each without refinement: a scorer that learned from the data set alone; the same
-#: after the rounds on its own choices; and the ensemble. ``geometry`` is the whole policy without the head.
-RUNGS = ("scorer", "rounds", "ensemble", "geometry")
 
 
 class TimeUp(Exception):  # noqa: N818 (no error)
@@ -121,8 +116,8 @@ class PolicyTraining:
         for n in range(1, sizes.members):
             stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
         tried = {
-            count: stage(f"calibrate-{count}", hours.calibrate / 2, partial(self.calibrate, refinements=count))
-            for count in (0, FINDER.refinements)
+            n: stage(f"calibrate-{n}", hours.calibrate / len(sizes.refinements), partial(self.calibrate, refinements=n))
+            for n in sizes.refinements
         }
         # Refinement looks for what the scorer likes best, and may find where it is wrong.
         found = tried[count := max(tried, key=lambda count: max(map(sum, tried[count]["rates"].values())))]
@@ -343,7 +338,11 @@ class PolicyTraining:
         return {"files": len(config.files)}
 
     def export_rungs(self, folder: Path, calibration: Calibration) -> dict[str, Any]:
-        """Write what the policy was on its way, so that each step can be measured: see `RUNGS`."""
+        """Write what the policy was on its way, so that each step can be measured.
+
+        Unrefined: ``scorer`` learned from the data set alone, ``rounds`` also from its own choices, ``ensemble`` has
+        all members, if there are more. ``geometry`` is the policy without the head.
+        """
         nets, unrefined = self.networks, replace(self.finder, refinements=0)
         rungs = {
             "scorer": ([nets.member_net(0, 0)], unrefined),
@@ -351,14 +350,15 @@ class PolicyTraining:
             "ensemble": (nets.members(), unrefined),
             "geometry": (nets.members(), replace(self.finder, predicted=0)),
         }
-        for name in RUNGS:
-            members, finder = rungs[name]
+        if self.sizes.members == 1:
+            del rungs["ensemble"]
+        for name, (members, finder) in rungs.items():
             head = nets.head_net() if finder.predicted else None
             completion, crop = nets.completion_net(), self.scenes.crop
             export_depth_policy(
                 folder / name, name, completion, members, calibration, crop=crop, finder=finder, head=head
             )
-        return {"folders": list(RUNGS)}
+        return {"folders": list(rungs)}
 
     def evaluate(self, stage: Stage) -> dict[str, Any]:
         """Evaluate the policy as ``graspbox evaluate`` does, and measure its calibration."""

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from graspbox.errors import ConfigError
+
 __all__ = ["QUICK", "QUICK_OBJECTS", "Hours", "Settings", "Sizes"]
 
 
@@ -21,8 +23,8 @@ class Hours:
     """Of each round."""
     member: float = 1.0
     """Of each further member of the ensemble."""
-    calibrate: float = 0.4
-    """Of both calibrations, without refinement and with it."""
+    calibrate: float = 0.2
+    """Of all calibrations."""
     evaluate: float = 0.7
 
 
@@ -44,8 +46,11 @@ class Sizes:
     """Channels of the completion's first layer."""
     width: int = 48
     """Channels of the scorer's first layer."""
-    rounds: int = 3
-    members: int = 3
+    rounds: int = 6
+    members: int = 1
+    """Scorers of the ensemble."""
+    refinements: tuple[int, ...] = (0,)
+    """Counts of refinements that the calibration tries; the policy refines as often as is best for held-out objects."""
     scenes: int = 4_000
     """Scenes of each round."""
     held_out_scenes: int = 150
@@ -55,6 +60,12 @@ class Sizes:
     trials: int = 1_000
     """Trials of each set of objects in the evaluation."""
     validate_every: int = 250
+
+    def __post_init__(self) -> None:
+        if self.members < 1:
+            raise ConfigError(f"--sizes.members is {self.members}; give 1 or more")
+        if not self.refinements or min(self.refinements) < 0:
+            raise ConfigError(f"--sizes.refinements is {self.refinements}; give one count or more, each 0 or more")
 
 
 #: What ``--quick`` makes.
@@ -69,6 +80,9 @@ QUICK = Sizes(
     completion_batch=4,
     completion_width=4,
     width=8,
+    rounds=3,
+    members=3,
+    refinements=(0, 2),
     scenes=4,
     held_out_scenes=2,
     choices=6,
