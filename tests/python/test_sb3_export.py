@@ -256,7 +256,7 @@ def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp
     assert export.load_graph(tmp_path / "policies/clone").inputs == names
     config = json.loads((base / "config.json").read_text())
     (base / "config.json").write_text(json.dumps({**config, "name": "other"}))
-    with pytest.raises(errors.ConfigError, match="the policy with which it was trained"):
+    with pytest.raises(errors.ConfigError, match="the policy with which it was published"):
         policies.load(str(tmp_path / "policies/clone"))
 
 
