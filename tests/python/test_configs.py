@@ -13,7 +13,7 @@ CONFIGS: list[Any] = [
     kind
     for module in (configs, perception.configs)
     for name in module.__all__
-    if isinstance(kind := getattr(module, name), type) and name != "FinderConfig"  # not known to the core
+    if isinstance(kind := getattr(module, name), type)
 ]
 
 

@@ -11,7 +11,7 @@ import tiny_policy
 from graspbox import errors, evaluation, policies
 from graspbox.configs import CamerasConfig
 from graspbox.perception import ProposalConfig
-from graspbox.perception.configs import FinderConfig
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.policies import DepthGrasp
 
 QUICK = FinderConfig(proposals=ProposalConfig(most=24), refinements=1)

@@ -10,9 +10,9 @@ from graspbox import object_sets
 from graspbox.errors import ConfigError
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
-from graspbox.perception.configs import FinderConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import FoundGrasp, GraspFinder, observed_only
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.scenes import SceneConfig, SceneSampler
 from graspbox.perception.seen_scenes import see

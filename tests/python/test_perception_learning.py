@@ -22,7 +22,7 @@ from graspbox.perception.completion import (  # noqa: E402
     iou,
     train_completion,
 )
-from graspbox.perception.configs import FinderConfig  # noqa: E402
+from graspbox.perception.finder_configs import FinderConfig  # noqa: E402
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph  # noqa: E402
 from graspbox.perception.grasp_inputs import ScorerInputs  # noqa: E402
 from graspbox.perception.perturbations import PoseNoise  # noqa: E402

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from graspbox.perception.calibration import Calibration
-from graspbox.perception.configs import FinderConfig, ProposalConfig
+from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.feel_folders import FeelConfig, write_feel
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, write_depth_policy
 
 #: The probability of success that it states is that of the logit -10 z, with z the height of the hand in metres.

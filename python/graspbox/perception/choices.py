@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.perception.array_files import ArrayTable, load_or_make_parts
-from graspbox.perception.configs import FinderConfig
 from graspbox.perception.finder import Complete, GraspFinder, Head
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.runtimes import Scorer
 from graspbox.perception.scenes import SceneSampler

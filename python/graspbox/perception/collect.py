@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.perception.array_files import load_or_make_parts
-from graspbox.perception.configs import FinderConfig, ProposalConfig
+from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import Complete, GraspFinder, Head, Score
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.perception.scenes import SceneSampler

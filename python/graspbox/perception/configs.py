@@ -1,10 +1,8 @@
-"""Settings of perception, as frozen dataclasses; all but `FinderConfig` mirror a struct of the core."""
+"""Settings of perception, as frozen dataclasses; each mirrors a struct of the core."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
-from graspbox.perception.perturbations import PoseNoise
-
-__all__ = ["CropConfig", "DepthNoise", "FinderConfig", "HandGridConfig", "ProposalConfig"]
+__all__ = ["CropConfig", "DepthNoise", "HandGridConfig", "ProposalConfig"]
 
 
 @dataclass(frozen=True)
@@ -159,46 +157,3 @@ class ProposalConfig:
     fingers: int = 2
     points: int = 1000
     most: int = 128
-
-
-@dataclass(frozen=True)
-class FinderConfig:
-    """How a grasp is found.
-
-    Attributes
-    ----------
-    proposals : ProposalConfig
-        How grasps are proposed by geometry.
-    predicted : int
-        Most grasps of a head, its best, that are added; 0 for none. Those that the open hand does not reach are left
-        out.
-    refinements : int
-        Steps of refinement: each tries neighbours of the best grasps.
-    parents, children : int
-        In each step, how many of the best grasps are varied, and how often each.
-    position, rotation : float
-        Standard deviation of the first step along and about each axis of the hand, metres and radians; half of it in
-        each step after.
-    hand_error : PoseNoise, optional
-        How far the hand may go from where it is sent. Where it is given, the best grasps are compared by their mean
-        score over such errors and refined by it once more. By default the hand does not err.
-    finalists : int
-        How many of the best grasps are compared by that mean.
-    neighbours : int
-        Errors that the mean is of, besides none. A grasp that the open hand does not reach then counts as 0.
-    """
-
-    proposals: ProposalConfig = field(default_factory=ProposalConfig)
-    predicted: int = 32
-    refinements: int = 2
-    parents: int = 4
-    children: int = 8
-    position: float = 0.006
-    rotation: float = 0.10
-    hand_error: PoseNoise | None = None
-    finalists: int = 16
-    neighbours: int = 32
-
-    def tolerating(self, error: PoseNoise) -> "FinderConfig":
-        """Give these settings for a hand with such errors; its grasps are refined at least twice."""
-        return replace(self, hand_error=error, refinements=max(self.refinements, 2))

@@ -11,8 +11,9 @@ import graspbox
 from graspbox.perception.anchor_net import AnchorNet
 from graspbox.perception.calibration import Calibration
 from graspbox.perception.completion import CompletionNet
-from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig
+from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import LOOKED_AT
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.graphs import CompletionGraph, ScorerGraph
 from graspbox.perception.grasp_inputs import GraspInputs, ScorerInputs
 from graspbox.perception.hand_grids import HandGrid

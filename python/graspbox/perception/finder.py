@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.arguments import floats
 from graspbox.perception.anchors import Candidates
-from graspbox.perception.configs import CropConfig, FinderConfig
+from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import Crops, crop
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.leveling import level
 from graspbox.perception.perturbations import PoseNoise, perturbed

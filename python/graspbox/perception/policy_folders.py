@@ -22,7 +22,8 @@ from graspbox.errors import ConfigError, FileError
 from graspbox.files import dumps, read_bounded, write_text
 from graspbox.learned_sets import by_family
 from graspbox.perception.calibration import Calibration
-from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig
+from graspbox.perception.configs import CropConfig, HandGridConfig
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.head_configs import HeadConfig, check_anchor
 
 __all__ = [

@@ -14,9 +14,10 @@ from graspbox.envs.coding import Codec, encode_action, object_pose
 from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion
 from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose, lens
-from graspbox.perception.configs import CropConfig, DepthNoise, FinderConfig, HandGridConfig
+from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig
 from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.finder import Complete, Finder, FoundGrasp, GraspFinder, Head, Score, observed_only
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.hand_views import HandView
 from graspbox.perception.perturbations import PoseNoise

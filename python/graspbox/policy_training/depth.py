@@ -19,8 +19,8 @@ from graspbox.perception.calibration import Calibration, calibration_error, fit_
 from graspbox.perception.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.perception.collect import CollectConfig, collect, load_trials
 from graspbox.perception.completion import train_completion
-from graspbox.perception.configs import FinderConfig
 from graspbox.perception.export import FINALISTS, export_completion, export_depth_policy
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.graphs import ScorerGraph
 from graspbox.perception.grasp_inputs import ScorerInputs
 from graspbox.perception.head_export import write_head
@@ -42,7 +42,7 @@ from graspbox.policy_training.stages import Run, Stage
 __all__ = ["FINDER", "PolicyTraining"]
 
 
-#: How the policy decides: as much of proposals and refinement as 50 ms on two cores allow.
+#: How the policy decides; `Sizes.refinements` says how often it refines.
 FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
 #: Of how many grasps trials are collected: enough that those at random show what the scorer does not know.
 _COLLECTED = {"most": 256, "predicted": 96}
