@@ -75,7 +75,8 @@ def test_datasets_reads_it(made: Path, table: Any, tmp_path: Path, monkeypatch: 
 @pytest.mark.filterwarnings("ignore")
 def test_ray_data_reads_it(made: Path, table: Any) -> None:
     ray = pytest.importorskip("ray")
-    ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False)
+    # "local": another test may be running a cluster on this machine, which an unnamed address would join.
+    ray.init(address="local", num_cpus=1, include_dashboard=False, log_to_driver=False)
     try:
         found = import_module("ray.data").read_parquet(str(made / "trials"))
         assert found.count() == len(table)

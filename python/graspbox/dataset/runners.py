@@ -88,8 +88,8 @@ def on_ray(address: str | None = None) -> Runner:
     Parameters
     ----------
     address : str, optional
-        The cluster; by default that of ``RAY_ADDRESS``, or a new one on this machine. Every node needs the same version
-        of graspbox, and mesh files at the same paths.
+        The cluster; by default that of ``RAY_ADDRESS``, else the one that runs on this machine, else a new one here.
+        Every node needs the same version of graspbox, and mesh files at the same paths.
 
     Raises
     ------
