@@ -2,9 +2,11 @@
 
     graspbox dataset --objects procedural:seen:0-199 --poses 112 --out out/data
     python scripts/train_heads.py --data out/data --out out/heads
-    python scripts/train_heads.py --data out/data --out out/heads --heads anchor --publish policies/head --trials 1000
+    python scripts/train_heads.py --data out/depth/data/set --on-policy out/depth --out out/heads --heads anchor \
+        --publish policies/head --trials 1000
 
-Each head (`graspbox.perception.heads`) sees the same scenes for the same number of steps. The folder then has a folder
+Each head (`graspbox.perception.heads`) sees the same scenes for the same number of steps. With ``--on-policy`` it also
+learns from what a policy chose in the rounds of ``scripts/train_depth_policy.py``. The folder then has a folder
 per head, which `graspbox.policies.load` takes; ``results.jsonl`` with a row per head and object set; and ``heads.md``,
 the table of them. With ``--publish`` the head ``anchor`` is exported with its card, for onnxruntime. The same command
 continues what was interrupted, and does nothing twice. Runs that end by ``--minutes`` depend on the speed of the
@@ -28,6 +30,7 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.files import write_text
 from graspbox.object_sets import name_and_split
 from graspbox.perception import HandGrid
+from graspbox.perception.policy_folders import read_learned_from, write_learned_from
 from graspbox.policies import HeadGrasp
 from graspbox.resume_log import ResumeLog
 
@@ -47,6 +50,8 @@ class Settings:
     """Data sets: their splits `train` and `validation` are used."""
     out: Path
     """Folder of the results."""
+    on_policy: Path | None = None
+    """Folder of a run of `train_depth_policy.py`: the trials of its rounds are learned from too."""
     untried: tuple[str, ...] = ()
     """Object sets that show the head `anchor` where the open hand can go, without trials."""
     untried_scenes: int = 500
@@ -86,13 +91,24 @@ def check(settings: Settings) -> None:
         raise ConfigError(f"--heads is {' '.join(settings.heads)!r}; name some of {', '.join(HEADS)}")
 
 
+def rounds_of(run: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """Find the trials of all rounds of a run of ``scripts/train_depth_policy.py``, and what its policy learned from."""
+    found = sorted(run.glob("collect-*/train"))
+    if not found or not (run / "policy").is_dir():
+        raise ConfigError(f"--on-policy is {str(run)!r}, which holds no finished run of scripts/train_depth_policy.py")
+    return found, read_learned_from(run / "policy")
+
+
 def read(settings: Settings) -> Any:
     """Read the data sets."""
+    from graspbox.perception.collect import load_trials
     from graspbox.perception.head_batches import untried_scenes
     from graspbox.perception.head_training import HeadData
     from graspbox.perception.trials import GraspTrials
 
     trials, validation = (GraspTrials.from_datasets(settings.data, split) for split in ("train", "validation"))
+    if settings.on_policy is not None:
+        trials = GraspTrials.joined([trials, *map(load_trials, rounds_of(settings.on_policy)[0])])
     console.print(f"{len(trials)} trials in {len(trials.source)} scenes; {len(validation)} to validate with")
     if settings.untried:
         objects = object_sets.load(settings.untried)
@@ -169,6 +185,7 @@ def run(settings: Settings, command: str) -> list[dict[str, Any]]:
     fixed = {k: v for k, v in asdict(settings).items() if k not in NOT_RESULTS}
     fixed |= {
         "data": [str(path) for path in settings.data],
+        "on_policy": None if settings.on_policy is None else str(settings.on_policy),
         "objects": list(settings.objects),
         "untried": list(settings.untried),
     }
@@ -194,16 +211,18 @@ def publish(settings: Settings, folder: Path, rows: list[dict[str, Any]], comman
     """Export the head ``anchor`` with its card."""
     from graspbox.perception.head_export import export_head
     from graspbox.perception.head_training import load_head
-    from graspbox.perception.policy_folders import write_learned_from
     from graspbox.policy_training.cards import write_head_card
     from graspbox.policy_training.learned import of_datasets
 
     net = load_head(settings.out / "anchor", len(HandGrid().preshapes))
     config = export_head(folder, folder.name, net, licence=Path(__file__).parents[1] / "LICENSE")
-    write_learned_from(folder, [*of_datasets(settings.data), *settings.untried])
+    chosen = () if settings.on_policy is None else rounds_of(settings.on_policy)[1]
+    write_learned_from(folder, [*of_datasets(settings.data), *settings.untried, *chosen])
     trained = next(row for row in rows if row.get("trained") == "anchor")
     scores = [row for row in rows if row.get("head") == "anchor"]
     data = ", ".join(f"`{path}`" for path in settings.data)
+    if settings.on_policy is not None:
+        data += f" and of the rounds of `{settings.on_policy}`"
     write_head_card(
         folder, config=config, command=command, data=data, seed=settings.seed, trained=trained, scores=scores
     )

@@ -1,9 +1,6 @@
 """Heads: each learns a batch by heart, anchors interpolate, training resumes, and a trained head is a policy."""
 
 import csv
-import importlib.util
-import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspbox import dataset, errors, evaluation, object_sets, policies
+from graspbox import errors, evaluation, object_sets, policies
 from graspbox.perception import CropConfig, DepthNoise, HandGrid
 from graspbox.perception.anchors import AnchorConfig, Anchors, Candidates
 from graspbox.policies import HeadGrasp
@@ -349,36 +346,6 @@ def test_in_the_closed_loop_the_hand_goes_there(tmp_path: Path) -> None:
     policy = CentralGrasp(unpublished(tmp_path))
     result = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:1", trials=1, seed=1, num_envs=1)
     assert result.succeeded == 1
-
-
-def test_the_script_trains_measures_and_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
-    path = Path(__file__).parents[2] / "scripts" / "train_heads.py"
-    spec = importlib.util.spec_from_file_location("train_heads", path)
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    sys.modules["train_heads"] = script  # dataclasses look their module up there
-    spec.loader.exec_module(script)
-    # One object of the split validation, two of the split train.
-    config = dataset.DatasetConfig(poses=10, shard_trials=16)
-    dataset.generate(["procedural:can:0-2"], tmp_path / "data", config=config, runner=dataset.local(1))
-    given = ["--data", str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--steps", "2", "--width", "8"]
-    given += ["--objects", "procedural:can:7", "--trials", "2", "--untried", "procedural:cup:0"]
-    given += ["--untried-scenes", "2", "--publish", str(tmp_path / "head"), "--heads"]
-    assert script.main([*given, "anchor", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert [(row["head"], row["filtered"], row["trials"]) for row in rows] == [("anchor", f, 2) for f in (False, True)]
-    saved = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "anchor").iterdir()}
-    assert script.main([*given, "anchor", "set", "constant", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[:2] == rows
-    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "anchor").iterdir()} == saved
-    assert "| constant | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
-    assert "| set | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
-    assert "| `procedural:can:7`, collisions filtered | 2 |" in (tmp_path / "head" / "README.md").read_text()
-    assert policies.load(str(tmp_path / "head")).name == "head"
-    assert script.main([*given, "leg"]) == 2
-    assert script.main([*given, "set", "--seed", "1"]) == 2
 
 
 def test_what_is_no_head_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,82 @@
+"""``scripts/train_heads.py``: it trains, measures, resumes and publishes heads, also with what a policy chose."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from graspbox import dataset, policies
+from graspbox.perception.policy_folders import read_learned_from
+from graspbox.perception.trials import GraspTrials
+
+pytest.importorskip("torch")
+pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
+
+pytestmark = pytest.mark.train
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    path = Path(__file__).parents[2] / "scripts" / "train_heads.py"
+    spec = importlib.util.spec_from_file_location("train_heads", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["train_heads"] = module  # dataclasses look their module up there
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two objects of the split validation, one of the split train."""
+    folder = tmp_path_factory.mktemp("data")
+    config = dataset.DatasetConfig(poses=10, shard_trials=16)
+    dataset.generate(["procedural:can:0-2"], folder, config=config, runner=dataset.local(1))
+    return folder
+
+
+def arguments(data: Path, out: Path, published: Path) -> list[str]:
+    given = ["--data", str(data), "--out", str(out), "--steps", "2", "--width", "8"]
+    return [*given, "--objects", "procedural:can:7", "--trials", "2", "--publish", str(published), "--heads"]
+
+
+def test_it_trains_measures_and_resumes(
+    script: ModuleType, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--untried", "procedural:cup:0", "--untried-scenes", "2"]
+    given += arguments(data, tmp_path / "out", tmp_path / "head")
+    assert script.main([*given, "anchor", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["head"], row["filtered"], row["trials"]) for row in rows] == [("anchor", f, 2) for f in (False, True)]
+    saved = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "anchor").iterdir()}
+    assert script.main([*given, "anchor", "set", "constant", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[:2] == rows
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "anchor").iterdir()} == saved
+    assert "| constant | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
+    assert "| set | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
+    assert "| `procedural:can:7`, collisions filtered | 2 |" in (tmp_path / "head" / "README.md").read_text()
+    assert policies.load(str(tmp_path / "head")).name == "head"
+    assert script.main([*given, "leg"]) == 2
+    assert script.main([*given, "set", "--seed", "1"]) == 2
+
+
+def test_it_learns_from_what_a_policy_chose(
+    script: ModuleType, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    given = ["--on-policy", str(run), *arguments(data, tmp_path / "out", tmp_path / "head"), "anchor"]
+    trials = GraspTrials.from_dataset(data, "train")
+    trials.save(run / "collect-1" / "train" / "0000000.npz")
+    assert script.main(given) == 2
+    assert "no finished run" in " ".join(capsys.readouterr().err.split())
+    (run / "policy").mkdir()
+    (run / "policy" / "config.json").write_text(
+        '{"format": 1, "kind": "depth-grasp", "learned_from": ["procedural:cup:3-5/train"]}'
+    )
+    assert script.main(given) == 0
+    assert "procedural:cup:3-5/train" in read_learned_from(tmp_path / "head")
+    assert f"{2 * len(trials)} trials in {2 * len(trials.source)} scenes" in (tmp_path / "head/README.md").read_text()
