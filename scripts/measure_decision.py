@@ -10,7 +10,6 @@ import argparse
 import sys
 import time
 from collections import defaultdict
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +33,7 @@ def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: Po
     config = read_depth_policy(folder)
     grid = HandGrid(config.hand, config.grid, crop=config.crop, num_threads=num_threads)
     completion, scorer, head = load_parts(folder, config, grid, backend, num_threads)
-    finder = config.finder if error is None else replace(config.finder, hand_error=error)
+    finder = config.finder if error is None else config.finder.tolerating(error)
     return GraspFinder(grid, completion, scorer, finder, crop=config.crop, head=head, num_threads=num_threads)
 
 
