@@ -222,7 +222,9 @@ def publish(settings: Settings, folder: Path, rows: list[dict[str, Any]], comman
     scores = [row for row in rows if row.get("head") == "anchor"]
     data = ", ".join(f"`{path}`" for path in settings.data)
     if settings.on_policy is not None:
-        data += f" and of the rounds of `{settings.on_policy}`"
+        data += f", the rounds of `{settings.on_policy}` (`scripts/train_depth_policy.py`)"
+    if settings.untried:
+        data += f", {settings.untried_scenes} without trials of {', '.join(f'`{name}`' for name in settings.untried)}"
     write_head_card(
         folder, config=config, command=command, data=data, seed=settings.seed, trained=trained, scores=scores
     )
