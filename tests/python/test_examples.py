@@ -1,11 +1,13 @@
 """The programs in ``scripts/examples`` run as they stand."""
 
-import importlib.util
+import importlib
 import os
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from program_files import imported
 
 EXAMPLES = Path(__file__).parents[2] / "scripts/examples"
 
@@ -20,12 +22,7 @@ def need(module: str, why_not: str) -> None:
 
 def example(name: str) -> ModuleType:
     """Import a program without running it."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return imported(EXAMPLES / f"{name}.py")
 
 
 @pytest.mark.train

@@ -2,13 +2,13 @@
 
 import csv
 import json
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import gymnasium
 import numpy as np
 import pytest
+
+from program_files import imported
 
 torch = pytest.importorskip("torch", reason="training needs the extra 'train'")
 pytest.importorskip("tensorboard", reason="training needs the extra 'train'")
@@ -305,23 +305,10 @@ def test_policies_say_what_they_need(tmp_path: Path) -> None:
     assert len(evaluation.evaluate(loaded, objects="procedural:can:0", trials=2).trials) == 2
 
 
-def load_script() -> ModuleType:
-    import importlib.util
-
-    path = Path(__file__).parents[2] / "scripts" / "reproduce_study.py"
-    spec = importlib.util.spec_from_file_location("reproduce_study", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["reproduce_study"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_the_study_is_reproduced_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A small one: results per network, a page with all pictures, and nothing trained twice."""
     pytest.importorskip("tyro", reason="the script needs the extra 'train'")
-    module = load_script()
+    module = imported(Path(__file__).parents[2] / "scripts" / "reproduce_study.py")
     out = tmp_path / "study"
     arguments = ["--out", str(out), "--networks", "cnn3d", "--losses", "psi4", "--samples", "20", "--iterations", "2",
                  "--objects", "procedural:can:0", "procedural:mug:3", "--torch-threads", "1", "--json"]  # fmt: skip

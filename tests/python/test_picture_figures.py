@@ -1,6 +1,5 @@
 """Pictures show the numbers, poses and outcomes that they are made of."""
 
-import importlib.util
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from matplotlib.figure import Figure
 from graspbox import pictures
 from graspbox.pictures import GraspExample, Trial, View, episodes, files, plans, sweeps, trials
 from graspbox.pictures.solids import FAILURE, NOT_SIMULATED, SUCCESS
+from program_files import imported
 from test_pictures import check_picture
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -313,11 +313,7 @@ def _rows(plan: graspbox.Plan, rows: list[int]) -> graspbox.Plan:
 
 def test_learning_curves_name_their_band() -> None:
     pytest.importorskip("typer", reason="the scripts need typer, from the extra 'cli'")
-    spec = importlib.util.spec_from_file_location("plot_sb3", SCRIPTS / "plot_sb3.py")
-    assert spec is not None
-    assert spec.loader is not None
-    plot = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(plot)
+    plot = imported(SCRIPTS / "plot_sb3.py")
     settings = {"algorithm": "ppo", "seed": 1, "id": "graspbox/Grasp-v0", "evaluate": "validation", "episodes": 100}
     rows = [{"success": 0.2, "ci95": [0.16, 0.3], "timesteps": 0, "seconds": 0}]
     rows += [{"success": 0.6, "ci95": [0.5, 0.65], "timesteps": 50, "seconds": 90}]

@@ -1,6 +1,5 @@
 """The programs in ``scripts``: their results, and that they resume after an interruption."""
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import pytest
 
 from graspbox.errors import ConfigError
 from graspbox.resume_log import ResumeLog
+from program_files import imported
 
 typer = pytest.importorskip("typer", reason="the scripts need typer, from the extra 'cli'")
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -19,14 +19,7 @@ SCRIPTS = Path(__file__).parents[2] / "scripts"
 
 def script(name: str) -> ModuleType:
     """Import a program without running it."""
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    # Dataclasses look their module up there.
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
+    return imported(SCRIPTS / f"{name}.py")
 
 
 def test_a_log_continues_after_a_line_that_was_cut_off(tmp_path: Path) -> None:

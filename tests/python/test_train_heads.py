@@ -1,8 +1,6 @@
 """``scripts/train_heads.py``: it trains, measures, resumes and publishes heads, also with what a policy chose."""
 
-import importlib.util
 import json
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -11,6 +9,7 @@ import pytest
 from graspbox import dataset, policies
 from graspbox.perception.policy_folders import read_learned_from
 from graspbox.perception.trials import GraspTrials
+from program_files import imported
 
 pytest.importorskip("torch")
 pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
@@ -20,14 +19,7 @@ pytestmark = pytest.mark.train
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    path = Path(__file__).parents[2] / "scripts" / "train_heads.py"
-    spec = importlib.util.spec_from_file_location("train_heads", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["train_heads"] = module  # dataclasses look their module up there
-    spec.loader.exec_module(module)
-    return module
+    return imported(Path(__file__).parents[2] / "scripts" / "train_heads.py")
 
 
 @pytest.fixture(scope="module")
