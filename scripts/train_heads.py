@@ -222,9 +222,11 @@ def publish(settings: Settings, folder: Path, rows: list[dict[str, Any]], comman
     scores = [row for row in rows if row.get("head") == "anchor"]
     data = ", ".join(f"`{path}`" for path in settings.data)
     if settings.on_policy is not None:
-        data += f", the rounds of `{settings.on_policy}` (`scripts/train_depth_policy.py`)"
+        data += f" and the rounds of `{settings.on_policy}`"
+    data += " (split `train`)"
     if settings.untried:
-        data += f", {settings.untried_scenes} without trials of {', '.join(f'`{name}`' for name in settings.untried)}"
+        names = ", ".join(f"`{name}`" for name in settings.untried)
+        data += f"; {settings.untried_scenes} of the scenes, of {names}, have no trials"
     write_head_card(
         folder, config=config, command=command, data=data, seed=settings.seed, trained=trained, scores=scores
     )

@@ -160,7 +160,7 @@ def write_head_card(
     config : HeadPolicyConfig
         What the folder holds.
     command, data, seed
-        What made it, from which data sets.
+        What made it; from which data, and which splits of them.
     trained : mapping
         Trials, scenes, steps and seconds of the training.
     scores : sequence of mapping
@@ -174,6 +174,6 @@ def write_head_card(
         cells = [rate(row[key], row["trials"]) for key in ("success", "secure")]
         text += f"| {name} | {row['trials']} | {cells[0]} | {cells[1]} |\n"
     text += f"\n## Data and training\n\n```\n{command}\n```\n\nSeed {seed}. {trained['trials']} trials in "
-    text += f"{trained['scenes']} scenes of {data} (split `train`); {trained['step']} steps"
+    text += f"{trained['scenes']} scenes of {data}; {trained['step']} steps"
     text += f" in {shown_time(trained['seconds'])}.\n"
     write_text(folder / "README.md", text + _limits(SceneConfig()) + LICENCE)
