@@ -37,5 +37,9 @@ class MissingExtraError(GraspboxError, ImportError):
     """A package of one of the extras is not installed; the message names the extra."""
 
 
+class ConnectionLostError(GraspboxError, ConnectionError):
+    """A server cannot be reached, or the session on it is lost; the message names the server."""
+
+
 class InternalError(GraspboxError, RuntimeError):
     """A defect of graspbox itself; please report it together with the input."""

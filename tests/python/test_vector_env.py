@@ -237,9 +237,9 @@ def test_views_hold_what_copies_hold(obs: Any) -> None:
 def test_environments_beside_each_other_prepare_objects_once() -> None:
     first, second = make(2), make_sync(AutoresetMode.NEXT_STEP, 2)
     cores = [first._core, *(env.unwrapped._core for env in second.envs)]
-    assert all(core.handle is cores[0].handle for core in cores)
-    assert make(2, objects="procedural:can:0")._core.handle is not cores[0].handle
-    assert make(2, physics=graspbox.PhysicsConfig(gravity=1.6))._core.handle is not cores[0].handle
+    assert all(core.source.handle is cores[0].source.handle for core in cores)
+    assert make(2, objects="procedural:can:0")._core.source.handle is not cores[0].source.handle
+    assert make(2, physics=graspbox.PhysicsConfig(gravity=1.6))._core.source.handle is not cores[0].source.handle
 
 
 def test_environments_have_different_objects() -> None:

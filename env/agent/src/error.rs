@@ -190,6 +190,22 @@ pub enum AgentError {
 }
 
 impl AgentError {
+    /// The same error where the first environment of a pool has the number `first` elsewhere.
+    #[must_use]
+    pub fn counted_from(mut self, first: usize) -> Self {
+        if let Self::BadAction { env, .. }
+        | Self::NoSuchEnv { env, .. }
+        | Self::NotReset { env }
+        | Self::NotSeeded { env }
+        | Self::Over { env }
+        | Self::Busy { env }
+        | Self::Broken { env, .. } = &mut self
+        {
+            *env += first;
+        }
+        self
+    }
+
     /// True if this object cannot be used but another one might.
     pub fn is_of_an_object(&self) -> bool {
         use graspbox_episode::EpisodeError;

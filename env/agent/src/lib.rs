@@ -15,6 +15,7 @@
 //! | [`guard`] | keeps the hand off the table and stops it if it presses too hard |
 //! | [`view`] | what observations and infos are read from |
 //! | [`observation`] | observations, from rows ([`observation_row`]) of what is sensed ([`sensed`]) and simulated ([`simulated`]) |
+//! | [`json`] | reads configs, and names the field that is wrong |
 //! | [`info`] | the info of a step, from one row per entry |
 //! | [`grasp_quality`] | force closure of the present contacts: epsilon |
 //! | [`potentials`], [`reward`] | bounded potentials, and the named reward terms |
@@ -30,6 +31,7 @@
 //! | [`mod@env`] | one environment: its stream, its episode, its results |
 //! | [`batch`] | results of many environments, as flat arrays |
 //! | [`env_pool`] | all environments in one call |
+//! | [`pool_views`] | pictures and cameras of the environments of a pool |
 //! | [`tables`] | the tables of everything that environments take and return |
 //! | `error` | every way an input can be wrong, one sentence each |
 //!
@@ -55,9 +57,11 @@ pub mod hand_placement;
 pub mod info;
 pub mod initial_samples;
 pub mod initial_state;
+pub mod json;
 pub mod objects;
 pub mod observation;
 pub mod observation_row;
+pub mod pool_views;
 pub mod potentials;
 pub mod random_stream;
 pub mod record;

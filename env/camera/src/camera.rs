@@ -42,6 +42,11 @@ impl Intrinsics {
         Ok(intrinsics)
     }
 
+    /// Rows of the matrix (3, 3) that takes a camera-frame point to homogeneous image positions.
+    pub fn matrix(&self) -> [f64; 9] {
+        [self.fx, 0.0, self.cx, 0.0, self.fy, self.cy, 0.0, 0.0, 1.0]
+    }
+
     /// # Errors
     /// [`CameraError::OutOfRange`] names the first field outside its range.
     pub fn check(&self) -> Result<(), CameraError> {

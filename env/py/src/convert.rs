@@ -1,18 +1,32 @@
-//! Arrays between numpy and the core, with every check of a shape or a number; configs are read by [`crate::json`].
+//! Arrays between numpy and the core, with every check of a shape or a number; configs are read by [`graspbox_agent::json`].
 //!
 //! Arrays that come in must be C-contiguous float64; `graspbox`'s public functions see to that. Arrays that go out are fresh.
 
 use crate::errors::CoreError;
-pub use crate::json::{config, json};
 use graspbox_hand::rigid_motion;
 use nalgebra::{Isometry3, Matrix3, Point3};
 use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// A fresh array, as it goes out.
 pub type Array<'py, T> = Bound<'py, PyArrayDyn<T>>;
 /// A float64 array of any shape, as it comes in.
 pub type Floats<'py> = PyReadonlyArrayDyn<'py, f64>;
+
+/// A config from its JSON text; errors call it `what`.
+///
+/// # Errors
+/// As [`graspbox_agent::json::config`].
+pub fn config<T: DeserializeOwned>(text: &str, what: &str) -> Result<T, CoreError> {
+    Ok(graspbox_agent::json::config(text, what)?)
+}
+
+/// The JSON text of a config.
+pub fn json<T: Serialize>(config: &T) -> Result<String, CoreError> {
+    serde_json::to_string(config).map_err(|error| CoreError::Internal(error.to_string()))
+}
 
 /// The entries of `array`, which must have the shape `shape`; `None` stands for any length.
 ///

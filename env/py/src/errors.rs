@@ -3,6 +3,7 @@
 //! The classes themselves live in `graspbox.errors`, because Rust cannot give an exception two bases.
 
 use graspbox_agent::AgentError;
+use graspbox_agent::json::BadConfig;
 use graspbox_camera::CameraError;
 use graspbox_episode::EpisodeError;
 use graspbox_hand::HandError;
@@ -43,6 +44,9 @@ pub enum CoreError {
     /// The object cannot be simulated.
     #[error("{0}")]
     Simulation(String),
+    /// A server cannot be reached, or the session on it is lost.
+    #[error("{0}")]
+    Connection(String),
     /// The call was stopped by a signal.
     #[error("the call was interrupted")]
     Interrupted,
@@ -52,6 +56,21 @@ pub enum CoreError {
 }
 
 impl CoreError {
+    /// Name of the class in `graspbox.errors` (or of Python's own, of an interruption).
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Config(_) => "ConfigError",
+            Self::File { .. } => "FileError",
+            Self::Mesh(_) => "MeshError",
+            Self::Hand(_) => "HandError",
+            Self::Plan(_) => "PlanError",
+            Self::Simulation(_) => "SimulationError",
+            Self::Connection(_) => "ConnectionLostError",
+            Self::Interrupted => "KeyboardInterrupt",
+            Self::Internal(_) => "InternalError",
+        }
+    }
+
     /// An error about the file at `path`, which the message names.
     pub fn in_file(error: MeshError, path: &Path) -> Self {
         match error {
@@ -69,6 +88,12 @@ impl CoreError {
             Self::Plan(text) => Self::Plan(named(text)),
             other => other,
         }
+    }
+}
+
+impl From<BadConfig> for CoreError {
+    fn from(error: BadConfig) -> Self {
+        Self::Config(error.to_string())
     }
 }
 
@@ -176,31 +201,20 @@ impl From<AgentError> for CoreError {
     }
 }
 
-/// The class of that name in `graspbox.errors`, looked up once.
-fn class<'py>(py: Python<'py>, cell: &'static PyOnceLock<Py<PyType>>, name: &str) -> PyResult<Bound<'py, PyType>> {
-    cell.import(py, "graspbox.errors", name).cloned()
+/// The classes of `graspbox.errors`, looked up once.
+fn class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyType>> {
+    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+    let module = MODULE.get_or_try_init(py, || py.import("graspbox.errors").map(Bound::unbind))?;
+    Ok(module.bind(py).getattr(name)?.cast_into()?)
 }
 
 /// The Python exception for `error`.
 fn exception(py: Python<'_>, error: CoreError) -> PyResult<PyErr> {
-    static CONFIG: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    static MESH: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    static HAND: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    static PLAN: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    static SIMULATION: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    static INTERNAL: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     let message = error.to_string();
     Ok(match error {
-        CoreError::Config(_) => PyErr::from_type(class(py, &CONFIG, "ConfigError")?, message),
-        CoreError::Mesh(_) => PyErr::from_type(class(py, &MESH, "MeshError")?, message),
-        CoreError::Hand(_) => PyErr::from_type(class(py, &HAND, "HandError")?, message),
-        CoreError::Plan(_) => PyErr::from_type(class(py, &PLAN, "PlanError")?, message),
-        CoreError::Simulation(_) => PyErr::from_type(class(py, &SIMULATION, "SimulationError")?, message),
-        CoreError::Internal(_) => PyErr::from_type(class(py, &INTERNAL, "InternalError")?, message),
         CoreError::Interrupted => PyKeyboardInterrupt::new_err(()),
         CoreError::File { path, source } => {
-            let class = class(py, &FILE, "FileError")?;
+            let class = class(py, "FileError")?;
             match source.raw_os_error() {
                 // `OSError(errno, text, filename)` fills the attributes that callers look at.
                 Some(code) => {
@@ -210,6 +224,7 @@ fn exception(py: Python<'_>, error: CoreError) -> PyResult<PyErr> {
                 None => PyErr::from_type(class, message),
             }
         }
+        other => PyErr::from_type(class(py, other.kind())?, message),
     })
 }
 

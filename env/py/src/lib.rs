@@ -4,12 +4,13 @@
 //! |---|---|
 //! | [`mod@bench`] | timings of work that is too short to be timed through Python |
 //! | [`config`] | the configs that cross |
+//! | [`mod@client`] | a session on a server |
 //! | [`convert`] | arrays, with every check of a shape or a number |
-//! | [`json`] | reads configs, and names the field that is wrong |
 //! | [`mod@render`] | pictures of any meshes and a hand, from any camera |
 //! | [`errors`] | one error type, and the Python exception of each error |
 //! | [`log`] | log events of the core, for Python's `logging` |
 //! | [`vision`] | images of environments and objects, pictures, cameras |
+//! | [`frames`] | values of frames as Python objects, and back |
 //! | [`gil`] | releases the GIL, keeps panics inside, listens for Ctrl-C, owns the thread pools |
 //! | [`episode`] | an object at rest, and trials on it |
 //! | [`hand`] | the handle on a hand |
@@ -19,21 +20,23 @@
 //! | [`objects`] | objects by family and seed |
 //! | [`env_arrays`] | results of environments as arrays by name |
 //! | [`env_pool`] | many environments in one call |
+//! | [`mod@server`] | environments for clients on other machines |
 //! | [`mod@scene_images`] | images of many resting objects, and voxels from many depth images |
 //! | [`voxel`] | voxels, and their files |
 //!
 //! `python/graspbox/_core.pyi` is this module's contract.
 
 pub mod bench;
+pub mod client;
 pub mod config;
 pub mod convert;
 pub mod env_arrays;
 pub mod env_pool;
 pub mod episode;
 pub mod errors;
+pub mod frames;
 pub mod gil;
 pub mod hand;
-pub mod json;
 pub mod log;
 pub mod mesh;
 pub mod objects;
@@ -41,6 +44,7 @@ pub mod perception;
 pub mod plan;
 pub mod render;
 pub mod scene_images;
+pub mod server;
 pub mod vision;
 pub mod voxel;
 
@@ -52,6 +56,8 @@ mod _core {
 
     #[pymodule_export]
     use crate::bench::{time_best_split, time_reset};
+    #[pymodule_export]
+    use crate::client::Client;
     #[pymodule_export]
     use crate::config::config_again;
     #[pymodule_export]
@@ -76,6 +82,8 @@ mod _core {
     use crate::render::render;
     #[pymodule_export]
     use crate::scene_images::{camera_poses, occupancies, render_scenes};
+    #[pymodule_export]
+    use crate::server::{Job, Server};
     #[pymodule_export]
     use crate::vision::{image_kinds, image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]

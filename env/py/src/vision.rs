@@ -16,7 +16,6 @@ use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rayon::prelude::*;
 use serde::Deserialize;
 use std::sync::Arc;
 use std::time::Instant;
@@ -41,43 +40,19 @@ pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture:
     let picture: PictureConfig = config(picture, "PictureConfig")?;
     let [height, width] = picture.image_size.map(|n| n as usize);
     let (core, count) = (Arc::clone(&pool.core), envs.len());
-    let pixels = detached(py, pool.num_threads, move || {
-        let made = envs.par_iter().map(|&env| {
-            let locked = core.env(env)?;
-            let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
-            Ok(core.spec().observer.picture(&episode.scene_pose()?, &episode.viewpoint().light, &picture)?)
-        });
-        let made: Vec<_> = made.collect();
-        made.into_iter().collect::<Result<Vec<_>, AgentError>>()
-    })?;
-    array(py, pixels.concat(), &[count, height, width, 3])
+    let pixels = detached(py, pool.num_threads, move || core.pictures(&envs, &picture))?;
+    array(py, pixels, &[count, height, width, 3])
 }
 
 /// By the camera's name: its intrinsics (3, 3), and where it is now in every environment, `world_from_camera` (num_envs, 4, 4).
 #[pyfunction]
 pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &EnvPool) -> PyResult<Bound<'py, PyDict>> {
-    let (core, dict) = (&pool.core, PyDict::new(py));
-    let observer = &core.spec().observer;
-    let mut poses = vec![Vec::new(); observer.mounted_cameras().len()];
-    for env in 0..core.len() {
-        let locked = core.env(env).map_err(CoreError::from)?;
-        let episode = locked.episode().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
-        let hand = episode.episode().world().world_from_hand();
-        let cameras = observer.cameras(episode.viewpoint(), &hand).map_err(CoreError::from)?;
-        for (poses, camera) in poses.iter_mut().zip(cameras) {
-            poses.push(*camera.world_from_camera());
-        }
-    }
-    for ((camera, lens), poses) in observer.config().cameras.iter().zip(observer.mounted_cameras()).zip(poses) {
-        let intrinsics = array(py, lens_matrix(lens.intrinsics()).to_vec(), &[3, 3])?;
-        dict.set_item(&camera.name, (intrinsics, matrices(py, poses.into_iter())?))?;
+    let dict = PyDict::new(py);
+    for camera in pool.core.cameras().map_err(CoreError::from)? {
+        let intrinsics = array(py, camera.intrinsics.to_vec(), &[3, 3])?;
+        dict.set_item(&camera.name, (intrinsics, matrices(py, camera.world_from_camera.into_iter())?))?;
     }
     Ok(dict)
-}
-
-/// Rows of the matrix that takes a camera-frame point to homogeneous image positions.
-fn lens_matrix(k: &Intrinsics) -> [f64; 9] {
-    [k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0]
 }
 
 /// The lens of a matrix (3, 3).
@@ -158,7 +133,7 @@ pub fn views<'py>(
     if segmentation {
         dict.set_item("segmentation", array(py, joined(|f| &f.segmentation), &shape)?)?;
     }
-    dict.set_item("intrinsics", array(py, lens_matrix(&lens).to_vec(), &[3, 3])?)?;
+    dict.set_item("intrinsics", array(py, lens.matrix().to_vec(), &[3, 3])?)?;
     let world_from_camera = cameras.iter().map(|c| *c.world_from_camera());
     dict.set_item("world_from_camera", matrices(py, world_from_camera)?)?;
     let camera_from_object = cameras.iter().map(|c| c.camera_from_object(&pose));

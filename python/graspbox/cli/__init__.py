@@ -13,7 +13,20 @@ from typing import Annotated
 import typer
 
 import graspbox
-from graspbox.cli import bench, dataset, demo, evaluate, grasp, grasp_image, objects, plan, prepare, record, voxelize
+from graspbox.cli import (
+    bench,
+    dataset,
+    demo,
+    evaluate,
+    grasp,
+    grasp_image,
+    objects,
+    plan,
+    prepare,
+    record,
+    serve,
+    voxelize,
+)
 from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -27,6 +40,7 @@ typer_app.command("dataset")(dataset.dataset)
 typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)
 typer_app.command("evaluate")(evaluate.evaluate)
+typer_app.command("serve")(serve.serve)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)
 

@@ -36,7 +36,7 @@ def frames(threads: int | None) -> list[Row]:
     for image in ("depth", "rgb"):
         for size in _SIZES:
             cameras = to_json(CamerasConfig(images=(image,), image_size=(size, size)))
-            seconds = _core._time_images(env._core.pool, 0, cameras, _FRAMES)
+            seconds = _core._time_images(env._core.local_pool, 0, cameras, _FRAMES)
             rows.append(
                 (f"{image} frames, {size} x {size}, one thread ({shares})", 1 / float(np.median(seconds)), "1/s")
             )

@@ -16,13 +16,14 @@ from graspbox import _core, object_sets
 from graspbox.arguments import natural, plain, shown
 from graspbox.configs import AgentConfig, CamerasConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
-from graspbox.envs.preparation import load_objects, prepare_objects
+from graspbox.envs.local_pool import LocalPool, LocalSource, Pool, Source
+from graspbox.envs.remote_config import remote_config
+from graspbox.envs.remote_source import RemoteSource
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
-from graspbox.envs.settings import RENDER_MODES, ObjectsArgument, complete
+from graspbox.envs.settings import RENDER_MODES, ObjectsArgument, Settings, complete
 from graspbox.envs.window import Window
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
-from graspbox.progress import ProgressBar
 
 _AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
     AutoresetMode.NEXT_STEP: "next_step",
@@ -104,10 +105,8 @@ class GraspCore:
         self._numeric = settings["info"] == "numeric"
         obs = settings["obs"]
         cameras = completed(settings["cameras"], spaces.image_names(obs), settings["image_size"])
-        self.object_set = object_sets.load(objects, split=settings["split"])
-        # Kept, so that environments made later find it.
-        self.handle, self.hand = load_objects(self.object_set, settings["hand"], settings["physics"])
-        self.tables = spaces.tables(self.hand)
+        self.source = self._source_of(kind, num_envs, objects, settings)
+        self.hand, self.tables = self.source.hand, self.source.tables
         # A decision has a trial instead of a control mode.
         self._decides = "trial" in settings
         control = "grasp_pose" if self._decides else settings["control"]
@@ -116,7 +115,7 @@ class GraspCore:
         self.control, self.frame_skip = control, settings.get("frame_skip", 1)
         self.action_space = spaces.action_space(control, self.tables)
         self.action_size = spaces.size(spaces.columns_of(control, self.tables)[0])
-        seen = spaces.images(self.hand, cameras)
+        seen = self.source.images(cameras)
         self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
         # A space sorts its names.
         self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
@@ -138,18 +137,33 @@ class GraspCore:
             # In closed loop there is no trial whose lift the criterion would have to fit.
             trial=replace(trial, success=success) if self._decides else trial,
         )
-        self._threads = settings["num_threads"]
         # An environment that begins its next episode in a step must not wait for a mesh file.
         prepare_files = natural(settings.get("prepare_files", 0), "prepare_files")
         self._prepare_files = 0 if self.autoreset_mode is AutoresetMode.DISABLED else prepare_files
-        self._pool: _core.EnvPool | None = _core.EnvPool(self.handle, to_json(self.config), num_envs, self._threads)
+        self.picture = to_json(settings["picture"])
+        rendered = self.render_mode is not None
+        self._pool: Pool | None = self.source.pool(self.config, num_envs, self.picture, rendered)
         self._process = os.getpid()
         self.begun = np.zeros(num_envs, dtype=np.bool_)
-        self._picture = to_json(settings["picture"])
         self._terms = [term["name"] for term in self.tables["terms"]]
         self._entries = spaces.entries(control, self.tables)
-        names_of = {"failures": self.tables["failures"], "objects": self.handle.names}
+        # Only infos with names need those of the objects, which may be many.
+        names_of = {} if self._numeric else {"failures": self.tables["failures"], "objects": self.source.names()}
         self._names = {kind: np.array(found, dtype=object) for kind, found in names_of.items()}
+
+    @staticmethod
+    def _source_of(kind: type, num_envs: int, objects: ObjectsArgument, settings: Settings) -> Source:
+        """Find out where the environments come from: this process, or servers."""
+        remote = remote_config(settings["remote"])
+        if remote is not None:
+            return RemoteSource(remote, kind, num_envs, objects, settings)
+        found = object_sets.load(objects, split=settings["split"])
+        return LocalSource(found, settings["hand"], settings["physics"], settings["num_threads"])
+
+    @property
+    def object_set(self) -> object_sets.ObjectSet:
+        """The objects; those of servers are looked up here when they are asked for."""
+        return self.source.objects()
 
     def __getstate__(self) -> dict[str, Any]:
         states = [self.pool.get_state(env) if begun else None for env, begun in enumerate(self.begun)]
@@ -162,7 +176,7 @@ class GraspCore:
                 self.restore(env, state)
 
     @property
-    def pool(self) -> "_core.EnvPool":
+    def pool(self) -> Pool:
         """The pool, in the process that made it and until it is closed."""
         if self._pool is None:
             raise gymnasium.error.ClosedEnvironmentError("this environment is closed; make another one")
@@ -172,6 +186,14 @@ class GraspCore:
                 "does not have; make it in the process that steps it, or send it there by pickle"
             )
         return self._pool
+
+    @property
+    def local_pool(self) -> "_core.EnvPool":
+        """The pool of this process, for what needs the core itself."""
+        pool = self.pool
+        if not isinstance(pool, LocalPool):
+            raise ConfigError("these environments are on a server; make them without the keyword remote")
+        return pool.core
 
     @property
     def fps(self) -> int:
@@ -187,26 +209,25 @@ class GraspCore:
 
     def action_places(self, name: str) -> NDArray[np.bool_]:
         """Mask (n,) of the entries of an action whose column has this name."""
-        columns, _ = spaces.columns_of(self.control, spaces.tables(self.hand))
+        columns, _ = spaces.columns_of(self.control, self.tables)
         return np.repeat([row["name"] == name for row in columns], [row["size"] for row in columns])
 
     def close(self) -> None:
         """Give the memory of the environments back and close the window; a second time does nothing."""
+        if self._pool is not None and os.getpid() == self._process:
+            self._pool.close()
         self._pool = None
         if self._window is not None:
             self._window.close()
 
     def prepare(self, progress: bool, delay: float = 0.0, skip_errors: bool = False) -> None:
         """Prepare all objects, with a progress bar on standard error if wanted, and if it takes longer than `delay`."""
-        self.pool  # noqa: B018 (a closed environment is an error)
-        models = bool(self.config.cameras.images) or self.render_mode is not None
-        with ProgressBar("prepare objects", len(self.handle), progress, delay) as bar:
-            prepare_objects(self.handle, models, self._threads, bar.update, skip_errors=skip_errors)
+        self.pool.prepare(progress, delay, skip_errors)
 
     def _prepare_first(self) -> None:
         """Prepare all objects before the first episodes, if mesh files are among them and they are few enough."""
-        files = any(spec.path is not None for spec in self.object_set)
-        if files and not self.begun.any() and len(self.handle) <= self._prepare_files:
+        few = self.source.has_files and self.source.count <= self._prepare_files
+        if few and not self.begun.any():
             self.prepare(progress=True, delay=2.0, skip_errors=True)
 
     def reset(
@@ -265,16 +286,16 @@ class GraspCore:
         if self._window is not None:
             self.show()
             return None
-        return _core.pictures(pool, envs, self._picture)
+        return pool.pictures(envs)
 
     def show(self) -> None:
         """Show the first environment in the window, with ``render_mode="human"``."""
         if self._window is not None:
-            self._window.show(_core.pictures(self.pool, [0], self._picture)[0], self.fps)
+            self._window.show(self.pool.pictures([0])[0], self.fps)
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
-        return _core.poses_of_cameras(self.pool)
+        return self.pool.cameras()
 
     def rewards(self, arrays: "_core.EnvArrays") -> NDArray[np.float64]:
         """Weigh the terms of every row."""

@@ -31,6 +31,7 @@ Of the single environment, of the native vector environment (`gymnasium.make_vec
 | randomization | None | both |
 | render_mode | None | both |
 | num_threads | None | both |
+| remote | None | both |
 | physics | PhysicsConfig() | both |
 | hand | 'reflex' | both |
 | cameras | CamerasConfig() | both |
@@ -309,6 +310,9 @@ class GraspEnv(SingleEnv):
         ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    remote : str, sequence of str or RemoteConfig, optional
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
+        which they are spread. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths

@@ -25,6 +25,7 @@ closes, lifts and holds. An episode ends after one step, and ``max_episode_steps
 | randomization | None | both |
 | render_mode | None | both |
 | num_threads | None | both |
+| remote | None | both |
 | physics | PhysicsConfig() | both |
 | hand | 'reflex' | both |
 | cameras | CamerasConfig() | both |
@@ -214,6 +215,9 @@ class GraspPoseEnv(SingleEnv):
         ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    remote : str, sequence of str or RemoteConfig, optional
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
+        which they are spread. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths
@@ -274,6 +278,9 @@ class GraspPoseVectorEnv(NativeVectorEnv):
         ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    remote : str, sequence of str or RemoteConfig, optional
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
+        which they are spread. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths

@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypedDict, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, Literal, TypedDict, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from gymnasium.vector import AutoresetMode
 
@@ -31,6 +31,7 @@ from graspbox import object_sets
 from graspbox._core import Hand
 from graspbox.arguments import config_in, config_of, shown
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
+from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError
 
 __all__ = [
@@ -136,6 +137,15 @@ class _Common(TypedDict, total=False):
             None,
             "int, optional",
             "Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.",
+        ),
+    ]
+    remote: Annotated[
+        RemoteConfig | str | Sequence[str] | None,
+        Keyword(
+            None,
+            "str, sequence of str or RemoteConfig, optional",
+            "Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, "
+            "over which they are spread. Results do not depend on it.",
         ),
     ]
     physics: Annotated[
@@ -261,6 +271,8 @@ def _configured(name: str, value: Any, hint: Any) -> Any:
     if isinstance(value, Mapping):
         return config_of(config, value, name)
     others = [choice for choice in get_args(hint) if choice is not config]
+    if isinstance(value, list | tuple) and any(get_origin(choice) is Sequence for choice in others):
+        return value
     if (value is None and type(None) in others) or (isinstance(value, str) and any(map(get_args, others))):
         return value
     raise ConfigError(f"{name} is {shown(value)}; give a {config.__name__}, or a dictionary of its fields")

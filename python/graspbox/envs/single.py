@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from graspbox.envs.core import GraspCore, checked_seed, fresh_seed
 from graspbox.envs.preparation import PreparesObjects
+from graspbox.object_sets import ObjectSet
 
 __all__ = ["SingleEnv"]
 
@@ -26,11 +27,15 @@ class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
 
     def __init__(self, core: GraspCore) -> None:
         self._core = core
-        self.objects = core.object_set
         self.render_mode = core.render_mode
         self.observation_space = core.observation_space
         self.action_space = core.action_space
         self.metadata = {**self.metadata, "render_fps": core.fps}
+
+    @property
+    def objects(self) -> ObjectSet:
+        """The objects that episodes sample from."""
+        return self._core.object_set
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode.

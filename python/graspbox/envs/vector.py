@@ -30,6 +30,7 @@ from graspbox.envs.preparation import PreparesObjects
 from graspbox.envs.reset_arguments import options_of_each, reset_mask, seeds_of
 from graspbox.envs.settings import NUM_ENVS, OBJECTS, RENDER_MODES, GraspVectorSettings, ObjectsArgument, signed
 from graspbox.errors import ConfigError
+from graspbox.object_sets import ObjectSet
 
 __all__ = ["GraspVectorEnv", "NativeVectorEnv"]
 
@@ -55,7 +56,6 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         self._core = core
         self.autoreset_mode = core.autoreset_mode
         self.num_envs = core.pool.num_envs
-        self.objects = core.object_set
         self.render_mode = core.render_mode
         self.metadata = {
             "render_modes": [*RENDER_MODES],
@@ -74,6 +74,11 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
     def _buffers(self) -> dict[str, Any]:
         buffers: Any = create_empty_array(self.single_observation_space, self.num_envs)
         return {self._core.obs: buffers} if isinstance(self._core.obs, str) else buffers
+
+    @property
+    def objects(self) -> ObjectSet:
+        """The objects that episodes sample from."""
+        return self._core.object_set
 
     @property
     def np_random_seed(self) -> tuple[int | None, ...]:  # type: ignore[override]
@@ -349,6 +354,9 @@ class GraspVectorEnv(NativeVectorEnv):
         ``human``); of a vector environment it shows the first environment.
     num_threads : int, optional
         Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+    remote : str, sequence of str or RemoteConfig, optional
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
+        which they are spread. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths

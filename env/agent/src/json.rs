@@ -2,8 +2,6 @@
 //!
 //! serde says what it expected; [`serde_path_to_error`] says where. The value is looked up in the text itself.
 
-use crate::errors::CoreError;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_path_to_error::{Path, Segment};
@@ -13,20 +11,27 @@ const SHOWN: usize = 60;
 /// Names less alike than this (Jaro-Winkler) are not suggested.
 const ALIKE: f64 = 0.75;
 
+/// What is wrong with a config, as a sentence that names the field.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct BadConfig(String);
+
 /// A config from its JSON text; errors call it `what`.
 ///
 /// # Errors
-/// [`CoreError::Config`]: `TrialConfig.lift_height is 'x' (str); give a number`.
-pub fn config<T: DeserializeOwned>(text: &str, what: &str) -> Result<T, CoreError> {
-    let value: Value =
-        serde_json::from_str(text).map_err(|error| CoreError::Config(format!("{what} is not JSON: {error}")))?;
-    serde_path_to_error::deserialize(&value)
-        .map_err(|error| CoreError::Config(complaint(what, &value, error.path(), &error.inner().to_string())))
+/// `TrialConfig.lift_height is 'x' (str); give a number`.
+pub fn config<T: DeserializeOwned>(text: &str, what: &str) -> Result<T, BadConfig> {
+    let value = serde_json::from_str(text).map_err(|error| BadConfig(format!("{what} is not JSON: {error}")))?;
+    config_of(&value, what)
 }
 
-/// The JSON text of a config.
-pub fn json<T: Serialize>(config: &T) -> Result<String, CoreError> {
-    serde_json::to_string(config).map_err(|error| CoreError::Internal(error.to_string()))
+/// As [`config`], from JSON that was read already.
+///
+/// # Errors
+/// As [`config`].
+pub fn config_of<T: DeserializeOwned>(value: &Value, what: &str) -> Result<T, BadConfig> {
+    serde_path_to_error::deserialize(value)
+        .map_err(|error| BadConfig(complaint(what, value, error.path(), &error.inner().to_string())))
 }
 
 /// The sentence for what serde says of the value at `path`.

@@ -1,0 +1,93 @@
+//! `graspbox._core.Client`: a session on a server.
+
+use crate::errors::CoreError;
+use crate::frames::{to_python, write};
+use graspbox_server::{Client as Core, ClientError, ClientOptions, Encoder, decode};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyString};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+impl From<ClientError> for CoreError {
+    fn from(error: ClientError) -> Self {
+        match error {
+            ClientError::Unreachable { .. } | ClientError::SessionLost { .. } => Self::Connection(error.to_string()),
+            _ => Self::Config(error.to_string()),
+        }
+    }
+}
+
+/// A session on a server; calls of several threads are taken one after the other.
+#[pyclass(frozen, module = "graspbox._core")]
+pub struct Client(Mutex<Core>);
+
+#[pymethods]
+impl Client {
+    /// Connects; `grace` seconds is how long to take up the session again after a lost connection.
+    #[new]
+    #[pyo3(signature = (url, *, token, ca, grace))]
+    fn new(py: Python<'_>, url: &str, token: Option<String>, ca: Option<String>, grace: f64) -> PyResult<Self> {
+        let options = ClientOptions { token, ca };
+        let grace = Duration::try_from_secs_f64(grace).map_err(|_| {
+            CoreError::Config(format!("grace is {grace}; give a number of seconds that is not negative"))
+        })?;
+        let made = py.detach(|| Core::connect(url, options, grace));
+        Ok(Self(Mutex::new(made.map_err(CoreError::from)?)))
+    }
+
+    /// The first frame of the server.
+    #[getter]
+    fn hello<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let frame = self.lock().hello().clone();
+        to_python(py, &decode(&frame).map_err(|error| CoreError::Internal(error.to_string()))?)
+    }
+
+    /// Sends a command with its fields; returns its number.
+    fn submit(&self, py: Python<'_>, command: &str, fields: &Bound<'_, PyDict>) -> PyResult<u64> {
+        let mut body = Encoder::default();
+        for (key, value) in fields {
+            let key = key.cast::<PyString>()?.to_cow()?.into_owned();
+            body.text(&key);
+            write(&mut body, &value, &key, 0)?;
+        }
+        let (count, body) = (fields.len(), body.into_bytes());
+        let sent = py.detach(|| self.lock().submit(command, count, |frame| frame.append(&body)));
+        Ok(sent.map_err(CoreError::from)?)
+    }
+
+    /// Waits for the answer to a command; a signal is an exception, and the answer may still be waited for.
+    fn wait<'py>(&self, py: Python<'py>, id: u64) -> PyResult<Bound<'py, PyAny>> {
+        loop {
+            py.check_signals()?;
+            if let Some(answer) = self.poll(py, id)? {
+                return Ok(answer);
+            }
+        }
+    }
+
+    /// The answer to a command; None if it has not come within a tenth of a second.
+    fn poll<'py>(&self, py: Python<'py>, id: u64) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let Some(frame) = py.detach(|| self.lock().poll(id)).map_err(CoreError::from)? else {
+            return Ok(None);
+        };
+        let value = decode(&frame).map_err(|error| CoreError::Internal(error.to_string()))?;
+        to_python(py, &value).map(Some)
+    }
+
+    /// Nobody waits for the answer to a command any more.
+    fn forget(&self, id: u64) {
+        self.lock().forget(id);
+    }
+
+    /// Breaks the connection off, as a network would: for tests.
+    #[pyo3(name = "_break_off")]
+    fn break_off(&self) {
+        self.lock().break_off();
+    }
+}
+
+impl Client {
+    fn lock(&self) -> MutexGuard<'_, Core> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,276 @@
+//! A client of environments: numbers commands, waits for answers, and takes up its session again when the connection was lost.
+
+use crate::client_socket::{ClientError, ClientOptions, Incoming, PATIENCE, Socket};
+use crate::decode::decode;
+use crate::encode::Encoder;
+use crate::value::Value;
+use bytes::Bytes;
+use std::collections::{BTreeMap, VecDeque};
+use std::time::{Duration, Instant};
+
+/// What the server told of the session, for taking it up again.
+#[derive(Clone, Copy, Debug)]
+struct Ticket {
+    session: u64,
+    secret: u64,
+}
+
+/// A client of environments.
+pub struct Client {
+    url: String,
+    options: ClientOptions,
+    /// How long to try to reach the server again after the connection was lost.
+    grace: Duration,
+    socket: Option<Socket>,
+    /// The first frame of the server.
+    hello: Bytes,
+    next: u64,
+    seen: u64,
+    ticket: Option<Ticket>,
+    lost: Option<Instant>,
+    /// Commands that may have to be sent again.
+    unanswered: VecDeque<(u64, Bytes)>,
+    answers: BTreeMap<u64, Bytes>,
+    /// Answers that nobody waits for any more.
+    unwanted: Vec<u64>,
+}
+
+impl Client {
+    /// Connects, and reads the first frame of the server.
+    ///
+    /// * `grace`: how long to take up the session again after a lost connection; zero: not at all.
+    ///
+    /// # Errors
+    /// As [`Socket::open`], or a server that does not begin with a frame.
+    pub fn connect(url: &str, options: ClientOptions, grace: Duration) -> Result<Self, ClientError> {
+        let (socket, hello) = greet(url, &options)?;
+        Ok(Self {
+            url: url.to_owned(),
+            options,
+            grace,
+            socket: Some(socket),
+            hello,
+            next: 1,
+            seen: 0,
+            ticket: None,
+            lost: None,
+            unanswered: VecDeque::new(),
+            answers: BTreeMap::new(),
+            unwanted: Vec::new(),
+        })
+    }
+
+    /// The address of the server.
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// The first frame of the server.
+    pub fn hello(&self) -> &Bytes {
+        &self.hello
+    }
+
+    /// Sends a command; returns its number.
+    ///
+    /// * `fields`: number of fields that `write` appends, key and value each.
+    ///
+    /// # Errors
+    /// A connection that broke off, where the session cannot be taken up again.
+    pub fn submit(
+        &mut self,
+        command: &str,
+        fields: usize,
+        write: impl FnOnce(&mut Encoder),
+    ) -> Result<u64, ClientError> {
+        let id = self.next;
+        self.next += 1;
+        let mut frame = Encoder::default();
+        frame.map(fields + 3);
+        frame.text("id");
+        frame.unsigned(id);
+        frame.text("command");
+        frame.text(command);
+        frame.text("seen");
+        frame.unsigned(self.seen);
+        write(&mut frame);
+        let frame = Bytes::from(frame.into_bytes());
+        if !self.grace.is_zero() {
+            self.unanswered.push_back((id, frame.clone()));
+        }
+        match &mut self.socket {
+            Some(socket) => {
+                if let Err(error) = socket.send(frame) {
+                    self.lose(error)?;
+                }
+            }
+            // The command is sent when the connection is there again.
+            None if !self.grace.is_zero() => {}
+            None => return Err(self.closed()),
+        }
+        Ok(id)
+    }
+
+    /// The answer to command `id`; none within [`PATIENCE`].
+    ///
+    /// # Errors
+    /// A connection that broke off, where the session cannot be taken up again within its grace.
+    pub fn poll(&mut self, id: u64) -> Result<Option<Bytes>, ClientError> {
+        if let Some(answer) = self.answers.remove(&id) {
+            return Ok(Some(answer));
+        }
+        let Some(socket) = &mut self.socket else {
+            self.reconnect()?;
+            return Ok(None);
+        };
+        match socket.receive() {
+            Ok(None) => Ok(None),
+            Ok(Some(Incoming::Text(text))) => Err(ClientError::Protocol { url: self.url.clone(), why: text }),
+            Ok(Some(Incoming::Frame(frame))) => {
+                self.take(frame)?;
+                Ok(self.answers.remove(&id))
+            }
+            Err(error) => {
+                self.lose(error)?;
+                Ok(None)
+            }
+        }
+    }
+
+    /// Nobody waits for the answer to command `id` any more.
+    pub fn forget(&mut self, id: u64) {
+        if self.answers.remove(&id).is_none() {
+            self.unwanted.push(id);
+        }
+    }
+
+    /// Breaks the connection off, as a network would: for tests of taking a session up again.
+    pub fn break_off(&mut self) {
+        self.socket = None;
+        self.lost.get_or_insert_with(Instant::now);
+    }
+
+    fn closed(&self) -> ClientError {
+        ClientError::Unreachable { url: self.url.clone(), why: "the connection is closed".to_owned() }
+    }
+
+    /// Keeps an answer.
+    fn take(&mut self, frame: Bytes) -> Result<(), ClientError> {
+        let wrong = |why: String| ClientError::Protocol { url: self.url.clone(), why };
+        let value = decode(&frame).map_err(|error| wrong(error.to_string()))?;
+        let number = |name| {
+            value.get(name).and_then(|found| match found {
+                Value::Integer(number) => u64::try_from(*number).ok(),
+                _ => None,
+            })
+        };
+        let Some(id) = number("id") else {
+            let why = value.get("error").and_then(|error| error.get("message"));
+            return Err(wrong(match why {
+                Some(Value::Text(message)) => (*message).to_owned(),
+                _ => "an answer has no number".to_owned(),
+            }));
+        };
+        if let (Some(session), Some(secret)) = (number("session"), number("secret")) {
+            self.ticket = Some(Ticket { session, secret });
+        }
+        self.seen = self.seen.max(id);
+        self.unanswered.retain(|(sent, _)| *sent != id);
+        match self.unwanted.iter().position(|unwanted| *unwanted == id) {
+            Some(index) => drop(self.unwanted.swap_remove(index)),
+            None => drop(self.answers.insert(id, frame)),
+        }
+        Ok(())
+    }
+
+    /// The connection is lost.
+    fn lose(&mut self, error: ClientError) -> Result<(), ClientError> {
+        self.socket = None;
+        if self.ticket.is_none() || self.grace.is_zero() {
+            return Err(error);
+        }
+        self.lost.get_or_insert_with(Instant::now);
+        Ok(())
+    }
+
+    /// Tries once to take up the session.
+    fn reconnect(&mut self) -> Result<(), ClientError> {
+        let Some(ticket) = self.ticket else {
+            return Err(self.closed());
+        };
+        let since = *self.lost.get_or_insert_with(Instant::now);
+        match self.resume(ticket) {
+            Ok(()) => {
+                self.lost = None;
+                Ok(())
+            }
+            Err(error @ ClientError::Unreachable { .. }) => {
+                if since.elapsed() > self.grace {
+                    return Err(error);
+                }
+                std::thread::sleep(PATIENCE);
+                Ok(())
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    fn resume(&mut self, ticket: Ticket) -> Result<(), ClientError> {
+        let (mut socket, _) = greet(&self.url, &self.options)?;
+        let mut frame = Encoder::default();
+        frame.map(5);
+        frame.text("id");
+        // Numbers of commands begin with 1, so no answer is taken for that of another command.
+        frame.unsigned(0);
+        frame.text("command");
+        frame.text("resume");
+        for (name, number) in [("session", ticket.session), ("secret", ticket.secret), ("received", self.seen)] {
+            frame.text(name);
+            frame.unsigned(number);
+        }
+        socket.send(frame.into_bytes().into())?;
+        let answer = first(&mut socket, &self.url)?;
+        let value = decode(&answer).map_err(|error| self.wrong(error.to_string()))?;
+        let received = match value.get("received") {
+            Some(Value::Integer(received)) => u64::try_from(*received).unwrap_or_default(),
+            _ => {
+                let why = match value.get("error").and_then(|error| error.get("message")) {
+                    Some(Value::Text(why)) => (*why).to_owned(),
+                    _ => "the server did not take it up".to_owned(),
+                };
+                return Err(ClientError::SessionLost { url: self.url.clone(), why });
+            }
+        };
+        for (_, frame) in self.unanswered.iter().filter(|(id, _)| *id > received) {
+            socket.send(frame.clone())?;
+        }
+        self.socket = Some(socket);
+        Ok(())
+    }
+
+    fn wrong(&self, why: String) -> ClientError {
+        ClientError::Protocol { url: self.url.clone(), why }
+    }
+}
+
+/// Connects, and reads the first frame.
+///
+/// # Errors
+/// As [`Client::connect`].
+pub fn greet(url: &str, options: &ClientOptions) -> Result<(Socket, Bytes), ClientError> {
+    let mut socket = Socket::open(url, options)?;
+    let hello = first(&mut socket, url)?;
+    Ok((socket, hello))
+}
+
+/// The next frame, within ten seconds.
+fn first(socket: &mut Socket, url: &str) -> Result<Bytes, ClientError> {
+    let started = Instant::now();
+    while started.elapsed() < Duration::from_secs(10) {
+        match socket.receive()? {
+            Some(Incoming::Frame(frame)) => return Ok(frame),
+            Some(Incoming::Text(why)) => return Err(ClientError::Protocol { url: url.to_owned(), why }),
+            None => {}
+        }
+    }
+    Err(ClientError::Unreachable { url: url.to_owned(), why: "it sends nothing".to_owned() })
+}

@@ -1,0 +1,259 @@
+//! A client's WebSocket: blocking, with a bound on each wait.
+
+use bytes::Bytes;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, ServerName};
+use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::sync::Arc;
+use std::time::Duration;
+use tungstenite::client::IntoClientRequest;
+use tungstenite::http::header::AUTHORIZATION;
+use tungstenite::http::{HeaderValue, Uri};
+use tungstenite::protocol::WebSocketConfig;
+use tungstenite::{Error, Message, WebSocket};
+
+/// Longest wait of one call.
+pub const PATIENCE: Duration = Duration::from_millis(100);
+/// Longest time for a handshake.
+const HANDSHAKE: Duration = Duration::from_secs(10);
+/// Largest message that is read, bytes.
+const MAX_MESSAGE: usize = 1 << 30;
+
+/// How to reach a server.
+#[derive(Clone, Debug, Default)]
+pub struct ClientOptions {
+    /// The token of the server.
+    pub token: Option<String>,
+    /// Certificates to trust beside those of the public authorities, a PEM file.
+    pub ca: Option<String>,
+}
+
+/// A server that cannot be reached, or what it said instead of an answer.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClientError {
+    /// An address that is none.
+    #[error("{url:?} is no address of a server: {why}; write ws://HOST:PORT or wss://HOST:PORT")]
+    Url {
+        /// What was given.
+        url: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// Nobody answers, or the connection broke off.
+    #[error("the server {url} cannot be reached: {why}")]
+    Unreachable {
+        /// Its address.
+        url: String,
+        /// What the system said.
+        why: String,
+    },
+    /// The server does not let this client in.
+    #[error("the server {url} refuses the connection ({status}): {why}")]
+    Refused {
+        /// Its address.
+        url: String,
+        /// HTTP status.
+        status: u16,
+        /// Its answer.
+        why: String,
+    },
+    /// The certificates to trust cannot be read.
+    #[error("{path}: it holds no certificates in PEM: {why}")]
+    Certificates {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// An answer that is none.
+    #[error("the server {url} does not speak this protocol: {why}")]
+    Protocol {
+        /// Its address.
+        url: String,
+        /// What came.
+        why: String,
+    },
+    /// The server forgot the session.
+    #[error("the session on {url} is lost: {why}")]
+    SessionLost {
+        /// Its address.
+        url: String,
+        /// Why.
+        why: String,
+    },
+}
+
+enum Stream {
+    Plain(TcpStream),
+    Tls(Box<StreamOwned<ClientConnection, TcpStream>>),
+}
+
+impl Read for Stream {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(stream) => stream.read(bytes),
+            Self::Tls(stream) => stream.read(bytes),
+        }
+    }
+}
+
+impl Write for Stream {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(stream) => stream.write(bytes),
+            Self::Tls(stream) => stream.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Plain(stream) => stream.flush(),
+            Self::Tls(stream) => stream.flush(),
+        }
+    }
+}
+
+/// What came in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Incoming {
+    /// A frame.
+    Frame(Bytes),
+    /// Text: of a policy server, an error.
+    Text(String),
+}
+
+/// An open WebSocket.
+pub struct Socket {
+    socket: WebSocket<Stream>,
+    url: String,
+}
+
+impl Socket {
+    /// Connects.
+    ///
+    /// # Errors
+    /// An address that is none, a server that cannot be reached or refuses, or certificates that cannot be read.
+    pub fn open(url: &str, options: &ClientOptions) -> Result<Self, ClientError> {
+        let bad = |why: &str| ClientError::Url { url: url.to_owned(), why: why.to_owned() };
+        let uri: Uri = url.parse().map_err(|error| bad(&format!("{error}")))?;
+        let host = uri.host().ok_or_else(|| bad("it names no host"))?.trim_matches(['[', ']']);
+        let (secure, default) = match uri.scheme_str() {
+            Some("ws") => (false, 80),
+            Some("wss") => (true, 443),
+            _ => return Err(bad("it does not begin with ws:// or wss://")),
+        };
+        let mut request = url.into_client_request().map_err(|error| bad(&error.to_string()))?;
+        if let Some(token) = &options.token {
+            let value = HeaderValue::from_str(&format!("Bearer {token}"));
+            let value = value.map_err(|_| bad("the token has characters that no header can hold"))?;
+            request.headers_mut().insert(AUTHORIZATION, value);
+        }
+        let failed = |why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
+        let tcp = connect(host, uri.port_u16().unwrap_or(default)).map_err(failed)?;
+        tcp.set_nodelay(true).map_err(failed)?;
+        tcp.set_read_timeout(Some(HANDSHAKE)).map_err(failed)?;
+        let control = tcp.try_clone().map_err(failed)?;
+        let stream = if secure { Stream::Tls(Box::new(tls(tcp, host, options, url)?)) } else { Stream::Plain(tcp) };
+        let config = WebSocketConfig::default().max_message_size(Some(MAX_MESSAGE)).max_frame_size(Some(MAX_MESSAGE));
+        let socket = match tungstenite::client::client_with_config(request, stream, Some(config)) {
+            Ok((socket, _)) => socket,
+            Err(tungstenite::HandshakeError::Failure(error)) => return Err(refusal(url, error)),
+            Err(tungstenite::HandshakeError::Interrupted(_)) => {
+                return Err(failed(io::Error::new(ErrorKind::TimedOut, "it does not answer the handshake")));
+            }
+        };
+        control.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
+        Ok(Self { socket, url: url.to_owned() })
+    }
+
+    fn lost(&self, error: &Error) -> ClientError {
+        ClientError::Unreachable { url: self.url.clone(), why: error.to_string() }
+    }
+
+    /// Sends a frame.
+    ///
+    /// # Errors
+    /// A connection that broke off.
+    pub fn send(&mut self, frame: Bytes) -> Result<(), ClientError> {
+        self.socket.send(Message::Binary(frame)).map_err(|error| self.lost(&error))
+    }
+
+    /// The next that comes in; none within [`PATIENCE`].
+    ///
+    /// # Errors
+    /// A connection that broke off or was closed, where the error says why.
+    pub fn receive(&mut self) -> Result<Option<Incoming>, ClientError> {
+        loop {
+            match self.socket.read() {
+                Ok(Message::Binary(frame)) => return Ok(Some(Incoming::Frame(frame))),
+                Ok(Message::Text(text)) => return Ok(Some(Incoming::Text(text.to_string()))),
+                Ok(Message::Close(frame)) => {
+                    let why = frame.map(|frame| frame.reason.to_string()).filter(|why| !why.is_empty());
+                    let why = why.unwrap_or_else(|| "it closed the connection".to_owned());
+                    return Err(ClientError::Unreachable { url: self.url.clone(), why });
+                }
+                Ok(_) => {}
+                Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                    return Ok(None);
+                }
+                Err(error) => return Err(self.lost(&error)),
+            }
+        }
+    }
+}
+
+/// Connects to the first address of a host that answers.
+fn connect(host: &str, port: u16) -> io::Result<TcpStream> {
+    let mut last = io::Error::new(ErrorKind::NotFound, "the host has no address");
+    for address in (host, port).to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, HANDSHAKE) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
+fn tls(
+    tcp: TcpStream,
+    host: &str,
+    options: &ClientOptions,
+    url: &str,
+) -> Result<StreamOwned<ClientConnection, TcpStream>, ClientError> {
+    let mut roots = RootCertStore { roots: webpki_roots::TLS_SERVER_ROOTS.to_vec() };
+    if let Some(path) = &options.ca {
+        let bad = |why: String| ClientError::Certificates { path: path.clone(), why };
+        let found = CertificateDer::pem_file_iter(path).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+        let found = found.map_err(|error| bad(error.to_string()))?;
+        if found.is_empty() {
+            return Err(bad("it is empty".to_owned()));
+        }
+        for certificate in found {
+            roots.add(certificate).map_err(|error| bad(error.to_string()))?;
+        }
+    }
+    let failed = |why: String| ClientError::Unreachable { url: url.to_owned(), why };
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .map_err(|error| failed(error.to_string()))?
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let name = ServerName::try_from(host.to_owned()).map_err(|error| failed(error.to_string()))?;
+    let connection = ClientConnection::new(Arc::new(config), name).map_err(|error| failed(error.to_string()))?;
+    Ok(StreamOwned::new(connection, tcp))
+}
+
+fn refusal(url: &str, error: Error) -> ClientError {
+    let url = url.to_owned();
+    match error {
+        Error::Http(response) => {
+            let body = response.body().as_deref().map(String::from_utf8_lossy).unwrap_or_default();
+            ClientError::Refused { url, status: response.status().as_u16(), why: body.trim().to_owned() }
+        }
+        other => ClientError::Unreachable { url, why: other.to_string() },
+    }
+}

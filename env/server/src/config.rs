@@ -1,0 +1,67 @@
+//! Settings and bounds of a server. Every bound is checked before memory is taken for what it bounds.
+
+use serde::{Deserialize, Serialize};
+
+/// Longest nap of a client between two attempts, and longest time for a TLS handshake or the headers of a request, seconds.
+pub const HANDSHAKE: u64 = 10;
+/// Seconds in which a client must take some of what is written to it.
+pub const WRITE_TIMEOUT: u64 = 30;
+/// Seconds between two pings to a client, which keep tunnels open.
+pub const PING: u64 = 20;
+/// Seconds in which running calls end when a server is told to stop.
+pub const DRAIN: u64 = 10;
+/// Most commands of a session that wait; after that its connection is not read until one is done.
+pub const MAX_WAITING: usize = 64;
+/// Answers that wait to be written or acknowledged, bytes; after that no further command of the session begins.
+pub const MAX_UNSENT: usize = 64 << 20;
+/// Connections beside those of sessions: health checks, metrics, and those that have not begun a session.
+pub const SPARE_CONNECTIONS: usize = 256;
+
+/// Settings of a server.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServerConfig {
+    /// Address to listen at.
+    pub host: String,
+    /// Port; 0: any that is free.
+    pub port: u16,
+    /// Certificate chain of TLS, a PEM file; none: no TLS.
+    pub tls_cert: Option<String>,
+    /// Its private key, a PEM file.
+    pub tls_key: Option<String>,
+    /// What clients must know; none: anybody may connect.
+    pub token: Option<String>,
+    /// Origins of browser pages that may connect, such as `http://localhost:8080`.
+    pub origins: Vec<String>,
+    /// Most environments of all sessions together.
+    pub max_envs: usize,
+    /// Most sessions.
+    pub max_sessions: usize,
+    /// Largest message in either direction, bytes.
+    pub max_message: usize,
+    /// Seconds without a command after which a session ends.
+    pub idle_timeout: f64,
+    /// Longest time that a session waits for a client whose connection was lost, seconds.
+    pub max_grace: f64,
+    /// Threads that step environments.
+    pub threads: usize,
+}
+
+impl Default for ServerConfig {
+    fn default() -> Self {
+        Self {
+            host: "127.0.0.1".to_owned(),
+            port: 5055,
+            tls_cert: None,
+            tls_key: None,
+            token: None,
+            origins: Vec::new(),
+            max_envs: 1024,
+            max_sessions: 256,
+            max_message: 64 << 20,
+            idle_timeout: 3600.0,
+            max_grace: 300.0,
+            threads: 1,
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! A client of environments over one WebSocket: reads commands, writes answers, pings.
+
+use crate::answer;
+use crate::command::{Command, Request};
+use crate::config::{PING, WRITE_TIMEOUT};
+use crate::decode::decode;
+use crate::fault::Fault;
+use crate::session::{Outgoing, Session};
+use crate::sessions::Sessions;
+use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
+use bytes::Bytes;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::time::{interval, timeout};
+
+/// A connection and the session that it serves at present.
+struct Connection {
+    sessions: Arc<Sessions>,
+    session: Arc<Session>,
+    number: u64,
+    sender: UnboundedSender<Outgoing>,
+}
+
+/// Serves a client until its connection ends.
+///
+/// * `hello`: the first frame.
+pub async fn serve(mut socket: WebSocket, sessions: Arc<Sessions>, hello: Bytes) {
+    let (sender, outgoing) = unbounded_channel();
+    let Ok(session) = sessions.blank() else {
+        return;
+    };
+    let number = sessions.number();
+    session.attach((number, sender.clone()), 0, None);
+    let mut connection = Connection { sessions, session, number, sender };
+    let written = timeout(Duration::from_secs(WRITE_TIMEOUT), socket.send(Message::Binary(hello))).await;
+    if matches!(written, Ok(Ok(()))) {
+        connection.exchange(&mut socket, outgoing).await;
+    }
+    let session = &connection.session;
+    if session.detach(number) {
+        connection.sessions.end(session, "the client is gone");
+    }
+}
+
+impl Connection {
+    async fn exchange(&mut self, socket: &mut WebSocket, mut outgoing: UnboundedReceiver<Outgoing>) {
+        let mut pings = interval(Duration::from_secs(PING));
+        pings.reset();
+        loop {
+            tokio::select! {
+                out = outgoing.recv() => match out {
+                    Some(Outgoing::Frame(frame)) => {
+                        let bytes = frame.len();
+                        if !write(socket, Message::Binary(frame)).await {
+                            return;
+                        }
+                        self.sessions.hub.metrics.sent.inc_by(bytes as u64);
+                        self.session.wrote(bytes);
+                    }
+                    Some(Outgoing::Close(why)) => {
+                        let frame = CloseFrame { code: close_code::AWAY, reason: why.into() };
+                        write(socket, Message::Close(Some(frame))).await;
+                        return;
+                    }
+                    None => return,
+                },
+                message = socket.recv(), if self.session.has_room() => match message {
+                    Some(Ok(Message::Binary(frame))) => self.read(&frame),
+                    Some(Ok(Message::Text(_))) => {
+                        let fault = Fault::config("", "commands are binary frames of msgpack; this frame is text");
+                        self.session.accept(Err((None, fault)));
+                    }
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                },
+                _ = pings.tick() => if !write(socket, Message::Ping(Bytes::new())).await {
+                    return;
+                },
+            }
+        }
+    }
+
+    /// A frame of the client.
+    fn read(&mut self, frame: &[u8]) {
+        self.sessions.hub.metrics.received.inc_by(frame.len() as u64);
+        let request = match decode(frame) {
+            Err(error) => Err((None, Fault::config("", error.to_string()))),
+            Ok(value) => Request::parse(&value),
+        };
+        match request {
+            Ok(Request { id, command: Command::Resume { session, secret, received }, .. }) => {
+                self.resume(id, session, secret, received);
+            }
+            Ok(Request { id, command: Command::Make { .. }, .. }) if !self.session.is_made() => match self.admit() {
+                Ok(()) => self.session.accept(request),
+                Err(fault) => self.session.accept(Err((Some(id), fault))),
+            },
+            other => self.session.accept(other),
+        }
+    }
+
+    fn admit(&self) -> Result<(), Fault> {
+        if self.sessions.hub.draining.load(Ordering::Acquire) {
+            return Err(Fault::config("", "this server is stopping; make environments on another one"));
+        }
+        self.sessions.admit(&self.session)
+    }
+
+    /// Serves another session from now on.
+    fn resume(&mut self, id: u64, session: u64, secret: u64, received: u64) {
+        let found = self.sessions.find(session, secret).and_then(|found| {
+            let lost = "the session has dropped answers that this client has not received";
+            let lost = || Fault { kind: "ConnectionLostError".into(), field: "received".into(), message: lost.into() };
+            found.attach((self.number, self.sender.clone()), received, Some(id)).map(|()| found).ok_or_else(lost)
+        });
+        match found {
+            Ok(found) => self.session = found,
+            Err(fault) => drop(self.sender.send(Outgoing::Frame(answer::error(Some(id), &fault).into()))),
+        }
+    }
+}
+
+async fn write(socket: &mut WebSocket, message: Message) -> bool {
+    matches!(timeout(Duration::from_secs(WRITE_TIMEOUT), socket.send(message)).await, Ok(Ok(())))
+}

@@ -1,0 +1,32 @@
+//! Ways in which a server cannot start.
+
+/// A server that cannot start.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ServerError {
+    /// The address cannot be used.
+    #[error("cannot listen at {address}: {source}; choose another host or port")]
+    Listen {
+        /// Host and port.
+        address: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file of TLS cannot be used.
+    #[error("{path}: {why}")]
+    Tls {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// Certificate without key, or the other way round.
+    #[error("TLS needs both a certificate and its key; give both `tls_cert` and `tls_key`")]
+    HalfTls,
+    /// A setting out of its range.
+    #[error(transparent)]
+    OutOfRange(#[from] graspbox_mesh::OutOfRange),
+    /// Threads cannot be started.
+    #[error("cannot start threads: {0}")]
+    Threads(String),
+}

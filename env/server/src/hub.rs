@@ -1,0 +1,117 @@
+//! What all sessions of a server share: settings, counters, threads, and how many environments are left.
+
+use crate::config::ServerConfig;
+use crate::environment::Made;
+use crate::fault::{Classify, Fault};
+use crate::metrics::Metrics;
+use rayon::ThreadPool;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What all sessions share.
+pub struct Hub {
+    /// Settings.
+    pub config: ServerConfig,
+    /// Counters.
+    pub metrics: Arc<Metrics>,
+    /// Threads that step environments.
+    pub pool: ThreadPool,
+    /// Names errors.
+    pub classify: Classify,
+    /// The server has been told to stop: nothing new begins.
+    pub draining: AtomicBool,
+    envs: AtomicUsize,
+    makers: Mutex<Sender<MakeJob>>,
+}
+
+impl Hub {
+    /// A hub whose environments are made by whoever receives `makers`.
+    pub fn new(config: ServerConfig, pool: ThreadPool, classify: Classify, makers: Sender<MakeJob>) -> Self {
+        Self {
+            config,
+            pool,
+            classify,
+            metrics: Arc::default(),
+            draining: AtomicBool::new(false),
+            envs: AtomicUsize::new(0),
+            makers: Mutex::new(makers),
+        }
+    }
+
+    /// Takes `count` environments off those that are left.
+    ///
+    /// # Errors
+    /// No environment, or more than are left.
+    pub fn lease(self: &Arc<Self>, count: usize) -> Result<Lease, Fault> {
+        let most = self.config.max_envs;
+        let taken = self.envs.fetch_update(Ordering::AcqRel, Ordering::Acquire, |taken| {
+            taken.checked_add(count).filter(|sum| count > 0 && *sum <= most)
+        });
+        match taken {
+            Ok(_) => {
+                self.metrics.environments.inc_by(count as i64);
+                Ok(Lease { hub: Arc::clone(self), count })
+            }
+            Err(taken) => {
+                self.metrics.refuse("environments");
+                let message = format!(
+                    "num_envs is {count}; this server has {} of {most} environments left: give between 1 and that many",
+                    most.saturating_sub(taken)
+                );
+                Err(Fault::config("num_envs", message))
+            }
+        }
+    }
+
+    /// Hands a request to whoever makes environments.
+    pub fn make(&self, job: MakeJob) {
+        // Where nobody receives any more, the job tells its session so when it is dropped.
+        drop(self.makers.lock().unwrap_or_else(PoisonError::into_inner).send(job));
+    }
+}
+
+/// Environments that are taken; given back when this is dropped.
+pub struct Lease {
+    hub: Arc<Hub>,
+    count: usize,
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.hub.envs.fetch_sub(self.count, Ordering::AcqRel);
+        self.hub.metrics.environments.dec_by(self.count as i64);
+    }
+}
+
+/// Takes the result of a [`MakeJob`].
+type Reply = Box<dyn FnOnce(Result<Made, Fault>) + Send>;
+
+/// A request for environments, to be answered once; one that is dropped is an error.
+pub struct MakeJob {
+    /// Environment id, number, objects and keywords.
+    pub request: serde_json::Value,
+    reply: Option<Reply>,
+}
+
+impl MakeJob {
+    /// A request, and what takes its result.
+    pub fn new(request: serde_json::Value, reply: impl FnOnce(Result<Made, Fault>) + Send + 'static) -> Self {
+        Self { request, reply: Some(Box::new(reply)) }
+    }
+
+    /// Answers it.
+    pub fn answer(mut self, result: Result<Made, Fault>) {
+        if let Some(reply) = self.reply.take() {
+            reply(result);
+        }
+    }
+}
+
+impl Drop for MakeJob {
+    fn drop(&mut self) {
+        if let Some(reply) = self.reply.take() {
+            reply(Err(Fault::internal("environments were not made")));
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! Environments and policies over WebSockets: one msgpack value in each frame, numpy arrays as openpi writes them.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`value`], [`mod@decode`], [`encode`] | the codec: values, reading within bounds, writing |
+//! | [`fault`] | what a client is told of an error |
+//! | [`fields`], [`command`], [`asked`] | commands of a client, one row each |
+//! | [`answer`] | results of environments as frames |
+//! | [`environment`] | the environments of a session, and what a command does with them |
+//! | [`hub`] | what all sessions share: settings, counters, threads, how many environments are left |
+//! | [`session`], [`sessions`] | a client's commands in order, and its answers until they have arrived |
+//! | [`connection`] | one WebSocket: reads, writes, pings |
+//! | [`gate`] | who may come in |
+//! | [`listener`] | accepts connections, with TLS or without |
+//! | [`server`] | starts, drains, ends |
+//! | [`client_socket`], [`client`] | the client: one WebSocket, and a session that outlives it |
+//! | [`config`], [`error`], [`metrics`] | settings and bounds, what keeps a server from starting, what it counts |
+//!
+//! Frames are handled by two threads of tokio; environments step on a rayon pool of their own. Python makes environments
+//! ([`hub::MakeJob`]) and is called for nothing else. `docs/server.md` specifies the protocol.
+
+pub mod answer;
+pub mod asked;
+pub mod client;
+pub mod client_socket;
+pub mod command;
+pub mod config;
+pub mod connection;
+pub mod decode;
+pub mod encode;
+pub mod environment;
+pub mod error;
+pub mod fault;
+pub mod fields;
+pub mod gate;
+pub mod hub;
+pub mod listener;
+pub mod metrics;
+pub mod server;
+pub mod session;
+pub mod sessions;
+pub mod value;
+
+pub use client::Client;
+pub use client_socket::{ClientError, ClientOptions};
+pub use config::ServerConfig;
+pub use decode::decode;
+pub use encode::Encoder;
+pub use environment::Made;
+pub use error::ServerError;
+pub use fault::Fault;
+pub use hub::MakeJob;
+pub use server::Server;
+pub use value::{CodecError, Value};

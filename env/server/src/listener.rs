@@ -1,0 +1,98 @@
+//! Accepts connections, with TLS or without, and serves HTTP on them.
+
+use crate::config::{HANDSHAKE, ServerConfig};
+use crate::error::ServerError;
+use crate::metrics::Metrics;
+use axum::Router;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::time::{sleep, timeout};
+use tokio_rustls::TlsAcceptor;
+
+/// Largest head of a request, bytes.
+const MAX_HEAD: usize = 16 << 10;
+
+/// TLS of a config; none without files.
+///
+/// # Errors
+/// Only one of both files, a file that cannot be read, or a pair that does not fit.
+pub fn tls(config: &ServerConfig) -> Result<Option<TlsAcceptor>, ServerError> {
+    let (cert, key) = match (&config.tls_cert, &config.tls_key) {
+        (Some(cert), Some(key)) => (cert, key),
+        (None, None) => return Ok(None),
+        _ => return Err(ServerError::HalfTls),
+    };
+    let wrong = |path: &str, why: String| ServerError::Tls { path: path.to_owned(), why };
+    let chain = CertificateDer::pem_file_iter(cert)
+        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
+        .map_err(|error| wrong(cert, format!("it holds no certificate chain in PEM: {error}")))?;
+    let private = PrivateKeyDer::from_pem_file(key)
+        .map_err(|error| wrong(key, format!("it holds no private key in PEM: {error}")))?;
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let made = rustls::ServerConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, private))
+        .map_err(|error| wrong(cert, format!("it cannot be used with {key}: {error}")))?;
+    Ok(Some(TlsAcceptor::from(Arc::new(made))))
+}
+
+/// Accepts connections for ever.
+///
+/// * `most`: most open connections; more are closed at once.
+pub async fn accept<F>(listener: TcpListener, tls: Option<TlsAcceptor>, router: Router, most: usize, metrics: F)
+where
+    F: Fn() -> Arc<Metrics>,
+{
+    let slots = Arc::new(Semaphore::new(most));
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            // No file is left for another connection, or the client is gone already.
+            sleep(Duration::from_millis(20)).await;
+            continue;
+        };
+        let metrics = metrics();
+        let Ok(slot) = Arc::clone(&slots).try_acquire_owned() else {
+            metrics.refuse("connections");
+            continue;
+        };
+        let (tls, router) = (tls.clone(), router.clone());
+        tokio::spawn(async move {
+            metrics.connections.inc();
+            serve(stream, tls, router).await;
+            metrics.connections.dec();
+            drop(slot);
+        });
+    }
+}
+
+async fn serve(stream: TcpStream, tls: Option<TlsAcceptor>, router: Router) {
+    // Frames are written whole; waiting for more would cost 40 ms.
+    drop(stream.set_nodelay(true));
+    match tls {
+        None => http(stream, router).await,
+        Some(tls) => {
+            if let Ok(Ok(stream)) = timeout(Duration::from_secs(HANDSHAKE), tls.accept(stream)).await {
+                http(stream, router).await;
+            }
+        }
+    }
+}
+
+async fn http<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(stream: S, router: Router) {
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(Duration::from_secs(HANDSHAKE))
+        .max_buf_size(MAX_HEAD)
+        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
+        .with_upgrades();
+    // A connection that breaks off is nobody's error.
+    drop(connection.await);
+}

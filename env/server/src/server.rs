@@ -1,0 +1,242 @@
+//! A server of environments: starts, drains, ends.
+
+use crate::command::COMMANDS;
+use crate::config::{DRAIN, MAX_WAITING, SPARE_CONNECTIONS, ServerConfig};
+use crate::connection;
+use crate::encode::Encoder;
+use crate::error::ServerError;
+use crate::fault::Classify;
+use crate::gate::Gate;
+use crate::hub::{Hub, MakeJob};
+use crate::listener;
+use crate::sessions::Sessions;
+use crate::value::{MAX_DEPTH, MAX_VALUES};
+use axum::Router;
+use axum::extract::State;
+use axum::extract::ws::WebSocketUpgrade;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use bytes::Bytes;
+use graspbox_mesh::in_range;
+use rayon::ThreadPoolBuilder;
+use std::net::SocketAddr;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::net::TcpListener;
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::Semaphore;
+use tokio::time::interval;
+
+/// Version of the protocol; another number means that clients of before cannot speak it.
+pub const PROTOCOL: u64 = 1;
+/// Threads that read and write.
+const IO_THREADS: usize = 2;
+/// Stack of a thread that steps environments, bytes: that of a main thread, since hull and tree code recurses.
+const STACK: usize = 8 << 20;
+
+/// A server that runs.
+pub struct Server {
+    runtime: Mutex<Option<Runtime>>,
+    sessions: Arc<Sessions>,
+    address: SocketAddr,
+    makers: Mutex<Receiver<MakeJob>>,
+}
+
+/// What the handlers of requests know.
+#[derive(Clone)]
+struct Door {
+    sessions: Arc<Sessions>,
+    gate: Arc<Gate>,
+    hello: Bytes,
+    slots: Arc<Semaphore>,
+}
+
+impl Server {
+    /// Starts a server.
+    ///
+    /// * `offer`: what the first frame tells beside the protocol and the limits: a JSON object.
+    /// * `classify`: names the errors of environments.
+    ///
+    /// # Errors
+    /// A setting out of range, an address that cannot be used, or files of TLS that cannot be used.
+    pub fn start(config: ServerConfig, offer: &serde_json::Value, classify: Classify) -> Result<Self, ServerError> {
+        check(&config)?;
+        let tls = listener::tls(&config)?;
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(config.threads)
+            .stack_size(STACK)
+            .thread_name(|i| format!("graspbox-serve-{i}"))
+            .build()
+            .map_err(|error| ServerError::Threads(error.to_string()))?;
+        let runtime = Builder::new_multi_thread()
+            .worker_threads(IO_THREADS)
+            .thread_name("graspbox-io")
+            .enable_io()
+            .enable_time()
+            .build()
+            .map_err(|error| ServerError::Threads(error.to_string()))?;
+        let address = format!("{}:{}", config.host, config.port);
+        let refused = |source| ServerError::Listen { address: address.clone(), source };
+        let listener = runtime.block_on(TcpListener::bind((config.host.as_str(), config.port))).map_err(refused)?;
+        let bound = listener.local_addr().map_err(refused)?;
+        let (sender, makers) = channel();
+        let hub = Arc::new(Hub::new(config, pool, classify, sender));
+        let sessions = Arc::new(Sessions::new(hub));
+        let config = &sessions.hub.config;
+        let door = Door {
+            gate: Arc::new(Gate::new(config.token.as_deref(), &config.origins)),
+            hello: hello(config, offer),
+            slots: Arc::new(Semaphore::new(config.max_sessions + SPARE_CONNECTIONS)),
+            sessions: Arc::clone(&sessions),
+        };
+        let most = config.max_sessions + SPARE_CONNECTIONS;
+        let hub = Arc::clone(&sessions.hub);
+        runtime.spawn(listener::accept(listener, tls, router(door), most, move || Arc::clone(&hub.metrics)));
+        let reaped = Arc::clone(&sessions);
+        runtime.spawn(async move {
+            let mut ticks = interval(Duration::from_secs(1));
+            loop {
+                ticks.tick().await;
+                reaped.reap();
+            }
+        });
+        Ok(Self { runtime: Mutex::new(Some(runtime)), sessions, address: bound, makers: Mutex::new(makers) })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The next request for environments; none within `wait`.
+    pub fn next_job(&self, wait: Duration) -> Option<MakeJob> {
+        self.makers.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(wait).ok()
+    }
+
+    /// What it counts, in the text format of OpenMetrics.
+    pub fn metrics(&self) -> String {
+        self.sessions.hub.metrics.text()
+    }
+
+    /// No session begins any more.
+    pub fn drain(&self) {
+        self.sessions.hub.draining.store(true, Ordering::Release);
+    }
+
+    /// True while commands run.
+    pub fn is_busy(&self) -> bool {
+        self.sessions.are_busy()
+    }
+
+    /// Waits until running commands have ended, for at most [`DRAIN`] seconds and while `patient` says so, and ends everything.
+    pub fn stop(&self, patient: impl Fn() -> bool) {
+        self.drain();
+        let started = Instant::now();
+        while self.is_busy() && started.elapsed().as_secs() < DRAIN && patient() {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        self.sessions.end_all("the server is stopping");
+        let runtime = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(runtime) = runtime {
+            // Connections get their last frame, which says why.
+            std::thread::sleep(Duration::from_millis(50));
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.stop(|| false);
+    }
+}
+
+/// Checks every setting.
+fn check(config: &ServerConfig) -> Result<(), ServerError> {
+    in_range("max_envs", config.max_envs as f64, 1.0..=65_536.0, "")?;
+    in_range("max_sessions", config.max_sessions as f64, 1.0..=10_000.0, "")?;
+    in_range("max_message", config.max_message as f64, 65_536.0..=1e9, "bytes")?;
+    in_range("idle_timeout", config.idle_timeout, 1.0..=1e6, "s")?;
+    in_range("max_grace", config.max_grace, 0.0..=86_400.0, "s")?;
+    Ok(in_range("threads", config.threads as f64, 1.0..=1024.0, "")?)
+}
+
+/// The first frame: protocol, version, limits, commands, and the offer.
+fn hello(config: &ServerConfig, offer: &serde_json::Value) -> Bytes {
+    let limits = serde_json::json!({
+        "max_envs": config.max_envs,
+        "max_sessions": config.max_sessions,
+        "max_message": config.max_message,
+        "idle_timeout": config.idle_timeout,
+        "max_grace": config.max_grace,
+        "waiting_commands": MAX_WAITING,
+        "depth": MAX_DEPTH,
+        "values": MAX_VALUES,
+        "text": crate::fields::MAX_TEXT,
+    });
+    let mut whole = serde_json::json!({
+        "protocol": "graspbox",
+        "protocol_version": PROTOCOL,
+        "version": env!("CARGO_PKG_VERSION"),
+        "commands": COMMANDS.iter().map(|(name, ..)| *name).collect::<Vec<_>>(),
+        "limits": limits,
+    });
+    if let (Some(whole), Some(offer)) = (whole.as_object_mut(), offer.as_object()) {
+        whole.extend(offer.clone());
+    }
+    let mut frame = Encoder::default();
+    frame.json(&whole);
+    frame.into_bytes().into()
+}
+
+fn router(door: Door) -> Router {
+    Router::new()
+        .route("/", get(connect))
+        .route("/healthz", get(health))
+        .route("/metrics", get(metrics))
+        .with_state(door)
+}
+
+async fn health(State(door): State<Door>) -> (StatusCode, &'static str) {
+    if door.sessions.hub.draining.load(Ordering::Acquire) {
+        (StatusCode::SERVICE_UNAVAILABLE, "stopping\n")
+    } else {
+        (StatusCode::OK, "OK\n")
+    }
+}
+
+async fn metrics(State(door): State<Door>, headers: HeaderMap) -> Response {
+    match door.gate.admits(&headers) {
+        Ok(()) => door.sessions.hub.metrics.text().into_response(),
+        Err(reason) => refused(&door, reason),
+    }
+}
+
+fn refused(door: &Door, reason: &'static str) -> Response {
+    door.sessions.hub.metrics.refuse(reason);
+    match reason {
+        "token" => (StatusCode::UNAUTHORIZED, "give the token of this server: Authorization: Bearer TOKEN\n"),
+        _ => (StatusCode::FORBIDDEN, "this server does not take browser pages of this origin\n"),
+    }
+    .into_response()
+}
+
+async fn connect(State(door): State<Door>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+    if let Err(reason) = door.gate.admits(&headers) {
+        return refused(&door, reason);
+    }
+    let Ok(slot) = Arc::clone(&door.slots).try_acquire_owned() else {
+        door.sessions.hub.metrics.refuse("connections");
+        return (StatusCode::SERVICE_UNAVAILABLE, "this server has too many connections; try again later\n")
+            .into_response();
+    };
+    let most = door.sessions.hub.config.max_message;
+    let upgrade = upgrade.max_message_size(most).max_frame_size(most).protocols(["graspbox"]);
+    upgrade.on_upgrade(move |socket| async move {
+        connection::serve(socket, door.sessions, door.hello).await;
+        drop(slot);
+    })
+}

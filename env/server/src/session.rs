@@ -1,0 +1,427 @@
+//! A session: the environments of one client, its commands in order, and its answers until they have arrived.
+//!
+//! A session does not need its connection: it goes on while the client is away, and keeps what the client has not acknowledged.
+
+use crate::answer;
+use crate::asked::Asked;
+use crate::command::{Command, Request};
+use crate::config::{MAX_UNSENT, MAX_WAITING};
+use crate::environment::{Arrival, Environment, Made};
+use crate::fault::Fault;
+use crate::hub::{Hub, Lease, MakeJob};
+use bytes::Bytes;
+use graspbox_agent::panic_text;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::sync::mpsc::UnboundedSender;
+
+/// What a connection is to write.
+#[derive(Clone, Debug)]
+pub enum Outgoing {
+    /// A frame.
+    Frame(Bytes),
+    /// The session is over, and why.
+    Close(&'static str),
+}
+
+/// A command that waits, or what is wrong with it; errors are answered in order too.
+type Waiting = (Option<u64>, Result<Request, Fault>);
+
+#[derive(Default)]
+struct State {
+    environment: Option<Arc<Environment>>,
+    lease: Option<Lease>,
+    waiting: VecDeque<Waiting>,
+    /// Set to stop the command that runs; none where none does.
+    running: Option<Arc<AtomicBool>>,
+    arrivals: VecDeque<Arrival>,
+    /// The last command that came in.
+    received: u64,
+    /// Answers that the client has not acknowledged, where it may come back.
+    kept: VecDeque<(u64, Bytes)>,
+    /// Bytes handed to the connection and not written yet.
+    unsent: usize,
+    connection: Option<(u64, UnboundedSender<Outgoing>)>,
+    /// How long the session waits for a lost connection.
+    grace: Duration,
+    secret: u64,
+    lost: Option<Instant>,
+    used: Option<Instant>,
+    ended: bool,
+}
+
+/// A session.
+pub struct Session {
+    /// Its number.
+    pub id: u64,
+    hub: Arc<Hub>,
+    state: Mutex<State>,
+}
+
+impl Session {
+    /// A session without environments; `secret` is what a client must know to take it up again.
+    pub fn new(id: u64, secret: u64, hub: Arc<Hub>) -> Arc<Self> {
+        let state = State { secret, used: Some(Instant::now()), ..State::default() };
+        Arc::new(Self { id, hub, state: Mutex::new(state) })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes to `connection` from now on: answers after `seen` are written again.
+    ///
+    /// * `resumed`: number of the command that took the session up again, which is answered first.
+    ///
+    /// None if answers that the client needs are gone.
+    pub fn attach(&self, connection: (u64, UnboundedSender<Outgoing>), seen: u64, resumed: Option<u64>) -> Option<()> {
+        let mut state = self.lock();
+        let state = &mut *state;
+        acknowledge(state, seen);
+        if state.ended || state.kept.front().is_some_and(|(first, _)| *first > seen + 1 && state.grace > Duration::ZERO)
+        {
+            return None;
+        }
+        if let Some((_, old)) = state.connection.take() {
+            drop(old.send(Outgoing::Close("the session was taken up by another connection")));
+        }
+        state.unsent = 0;
+        if let Some(id) = resumed {
+            let mut frame = answer::begin(id, 1, 0);
+            frame.text("received");
+            frame.unsigned(state.received);
+            drop(connection.1.send(Outgoing::Frame(frame.into_bytes().into())));
+        }
+        for (_, frame) in &state.kept {
+            state.unsent += frame.len();
+            drop(connection.1.send(Outgoing::Frame(frame.clone())));
+        }
+        state.connection = Some(connection);
+        state.lost = None;
+        Some(())
+    }
+
+    /// The connection `number` is lost. True if the session is over, because nobody may take it up again.
+    pub fn detach(&self, number: u64) -> bool {
+        let mut state = self.lock();
+        if state.connection.as_ref().is_none_or(|(own, _)| *own != number) {
+            return state.ended;
+        }
+        state.connection = None;
+        state.unsent = 0;
+        state.lost = Some(Instant::now());
+        state.ended || state.grace.is_zero()
+    }
+
+    /// True if `secret` takes up this session.
+    pub fn knows(&self, secret: u64) -> bool {
+        // Compared as hashes, in constant time.
+        let hash = |number: u64| blake3::hash(&number.to_le_bytes());
+        let state = self.lock();
+        !state.grace.is_zero() && hash(state.secret) == hash(secret)
+    }
+
+    /// True if a client may send another command.
+    pub fn has_room(&self) -> bool {
+        self.lock().waiting.len() < MAX_WAITING
+    }
+
+    /// True once it has environments, or is about to have some.
+    pub fn is_made(&self) -> bool {
+        self.lock().lease.is_some()
+    }
+
+    /// True while a command runs.
+    pub fn is_busy(&self) -> bool {
+        self.lock().running.is_some()
+    }
+
+    /// True if its time without a client, or without a command, is over.
+    pub fn is_over(&self, idle: Duration) -> bool {
+        let state = self.lock();
+        let lost = state.lost.is_some_and(|since| since.elapsed() > state.grace);
+        let unused = state.running.is_none() && state.used.is_some_and(|since| since.elapsed() > idle);
+        state.ended || lost || unused
+    }
+
+    /// Takes a command, or what is wrong with it.
+    pub fn accept(self: &Arc<Self>, request: Result<Request, (Option<u64>, Fault)>) {
+        let mut state = self.lock();
+        let now = Instant::now();
+        state.used = Some(now);
+        let (id, request) = match request {
+            Ok(request) => (Some(request.id), Ok(request)),
+            Err((id, fault)) => (id, Err(fault)),
+        };
+        if let Some(id) = id {
+            if !state.grace.is_zero() && id <= state.received {
+                return; // It was sent again after a lost connection, but had come in.
+            }
+            state.received = id;
+        }
+        if let Ok(Request { seen: Some(seen), .. }) = &request {
+            acknowledge(&mut state, *seen);
+        }
+        if matches!(&request, Ok(Request { command: Command::Cancel, .. })) {
+            cancel(&mut state);
+        }
+        state.waiting.push_back((id, request));
+        drop(state);
+        self.advance();
+    }
+
+    /// A frame of this many bytes was written.
+    pub fn wrote(self: &Arc<Self>, bytes: usize) {
+        let mut state = self.lock();
+        let full = state.unsent > MAX_UNSENT;
+        state.unsent = state.unsent.saturating_sub(bytes);
+        let go_on = full && state.unsent <= MAX_UNSENT;
+        drop(state);
+        if go_on {
+            self.advance();
+        }
+    }
+
+    /// Begins the next commands, as far as they can begin.
+    fn advance(self: &Arc<Self>) {
+        let mut state = self.lock();
+        while state.running.is_none() && !state.ended && state.unsent <= MAX_UNSENT {
+            match state.waiting.front() {
+                None => return,
+                Some((_, Ok(Request { command: Command::Recv { count }, id, .. }))) => {
+                    let (count, id) = (*count, *id);
+                    match self.awaited(&mut state, count) {
+                        Ok(None) => return,
+                        Ok(Some(arrivals)) => {
+                            state.waiting.pop_front();
+                            self.receive(&mut state, id, arrivals);
+                        }
+                        Err(fault) => {
+                            state.waiting.pop_front();
+                            self.answer(&mut state, Some(id), Err(fault));
+                        }
+                    }
+                }
+                Some(_) => {
+                    if let Some((id, request)) = state.waiting.pop_front() {
+                        match request {
+                            Ok(request) => self.begin(&mut state, request),
+                            Err(fault) => self.answer(&mut state, id, Err(fault)),
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The environments that a `recv` of `count` gets; none while they are on their way.
+    fn awaited(&self, state: &mut State, count: usize) -> Result<Option<Vec<Arrival>>, Fault> {
+        let environment = state.environment.as_ref().ok_or_else(nothing_made)?;
+        let away = environment.pool.away();
+        if count == 0 || count > away {
+            let message = format!("count is {count}; {away} environments are on their way");
+            return Err(Fault::config("count", message));
+        }
+        let failed = state.arrivals.iter().position(|(_, result)| result.is_err());
+        if let Some(failed) = failed.filter(|failed| *failed < count) {
+            return Ok(state.arrivals.remove(failed).map(|arrival| vec![arrival]));
+        }
+        Ok((state.arrivals.len() >= count).then(|| state.arrivals.drain(..count).collect()))
+    }
+
+    fn receive(self: &Arc<Self>, state: &mut State, id: u64, mut arrivals: Vec<Arrival>) {
+        let Some(environment) = state.environment.clone() else {
+            return;
+        };
+        self.spawn(state, id, move |_| {
+            let rows = arrivals.len();
+            environment.received(id, &mut arrivals).map(|frame| (frame, rows))
+        });
+    }
+
+    fn begin(self: &Arc<Self>, state: &mut State, request: Request) {
+        let id = request.id;
+        match request.command {
+            Command::Cancel => self.answer(state, Some(id), Ok(answer::begin(id, 0, 0).into_bytes())),
+            Command::Close => {
+                self.answer(state, Some(id), Ok(answer::begin(id, 0, 0).into_bytes()));
+                end(state, "closed");
+            }
+            Command::Make { request, asked } => self.make(state, id, request, asked),
+            command => match state.environment.clone() {
+                None => self.answer(state, Some(id), Err(nothing_made())),
+                Some(environment) => self.run(state, id, environment, command),
+            },
+        }
+    }
+
+    fn run(self: &Arc<Self>, state: &mut State, id: u64, environment: Arc<Environment>, command: Command) {
+        let session = Arc::downgrade(self);
+        let arrived = move |arrival: Arrival| {
+            if let Some(session) = session.upgrade() {
+                session.hub.metrics.steps.inc();
+                session.lock().arrivals.push_back(arrival);
+                session.advance();
+            }
+        };
+        let hub = Arc::clone(&self.hub);
+        self.spawn(state, id, move |stop| {
+            let (steps, started) = (matches!(command, Command::Step { .. }), Instant::now());
+            let frame = environment.run(id, command, stop, arrived)?;
+            if steps {
+                hub.metrics.step_seconds.observe(started.elapsed().as_secs_f64());
+            }
+            Ok((frame, if steps { environment.pool.len() } else { 0 }))
+        });
+    }
+
+    /// Does `work` on the threads of the server; it returns a frame, and how many environments stepped.
+    fn spawn<F>(self: &Arc<Self>, state: &mut State, id: u64, work: F)
+    where
+        F: FnOnce(&AtomicBool) -> Result<(Vec<u8>, usize), Fault> + Send + 'static,
+    {
+        let stop = Arc::new(AtomicBool::new(false));
+        state.running = Some(Arc::clone(&stop));
+        let session = Arc::clone(self);
+        self.hub.pool.spawn_fifo(move || {
+            let result = catch_unwind(AssertUnwindSafe(|| work(&stop)))
+                .unwrap_or_else(|payload| Err(Fault::internal(panic_text(payload.as_ref()))));
+            let frame = result.map(|(frame, steps)| {
+                session.hub.metrics.steps.inc_by(steps as u64);
+                frame
+            });
+            session.finish(id, frame);
+        });
+    }
+
+    /// A command has run: its answer, and the next one.
+    fn finish(self: &Arc<Self>, id: u64, frame: Result<Vec<u8>, Fault>) {
+        let mut state = self.lock();
+        state.running = None;
+        state.used = Some(Instant::now());
+        self.answer(&mut state, Some(id), frame);
+        drop(state);
+        self.advance();
+    }
+
+    fn answer(&self, state: &mut State, id: Option<u64>, frame: Result<Vec<u8>, Fault>) {
+        let frame = frame.unwrap_or_else(|fault| {
+            self.hub.metrics.faults.inc();
+            answer::error(id, &fault)
+        });
+        let frame = Bytes::from(frame);
+        if let Some(id) = id.filter(|_| !state.grace.is_zero()) {
+            state.kept.push_back((id, frame.clone()));
+            while state.kept.len() > 1 && state.kept.iter().map(|(_, frame)| frame.len()).sum::<usize>() > MAX_UNSENT {
+                state.kept.pop_front();
+            }
+        }
+        if let Some((_, connection)) = &state.connection {
+            state.unsent += frame.len();
+            drop(connection.send(Outgoing::Frame(frame)));
+        }
+    }
+
+    fn make(self: &Arc<Self>, state: &mut State, id: u64, request: serde_json::Value, asked: Asked) {
+        let (grace, most) = (asked.grace, self.hub.config.max_grace);
+        if !(0.0..=most).contains(&grace) {
+            let message = format!("grace is {grace}; this server lets a session wait for 0 to {most} s");
+            return self.answer(state, Some(id), Err(Fault::config("grace", message)));
+        }
+        if state.lease.is_some() {
+            let message = "this session has environments already; open another connection for more";
+            return self.answer(state, Some(id), Err(Fault::config("command", message)));
+        }
+        let count = request.get("num_envs").map_or(Some(1), serde_json::Value::as_u64);
+        let count = count.and_then(|count| usize::try_from(count).ok()).unwrap_or(0);
+        match self.hub.lease(count) {
+            Ok(lease) => state.lease = Some(lease),
+            Err(fault) => return self.answer(state, Some(id), Err(fault)),
+        }
+        state.running = Some(Arc::default());
+        let session = Arc::clone(self);
+        self.hub.make(MakeJob::new(request, move |made| {
+            let frame = made.and_then(|made| session.made(id, made, asked));
+            let mut state = session.lock();
+            if frame.is_err() {
+                state.lease = None;
+            } else {
+                state.grace = Duration::from_secs_f64(grace);
+            }
+            drop(state);
+            session.finish(id, frame);
+        }));
+    }
+
+    /// Takes the environments that were made; the answer says what they are.
+    fn made(&self, id: u64, made: Made, asked: Asked) -> Result<Vec<u8>, Fault> {
+        // An answer may hold the end of an episode and the beginning of the next.
+        let bytes = 2 * made.pool.len() * answer::row_bytes(made.pool.spec());
+        let most = self.hub.config.max_message;
+        if bytes > most {
+            let message = format!(
+                "the answers of these environments would have up to {bytes} bytes; this server sends {most}: \
+                 make fewer, or with smaller images"
+            );
+            return Err(Fault::config("num_envs", message));
+        }
+        let mut frame = answer::begin(id, 3, 0);
+        frame.text("session");
+        frame.unsigned(self.id);
+        frame.text("secret");
+        if asked.grace > 0.0 {
+            frame.unsigned(self.lock().secret)
+        } else {
+            frame.nil()
+        }
+        frame.text("description");
+        frame.json(&made.description);
+        self.lock().environment = Some(Arc::new(Environment::new(made, asked, self.hub.classify)));
+        Ok(frame.into_bytes())
+    }
+
+    /// Ends the session; its environments are gone once the command that runs has ended.
+    pub fn end(&self, why: &'static str) {
+        end(&mut self.lock(), why);
+    }
+}
+
+fn nothing_made() -> Fault {
+    Fault::config("command", "this session has no environments yet; begin with the command 'make'")
+}
+
+/// Forgets answers that the client has.
+fn acknowledge(state: &mut State, seen: u64) {
+    while state.kept.front().is_some_and(|(id, _)| *id <= seen) {
+        state.kept.pop_front();
+    }
+}
+
+/// Stops what runs, and turns what waits into errors.
+fn cancel(state: &mut State) {
+    if let Some(stop) = &state.running {
+        stop.store(true, Ordering::Release);
+    }
+    if let Some(environment) = &state.environment {
+        environment.pool.call_back();
+    }
+    for (_, request) in &mut state.waiting {
+        *request = Err(Fault::interrupted());
+    }
+}
+
+fn end(state: &mut State, why: &'static str) {
+    cancel(state);
+    state.waiting.clear();
+    state.kept.clear();
+    state.arrivals.clear();
+    state.ended = true;
+    state.environment = None;
+    state.lease = None;
+    if let Some((_, connection)) = &state.connection {
+        drop(connection.send(Outgoing::Close(why)));
+    }
+}

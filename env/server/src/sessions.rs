@@ -1,0 +1,100 @@
+//! The sessions of a server, by number.
+
+use crate::environment::random;
+use crate::fault::Fault;
+use crate::hub::Hub;
+use crate::session::Session;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The sessions of a server.
+pub struct Sessions {
+    /// What they share.
+    pub hub: Arc<Hub>,
+    next: AtomicU64,
+    all: Mutex<BTreeMap<u64, Arc<Session>>>,
+}
+
+impl Sessions {
+    /// No sessions yet.
+    pub fn new(hub: Arc<Hub>) -> Self {
+        Self { hub, next: AtomicU64::new(1), all: Mutex::default() }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<u64, Arc<Session>>> {
+        self.all.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A number that no session and no connection has.
+    pub fn number(&self) -> u64 {
+        self.next.fetch_add(1, Ordering::Relaxed)
+    }
+
+    /// A session that is not counted yet: its client has made nothing.
+    ///
+    /// # Errors
+    /// A system without random numbers.
+    pub fn blank(&self) -> Result<Arc<Session>, Fault> {
+        Ok(Session::new(self.number(), random()?, Arc::clone(&self.hub)))
+    }
+
+    /// Counts a session that is about to make environments.
+    ///
+    /// # Errors
+    /// As many sessions as the server takes.
+    pub fn admit(&self, session: &Arc<Session>) -> Result<(), Fault> {
+        let mut all = self.lock();
+        let most = self.hub.config.max_sessions;
+        if all.len() >= most && !all.contains_key(&session.id) {
+            self.hub.metrics.refuse("sessions");
+            return Err(Fault::config("", format!("all {most} sessions of this server are in use; try again later")));
+        }
+        all.insert(session.id, Arc::clone(session));
+        self.hub.metrics.sessions.set(all.len() as i64);
+        Ok(())
+    }
+
+    /// The session that a client takes up again.
+    ///
+    /// # Errors
+    /// A number or a secret that is wrong, or a session that is over.
+    pub fn find(&self, id: u64, secret: u64) -> Result<Arc<Session>, Fault> {
+        let found = self.lock().get(&id).filter(|session| session.knows(secret)).cloned();
+        found.ok_or_else(|| {
+            let message = "there is no session of this number and secret; it may have ended: make environments again";
+            Fault { kind: "ConnectionLostError".to_owned(), field: "session".to_owned(), message: message.to_owned() }
+        })
+    }
+
+    /// Ends a session.
+    pub fn end(&self, session: &Session, why: &'static str) {
+        session.end(why);
+        let mut all = self.lock();
+        all.remove(&session.id);
+        self.hub.metrics.sessions.set(all.len() as i64);
+    }
+
+    /// Ends the sessions whose time is over.
+    pub fn reap(&self) {
+        let idle = Duration::from_secs_f64(self.hub.config.idle_timeout);
+        let over: Vec<_> = self.lock().values().filter(|session| session.is_over(idle)).cloned().collect();
+        for session in over {
+            tracing::info!("session {} ends: it was not used, or its client did not come back", session.id);
+            self.end(&session, "the session was not used for too long");
+        }
+    }
+
+    /// True while a command of any session runs.
+    pub fn are_busy(&self) -> bool {
+        self.lock().values().any(|session| session.is_busy())
+    }
+
+    /// Ends all sessions.
+    pub fn end_all(&self, why: &'static str) {
+        let all: Vec<_> = std::mem::take(&mut *self.lock()).into_values().collect();
+        all.iter().for_each(|session| session.end(why));
+        self.hub.metrics.sessions.set(0);
+    }
+}

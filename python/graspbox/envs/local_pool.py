@@ -1,0 +1,118 @@
+"""Environments of this process, and what a `Source` of environments is."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+from graspbox._core import Hand
+from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig
+from graspbox.envs import spaces
+from graspbox.envs.preparation import load_objects, prepare_objects
+from graspbox.envs.settings import HandArgument
+from graspbox.meshes import to_json
+from graspbox.object_sets import ObjectSet
+from graspbox.progress import ProgressBar
+
+__all__ = ["LocalPool", "LocalSource", "Pool", "Source"]
+
+Stepped = tuple["_core.EnvArrays", "_core.EnvArrays | None"]
+Cameras = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+
+
+class Pool(Protocol):
+    """Environments side by side: of this process, or on servers. Methods as `graspbox._core.EnvPool` has them."""
+
+    @property
+    def num_envs(self) -> int: ...  # noqa: D102
+    def reset(  # noqa: D102
+        self,
+        seeds: Sequence[int | None] | None,
+        mask: NDArray[np.bool_] | None,
+        options: Sequence[str],
+        out: dict[str, Any] | None,
+    ) -> "_core.EnvArrays": ...
+    def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped: ...  # noqa: D102
+    def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None: ...  # noqa: D102
+    def recv(self, count: int) -> Stepped: ...  # noqa: D102
+    def get_state(self, env: int) -> bytes: ...  # noqa: D102
+    def set_state(self, env: int, state: bytes) -> "_core.EnvArrays": ...  # noqa: D102
+    def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]: ...  # noqa: D102
+    def cameras(self) -> Cameras: ...  # noqa: D102
+    def prepare(self, progress: bool, delay: float, skip_errors: bool) -> None: ...  # noqa: D102
+    def close(self) -> None: ...  # noqa: D102
+
+
+class Source(Protocol):
+    """Where environments come from: their hand's tables, their objects, and the pool itself."""
+
+    hand: Hand
+    tables: spaces.Tables
+    #: Whether some objects are mesh files, and how many objects there are.
+    has_files: bool
+    count: int
+
+    def images(self, cameras: CamerasConfig) -> list[spaces.Image]: ...  # noqa: D102
+    def names(self) -> list[str]: ...  # noqa: D102
+    def objects(self) -> ObjectSet: ...  # noqa: D102
+    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> Pool: ...  # noqa: D102
+
+
+class LocalPool:
+    """A pool of this process; see `Pool`."""
+
+    def __init__(
+        self, core: "_core.EnvPool", handle: "_core.Objects", picture: str, models: bool, num_threads: int | None
+    ) -> None:
+        self.core, self._handle, self._picture, self._models = core, handle, picture, models
+        self._threads = num_threads
+        self.num_envs = core.num_envs
+        self.reset, self.step, self.send, self.recv = core.reset, core.step, core.send, core.recv
+        self.get_state, self.set_state, self.poses = core.get_state, core.set_state, core.poses
+
+    def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]:
+        """Take pictures of some environments, (n, H, W, 3)."""
+        return _core.pictures(self.core, envs, self._picture)
+
+    def cameras(self) -> Cameras:
+        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        return _core.poses_of_cameras(self.core)
+
+    def prepare(self, progress: bool, delay: float, skip_errors: bool) -> None:
+        """Prepare all objects, with a progress bar on standard error if wanted, and if it takes longer than `delay`."""
+        with ProgressBar("prepare objects", len(self._handle), progress, delay) as bar:
+            prepare_objects(self._handle, self._models, self._threads, bar.update, skip_errors=skip_errors)
+
+    def close(self) -> None:
+        """Do nothing: the memory is given back with the pool."""
+
+
+class LocalSource:
+    """Objects and hand of this process; see `Source`."""
+
+    def __init__(self, objects: ObjectSet, hand: HandArgument, physics: PhysicsConfig, num_threads: int | None) -> None:
+        self._objects, self._threads = objects, num_threads
+        # Kept, so that environments made later find it.
+        self.handle, self.hand = load_objects(objects, hand, physics)
+        self.tables = spaces.tables(self.hand)
+        self.has_files = any(spec.path is not None for spec in objects)
+        self.count = len(objects)
+
+    def images(self, cameras: CamerasConfig) -> list[spaces.Image]:
+        """Rows of the images of a config."""
+        return spaces.images(self.hand, cameras)
+
+    def names(self) -> list[str]:
+        """Names of the objects, in order."""
+        return self.handle.names
+
+    def objects(self) -> ObjectSet:
+        """Return the objects."""
+        return self._objects
+
+    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> LocalPool:
+        """Make the environments; `picture` is the JSON of a `PictureConfig`."""
+        core = _core.EnvPool(self.handle, to_json(config), num_envs, self._threads)
+        return LocalPool(core, self.handle, picture, bool(config.cameras.images) or render, self._threads)

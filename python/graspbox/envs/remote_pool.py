@@ -1,0 +1,210 @@
+"""Environments on a server, with the methods of a pool of this process.
+
+Every call is one command and its answer over a WebSocket; ``docs/server.md`` specifies both. Arrays are those of the
+server, bit for bit, and errors have its sentences.
+"""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core, errors
+from graspbox.envs.remote_config import RemoteConfig
+from graspbox.errors import ConfigError, GraspboxError, InternalError
+
+__all__ = ["PROTOCOL", "RemotePool"]
+
+#: Version of the protocol; the server tells its own in its first frame.
+PROTOCOL = 1
+#: Seconds for which a cancelled call may still bring its answer.
+_GRACE = 0.5
+
+Stepped = tuple["_core.EnvArrays", "_core.EnvArrays | None"]
+Cameras = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+
+
+class RemotePool:
+    """A session on one server.
+
+    Parameters
+    ----------
+    url : str
+        Address of the server.
+    config : RemoteConfig
+        Token, certificates, grace.
+    request : dict
+        Environment id, number, objects and keywords.
+
+    Raises
+    ------
+    ConnectionLostError
+        If the server cannot be reached.
+    ConfigError, ObjectSetError, HandError, MissingExtraError
+        As the same environments in this process, and for what the server does not offer.
+    """
+
+    def __init__(self, url: str, config: RemoteConfig, request: dict[str, Any]) -> None:
+        self.url, self.num_envs = url, int(request["num_envs"])
+        self._client = _core.Client(url, token=config.token(), ca=config.ca_file, grace=config.grace)
+        self.hello: dict[str, Any] = self._client.hello
+        self._check_server()
+        more = {"grace": min(config.grace, self.hello["limits"]["max_grace"]), "depth": config.depth}
+        self.description: dict[str, Any] = self.call("make", {**request, **more})["description"]
+
+    def _check_server(self) -> None:
+        """Refuse a server that is none of ours, or of another version."""
+        if self.hello.get("protocol") != "graspbox":
+            raise ConfigError(f"{self.url} is no server of environments; start one with 'graspbox serve'")
+        theirs, ours = self.hello["protocol_version"], PROTOCOL
+        if theirs != ours:
+            version = self.hello["version"]
+            raise ConfigError(
+                f"{self.url} speaks version {theirs} of the protocol (graspbox {version}), this client version {ours} "
+                f"(graspbox {_core.__version__}); install the same version on both sides"
+            )
+
+    def begin(self, command: str, fields: dict[str, Any]) -> int:
+        """Send a command; `end` waits for its answer."""
+        return self._client.submit(command, fields)
+
+    def end(self, number: int) -> dict[str, Any]:
+        """Wait for the answer to a command, and raise the error that it may hold."""
+        try:
+            answer: dict[str, Any] = self._client.wait(number)
+        except KeyboardInterrupt:
+            self._cancel(number)
+            raise
+        return checked(answer)
+
+    def poll(self, number: int) -> dict[str, Any] | None:
+        """Return the answer to a command; None if it has not come within a tenth of a second."""
+        answer: dict[str, Any] | None = self._client.poll(number)
+        return None if answer is None else checked(answer)
+
+    def call(self, command: str, fields: dict[str, Any]) -> dict[str, Any]:
+        """Send a command and wait for its answer."""
+        return self.end(self.begin(command, fields))
+
+    def _cancel(self, number: int) -> None:
+        """Tell the server that nobody waits any more: environments that it has not reached stay as they are."""
+        numbers = [number, self._client.submit("cancel", {})]
+        until = time.monotonic() + _GRACE
+        while numbers and time.monotonic() < until:
+            if self._client.poll(numbers[0]) is not None:
+                numbers.pop(0)
+        for late in numbers:
+            self._client.forget(late)
+
+    def reset(
+        self,
+        seeds: Sequence[int | None] | None,
+        mask: NDArray[np.bool_] | None,
+        options: Sequence[str],
+        out: dict[str, Any] | None,
+    ) -> "_core.EnvArrays":
+        """Begin episodes, as `graspbox._core.EnvPool.reset`; options are JSON."""
+        return now_of(self.call("reset", reset_fields(seeds, mask, options)), out)
+
+    def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped:
+        """Step all environments, as `graspbox._core.EnvPool.step`."""
+        return stepped_of(self.call("step", {"actions": actions}), out)
+
+    def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None:
+        """Step environments in the background, as `graspbox._core.EnvPool.send`."""
+        self.call("send", {"actions": actions, "env_ids": list(envs)})
+
+    def recv(self, count: int) -> Stepped:
+        """Receive environments that were sent, as `graspbox._core.EnvPool.recv`."""
+        return stepped_of(self.call("recv", {"count": count}), None)
+
+    def get_state(self, env: int) -> bytes:
+        """Return all that the future of an environment depends on."""
+        found: bytes = self.call("get_state", {"env_id": env})["state"]
+        return found
+
+    def set_state(self, env: int, state: bytes) -> "_core.EnvArrays":
+        """Restore a state; arrays of that environment alone."""
+        return now_of(self.call("set_state", {"env_id": env, "state": state}), None)
+
+    def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]:
+        """Take pictures of some environments, (n, H, W, 3)."""
+        frames: NDArray[np.uint8] = self.call("render", {"env_ids": list(envs)})["frames"]
+        return frames
+
+    def cameras(self) -> Cameras:
+        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        found = self.call("cameras", {})["cameras"]
+        return {name: (one["intrinsics"], one["world_from_camera"]) for name, one in found.items()}
+
+    def prepare(self, progress: bool, delay: float, skip_errors: bool) -> None:
+        """Prepare all objects on the server; its bar is not seen here."""
+        try:
+            self.call("prepare", {})
+        except GraspboxError:
+            if not skip_errors:
+                raise
+
+    def names(self) -> list[str]:
+        """Names of the objects, in order."""
+        found: list[str] = self.call("names", {})["names"]
+        return found
+
+    def close(self) -> None:
+        """End the session; a server that is gone needs no word."""
+        try:
+            self._client.submit("close", {})
+        except GraspboxError:
+            return
+
+
+def reset_fields(
+    seeds: Sequence[int | None] | None, mask: NDArray[np.bool_] | None, options: Sequence[str]
+) -> dict[str, Any]:
+    """Fields of the command ``reset``."""
+    return {"seed": None if seeds is None else list(seeds), "mask": mask, "options": list(options)}
+
+
+def checked(answer: dict[str, Any]) -> dict[str, Any]:
+    """Raise the error of an answer.
+
+    Raises
+    ------
+    GraspboxError
+        Of the class that it names, with its sentence.
+    """
+    error = answer.get("error")
+    if error is None:
+        return answer
+    kind = getattr(errors, error["type"], None)
+    if error["type"] == "KeyboardInterrupt":
+        raise KeyboardInterrupt
+    if not (isinstance(kind, type) and issubclass(kind, GraspboxError)):
+        raise InternalError(f"the server reports an error of the kind {error['type']!r}: {error['message']}")
+    raise kind(error["message"])
+
+
+def now_of(answer: dict[str, Any], out: dict[str, Any] | None) -> "_core.EnvArrays":
+    """Arrays of the rows of an answer, as the core returns them."""
+    return _arrays(answer["now"], out)
+
+
+def stepped_of(answer: dict[str, Any], out: dict[str, Any] | None) -> Stepped:
+    """Arrays of a step, and of the episodes that ended in it."""
+    last = answer.get("last")
+    return _arrays(answer["now"], out), None if last is None else _arrays(last, None)
+
+
+def _arrays(rows: dict[str, Any], out: dict[str, Any] | None) -> "_core.EnvArrays":
+    found = rows.pop("observations")
+    for name, values in found.items():
+        if values.dtype == np.uint16:  # depth in millimetres
+            found[name] = np.multiply(values, np.float32(1e-3), dtype=np.float32)
+    if out is not None:
+        for name, buffer in out.items():
+            np.copyto(buffer, found[name])
+            found[name] = buffer
+    rows["env"] = rows.pop("env_ids")
+    return {**found, **rows}  # type: ignore[typeddict-item]

@@ -1,0 +1,150 @@
+"""Where environments on servers come from: what is asked of the servers, and what they tell."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from graspbox import object_sets
+from graspbox.arguments import natural, plain, shown
+from graspbox.configs import AgentConfig, CamerasConfig
+from graspbox.envs import spaces
+from graspbox.envs.remote_config import RemoteConfig
+from graspbox.envs.remote_pool import RemotePool
+from graspbox.envs.remote_spread import SpreadPool
+from graspbox.envs.settings import (
+    GraspPoseSettings,
+    GraspPoseVectorSettings,
+    GraspSettings,
+    GraspVectorSettings,
+    ObjectsArgument,
+    Settings,
+)
+from graspbox.errors import ConfigError
+from graspbox.object_sets import ObjectSet
+from graspbox.simulation import load_hand
+
+__all__ = ["KINDS", "RemoteSource", "kind_of"]
+
+#: Environment id, and whether it is a vector environment, by the class of its keywords.
+KINDS: dict[type, tuple[str, bool]] = {
+    GraspSettings: ("graspbox/Grasp-v0", False),
+    GraspVectorSettings: ("graspbox/Grasp-v0", True),
+    GraspPoseSettings: ("graspbox/GraspPose-v0", False),
+    GraspPoseVectorSettings: ("graspbox/GraspPose-v0", True),
+}
+#: Keywords that concern the client alone.
+_LOCAL = ("remote", "num_threads", "copy", "split", "prepare_files")
+
+
+def kind_of(environment: str, vector: bool) -> type:
+    """Find the class of the keywords of an environment.
+
+    Raises
+    ------
+    ConfigError
+        For an id that does not exist.
+    """
+    for kind, found in KINDS.items():
+        if found == (environment, vector):
+            return kind
+    known = ", ".join(sorted({name for name, _ in KINDS.values()}))
+    raise ConfigError(f"there is no environment {shown(environment)}; choose from {known}")
+
+
+class RemoteSource:
+    """Environments on servers; see `graspbox.envs.local_pool.Source`.
+
+    Parameters
+    ----------
+    remote : RemoteConfig
+        The servers.
+    kind : type
+        One of the classes of `graspbox.envs.settings`.
+    num_envs : int
+        Number of environments.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to sample from.
+    settings : Mapping
+        All keywords.
+    """
+
+    def __init__(
+        self, remote: RemoteConfig, kind: type, num_envs: int, objects: ObjectsArgument, settings: Settings
+    ) -> None:
+        hand = settings["hand"]
+        if not isinstance(hand, str):
+            raise ConfigError(f"hand is {shown(hand)}; environments on a server take a hand by its name")
+        self._objects, self._split = objects, settings["split"]
+        environment, vector = KINDS[kind]
+        request = {
+            "environment": environment,
+            "vector": vector,
+            "num_envs": natural(num_envs, "num_envs"),
+            "objects": _named(objects),
+            "keywords": _keywords(settings),
+        }
+        if len(remote.urls) == 1 and remote.reconnect == "resume":
+            self._pool: RemotePool | SpreadPool = RemotePool(remote.urls[0], remote, request)
+        else:
+            self._pool = SpreadPool(remote, request)
+        described = self._pool.description
+        self.hand = load_hand(hand)
+        self.tables: spaces.Tables = described["tables"]
+        self.has_files, self.count = described["has_files"], described["objects"]
+
+    def images(self, cameras: CamerasConfig) -> list[spaces.Image]:
+        """Rows of the images, as the server has them."""
+        rows: list[spaces.Image] = self._pool.description["images"]
+        return rows
+
+    def names(self) -> list[str]:
+        """Names of the objects, in order."""
+        return self._pool.names()
+
+    def objects(self) -> ObjectSet:
+        """Look the objects up on this machine.
+
+        Raises
+        ------
+        ObjectSetError, MissingExtraError
+            If the set has another name here, or is not here.
+        """
+        return object_sets.load(self._objects, split=self._split)
+
+    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> RemotePool | SpreadPool:
+        """Return the environments, which exist already."""
+        return self._pool
+
+
+def _named(objects: ObjectsArgument) -> list[str]:
+    """Names of object sets, as a server finds them."""
+    if isinstance(objects, ObjectSet):
+        for spec in objects:
+            if spec.mass_known == "given" or spec.scale != 1.0:
+                raise ConfigError(
+                    f"object {spec.name!r} has a scale or mass of its own; a server takes objects as in their sets"
+                )
+        return [spec.source for spec in objects]
+    names = [objects] if isinstance(objects, str | Path) else objects
+    return [str(name) for name in names]
+
+
+def _keywords(settings: Settings) -> dict[str, Any]:
+    """Keywords for a server, as JSON holds them."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        if name in _LOCAL:
+            continue
+        if isinstance(value, AutoresetMode):
+            value = value.value
+        if isinstance(value, Mapping):
+            value = dict(value)
+        found[name] = plain(value, name)
+    if settings["render_mode"] is not None:
+        # The window is here; the server takes the pictures.
+        found["render_mode"] = "rgb_array"
+    if settings["split"] is not None:
+        found["split"] = settings["split"]
+    return found
