@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import graspbox
-from graspbox import learning, object_sets
+from graspbox import learning, object_sets, rotations
 from graspbox.errors import ConfigError, FileError, MissingExtraError
-from graspbox.learning import execution, grasps, rotations, samples
+from graspbox.learning import execution, grasps, samples
 from graspbox.learning.execution import BASELINES, Scenes, Score, average_pose, execute
 from graspbox.learning.samples import OPAQUE, TRANSPARENT, UNSEEN, Samples, make_samples, split_at_random
 from graspbox.learning.study_settings import BATCH_SIZES, SETTINGS, TABLES, training_settings

@@ -110,6 +110,14 @@ impl EnvPool {
     where
         F: Fn(usize, &mut Env) -> Result<(), AgentError> + Sync,
     {
+        if let [env] = self.envs.as_slice() {
+            // On the present thread: to change it takes longer than a short step.
+            let mut env = env.lock().unwrap_or_else(PoisonError::into_inner);
+            if stop.load(Ordering::Acquire) {
+                return Err(EpisodeError::Cancelled { done: 0, total: 1 }.into());
+            }
+            return work(0, &mut env);
+        }
         // One by one: a step in contact takes several times as long as one in the air.
         let results: Vec<Option<Result<(), AgentError>>> = (0..self.len())
             .into_par_iter()

@@ -1,8 +1,11 @@
-//! `graspbox._core.Client`: a session on a server.
+//! `graspbox._core.Client`: a session on a server; `PolicyClient`: a connection to a server of a policy.
 
 use crate::errors::CoreError;
 use crate::frames::{to_python, write};
+use graspbox_server::client::greet;
+use graspbox_server::client_socket::{Incoming, Socket};
 use graspbox_server::{Client as Core, ClientError, ClientOptions, Encoder, decode};
+use bytes::Bytes;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -89,5 +92,58 @@ impl Client {
 impl Client {
     fn lock(&self) -> MutexGuard<'_, Core> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A connection to a server of a policy, which speaks openpi's protocol.
+#[pyclass(frozen, module = "graspbox._core")]
+pub struct PolicyClient {
+    socket: Mutex<Socket>,
+    metadata: Bytes,
+}
+
+#[pymethods]
+impl PolicyClient {
+    /// Connects, and reads the metadata.
+    #[new]
+    #[pyo3(signature = (url, *, token, ca))]
+    fn new(py: Python<'_>, url: &str, token: Option<String>, ca: Option<String>) -> PyResult<Self> {
+        let options = ClientOptions { token, ca };
+        let (socket, metadata) = py.detach(|| greet(url, &options)).map_err(CoreError::from)?;
+        Ok(Self { socket: Mutex::new(socket), metadata })
+    }
+
+    /// The first frame of the server.
+    #[getter]
+    fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, &decode(&self.metadata).map_err(|error| CoreError::Config(error.to_string()))?)
+    }
+
+    /// Sends an observation.
+    fn send(&self, py: Python<'_>, observation: &Bound<'_, PyDict>) -> PyResult<()> {
+        let mut frame = Encoder::default();
+        write(&mut frame, observation.as_any(), "the observation", 0)?;
+        let frame = Bytes::from(frame.into_bytes());
+        Ok(py.detach(|| self.lock().send(frame)).map_err(CoreError::from)?)
+    }
+
+    /// Waits for the next answer: a dictionary, or text, which is an error of the server.
+    fn receive<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        loop {
+            py.check_signals()?;
+            match py.detach(|| self.lock().receive()).map_err(CoreError::from)? {
+                None => {}
+                Some(Incoming::Text(text)) => return Ok(PyString::new(py, &text).into_any()),
+                Some(Incoming::Frame(frame)) => {
+                    return to_python(py, &decode(&frame).map_err(|error| CoreError::Config(error.to_string()))?);
+                }
+            }
+        }
+    }
+}
+
+impl PolicyClient {
+    fn lock(&self) -> MutexGuard<'_, Socket> {
+        self.socket.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -16,6 +16,7 @@
 //! | [`hand`] | the handle on a hand |
 //! | [`mesh`] | the handle on a mesh |
 //! | [`mod@perception`] | from depth images to candidate grasps, and voxels around the hand |
+//! | [`mod@policy_server`] | a policy for clients on other machines |
 //! | [`plan`] | box trees and plans |
 //! | [`objects`] | objects by family and seed |
 //! | [`env_arrays`] | results of environments as arrays by name |
@@ -42,6 +43,7 @@ pub mod mesh;
 pub mod objects;
 pub mod perception;
 pub mod plan;
+pub mod policy_server;
 pub mod render;
 pub mod scene_images;
 pub mod server;
@@ -57,7 +59,7 @@ mod _core {
     #[pymodule_export]
     use crate::bench::{time_best_split, time_reset};
     #[pymodule_export]
-    use crate::client::Client;
+    use crate::client::{Client, PolicyClient};
     #[pymodule_export]
     use crate::config::config_again;
     #[pymodule_export]
@@ -78,6 +80,8 @@ mod _core {
     use crate::perception::{HandGrid, add_depth_noise, channel_names, crops, solids};
     #[pymodule_export]
     use crate::plan::{decompose, plan, rank_weights};
+    #[pymodule_export]
+    use crate::policy_server::{PolicyJob, PolicyServer};
     #[pymodule_export]
     use crate::render::render;
     #[pymodule_export]

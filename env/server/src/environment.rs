@@ -33,6 +33,9 @@ pub struct Environment {
     classify: Classify,
 }
 
+/// Control periods of a step that is short.
+const SHORT_SKIP: u32 = 2;
+
 /// An environment that comes back from a step, or the error of its step.
 pub type Arrival = (usize, Result<Stepped, AgentError>);
 
@@ -56,6 +59,16 @@ impl Environment {
         let field = field.to_owned();
         let found = (self.classify)(error.counted_from(self.asked.first));
         Fault { field: if found.field.is_empty() { field } else { found.field }, ..found }
+    }
+
+    /// True for a command that takes less time than a change of threads is worth.
+    pub fn is_short(&self, command: &Command) -> bool {
+        let config = &self.pool.spec().config;
+        match command {
+            Command::Observe | Command::Cameras | Command::GetState { .. } => true,
+            Command::Step { .. } => self.pool.len() == 1 && !config.control.decides() && config.frame_skip <= SHORT_SKIP,
+            _ => false,
+        }
     }
 
     /// Carries out a command on the current rayon pool; the answer as a frame.

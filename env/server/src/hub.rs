@@ -22,6 +22,8 @@ pub struct Hub {
     /// The server has been told to stop: nothing new begins.
     pub draining: AtomicBool,
     envs: AtomicUsize,
+    /// Commands that run.
+    running: AtomicUsize,
     makers: Mutex<Sender<MakeJob>>,
 }
 
@@ -35,8 +37,24 @@ impl Hub {
             metrics: Arc::default(),
             draining: AtomicBool::new(false),
             envs: AtomicUsize::new(0),
+            running: AtomicUsize::new(0),
             makers: Mutex::new(makers),
         }
+    }
+
+    /// A command begins on the present thread, if no other runs.
+    pub fn begin_alone(&self) -> bool {
+        self.running.compare_exchange(0, 1, Ordering::AcqRel, Ordering::Relaxed).is_ok()
+    }
+
+    /// A command begins on the threads of the server.
+    pub fn begin_one(&self) {
+        self.running.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// A command has ended.
+    pub fn end_one(&self) {
+        self.running.fetch_sub(1, Ordering::AcqRel);
     }
 
     /// Takes `count` environments off those that are left.

@@ -8,11 +8,12 @@
 //! | [`answer`] | results of environments as frames |
 //! | [`environment`] | the environments of a session, and what a command does with them |
 //! | [`hub`] | what all sessions share: settings, counters, threads, how many environments are left |
-//! | [`session`], [`sessions`] | a client's commands in order, and its answers until they have arrived |
+//! | [`session`], [`session_state`], [`sessions`] | a client's commands in order, and its answers until they have arrived |
 //! | [`connection`] | one WebSocket: reads, writes, pings |
 //! | [`gate`] | who may come in |
 //! | [`listener`] | accepts connections, with TLS or without |
 //! | [`server`] | starts, drains, ends |
+//! | [`policy_server`] | a server of a policy: observations in, decisions out |
 //! | [`client_socket`], [`client`] | the client: one WebSocket, and a session that outlives it |
 //! | [`config`], [`error`], [`metrics`] | settings and bounds, what keeps a server from starting, what it counts |
 //!
@@ -36,8 +37,10 @@ pub mod gate;
 pub mod hub;
 pub mod listener;
 pub mod metrics;
+pub mod policy_server;
 pub mod server;
 pub mod session;
+pub mod session_state;
 pub mod sessions;
 pub mod value;
 
@@ -50,5 +53,6 @@ pub use environment::Made;
 pub use error::ServerError;
 pub use fault::Fault;
 pub use hub::MakeJob;
+pub use policy_server::{Form, PolicyJob, PolicyServer};
 pub use server::Server;
 pub use value::{CodecError, Value};

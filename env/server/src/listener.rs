@@ -9,10 +9,12 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
+use tokio::runtime::Runtime;
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
@@ -42,6 +44,18 @@ pub fn tls(config: &ServerConfig) -> Result<Option<TlsAcceptor>, ServerError> {
         .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, private))
         .map_err(|error| wrong(cert, format!("it cannot be used with {key}: {error}")))?;
     Ok(Some(TlsAcceptor::from(Arc::new(made))))
+}
+
+/// Listens at the address of a config.
+///
+/// # Errors
+/// An address that cannot be used.
+pub fn bind(runtime: &Runtime, config: &ServerConfig) -> Result<(TcpListener, SocketAddr), ServerError> {
+    let address = format!("{}:{}", config.host, config.port);
+    let refused = |source| ServerError::Listen { address: address.clone(), source };
+    let listener = runtime.block_on(TcpListener::bind((config.host.as_str(), config.port))).map_err(refused)?;
+    let bound = listener.local_addr().map_err(refused)?;
+    Ok((listener, bound))
 }
 
 /// Accepts connections for ever.

@@ -9,6 +9,7 @@ use crate::fault::Classify;
 use crate::gate::Gate;
 use crate::hub::{Hub, MakeJob};
 use crate::listener;
+use crate::metrics::Metrics;
 use crate::sessions::Sessions;
 use crate::value::{MAX_DEPTH, MAX_VALUES};
 use axum::Router;
@@ -25,7 +26,6 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::Semaphore;
 use tokio::time::interval;
@@ -71,17 +71,8 @@ impl Server {
             .thread_name(|i| format!("graspbox-serve-{i}"))
             .build()
             .map_err(|error| ServerError::Threads(error.to_string()))?;
-        let runtime = Builder::new_multi_thread()
-            .worker_threads(IO_THREADS)
-            .thread_name("graspbox-io")
-            .enable_io()
-            .enable_time()
-            .build()
-            .map_err(|error| ServerError::Threads(error.to_string()))?;
-        let address = format!("{}:{}", config.host, config.port);
-        let refused = |source| ServerError::Listen { address: address.clone(), source };
-        let listener = runtime.block_on(TcpListener::bind((config.host.as_str(), config.port))).map_err(refused)?;
-        let bound = listener.local_addr().map_err(refused)?;
+        let runtime = io_runtime()?;
+        let (listener, bound) = listener::bind(&runtime, &config)?;
         let (sender, makers) = channel();
         let hub = Arc::new(Hub::new(config, pool, classify, sender));
         let sessions = Arc::new(Sessions::new(hub));
@@ -154,8 +145,25 @@ impl Drop for Server {
     }
 }
 
+/// The threads that read and write.
+///
+/// # Errors
+/// Threads that cannot be started.
+pub fn io_runtime() -> Result<Runtime, ServerError> {
+    Builder::new_multi_thread()
+        .worker_threads(IO_THREADS)
+        .thread_name("graspbox-io")
+        .enable_io()
+        .enable_time()
+        .build()
+        .map_err(|error| ServerError::Threads(error.to_string()))
+}
+
 /// Checks every setting.
-fn check(config: &ServerConfig) -> Result<(), ServerError> {
+///
+/// # Errors
+/// The first one that is out of its range.
+pub fn check(config: &ServerConfig) -> Result<(), ServerError> {
     in_range("max_envs", config.max_envs as f64, 1.0..=65_536.0, "")?;
     in_range("max_sessions", config.max_sessions as f64, 1.0..=10_000.0, "")?;
     in_range("max_message", config.max_message as f64, 65_536.0..=1e9, "bytes")?;
@@ -211,12 +219,13 @@ async fn health(State(door): State<Door>) -> (StatusCode, &'static str) {
 async fn metrics(State(door): State<Door>, headers: HeaderMap) -> Response {
     match door.gate.admits(&headers) {
         Ok(()) => door.sessions.hub.metrics.text().into_response(),
-        Err(reason) => refused(&door, reason),
+        Err(reason) => refused(&door.sessions.hub.metrics, reason),
     }
 }
 
-fn refused(door: &Door, reason: &'static str) -> Response {
-    door.sessions.hub.metrics.refuse(reason);
+/// Refuses a request for a reason that [`Gate::admits`] gave.
+pub fn refused(metrics: &Metrics, reason: &'static str) -> Response {
+    metrics.refuse(reason);
     match reason {
         "token" => (StatusCode::UNAUTHORIZED, "give the token of this server: Authorization: Bearer TOKEN\n"),
         _ => (StatusCode::FORBIDDEN, "this server does not take browser pages of this origin\n"),
@@ -226,7 +235,7 @@ fn refused(door: &Door, reason: &'static str) -> Response {
 
 async fn connect(State(door): State<Door>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
     if let Err(reason) = door.gate.admits(&headers) {
-        return refused(&door, reason);
+        return refused(&door.sessions.hub.metrics, reason);
     }
     let Ok(slot) = Arc::clone(&door.slots).try_acquire_owned() else {
         door.sessions.hub.metrics.refuse("connections");

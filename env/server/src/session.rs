@@ -8,50 +8,15 @@ use crate::command::{Command, Request};
 use crate::config::{MAX_UNSENT, MAX_WAITING};
 use crate::environment::{Arrival, Environment, Made};
 use crate::fault::Fault;
-use crate::hub::{Hub, Lease, MakeJob};
+use crate::hub::{Hub, MakeJob};
+use crate::session_state::{Job, Outgoing, State, acknowledge, cancel, end, nothing_made};
 use bytes::Bytes;
 use graspbox_agent::panic_text;
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::runtime::Handle;
 use tokio::sync::mpsc::UnboundedSender;
-
-/// What a connection is to write.
-#[derive(Clone, Debug)]
-pub enum Outgoing {
-    /// A frame.
-    Frame(Bytes),
-    /// The session is over, and why.
-    Close(&'static str),
-}
-
-/// A command that waits, or what is wrong with it; errors are answered in order too.
-type Waiting = (Option<u64>, Result<Request, Fault>);
-
-#[derive(Default)]
-struct State {
-    environment: Option<Arc<Environment>>,
-    lease: Option<Lease>,
-    waiting: VecDeque<Waiting>,
-    /// Set to stop the command that runs; none where none does.
-    running: Option<Arc<AtomicBool>>,
-    arrivals: VecDeque<Arrival>,
-    /// The last command that came in.
-    received: u64,
-    /// Answers that the client has not acknowledged, where it may come back.
-    kept: VecDeque<(u64, Bytes)>,
-    /// Bytes handed to the connection and not written yet.
-    unsent: usize,
-    connection: Option<(u64, UnboundedSender<Outgoing>)>,
-    /// How long the session waits for a lost connection.
-    grace: Duration,
-    secret: u64,
-    lost: Option<Instant>,
-    used: Option<Instant>,
-    ended: bool,
-}
 
 /// A session.
 pub struct Session {
@@ -187,34 +152,76 @@ impl Session {
 
     /// Begins the next commands, as far as they can begin.
     fn advance(self: &Arc<Self>) {
-        let mut state = self.lock();
+        loop {
+            let job = self.next(&mut self.lock());
+            let Some(job) = job else {
+                return;
+            };
+            if job.short && self.hub.begin_alone() {
+                // Another thread reads and writes meanwhile, if there is anything to read or write.
+                if let Ok(runtime) = Handle::try_current() {
+                    drop(runtime.spawn(async {}));
+                }
+                self.execute(job);
+                self.hub.end_one();
+                continue;
+            }
+            self.hub.begin_one();
+            let session = Arc::clone(self);
+            self.hub.pool.spawn_fifo(move || {
+                session.execute(job);
+                session.hub.end_one();
+                session.advance();
+            });
+            return;
+        }
+    }
+
+    /// The next command that takes time; those that do not are answered at once.
+    fn next(self: &Arc<Self>, state: &mut State) -> Option<Job> {
         while state.running.is_none() && !state.ended && state.unsent <= MAX_UNSENT {
-            match state.waiting.front() {
-                None => return,
-                Some((_, Ok(Request { command: Command::Recv { count }, id, .. }))) => {
+            let job = match state.waiting.front()? {
+                (_, Ok(Request { command: Command::Recv { count }, id, .. })) => {
                     let (count, id) = (*count, *id);
-                    match self.awaited(&mut state, count) {
-                        Ok(None) => return,
-                        Ok(Some(arrivals)) => {
-                            state.waiting.pop_front();
-                            self.receive(&mut state, id, arrivals);
-                        }
-                        Err(fault) => {
-                            state.waiting.pop_front();
-                            self.answer(&mut state, Some(id), Err(fault));
-                        }
+                    let awaited = self.awaited(state, count);
+                    if matches!(awaited, Ok(None)) {
+                        return None;
+                    }
+                    state.waiting.pop_front();
+                    match awaited {
+                        Ok(arrivals) => self.receive(state, id, arrivals.unwrap_or_default()),
+                        Err(fault) => self.refuse(state, id, fault),
                     }
                 }
-                Some(_) => {
-                    if let Some((id, request)) = state.waiting.pop_front() {
-                        match request {
-                            Ok(request) => self.begin(&mut state, request),
-                            Err(fault) => self.answer(&mut state, id, Err(fault)),
-                        }
+                _ => match state.waiting.pop_front()? {
+                    (_, Ok(request)) => self.begin(state, request),
+                    (id, Err(fault)) => {
+                        self.answer(state, id, Err(fault));
+                        None
                     }
-                }
+                },
+            };
+            if let Some(job) = job {
+                state.running = Some(Arc::clone(&job.stop));
+                return Some(job);
             }
         }
+        None
+    }
+
+    /// Does a job, and answers.
+    fn execute(&self, job: Job) {
+        let result = catch_unwind(AssertUnwindSafe(|| (job.work)(&job.stop)))
+            .unwrap_or_else(|payload| Err(Fault::internal(panic_text(payload.as_ref()))));
+        let mut state = self.lock();
+        state.running = None;
+        state.used = Some(Instant::now());
+        self.answer(&mut state, Some(job.id), result);
+    }
+
+    fn refuse(&self, state: &mut State, id: u64, fault: Fault) -> Option<Job> {
+        self.answer(state, Some(id), Err(fault));
+        None
     }
 
     /// The environments that a `recv` of `count` gets; none while they are on their way.
@@ -232,17 +239,12 @@ impl Session {
         Ok((state.arrivals.len() >= count).then(|| state.arrivals.drain(..count).collect()))
     }
 
-    fn receive(self: &Arc<Self>, state: &mut State, id: u64, mut arrivals: Vec<Arrival>) {
-        let Some(environment) = state.environment.clone() else {
-            return;
-        };
-        self.spawn(state, id, move |_| {
-            let rows = arrivals.len();
-            environment.received(id, &mut arrivals).map(|frame| (frame, rows))
-        });
+    fn receive(self: &Arc<Self>, state: &mut State, id: u64, mut arrivals: Vec<Arrival>) -> Option<Job> {
+        let environment = state.environment.clone()?;
+        Some(Job::new(id, true, move |_| environment.received(id, &mut arrivals)))
     }
 
-    fn begin(self: &Arc<Self>, state: &mut State, request: Request) {
+    fn begin(self: &Arc<Self>, state: &mut State, request: Request) -> Option<Job> {
         let id = request.id;
         match request.command {
             Command::Cancel => self.answer(state, Some(id), Ok(answer::begin(id, 0, 0).into_bytes())),
@@ -253,12 +255,13 @@ impl Session {
             Command::Make { request, asked } => self.make(state, id, request, asked),
             command => match state.environment.clone() {
                 None => self.answer(state, Some(id), Err(nothing_made())),
-                Some(environment) => self.run(state, id, environment, command),
+                Some(environment) => return Some(self.job(id, environment, command)),
             },
         }
+        None
     }
 
-    fn run(self: &Arc<Self>, state: &mut State, id: u64, environment: Arc<Environment>, command: Command) {
+    fn job(self: &Arc<Self>, id: u64, environment: Arc<Environment>, command: Command) -> Job {
         let session = Arc::downgrade(self);
         let arrived = move |arrival: Arrival| {
             if let Some(session) = session.upgrade() {
@@ -268,36 +271,18 @@ impl Session {
             }
         };
         let hub = Arc::clone(&self.hub);
-        self.spawn(state, id, move |stop| {
+        Job::new(id, environment.is_short(&command), move |stop| {
             let (steps, started) = (matches!(command, Command::Step { .. }), Instant::now());
             let frame = environment.run(id, command, stop, arrived)?;
             if steps {
                 hub.metrics.step_seconds.observe(started.elapsed().as_secs_f64());
+                hub.metrics.steps.inc_by(environment.pool.len() as u64);
             }
-            Ok((frame, if steps { environment.pool.len() } else { 0 }))
-        });
+            Ok(frame)
+        })
     }
 
-    /// Does `work` on the threads of the server; it returns a frame, and how many environments stepped.
-    fn spawn<F>(self: &Arc<Self>, state: &mut State, id: u64, work: F)
-    where
-        F: FnOnce(&AtomicBool) -> Result<(Vec<u8>, usize), Fault> + Send + 'static,
-    {
-        let stop = Arc::new(AtomicBool::new(false));
-        state.running = Some(Arc::clone(&stop));
-        let session = Arc::clone(self);
-        self.hub.pool.spawn_fifo(move || {
-            let result = catch_unwind(AssertUnwindSafe(|| work(&stop)))
-                .unwrap_or_else(|payload| Err(Fault::internal(panic_text(payload.as_ref()))));
-            let frame = result.map(|(frame, steps)| {
-                session.hub.metrics.steps.inc_by(steps as u64);
-                frame
-            });
-            session.finish(id, frame);
-        });
-    }
-
-    /// A command has run: its answer, and the next one.
+    /// The environments are made, or not: the answer, and the next command.
     fn finish(self: &Arc<Self>, id: u64, frame: Result<Vec<u8>, Fault>) {
         let mut state = self.lock();
         state.running = None;
@@ -386,42 +371,5 @@ impl Session {
     /// Ends the session; its environments are gone once the command that runs has ended.
     pub fn end(&self, why: &'static str) {
         end(&mut self.lock(), why);
-    }
-}
-
-fn nothing_made() -> Fault {
-    Fault::config("command", "this session has no environments yet; begin with the command 'make'")
-}
-
-/// Forgets answers that the client has.
-fn acknowledge(state: &mut State, seen: u64) {
-    while state.kept.front().is_some_and(|(id, _)| *id <= seen) {
-        state.kept.pop_front();
-    }
-}
-
-/// Stops what runs, and turns what waits into errors.
-fn cancel(state: &mut State) {
-    if let Some(stop) = &state.running {
-        stop.store(true, Ordering::Release);
-    }
-    if let Some(environment) = &state.environment {
-        environment.pool.call_back();
-    }
-    for (_, request) in &mut state.waiting {
-        *request = Err(Fault::interrupted());
-    }
-}
-
-fn end(state: &mut State, why: &'static str) {
-    cancel(state);
-    state.waiting.clear();
-    state.kept.clear();
-    state.arrivals.clear();
-    state.ended = true;
-    state.environment = None;
-    state.lease = None;
-    if let Some((_, connection)) = &state.connection {
-        drop(connection.send(Outgoing::Close(why)));
     }
 }

@@ -25,6 +25,7 @@ from graspbox.cli import (
     prepare,
     record,
     serve,
+    serve_policy,
     voxelize,
 )
 from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
@@ -41,6 +42,7 @@ typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)
 typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("serve")(serve.serve)
+typer_app.command("serve-policy")(serve_policy.serve_policy)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)
 

@@ -1,15 +1,19 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from graspbox.cli.common import Json, PolicyName, Scale, Seed, Split, Threads, find, print_json, print_table, progress
+from graspbox.cli.serve import TokenFile, token_in
 from graspbox.envs import IDS
+from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.files import check_output, dumps, write_text
+from graspbox.policies import Policy
+from graspbox.remote.remote_policy import RemotePolicy
 
 
 def _print(result: Evaluation) -> None:
@@ -28,6 +32,19 @@ def _print(result: Evaluation) -> None:
         )
     if result.failures:
         typer.echo("failures: " + ", ".join(f"{count} {kind}" for kind, count in result.failures.items()))
+
+
+def _is_url(policy: str) -> bool:
+    return policy.startswith(("ws://", "wss://"))
+
+
+def _remote_policy(
+    url: str, obs: list[str] | None, keys: list[str] | None, chunk: int, token_file: Path | None
+) -> Policy:
+    pairs = dict(pair.partition("=")[::2] for pair in keys or ())
+    if not all(pairs.values()):
+        raise ConfigError(f"--key is {keys}; write it as OURS=THEIRS, such as depth=observation/depth")
+    return RemotePolicy(url, obs=tuple(obs) if obs else None, keys=pairs, chunk=chunk, token=token_in(token_file))
 
 
 def evaluate(
@@ -56,17 +73,38 @@ def evaluate(
         ),
     ] = 16,
     threads: Threads = None,
+    remote: Annotated[
+        list[str] | None,
+        typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
+    ] = None,
+    obs: Annotated[
+        list[str] | None,
+        typer.Option("--obs", help="Observation for a policy on a server; repeatable; by default those that it names."),
+    ] = None,
+    keys: Annotated[
+        list[str] | None,
+        typer.Option("--key", metavar="OURS=THEIRS", help="Name under which that server expects an observation."),
+    ] = None,
+    chunk: Annotated[
+        int, typer.Option("--chunk", min=1, max=1000, help="Actions of its answer that are executed before the next.")
+    ] = 1,
+    token_file: TokenFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson)."""
+    """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson).
+
+    The policy may be on a server: ws://HOST:PORT of any server that speaks openpi's protocol.
+    """
     found = find(objects or ["procedural"], split, scale)
     if out is not None:
         check_output(out)
+    chosen = _remote_policy(policy, obs, keys, chunk, token_file) if _is_url(policy) else policy
+    settings: dict[str, Any] = {"remote": remote} if remote else {}
     with progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
-            policy,
+            chosen,
             env,
             found,
             trials,
@@ -74,6 +112,7 @@ def evaluate(
             include_learned=include_learned,
             num_envs=num_envs,
             num_threads=threads,
+            **settings,
             progress=lambda done: bar.update(task, completed=done),
         )
     if as_json:

@@ -7,12 +7,16 @@ layout is that of https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
 |---|---|
 | ``observation.state`` | ``proprio``: what the arm and the hand measure |
 | ``observation.environment_state`` | ``state``: the privileged vector |
-| ``observation.images.NAME`` | colour images, as PNG |
-| ``observation.NAME`` | every other observation, such as ``tactile`` or ``depth`` (float, metres) |
+| ``observation.images.NAME`` | colour images as PNG, and depth images as TIFF: float32 metres, without loss |
+| ``observation.NAME`` | every other observation, such as ``tactile`` or ``points`` |
 | ``action`` | in [-1, 1] |
 | ``next.reward``, ``next.done``, ``next.success`` | what followed the action |
 
 The last observation of an episode, which no action follows, is left out, as LeRobot does.
+
+Depth images are marked as LeRobot 0.6 marks its own (``info.is_depth_map``, ``info.depth_unit``). It converts them and
+their statistics to millimetres when it reads them, unless it is told ``depth_output_unit="m"``; 0 means that nothing
+was seen. LeRobot before 0.6 does not know the mark and reads metres.
 """
 
 import io
@@ -32,10 +36,11 @@ from graspbox.errors import ConfigError, MissingExtraError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["to_lerobot"]
+__all__ = ["TASK", "to_lerobot"]
 
+#: The instruction, which all episodes share.
+TASK = "Grasp the object and lift it."
 _VERSION = "v3.0"
-_TASK = "Grasp the object and lift it."
 _CHUNK = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 #: Files of a chunk, and megabytes of a file (LeRobot's defaults).
 _FILES, _MEGABYTES = 1000, 100
@@ -71,7 +76,7 @@ def to_lerobot(demonstrations: Demonstrations, out: str | Path) -> Path:
     ConfigError
         If there is no episode, or the folder exists.
     MissingExtraError
-        Without pyarrow, or, for colour images, without pillow.
+        Without pyarrow, or, for images, without pillow.
     """
     folder = Path(out)
     if folder.exists():
@@ -89,7 +94,9 @@ def to_lerobot(demonstrations: Demonstrations, out: str | Path) -> Path:
 
 
 def _is_image(name: str, shape: tuple[int, ...], dtype: str) -> bool:
-    return name.partition("_")[0] == "rgb" and dtype == "uint8" and len(shape) == 3
+    """Whether LeRobot stores it as an image file: colours in three channels, or depth in one."""
+    kinds = {"rgb": ("uint8", 3), "depth": ("float32", 1)}
+    return len(shape) == 3 and kinds.get(name.partition("_")[0]) == (dtype, shape[2])
 
 
 def _features(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
@@ -101,6 +108,8 @@ def _features(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
         if _is_image(name, shape, dtype):
             names[name] = f"observation.images.{name}"
             features[names[name]] = {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}
+            if shape[2] == 1:
+                features[names[name]]["info"] = {"is_depth_map": True, "depth_unit": "m"}
         else:
             names[name] = _NAMES.get(name, f"observation.{name}")
             features[names[name]] = {"dtype": dtype, "shape": shape, "names": None}
@@ -173,7 +182,7 @@ class _Writer:
         first, self._frames = self._frames, self._frames + table.num_rows
         row: dict[str, Any] = {
             "episode_index": index,
-            "tasks": [_TASK],
+            "tasks": [TASK],
             "length": table.num_rows,
             "data/chunk_index": self._file // _FILES,
             "data/file_index": self._file % _FILES,
@@ -206,14 +215,15 @@ class _Writer:
             "index": self._frames + frames,
             "task_index": np.zeros(count),
         }
-        kinds = {name: "uint8" if row["dtype"] == "image" else row["dtype"] for name, row in self._features.items()}
-        return {name: np.asarray(found[name]).astype(kinds[name]) for name in self._features}
+        values = {name: np.asarray(found[name]) for name in self._features}
+        images = {name for name, row in self._features.items() if row["dtype"] == "image"}
+        return {n: v if n in images else v.astype(self._features[n]["dtype"]) for n, v in values.items()}
 
     def _column(self, name: str, values: NDArray[Any]) -> "pa.Array":
         pa = pyarrow()
         if self._features[name]["dtype"] == "image":
             kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-            return pa.array([{"bytes": _png(image), "path": None} for image in values], type=kind)
+            return pa.array([{"bytes": _image_file(image), "path": None} for image in values], type=kind)
         found = pa.array(np.ascontiguousarray(values).reshape(-1))
         shape = values.shape[1:]
         if len(shape) == 1:
@@ -225,22 +235,27 @@ class _Writer:
         return found
 
 
-def _png(image: NDArray[np.uint8]) -> bytes:
+def _image_file(image: NDArray[Any]) -> bytes:
+    """Write colours as PNG, depth as TIFF, which holds float32."""
     try:
         from PIL import Image
     except ModuleNotFoundError as error:
         if error.name != "PIL":
             raise
-        raise MissingExtraError("colour images need pillow: pip install 'graspbox[lerobot]'") from None
+        raise MissingExtraError("images need pillow: pip install 'graspbox[lerobot]'") from None
     raw = io.BytesIO()
-    Image.fromarray(image).save(raw, format="PNG")
+    if image.shape[2] == 1:
+        Image.fromarray(np.ascontiguousarray(image[..., 0])).save(raw, format="TIFF", compression="raw")
+    else:
+        Image.fromarray(image).save(raw, format="PNG")
     return raw.getvalue()
 
 
 def _as_numbers(values: NDArray[Any], image: bool) -> NDArray[np.float64]:
-    """Rows of which statistics are taken; those of an image are of its channels, in [0, 1]."""
+    """Rows of which statistics are taken; those of an image are of its channels: colours in [0, 1], depth in metres."""
     if image:
-        return values.reshape(-1, 3, 1, 1) / 255.0
+        scale = 255.0 if values.dtype == np.uint8 else 1.0
+        return values.reshape(-1, values.shape[-1], 1, 1) / scale
     return values.reshape(len(values), *(values.shape[1:] or (1,))).astype(np.float64)
 
 
@@ -289,5 +304,5 @@ def _write_tasks(path: Path) -> None:
         "columns": [{**column, "metadata": None} for column in columns],
         "pandas_version": "2.0.0",
     }
-    table = pyarrow().table({"task_index": np.zeros(1, dtype=np.int64), "__index_level_0__": [_TASK]})
+    table = pyarrow().table({"task_index": np.zeros(1, dtype=np.int64), "__index_level_0__": [TASK]})
     parquet().write_table(table.replace_schema_metadata({b"pandas": json.dumps(about)}), path)

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.learning.grasps import executed
-from graspbox.learning.rotations import poses_from, quaternion_from_rotation, rotation_from_quaternion
 from graspbox.learning.samples import Samples
 from graspbox.object_sets import ObjectSet
 from graspbox.outcomes import Outcomes
+from graspbox.rotations import poses_from, quaternion_from_rotation, rotation_from_quaternion
 from graspbox.simulation import Scene
 
 __all__ = ["BASELINES", "Scenes", "Score", "average_pose", "execute"]

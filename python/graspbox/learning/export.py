@@ -43,7 +43,7 @@ class PoseGraph(nn.Module):  # type: ignore[misc]
 
 
 def _quaternions(angles: Tensor) -> Tensor:
-    """Quaternions (n, 4) of (roll, pitch, yaw) (n, 3), as `graspbox.learning.rotations.rotation_from_euler`."""
+    """Quaternions (n, 4) of (roll, pitch, yaw) (n, 3), as `graspbox.rotations.rotation_from_euler`."""
     (cr, cp, cy), (sr, sp, sy) = torch.cos(angles / 2).unbind(1), torch.sin(angles / 2).unbind(1)
     w, x = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr
     y, z = cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
@@ -51,7 +51,7 @@ def _quaternions(angles: Tensor) -> Tensor:
 
 
 def _rotations(quaternions: Tensor) -> Tensor:
-    """Rotations (n, 3, 3) of unit quaternions (n, 4), as `graspbox.learning.rotations.rotation_from_quaternion`."""
+    """Rotations (n, 3, 3) of unit quaternions (n, 4), as `graspbox.rotations.rotation_from_quaternion`."""
     w, x, y, z = quaternions.unbind(1)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -35,14 +35,14 @@ from graspbox.by_value import ByValue
 from graspbox.errors import ConfigError, FileError
 from graspbox.files import replacing
 from graspbox.learning.grasps import Grasps, base_pose
-from graspbox.learning.rotations import (
+from graspbox.object_sets import ObjectSet
+from graspbox.rotations import (
     euler_from_rotation,
     poses_from,
     quaternion_from_rotation,
     rotation_from_euler,
     rotation_from_quaternion,
 )
-from graspbox.object_sets import ObjectSet
 from graspbox.simulation import Scene
 from graspbox.views import Views, occupancy, views
 from graspbox.voxels import Voxels, voxelize

@@ -32,8 +32,8 @@ from graspbox.errors import ConfigError
 from graspbox.files import replacing, write_text
 from graspbox.learning.losses import Errors, LossWeights
 from graspbox.learning.model import ModelConfig, PoseModel
-from graspbox.learning.rotations import angle_between
 from graspbox.learning.samples import Samples, Split, labels_of, poses_of_labels
+from graspbox.rotations import angle_between
 
 __all__ = ["OPTIMIZERS", "Measured", "TrainConfig", "measure", "train"]
 

@@ -15,6 +15,7 @@ __all__ = [
     "check_intrinsics",
     "check_table",
     "fit_table",
+    "metric_depth",
     "points_of",
     "read_depth",
     "read_pose",
@@ -65,19 +66,29 @@ def read_depth(path: str | os.PathLike[str], scale: float | None = None) -> NDAr
     if not path.is_file():
         raise FileError(2, "there is no such depth image", str(path))
     values = _read_png(path) if path.suffix.lower() == ".png" else _read_npy(path)
+    return metric_depth(values, scale, str(path))
+
+
+def metric_depth(
+    values: NDArray[np.generic], scale: float | None = None, name: str = "the depth"
+) -> NDArray[np.float64]:
+    """Take a depth image in metres; errors call it `name`.
+
+    Parameters, result and errors as `read_depth`, whose file holds `values`.
+    """
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[..., 0]
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
         raise ConfigError(
-            f"{path} holds {values.dtype} of shape {values.shape}; give one depth image (H, W) of numbers"
+            f"{name} holds {values.dtype} of shape {values.shape}; give one depth image (H, W) of numbers"
         )
     if scale is not None and not 0.0 < scale < float("inf"):
         raise ConfigError(f"the depth scale is {scale}; give metres per unit of the file, such as 0.001")
     metres = scale if scale is not None else (1.0 if values.dtype.kind == "f" else _INTEGERS)
     depth = np.where(np.isfinite(values), values, 0).astype(np.float64) * metres
     if depth.min() < 0:
-        raise ConfigError(f"{path} holds the depth {depth.min():.3g} m; depths are distances along the optical axis")
-    _check_unit(depth, metres, path)
+        raise ConfigError(f"{name} holds the depth {depth.min():.3g} m; depths are distances along the optical axis")
+    _check_unit(depth, metres, name)
     return depth
 
 
@@ -109,25 +120,25 @@ def _read_png(path: Path) -> NDArray[np.generic]:
     return values
 
 
-def _check_unit(depth: NDArray[np.float64], metres: float, path: Path) -> None:
+def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
     seen = depth[depth > 0]
     if not len(seen):
-        raise ConfigError(f"{path} holds no depth at all; every pixel is 0 or not finite")
+        raise ConfigError(f"{name} holds no depth at all; every pixel is 0 or not finite")
     middle = float(np.median(seen))
     for factor, unit in ((0.001, "millimetres"), (0.0001, "tenths of millimetres")):
         if middle > _FARTHEST and _NEAREST < middle / metres * factor < _FARTHEST:
             raise ConfigError(
-                f"the middle depth of {path} would be {middle:.4g} m; the file seems to hold {unit}, so give the depth "
+                f"the middle depth of {name} would be {middle:.4g} m; the file seems to hold {unit}, so give the depth "
                 f"scale {factor:g}"
             )
     if middle < _NEAREST and _NEAREST < middle / metres < _FARTHEST:
         raise ConfigError(
-            f"the middle depth of {path} would be {middle:.3g} m; the file seems to hold metres, so give the depth "
+            f"the middle depth of {name} would be {middle:.3g} m; the file seems to hold metres, so give the depth "
             "scale 1"
         )
     if not _NEAREST < middle < _FARTHEST:
         raise ConfigError(
-            f"the middle depth of {path} would be {middle:.3g} m, with {metres:g} m per unit; give the depth scale, in "
+            f"the middle depth of {name} would be {middle:.3g} m, with {metres:g} m per unit; give the depth scale, in "
             "metres per unit of the file"
         )
 

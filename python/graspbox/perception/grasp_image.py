@@ -1,4 +1,11 @@
-"""Grasps for one depth image of one's own, ranked, by a published policy."""
+"""Grasps for depth images of one's own, ranked, by a published policy.
+
+| name | what it is |
+|---|---|
+| `grasp_image`  | grasps for one image |
+| `ImageGrasper` | the same for many: networks are loaded once |
+| `ImageGrasps`  | the result |
+"""
 
 import os
 from dataclasses import dataclass
@@ -18,7 +25,7 @@ from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.policy_folders import DepthPolicyConfig, read_depth_policy
 from graspbox.perception.runtimes import Backend, load_parts
 
-__all__ = ["ImageGrasps", "grasp_image"]
+__all__ = ["ImageGrasper", "ImageGrasps", "grasp_image"]
 
 #: Grasps nearer than both to a better one are left out, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
@@ -96,6 +103,95 @@ class ImageGrasps:
         }
 
 
+class ImageGrasper:
+    """A published policy, ready to find grasps in depth images; threads may share it.
+
+    Parameters
+    ----------
+    policy : str or PathLike
+        The folder of a published policy.
+    backend : {"onnx", "torch"}
+        What runs the networks.
+    num_threads : int, optional
+        Threads of onnxruntime; by default one per core.
+
+    Raises
+    ------
+    ConfigError, FileError, MissingExtraError
+        If the folder holds no such policy, lacks a file, or onnxruntime is not installed.
+    """
+
+    def __init__(
+        self, policy: str | os.PathLike[str], *, backend: Backend = "onnx", num_threads: int | None = None
+    ) -> None:
+        self.config = read_depth_policy(Path(policy))
+        self._grid = HandGrid(self.config.hand, self.config.grid, crop=self.config.crop)
+        self._parts = load_parts(Path(policy), self.config, self._grid, backend, num_threads)
+
+    def find(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        table_from_camera: ArrayLike,
+        *,
+        count: int = 5,
+        region: tuple[int, int, int, int] | None = None,
+        hand_error: PoseNoise | None = None,
+        seed: int = 0,
+    ) -> ImageGrasps:
+        """Find grasps of the object that a depth image shows; arguments and errors as `grasp_image`."""
+        image = np.asarray(depth, dtype=np.float64)
+        if image.ndim != 2:
+            raise ConfigError(f"depth has shape {image.shape}; give one image (H, W)")
+        if count < 1:
+            raise ConfigError(f"count is {count}; give 1 or more")
+        lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
+        pose = np.asarray(table_from_camera, dtype=np.float64)
+        small, lens, step = thinned(image, lens)
+        check_table(small, lens, pose)
+        pose = level(small, lens, pose)
+        mask = None if region is None else _mask(region, image.shape, step, small.shape)
+        return self._ranked(small, lens, pose, _crop(small, lens, pose, self.config, mask), count, hand_error, seed)
+
+    def _ranked(
+        self,
+        depth: NDArray[np.float64],
+        intrinsics: NDArray[np.float64],
+        pose: NDArray[np.float64],
+        crops: Crops,
+        count: int,
+        hand_error: PoseNoise | None,
+        seed: int,
+    ) -> ImageGrasps:
+        """Decide in a crop, and rank the grasps that differ."""
+        config, (complete, scorer, head) = self.config, self._parts
+        finder = config.finder if hand_error is None else config.finder.tolerating(hand_error)
+        found = GraspFinder(self._grid, complete, scorer, finder, crop=config.crop, head=head).decide(crops, seed=seed)
+        if found is None:
+            chosen, poses, preshapes = np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)), np.zeros(0)
+            volume = np.concatenate([complete(crops.channels), crops.channels[0, :2]])
+        else:
+            chosen, poses, preshapes = _distinct(found, count), found.poses, found.preshapes
+            volume = found.volume
+        judged = scorer.judge(volume, poses[chosen], preshapes[chosen])
+        choice = judged.choice if finder.hand_error is None or found is None else found.scores[chosen]
+        order = np.argsort(-choice, kind="stable")
+        return ImageGrasps(
+            policy=config,
+            depth=depth,
+            intrinsics=intrinsics,
+            table_from_camera=pose,
+            object=crops.object[0],
+            table_from_crop=crops.world_from_crop[0],
+            occupancy=volume[0],
+            table_from_hand=crops.world_from_crop[0] @ poses[chosen][order],
+            preshape=preshapes[chosen][order],
+            choice=choice[order],
+            success=judged.success[order],
+            secure=judged.secure[order],
+        )
+
+
 def grasp_image(
     depth: ArrayLike,
     intrinsics: ArrayLike,
@@ -141,44 +237,9 @@ def grasp_image(
     FileError, MissingExtraError
         If the policy lacks a file, or onnxruntime is not installed.
     """
-    image = np.asarray(depth, dtype=np.float64)
-    if image.ndim != 2:
-        raise ConfigError(f"depth has shape {image.shape}; give one image (H, W)")
-    if count < 1:
-        raise ConfigError(f"count is {count}; give 1 or more")
-    lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
-    pose = np.asarray(table_from_camera, dtype=np.float64)
-    config, folder = read_depth_policy(Path(policy)), Path(policy)
-    small, lens, step = thinned(image, lens)
-    check_table(small, lens, pose)
-    pose = level(small, lens, pose)
-    crops = _crop(small, lens, pose, config, None if region is None else _mask(region, image.shape, step, small.shape))
-    grid = HandGrid(config.hand, config.grid, crop=config.crop)
-    complete, scorer, head = load_parts(folder, config, grid, backend)
-    finder = config.finder if hand_error is None else config.finder.tolerating(hand_error)
-    found = GraspFinder(grid, complete, scorer, finder, crop=config.crop, head=head).decide(crops, seed=seed)
-    if found is None:
-        chosen, poses, preshapes = np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)), np.zeros(0)
-        volume = np.concatenate([complete(crops.channels), crops.channels[0, :2]])
-    else:
-        chosen, poses, preshapes = _distinct(found, count), found.poses, found.preshapes
-        volume = found.volume
-    judged = scorer.judge(volume, poses[chosen], preshapes[chosen])
-    choice = judged.choice if finder.hand_error is None or found is None else found.scores[chosen]
-    order = np.argsort(-choice, kind="stable")
-    return ImageGrasps(
-        policy=config,
-        depth=small,
-        intrinsics=lens,
-        table_from_camera=pose,
-        object=crops.object[0],
-        table_from_crop=crops.world_from_crop[0],
-        occupancy=volume[0],
-        table_from_hand=crops.world_from_crop[0] @ poses[chosen][order],
-        preshape=preshapes[chosen][order],
-        choice=choice[order],
-        success=judged.success[order],
-        secure=judged.secure[order],
+    grasper = ImageGrasper(policy, backend=backend)
+    return grasper.find(
+        depth, intrinsics, table_from_camera, count=count, region=region, hand_error=hand_error, seed=seed
     )
 
 

@@ -1,0 +1,346 @@
+//! A server of a policy, as openpi's clients speak to one: metadata first, then observations in and actions out.
+//!
+//! Decisions are made by whoever takes [`PolicyJob`]s from the queue. Connections wait for them without a thread, and go on
+//! answering pings.
+
+use crate::config::{DRAIN, PING, SPARE_CONNECTIONS, ServerConfig, WRITE_TIMEOUT};
+use crate::encode::Encoder;
+use crate::error::ServerError;
+use crate::fault::Fault;
+use crate::gate::Gate;
+use crate::listener;
+use crate::metrics::Metrics;
+use crate::server::{check, io_runtime, refused};
+use axum::Router;
+use axum::body::Body;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{DefaultBodyLimit, State};
+use axum::http::header::CONTENT_TYPE;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use bytes::Bytes;
+use std::collections::VecDeque;
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio::sync::{Semaphore, oneshot};
+use tokio::time::{interval, timeout};
+
+/// Most requests that wait for a decision; more are refused.
+const MAX_QUEUED: usize = 1024;
+/// Most frames of a connection that wait behind the one that is being decided.
+const MAX_BEHIND: usize = 8;
+
+/// How a request came, and so how its answer goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// A frame of msgpack.
+    Frame,
+    /// The body of a POST, JSON.
+    Json,
+}
+
+/// A request for a decision, to be answered once; one that is dropped is an error.
+pub struct PolicyJob {
+    /// How it came.
+    pub form: Form,
+    /// The frame, or the body.
+    pub body: Bytes,
+    /// Number of its connection; 0 for a POST.
+    pub connection: u64,
+    /// When it came.
+    pub since: Instant,
+    reply: Option<oneshot::Sender<Result<Vec<u8>, Fault>>>,
+}
+
+impl PolicyJob {
+    /// Answers it with a frame, or JSON.
+    pub fn answer(mut self, result: Result<Vec<u8>, Fault>) {
+        if let Some(reply) = self.reply.take() {
+            // A client that is gone needs no answer.
+            drop(reply.send(result));
+        }
+    }
+}
+
+/// What connections and deciders share.
+struct Desk {
+    gate: Gate,
+    metadata: Bytes,
+    metrics: Arc<Metrics>,
+    max_message: usize,
+    slots: Arc<Semaphore>,
+    draining: AtomicBool,
+    connections: AtomicU64,
+    queue: Mutex<VecDeque<PolicyJob>>,
+    /// Connections that ended since they were last asked for.
+    gone: Mutex<Vec<u64>>,
+    arrived: Condvar,
+}
+
+impl Desk {
+    fn queue(&self) -> MutexGuard<'_, VecDeque<PolicyJob>> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn submit(&self, form: Form, body: Bytes, connection: u64) -> oneshot::Receiver<Result<Vec<u8>, Fault>> {
+        let (reply, result) = oneshot::channel();
+        self.metrics.received.inc_by(body.len() as u64);
+        let mut queue = self.queue();
+        if queue.len() < MAX_QUEUED {
+            queue.push_back(PolicyJob { form, body, connection, since: Instant::now(), reply: Some(reply) });
+            self.arrived.notify_one();
+        } else {
+            self.metrics.refuse("queue");
+        }
+        result
+    }
+
+    /// The answer to a request that was not answered.
+    fn lost() -> Fault {
+        Fault::config("", "this server has too many requests, or is stopping; try again later")
+    }
+}
+
+/// A server of a policy that runs.
+pub struct PolicyServer {
+    runtime: Mutex<Option<Runtime>>,
+    desk: Arc<Desk>,
+    address: SocketAddr,
+}
+
+impl PolicyServer {
+    /// Starts a server.
+    ///
+    /// * `metadata`: the first frame of a connection: a JSON object.
+    ///
+    /// # Errors
+    /// As [`crate::Server::start`].
+    pub fn start(config: &ServerConfig, metadata: &serde_json::Value) -> Result<Self, ServerError> {
+        check(config)?;
+        let tls = listener::tls(config)?;
+        let runtime = io_runtime()?;
+        let (listener, address) = listener::bind(&runtime, config)?;
+        let mut frame = Encoder::default();
+        frame.json(metadata);
+        let most = config.max_sessions + SPARE_CONNECTIONS;
+        let desk = Arc::new(Desk {
+            gate: Gate::new(config.token.as_deref(), &config.origins),
+            metadata: frame.into_bytes().into(),
+            metrics: Arc::default(),
+            max_message: config.max_message,
+            slots: Arc::new(Semaphore::new(config.max_sessions)),
+            draining: AtomicBool::new(false),
+            connections: AtomicU64::new(1),
+            queue: Mutex::default(),
+            gone: Mutex::default(),
+            arrived: Condvar::new(),
+        });
+        spawn(&runtime, listener, tls, Arc::clone(&desk), most);
+        Ok(Self { runtime: Mutex::new(Some(runtime)), desk, address })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The next requests, at most `most`; none within `wait`.
+    pub fn next_jobs(&self, most: usize, wait: Duration) -> Vec<PolicyJob> {
+        let queue = self.desk.queue();
+        let (mut queue, _) = self
+            .desk
+            .arrived
+            .wait_timeout_while(queue, wait, |queue| queue.is_empty())
+            .unwrap_or_else(PoisonError::into_inner);
+        let count = most.min(queue.len());
+        queue.drain(..count).collect()
+    }
+
+    /// Connections that ended since this was called last.
+    pub fn gone(&self) -> Vec<u64> {
+        std::mem::take(&mut *self.desk.gone.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Counts a batch of decisions.
+    pub fn decided(&self, count: usize, seconds: f64) {
+        self.desk.metrics.steps.inc_by(count as u64);
+        self.desk.metrics.decision_seconds.observe(seconds);
+    }
+
+    /// What it counts, in the text format of OpenMetrics.
+    pub fn metrics(&self) -> String {
+        self.desk.metrics.text()
+    }
+
+    /// No connection begins any more.
+    pub fn drain(&self) {
+        self.desk.draining.store(true, Ordering::Release);
+    }
+
+    /// Waits until no request waits, for at most [`DRAIN`] seconds and while `patient` says so, and ends everything.
+    pub fn stop(&self, patient: impl Fn() -> bool) {
+        self.drain();
+        let started = Instant::now();
+        while !self.desk.queue().is_empty() && started.elapsed().as_secs() < DRAIN && patient() {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        self.desk.queue().clear();
+        if let Some(runtime) = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            std::thread::sleep(Duration::from_millis(50));
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl Drop for PolicyServer {
+    fn drop(&mut self) {
+        self.stop(|| false);
+    }
+}
+
+fn spawn(
+    runtime: &Runtime,
+    listener: TcpListener,
+    tls: Option<tokio_rustls::TlsAcceptor>,
+    desk: Arc<Desk>,
+    most: usize,
+) {
+    let metrics = Arc::clone(&desk.metrics);
+    let router = Router::new()
+        .route("/", get(connect))
+        .route("/grasps", post(decide))
+        .route("/healthz", get(health))
+        .route("/metrics", get(count))
+        .layer(DefaultBodyLimit::max(desk.max_message))
+        .with_state(desk);
+    runtime.spawn(listener::accept(listener, tls, router, most, move || Arc::clone(&metrics)));
+}
+
+async fn health(State(desk): State<Arc<Desk>>) -> (StatusCode, &'static str) {
+    if desk.draining.load(Ordering::Acquire) {
+        (StatusCode::SERVICE_UNAVAILABLE, "stopping\n")
+    } else {
+        (StatusCode::OK, "OK\n")
+    }
+}
+
+async fn count(State(desk): State<Arc<Desk>>, headers: HeaderMap) -> Response {
+    match desk.gate.admits(&headers) {
+        Ok(()) => desk.metrics.text().into_response(),
+        Err(reason) => refused(&desk.metrics, reason),
+    }
+}
+
+/// POST: JSON in, JSON out.
+async fn decide(State(desk): State<Arc<Desk>>, headers: HeaderMap, body: Bytes) -> Response {
+    if let Err(reason) = desk.gate.admits(&headers) {
+        return refused(&desk.metrics, reason);
+    }
+    // A page of another origin could send a plain form without asking.
+    if headers.get(CONTENT_TYPE).is_none_or(|kind| !kind.as_bytes().starts_with(b"application/json")) {
+        return (StatusCode::UNSUPPORTED_MEDIA_TYPE, "send JSON: Content-Type: application/json\n").into_response();
+    }
+    let result = desk.submit(Form::Json, body, 0).await;
+    let (status, bytes) = match result {
+        Ok(Ok(bytes)) => (StatusCode::OK, bytes),
+        Ok(Err(fault)) => {
+            desk.metrics.faults.inc();
+            let status = match fault.kind.as_str() {
+                "InternalError" => StatusCode::INTERNAL_SERVER_ERROR,
+                _ => StatusCode::BAD_REQUEST,
+            };
+            (status, told(&fault))
+        }
+        Err(_) => (StatusCode::SERVICE_UNAVAILABLE, told(&Desk::lost())),
+    };
+    desk.metrics.sent.inc_by(bytes.len() as u64);
+    let response = Response::builder().status(status).header(CONTENT_TYPE, "application/json").body(Body::from(bytes));
+    response.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
+}
+
+fn told(fault: &Fault) -> Vec<u8> {
+    let error = serde_json::json!({"type": fault.kind, "field": fault.field, "message": fault.message});
+    serde_json::json!({ "error": error }).to_string().into_bytes()
+}
+
+async fn connect(State(desk): State<Arc<Desk>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+    if let Err(reason) = desk.gate.admits(&headers) {
+        return refused(&desk.metrics, reason);
+    }
+    let free = !desk.draining.load(Ordering::Acquire);
+    let Some(slot) = Arc::clone(&desk.slots).try_acquire_owned().ok().filter(|_| free) else {
+        desk.metrics.refuse("sessions");
+        return (StatusCode::SERVICE_UNAVAILABLE, "this server takes no more clients; try again later\n").into_response();
+    };
+    let most = desk.max_message;
+    upgrade.max_message_size(most).max_frame_size(most).protocols(["graspbox"]).on_upgrade(move |socket| async move {
+        desk.metrics.sessions.inc();
+        let number = desk.connections.fetch_add(1, Ordering::Relaxed);
+        serve(socket, &desk, number).await;
+        desk.gone.lock().unwrap_or_else(PoisonError::into_inner).push(number);
+        desk.metrics.sessions.dec();
+        drop(slot);
+    })
+}
+
+async fn write(socket: &mut WebSocket, message: Message) -> bool {
+    matches!(timeout(Duration::from_secs(WRITE_TIMEOUT), socket.send(message)).await, Ok(Ok(())))
+}
+
+/// Serves a client: one request after the other; pings are answered meanwhile.
+async fn serve(mut socket: WebSocket, desk: &Desk, number: u64) {
+    if !write(&mut socket, Message::Binary(desk.metadata.clone())).await {
+        return;
+    }
+    let mut behind: VecDeque<Bytes> = VecDeque::new();
+    let mut deciding: Option<oneshot::Receiver<Result<Vec<u8>, Fault>>> = None;
+    let mut pings = interval(Duration::from_secs(PING));
+    pings.reset();
+    loop {
+        if deciding.is_none() {
+            deciding = behind.pop_front().map(|frame| desk.submit(Form::Frame, frame, number));
+        }
+        tokio::select! {
+            result = decision(&mut deciding) => {
+                deciding = None;
+                let message = match result {
+                    Ok(frame) => Message::Binary(frame.into()),
+                    Err(fault) => {
+                        desk.metrics.faults.inc();
+                        Message::Text(fault.message.into())
+                    }
+                };
+                if !write(&mut socket, message).await {
+                    return;
+                }
+            }
+            message = socket.recv(), if behind.len() < MAX_BEHIND => match message {
+                Some(Ok(Message::Binary(frame))) => behind.push_back(frame),
+                Some(Ok(Message::Text(_))) => {
+                    let wrong = "observations are binary frames of msgpack; this frame is text";
+                    if !write(&mut socket, Message::Text(wrong.into())).await {
+                        return;
+                    }
+                }
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
+                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+            },
+            _ = pings.tick() => if !write(&mut socket, Message::Ping(Bytes::new())).await {
+                return;
+            },
+        }
+    }
+}
+
+/// The decision that is awaited; never, where none is.
+async fn decision(deciding: &mut Option<oneshot::Receiver<Result<Vec<u8>, Fault>>>) -> Result<Vec<u8>, Fault> {
+    match deciding {
+        Some(result) => result.await.unwrap_or_else(|_| Err(Desk::lost())),
+        None => std::future::pending().await,
+    }
+}

@@ -1,0 +1,83 @@
+"""``graspbox serve-policy``: grasps and actions for robots and clients on other machines."""
+
+import signal
+import sys
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from graspbox.cli.common import console
+from graspbox.cli.serve import (
+    Host,
+    Insecure,
+    Log,
+    MaxMessage,
+    Origins,
+    TlsCert,
+    TlsKey,
+    TokenFile,
+    log_to_stderr,
+    token_in,
+)
+from graspbox.envs import IDS
+from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
+
+_DEFAULTS = PolicyServerSettings()
+
+
+def serve_policy(
+    policy: Annotated[str, typer.Argument(help="Folder of a published policy, or a baseline that reads no state.")],
+    host: Host = _DEFAULTS.host,
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0: any that is free.")] = _DEFAULTS.port,
+    env: Annotated[
+        str | None, typer.Option("--env", help=f"Environment whose observations clients send: {' or '.join(IDS)}.")
+    ] = None,
+    tls_cert: TlsCert = None,
+    tls_key: TlsKey = None,
+    token_file: TokenFile = None,
+    origins: Origins = None,
+    insecure: Insecure = False,
+    max_sessions: Annotated[int, typer.Option("--max-sessions", help="Most clients.")] = _DEFAULTS.max_sessions,
+    max_message: MaxMessage = _DEFAULTS.max_message,
+    threads: Annotated[
+        int, typer.Option("--threads", min=1, max=64, help="Decisions that are made at once.")
+    ] = _DEFAULTS.threads,
+    log: Log = "text",
+) -> None:
+    """Serve a policy: depth images in, grasps out, over openpi's WebSocket protocol and POST /grasps.
+
+    SIGTERM and Ctrl-C let requests end, 10 s at most; a second one ends at once.
+    """
+    log_to_stderr(log)
+    settings = PolicyServerSettings(
+        host=host,
+        port=port,
+        token=token_in(token_file),
+        tls_cert=tls_cert,
+        tls_key=tls_key,
+        origins=tuple(origins or ()),
+        insecure=insecure,
+        max_sessions=max_sessions,
+        max_message=max_message,
+        env_id=env,
+        threads=threads,
+    )
+    server = PolicyServer(policy, settings)
+    signals = 0
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal signals
+        signals += 1
+        if signals > 1:
+            server.stop(patient=False)
+            raise SystemExit(130)
+        server.drain()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, stop)
+    with server:
+        typer.echo(f"serving {policy} at {server.url}; POST {server.url.replace('ws', 'http', 1)}/grasps for JSON")
+        sys.stdout.flush()
+        server.wait()
+        console.print("stopping; requests have 10 s to end")

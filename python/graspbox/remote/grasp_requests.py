@@ -1,0 +1,209 @@
+"""Requests for grasps: what a client sends, what it gets, as arrays or as JSON.
+
+| entry of a request | shape | meaning |
+|---|---|---|
+| ``depth`` | (H, W), or (k, H, W) for several images | metres as floats, millimetres as integers; 0 where nothing was measured |
+| ``intrinsics`` | (3, 3) or (k, 3, 3) | pixels |
+| ``camera_pose`` | (4, 4) or (k, 4, 4), optional | ``table_from_camera``: z up, the table at z = 0, metres; by default the table is found in the image |
+| ``region`` | 4 integers, optional | left, top, right, bottom: pixels within which the object is looked for |
+| ``hand_error`` | 2 numbers, optional | how far the hand goes from where it is sent, one standard deviation: millimetres, degrees |
+| ``depth_scale`` | number, optional | metres per unit of ``depth`` |
+| ``count`` | integer, optional | most grasps, 1 to 100; 5 by default |
+| ``seed`` | integer, optional | seed of the refinement |
+
+The camera looks along z, with x to the right and y down. A request of k images has k answers, in ``images``; a request
+of one has the entries of `answer_of`. In JSON an array is a list, or ``{"data": base64, "dtype": "<u2", "shape": [H, W]}``.
+"""  # noqa: E501 (a table)
+
+import base64
+import binascii
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.arguments import natural, shown
+from graspbox.errors import ConfigError
+from graspbox.hands import Hand, load_hand
+from graspbox.perception.depth_images import fit_table, metric_depth
+from graspbox.perception.grasp_image import ImageGrasper, ImageGrasps
+from graspbox.perception.perturbations import PoseNoise
+from graspbox.rotations import quaternion_from_rotation
+
+__all__ = ["ENTRIES", "answer_of", "decide", "from_json", "to_json"]
+
+#: Entries of a request.
+ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "hand_error", "depth_scale", "count", "seed")
+#: Most images of a request, and most pixels of one: as many as a camera of 4096 x 3072 has.
+MAX_IMAGES, MAX_PIXELS = 16, 4096 * 3072
+#: Most grasps for an image.
+MAX_GRASPS = 100
+
+
+def _array(request: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Take an array of numbers of a shape."""
+    try:
+        found = np.asarray(request[name], dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{name} is {shown(request[name])}; give an array of shape {shape}") from None
+    if found.shape != shape or not np.isfinite(found).all():
+        raise ConfigError(f"{name} has shape {found.shape}; give finite numbers of shape {shape}")
+    return found
+
+
+def _image(request: Mapping[str, Any]) -> NDArray[np.generic]:
+    if "depth" not in request or "intrinsics" not in request:
+        raise ConfigError("a request for grasps needs the entries 'depth' and 'intrinsics'")
+    try:
+        found: NDArray[np.generic] = np.asarray(request["depth"])
+    except ValueError:
+        raise ConfigError("depth holds rows of different lengths; give an image (H, W)") from None
+    if found.dtype.kind not in "fiu" or found.ndim not in (2, 3):
+        raise ConfigError(f"depth is {found.dtype} of shape {found.shape}; give numbers (H, W), or (k, H, W)")
+    if found.ndim == 3 and found.shape[2] == 1 and found.shape[0] > MAX_IMAGES:
+        found = found[..., 0]
+    images = found.shape[0] if found.ndim == 3 else 1
+    if images > MAX_IMAGES or not 0 < found.size <= images * MAX_PIXELS:
+        raise ConfigError(f"depth has shape {found.shape}; at most {MAX_IMAGES} images of {MAX_PIXELS} pixels fit")
+    return found
+
+
+def _separate(request: Mapping[str, Any], depth: NDArray[np.generic]) -> list[dict[str, Any]]:
+    """Make one request per image."""
+    if depth.ndim == 2:
+        return [{**request, "depth": depth}]
+    parts = []
+    for index in range(len(depth)):
+        own = {**request, "depth": depth[index]}
+        for name in ("intrinsics", "camera_pose"):
+            if request.get(name) is not None and np.ndim(request[name]) == 3:
+                if len(request[name]) != len(depth):
+                    raise ConfigError(
+                        f"{name} has {len(request[name])} matrices; give one for each of {len(depth)} images"
+                    )
+                own[name] = request[name][index]
+        parts.append(own)
+    return parts
+
+
+def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Find the grasps of a request.
+
+    Returns
+    -------
+    dict
+        `answer_of` the image; for several, a list of them in ``images``.
+
+    Raises
+    ------
+    ConfigError
+        For an entry that is wrong, missing or unknown, or an image without an object.
+    """
+    for name in request:
+        if name not in ENTRIES:
+            raise ConfigError(f"a request for grasps has no entry {name!r}; choose from {', '.join(ENTRIES)}")
+    depth = _image(request)
+    hand = load_hand(grasper.config.hand)
+    answers = [answer_of(_found(grasper, one), hand) for one in _separate(request, depth)]
+    return answers[0] if depth.ndim == 2 else {"images": answers}
+
+
+def _found(grasper: ImageGrasper, request: Mapping[str, Any]) -> ImageGrasps:
+    scale = request.get("depth_scale")
+    if scale is not None and (isinstance(scale, bool) or not isinstance(scale, int | float | np.number)):
+        raise ConfigError(f"depth_scale is {shown(scale)}; give metres per unit, such as 0.001")
+    depth = metric_depth(request["depth"], None if scale is None else float(scale))
+    lens = _array(request, "intrinsics", (3, 3))
+    given = request.get("camera_pose")
+    pose = fit_table(depth, lens) if given is None else _array(request, "camera_pose", (4, 4))
+    region = None
+    if request.get("region") is not None:
+        left, top, right, bottom = (int(x) for x in _array(request, "region", (4,)))
+        region = (left, top, right, bottom)
+    error = None
+    if request.get("hand_error") is not None:
+        error = PoseNoise.in_millimetres(*_array(request, "hand_error", (2,)).tolist())
+    count = natural(request.get("count", 5), "count")
+    if not 1 <= count <= MAX_GRASPS:
+        raise ConfigError(f"count is {count}; give 1 to {MAX_GRASPS}")
+    seed = natural(request.get("seed", 0), "seed", bits=63)
+    return grasper.find(depth, lens, pose, count=count, region=region, hand_error=error, seed=seed)
+
+
+def answer_of(found: ImageGrasps, hand: Hand) -> dict[str, Any]:
+    """Answer with the grasps of an image, the best first.
+
+    Returns
+    -------
+    dict
+        ``camera_from_hand``, ``table_from_hand`` (n, 4, 4); ``position`` (n, 3) and ``quaternion_wxyz`` (n, 4) of
+        ``camera_from_hand``; ``preshape``, ``choice``, ``success``, ``secure`` (n,); ``joint_names`` and
+        ``joint_positions`` (n, c) of the open hand; ``table_from_camera`` (4, 4); ``hand``; and ``actions`` (1, 8),
+        position, quaternion and preshape of the best grasp, or (0, 8).
+    """
+    in_camera = found.camera_from_hand
+    rotations = quaternion_from_rotation(in_camera[:, :3, :3])
+    positions = in_camera[:, :3, 3]
+    best = np.concatenate([positions, rotations, found.preshape[:, None]], axis=1)[:1]
+    return {
+        "hand": found.policy.hand,
+        "camera_from_hand": in_camera,
+        "table_from_hand": found.table_from_hand,
+        "position": np.ascontiguousarray(positions),
+        "quaternion_wxyz": rotations,
+        "preshape": found.preshape,
+        "choice": found.choice,
+        "success": found.success,
+        "secure": found.secure,
+        "joint_names": hand.joints,
+        "joint_positions": np.array([hand.open(float(p)) for p in found.preshape]).reshape(-1, len(hand.joints)),
+        "table_from_camera": found.table_from_camera,
+        "actions": np.ascontiguousarray(best),
+    }
+
+
+def from_json(body: bytes) -> dict[str, Any]:
+    """Read a request from JSON.
+
+    Raises
+    ------
+    ConfigError
+        If it is no JSON object, or an array in it is wrong.
+    """
+    try:
+        found = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"the body is not JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise ConfigError("the body is JSON, but no object; send {'depth': ..., 'intrinsics': ...}")
+    return {name: _decoded(value, name) for name, value in found.items()}
+
+
+def _decoded(value: Any, name: str) -> Any:
+    if not isinstance(value, dict):
+        return value
+    try:
+        dtype, shape = np.dtype(value["dtype"]), tuple(int(n) for n in value["shape"])
+        data = base64.b64decode(value["data"], validate=True)
+    except (KeyError, TypeError, ValueError, binascii.Error):
+        raise ConfigError(
+            f"{name} is {shown(value)}; an array is {{'data': base64, 'dtype': '<u2', 'shape': [H, W]}}"
+        ) from None
+    if dtype.kind not in "biuf" or min(shape, default=0) < 0 or dtype.itemsize * int(np.prod(shape)) != len(data):
+        raise ConfigError(f"{name} has {len(data)} bytes; dtype {dtype} and shape {shape} do not fit them")
+    return np.frombuffer(data, dtype=dtype).reshape(shape)
+
+
+def to_json(answer: Mapping[str, Any]) -> str:
+    """Write an answer as JSON; arrays are lists."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        if isinstance(value, Mapping):
+            return {name: plain(item) for name, item in value.items()}
+        return [plain(item) for item in value] if isinstance(value, list) else value
+
+    return json.dumps(plain(answer))

@@ -1,0 +1,123 @@
+"""A policy on a server, as `graspbox evaluate ws://HOST:PORT` measures it: anything that speaks openpi's protocol."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+from graspbox.arguments import shown
+from graspbox.errors import ConfigError, ConnectionLostError
+from graspbox.policies import Actions, Policy, Task
+
+__all__ = ["RemotePolicy"]
+
+
+class RemotePolicy(Policy):
+    """Asks a server for the actions of each environment, one connection per environment.
+
+    Parameters
+    ----------
+    url : str
+        ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
+    obs : str or sequence of str, optional
+        Observations to send; by default those that the server's metadata name (``observations``).
+    keys : mapping of str to str, optional
+        Names under which the server expects observations, by our names.
+    chunk : int
+        Actions of an answer that are executed before the server is asked again; an answer must hold as many.
+    actions : str
+        Name of the actions in an answer.
+    token : str, optional
+        The server's token.
+    extra : mapping, optional
+        Entries sent with every observation, such as a prompt.
+
+    Raises
+    ------
+    ConnectionLostError
+        If the server cannot be reached.
+    ConfigError
+        If nothing says which observations it needs.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        obs: str | tuple[str, ...] | None = None,
+        keys: Mapping[str, str] | None = None,
+        chunk: int = 1,
+        actions: str = "actions",
+        token: str | None = None,
+        extra: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._url, self._token = url, token
+        self._keys, self._chunk, self._name, self._extra = dict(keys or {}), chunk, actions, dict(extra or {})
+        first = _core.PolicyClient(url, token=token, ca=None)
+        self.metadata: Mapping[str, Any] = first.metadata
+        self._ours = self.metadata.get("server") == "graspbox"
+        named = self.metadata.get("observations") or None
+        self.obs = obs or (named and tuple(named)) or None
+        if self.obs is None:
+            raise ConfigError(f"the server {url} does not say what it observes; name observations with obs (--obs)")
+        self.name = str(self.metadata.get("policy") or url)
+        self.env_id = self.metadata.get("environment")
+        if self._ours:
+            self.settings = dict(self.metadata["settings"])
+        self._clients = [first]
+        self._pending: list[list[NDArray[np.float32]]] = []
+        self._starts: list[dict[str, Any]] = []
+        self._active: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
+
+    def _bind(self, task: Task) -> None:
+        while len(self._clients) < task.num_envs:
+            self._clients.append(_core.PolicyClient(self._url, token=self._token, ca=None))
+        self._pending = [[] for _ in range(task.num_envs)]
+        self._starts = [{} for _ in range(task.num_envs)]
+        self._active = np.zeros(task.num_envs, dtype=np.bool_)
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        self._pending[env].clear()
+        self._active[env] = True
+        # A server that is not ours knows nothing of episodes.
+        self._starts[env] = {"reset": True, "seed": seed} if self._ours else {}
+
+    def act(self, observation: Any) -> Actions:
+        """Execute what is left of the last answers, and ask for more where nothing is."""
+        actions = self._zeros()
+        asked = [env for env in range(self.task.num_envs) if self._active[env] and not self._pending[env]]
+        for env in asked:
+            self._clients[env].send({**self._extra, **self._starts[env], **self._row(observation, env)})
+            self._starts[env] = {}
+        for env in asked:
+            self._pending[env] = self._chunk_of(self._clients[env].receive())
+        for env in range(self.task.num_envs):
+            if self._pending[env]:
+                actions[env] = self._pending[env].pop(0)
+        return actions
+
+    def _row(self, observation: Any, env: int) -> dict[str, Any]:
+        if isinstance(observation, Mapping):
+            found = {name: observation[name][env] for name in self.task.observation_space.spaces}  # type: ignore[attr-defined]
+        else:
+            name = self.task.obs if isinstance(self.task.obs, str) else self.task.obs[0]
+            found = {name: observation[env]}
+        return {self._keys.get(name, name): np.ascontiguousarray(value) for name, value in found.items()}
+
+    def _chunk_of(self, answer: Any) -> list[NDArray[np.float32]]:
+        """Take the actions of an answer, as many as are executed."""
+        if isinstance(answer, str):
+            raise ConfigError(f"the server {self._url} reports an error: {answer.strip().splitlines()[-1]}")
+        if not isinstance(answer, Mapping) or self._name not in answer:
+            raise ConnectionLostError(f"the server {self._url} answers {shown(answer)}; it must hold {self._name!r}")
+        found = np.asarray(answer[self._name], dtype=np.float32)
+        size = self.task.action_space.shape
+        if found.shape == size:
+            found = found[None]
+        if found.shape[1:] != size or len(found) < self._chunk:
+            raise ConfigError(
+                f"the server {self._url} gives actions of shape {found.shape}; {self._chunk} of shape {size} are needed"
+            )
+        return list(found[: self._chunk])
