@@ -2,13 +2,14 @@
 
 use crate::errors::CoreError;
 use crate::frames::{to_python, write};
+use bytes::Bytes;
 use graspbox_server::client::greet;
 use graspbox_server::client_socket::{Incoming, Socket};
-use graspbox_server::{Client as Core, ClientError, ClientOptions, Encoder, decode};
-use bytes::Bytes;
+use graspbox_server::{Client as Core, ClientError, ClientOptions, Encoder, decode, segment};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::fs::File;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 impl From<ClientError> for CoreError {
@@ -22,7 +23,11 @@ impl From<ClientError> for CoreError {
 
 /// A session on a server; calls of several threads are taken one after the other.
 #[pyclass(frozen, module = "graspbox._core")]
-pub struct Client(Mutex<Core>);
+pub struct Client {
+    core: Mutex<Core>,
+    /// Shared memory of the server, once it is opened.
+    segment: OnceLock<File>,
+}
 
 #[pymethods]
 impl Client {
@@ -35,14 +40,14 @@ impl Client {
             CoreError::Config(format!("grace is {grace}; give a number of seconds that is not negative"))
         })?;
         let made = py.detach(|| Core::connect(url, options, grace));
-        Ok(Self(Mutex::new(made.map_err(CoreError::from)?)))
+        Ok(Self { core: Mutex::new(made.map_err(CoreError::from)?), segment: OnceLock::new() })
     }
 
     /// The first frame of the server.
     #[getter]
     fn hello<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let frame = self.lock().hello().clone();
-        to_python(py, &decode(&frame).map_err(|error| CoreError::Internal(error.to_string()))?)
+        to_python(py, &decode(&frame).map_err(|error| CoreError::Internal(error.to_string()))?, None)
     }
 
     /// Sends a command with its fields; returns its number.
@@ -74,7 +79,20 @@ impl Client {
             return Ok(None);
         };
         let value = decode(&frame).map_err(|error| CoreError::Internal(error.to_string()))?;
-        to_python(py, &value).map(Some)
+        to_python(py, &value, self.segment.get()).map(Some)
+    }
+
+    /// Opens the shared memory that the server named.
+    fn open_segment(&self, name: &str) -> PyResult<()> {
+        let opened = segment::open(name).map_err(|error| {
+            CoreError::Config(format!(
+                "the shared memory of {} cannot be opened ({error}): the server must run on this machine, as the same user; \
+                 leave shm out",
+                self.lock().url()
+            ))
+        })?;
+        self.segment.get_or_init(|| opened);
+        Ok(())
     }
 
     /// Nobody waits for the answer to a command any more.
@@ -91,7 +109,7 @@ impl Client {
 
 impl Client {
     fn lock(&self) -> MutexGuard<'_, Core> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.core.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -116,7 +134,7 @@ impl PolicyClient {
     /// The first frame of the server.
     #[getter]
     fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, &decode(&self.metadata).map_err(|error| CoreError::Config(error.to_string()))?)
+        to_python(py, &decode(&self.metadata).map_err(|error| CoreError::Config(error.to_string()))?, None)
     }
 
     /// Sends an observation.
@@ -135,7 +153,8 @@ impl PolicyClient {
                 None => {}
                 Some(Incoming::Text(text)) => return Ok(PyString::new(py, &text).into_any()),
                 Some(Incoming::Frame(frame)) => {
-                    return to_python(py, &decode(&frame).map_err(|error| CoreError::Config(error.to_string()))?);
+                    let value = decode(&frame).map_err(|error| CoreError::Config(error.to_string()))?;
+                    return to_python(py, &value, None);
                 }
             }
         }

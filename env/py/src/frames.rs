@@ -2,20 +2,23 @@
 
 use crate::convert::array;
 use crate::errors::CoreError;
-use graspbox_server::value::{Dtype, NdArray};
-use graspbox_server::{Encoder, Value};
+use graspbox_server::value::{Dtype, NdArray, SharedArray};
+use graspbox_server::{Encoder, Value, segment};
 use numpy::{PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use std::fs::File;
 
 /// Deepest nesting of what is written.
 const MAX_DEPTH: usize = graspbox_server::value::MAX_DEPTH;
 
 /// A value as a Python object.
 ///
+/// * `shared`: where arrays in shared memory lie.
+///
 /// # Errors
 /// Memory that is not there.
-pub fn to_python<'py>(py: Python<'py>, value: &Value<'_>) -> PyResult<Bound<'py, PyAny>> {
+pub fn to_python<'py>(py: Python<'py>, value: &Value<'_>, shared: Option<&File>) -> PyResult<Bound<'py, PyAny>> {
     Ok(match value {
         Value::Nil => py.None().into_bound(py),
         Value::Bool(flag) => PyBool::new(py, *flag).to_owned().into_any(),
@@ -24,17 +27,18 @@ pub fn to_python<'py>(py: Python<'py>, value: &Value<'_>) -> PyResult<Bound<'py,
         Value::Text(text) => PyString::new(py, text).into_any(),
         Value::Bytes(bytes) => PyBytes::new(py, bytes).into_any(),
         Value::List(items) => {
-            let items = items.iter().map(|item| to_python(py, item)).collect::<PyResult<Vec<_>>>()?;
+            let items = items.iter().map(|item| to_python(py, item, shared)).collect::<PyResult<Vec<_>>>()?;
             PyList::new(py, items)?.into_any()
         }
         Value::Map(entries) => {
             let dict = PyDict::new(py);
             for (key, item) in entries {
-                dict.set_item(key, to_python(py, item)?)?;
+                dict.set_item(key, to_python(py, item, shared)?)?;
             }
             dict.into_any()
         }
         Value::Array(found) => numpy(py, found)?,
+        Value::Shared(found) => in_segment(py, found, shared)?,
     })
 }
 
@@ -58,6 +62,32 @@ fn numpy<'py>(py: Python<'py>, found: &NdArray<'_>) -> PyResult<Bound<'py, PyAny
         Dtype::F32 => of::<f32>(py, found),
         Dtype::F64 => of::<f64>(py, found),
     }
+}
+
+/// An array in shared memory, copied.
+fn in_segment<'py>(py: Python<'py>, found: &SharedArray, shared: Option<&File>) -> PyResult<Bound<'py, PyAny>> {
+    let lost = |why: String| CoreError::Connection(format!("the shared memory of the server cannot be read: {why}"));
+    let file = shared.ok_or_else(|| lost("it was not opened".to_owned()))?;
+    let count = found.bytes / found.dtype.size();
+    fn of<'py, T: numpy::Element + bytemuck::Pod>(
+        py: Python<'py>,
+        file: &File,
+        found: &SharedArray,
+        count: usize,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let mut values = vec![T::zeroed(); count];
+        segment::read(file, bytemuck::cast_slice_mut(&mut values), found.offset)?;
+        Ok(array(py, values, &found.shape)?.into_any())
+    }
+    let made = match found.dtype {
+        Dtype::U8 => of::<u8>(py, file, found, count),
+        Dtype::U16 => of::<u16>(py, file, found, count),
+        Dtype::I64 => of::<i64>(py, file, found, count),
+        Dtype::F32 => of::<f32>(py, file, found, count),
+        Dtype::F64 => of::<f64>(py, file, found, count),
+        _ => Err(lost(format!("it holds an array of {}", found.dtype.name())).into()),
+    };
+    made.map_err(|error| lost(error.to_string()).into())
 }
 
 /// Appends a Python object to a frame.

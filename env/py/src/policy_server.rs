@@ -102,7 +102,7 @@ impl PolicyJob {
             job.as_ref().ok_or_else(answered)?.body.clone()
         };
         let value = decode(&body).map_err(|error| CoreError::Config(error.to_string()))?;
-        to_python(py, &value)
+        to_python(py, &value, None)
     }
 
     /// Seconds since it came.

@@ -2,11 +2,13 @@
 
 use crate::encode::Encoder;
 use crate::fault::Fault;
+use crate::segment::Segment;
 use graspbox_agent::env_pool::Stepped;
 use graspbox_agent::info::{INFO, InfoArray};
 use graspbox_agent::reward::TERM_COUNT;
 use graspbox_agent::{Batch, EnvSpec};
 use graspbox_vision::{ImageTable, Pixels};
+use std::sync::Arc;
 
 /// Bytes of a frame beside its arrays.
 const HEAD: usize = 4096;
@@ -19,6 +21,8 @@ pub struct Layout<'a> {
     pub weights: &'a [f64],
     /// Depth images as uint16 millimetres.
     pub millimetres: bool,
+    /// Where large arrays go instead of the frame.
+    pub segment: Option<Arc<Segment>>,
 }
 
 /// Begins the answer to command `id` with `entries` entries beside the number.
@@ -51,7 +55,7 @@ pub fn error(id: Option<u64>, fault: &Fault) -> Vec<u8> {
 /// The answer of a step: every row, and the ends of episodes that began anew in it.
 pub fn stepped(id: u64, layout: &Layout<'_>, stepped: &Stepped) -> Vec<u8> {
     let last = (!stepped.last.is_empty()).then_some(&stepped.last);
-    let mut frame = begin(id, 1 + usize::from(last.is_some()), size(&stepped.now) + last.map_or(0, size));
+    let mut frame = rows(id, layout, 1 + usize::from(last.is_some()), size(&stepped.now) + last.map_or(0, size));
     frame.text("now");
     batch(&mut frame, layout, &stepped.now);
     if let Some(last) = last {
@@ -62,11 +66,23 @@ pub fn stepped(id: u64, layout: &Layout<'_>, stepped: &Stepped) -> Vec<u8> {
 }
 
 /// The answer with the rows of a batch.
-pub fn now(id: u64, layout: &Layout<'_>, rows: &Batch) -> Vec<u8> {
-    let mut frame = begin(id, 1, size(rows));
+pub fn now(id: u64, layout: &Layout<'_>, found: &Batch) -> Vec<u8> {
+    let mut frame = rows(id, layout, 1, size(found));
     frame.text("now");
-    batch(&mut frame, layout, rows);
+    batch(&mut frame, layout, found);
     frame.into_bytes()
+}
+
+/// Begins an answer with rows of environments.
+fn rows(id: u64, layout: &Layout<'_>, entries: usize, bytes: usize) -> Encoder {
+    match &layout.segment {
+        None => begin(id, entries, bytes),
+        Some(segment) => {
+            let mut frame = begin(id, entries, 0);
+            frame.share(Arc::clone(segment));
+            frame
+        }
+    }
 }
 
 /// Bytes of the arrays of a batch, at most.
@@ -134,7 +150,7 @@ fn image(frame: &mut Encoder, layout: &Layout<'_>, table: &ImageTable, pixels: &
         Pixels::Bytes(values) => frame.array(values, &shape),
         Pixels::Floats(values) if layout.millimetres && table.kind == "depth" => {
             // Beyond 65.535 m is as far as it goes; 0 stays 0, which stands for nothing.
-            let millimetres: Vec<u16> = values.iter().map(|depth| (depth * 1000.0).round() as u16).collect();
+            let millimetres: Vec<u16> = values.iter().map(|depth| (depth * 1000.0 + 0.5) as u16).collect();
             frame.array(&millimetres, &shape);
         }
         Pixels::Floats(values) => frame.array(values, &shape),

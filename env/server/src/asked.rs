@@ -7,6 +7,8 @@ pub struct Asked {
     pub millimetres: bool,
     /// Number that the first environment has for the client, in errors.
     pub first: usize,
+    /// Large arrays through shared memory.
+    pub shm: bool,
     /// How long the session waits for a lost connection, seconds.
     pub grace: f64,
 }

@@ -15,7 +15,11 @@ type Parse = fn(&Fields<'_, '_>) -> Result<Command, Fault>;
 
 /// Every command: its name, its fields, and how they are read.
 pub const COMMANDS: &[(&str, &[&str], Parse)] = &[
-    ("make", &["environment", "num_envs", "vector", "objects", "keywords", "depth", "grace", "first_env"], make),
+    (
+        "make",
+        &["environment", "num_envs", "vector", "objects", "keywords", "depth", "grace", "first_env", "share"],
+        make,
+    ),
     ("reset", &["seed", "mask", "options"], reset),
     ("step", &["actions"], |fields| {
         let (actions, width) = fields.rows("actions")?;
@@ -190,7 +194,7 @@ fn make(fields: &Fields<'_, '_>) -> Result<Command, Fault> {
         }
     };
     let first = fields.natural("first_env")?.unwrap_or_default() as usize;
-    let asked = Asked { millimetres, first, grace: fields.number("grace")? };
+    let asked = Asked { millimetres, first, grace: fields.number("grace")?, shm: fields.flag("share")? };
     Ok(Command::Make { request: request.into(), asked })
 }
 

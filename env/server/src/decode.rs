@@ -1,10 +1,12 @@
 //! Reading a frame: copies no array, and bounds what it allocates.
 
-use crate::value::{ARRAY, CodecError, Dtype, MAX_DEPTH, MAX_VALUES, NdArray, SCALAR, Value};
+use crate::value::{ARRAY, CodecError, Dtype, MAX_DEPTH, MAX_VALUES, NdArray, SCALAR, SHARED, SharedArray, Value};
 use rmp::Marker;
 
 /// Most axes of an array, numpy's own limit.
 const MAX_AXES: usize = 32;
+/// Largest array in shared memory, bytes.
+const MAX_SHARED: usize = 1 << 30;
 
 /// Reads a frame.
 ///
@@ -143,6 +145,9 @@ impl<'a> Reader<'a> {
         if value.get(ARRAY) == Some(&Value::Bool(true)) {
             return Ok(Value::Array(array(&value)?));
         }
+        if value.get(SHARED).is_some() {
+            return shared(&value);
+        }
         if value.get(SCALAR) == Some(&Value::Bool(true)) {
             return scalar(&value);
         }
@@ -163,6 +168,30 @@ fn typed<'a>(map: &Value<'a>) -> Result<(Dtype, &'a [u8]), CodecError> {
 
 fn array<'a>(map: &Value<'a>) -> Result<NdArray<'a>, CodecError> {
     let (dtype, data) = typed(map)?;
+    let shape = shape(map)?;
+    if bytes(dtype, &shape) != Some(data.len()) {
+        return Err(wrong(format!("of shape {shape:?} and dtype {} has {} bytes of data", dtype.name(), data.len())));
+    }
+    Ok(NdArray { dtype, shape, data })
+}
+
+/// Bytes of an array; none beyond the address space.
+fn bytes(dtype: Dtype, shape: &[usize]) -> Option<usize> {
+    shape.iter().try_fold(dtype.size(), |bytes, n| bytes.checked_mul(*n))
+}
+
+fn shared<'a>(map: &Value<'a>) -> Result<Value<'a>, CodecError> {
+    let (Some(Value::Integer(offset)), Some(Value::Text(name))) = (map.get(SHARED), map.get("dtype")) else {
+        return Err(wrong("in shared memory lacks its offset or its dtype"));
+    };
+    let (dtype, shape) = (Dtype::parse(name)?, shape(map)?);
+    let offset = u64::try_from(*offset).map_err(|_| wrong("in shared memory has no offset"))?;
+    let bytes = bytes(dtype, &shape).filter(|bytes| *bytes <= MAX_SHARED);
+    let bytes = bytes.ok_or_else(|| wrong(format!("in shared memory of shape {shape:?} is too large")))?;
+    Ok(Value::Shared(SharedArray { dtype, shape, offset, bytes }))
+}
+
+fn shape(map: &Value<'_>) -> Result<Vec<usize>, CodecError> {
     let Some(Value::List(sizes)) = map.get("shape") else {
         return Err(wrong("lacks its shape; give a list of sizes"));
     };
@@ -173,12 +202,7 @@ fn array<'a>(map: &Value<'a>) -> Result<NdArray<'a>, CodecError> {
         Value::Integer(n) => usize::try_from(*n).map_err(|_| wrong(format!("has an axis of length {n}"))),
         _ => Err(wrong("has an axis whose length is no integer")),
     };
-    let shape = sizes.iter().map(size).collect::<Result<Vec<_>, _>>()?;
-    let wanted = shape.iter().try_fold(dtype.size(), |bytes, n| bytes.checked_mul(*n));
-    if wanted != Some(data.len()) {
-        return Err(wrong(format!("of shape {shape:?} and dtype {} has {} bytes of data", dtype.name(), data.len())));
-    }
-    Ok(NdArray { dtype, shape, data })
+    sizes.iter().map(size).collect()
 }
 
 /// A numpy scalar, as the plain value that it is.

@@ -1,19 +1,28 @@
 //! Writing a frame.
 
-use crate::value::{ARRAY, Dtype, Number};
+use crate::segment::{LEAST, Segment};
+use crate::value::{ARRAY, Dtype, Number, SHARED};
 use rmp::encode as write;
+use std::sync::Arc;
 
 /// Writes a frame, value by value: a map of `n` entries is [`Encoder::map`] and then `n` times a key and a value.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub struct Encoder {
     bytes: Vec<u8>,
+    /// Where large arrays go instead, and how much of it is used.
+    segment: Option<(Arc<Segment>, u64)>,
 }
 
 // Writing to a vector does not fail, so the results of `rmp` are dropped.
 impl Encoder {
     /// Begins a frame of about `bytes` bytes.
     pub fn with_capacity(bytes: usize) -> Self {
-        Self { bytes: Vec::with_capacity(bytes) }
+        Self { bytes: Vec::with_capacity(bytes), segment: None }
+    }
+
+    /// Large arrays go into shared memory from now on.
+    pub fn share(&mut self, segment: Arc<Segment>) {
+        self.segment = Some((segment, 0));
     }
 
     /// The frame.
@@ -73,14 +82,35 @@ impl Encoder {
 
     /// An array, in C order.
     pub fn array<T: Number>(&mut self, values: &[T], shape: &[usize]) {
-        self.array_head(T::DTYPE, shape, size_of_val(values));
-        self.bytes.extend_from_slice(bytemuck::cast_slice(values));
+        self.array_bytes(T::DTYPE, shape, bytemuck::cast_slice(values));
     }
 
     /// An array from its bytes.
     pub fn array_bytes(&mut self, dtype: Dtype, shape: &[usize], data: &[u8]) {
+        if self.shared(dtype, shape, data) {
+            return;
+        }
         self.array_head(dtype, shape, data.len());
         self.bytes.extend_from_slice(data);
+    }
+
+    /// Writes a large array into shared memory; false where it belongs into the frame.
+    fn shared(&mut self, dtype: Dtype, shape: &[usize], data: &[u8]) -> bool {
+        let Some((segment, used)) = &mut self.segment else {
+            return false;
+        };
+        if data.len() < LEAST || segment.write(data, *used).is_err() {
+            return false;
+        }
+        let offset = *used;
+        *used += data.len() as u64;
+        self.map(4);
+        self.binary(SHARED.as_bytes());
+        self.unsigned(offset);
+        self.head(dtype, shape);
+        self.binary(b"bytes");
+        self.unsigned(data.len() as u64);
+        true
     }
 
     /// What precedes the data of an array, which must be appended next.
@@ -88,13 +118,17 @@ impl Encoder {
         self.map(4);
         self.binary(ARRAY.as_bytes());
         self.boolean(true);
+        self.head(dtype, shape);
+        self.binary(b"data");
+        drop(write::write_bin_len(&mut self.bytes, length as u32));
+    }
+
+    fn head(&mut self, dtype: Dtype, shape: &[usize]) {
         self.binary(b"dtype");
         self.text(dtype.name());
         self.binary(b"shape");
         self.list(shape.len());
         shape.iter().for_each(|n| self.unsigned(*n as u64));
-        self.binary(b"data");
-        drop(write::write_bin_len(&mut self.bytes, length as u32));
     }
 
     /// A JSON value.

@@ -4,6 +4,7 @@ use crate::answer::{self, Layout};
 use crate::asked::Asked;
 use crate::command::{Command, Seeds};
 use crate::fault::{Classify, Fault};
+use crate::segment::Segment;
 use graspbox_agent::env_pool::Stepped;
 use graspbox_agent::{AgentError, Batch, EnvPool};
 use graspbox_vision::PictureConfig;
@@ -30,6 +31,7 @@ pub struct Environment {
     weights: Vec<f64>,
     picture: Option<PictureConfig>,
     asked: Asked,
+    segment: Option<Arc<Segment>>,
     classify: Classify,
 }
 
@@ -40,14 +42,32 @@ const SHORT_SKIP: u32 = 2;
 pub type Arrival = (usize, Result<Stepped, AgentError>);
 
 impl Environment {
-    /// Takes what Python made.
-    pub fn new(made: Made, asked: Asked, classify: Classify) -> Self {
-        Self { pool: made.pool, weights: made.weights, picture: made.picture, asked, classify }
+    /// Takes what Python made; an answer has at most `bytes` bytes.
+    ///
+    /// # Errors
+    /// Shared memory that is asked for and not there.
+    pub fn new(made: Made, asked: Asked, bytes: usize, classify: Classify) -> Result<Self, Fault> {
+        let segment = match asked.shm {
+            false => None,
+            true => Some(Arc::new(Segment::create(random()?, bytes).map_err(|error| {
+                Fault::config("share", format!("this server has no shared memory to offer: {error}; leave shm out"))
+            })?)),
+        };
+        Ok(Self { pool: made.pool, weights: made.weights, picture: made.picture, asked, segment, classify })
     }
 
-    /// How results are written.
-    pub fn layout(&self) -> Layout<'_> {
-        Layout { spec: self.pool.spec(), weights: &self.weights, millimetres: self.asked.millimetres }
+    /// How results are written; large arrays into shared memory with `shm`, if there is some.
+    fn layout(&self, shm: bool) -> Layout<'_> {
+        let segment = self.segment.clone().filter(|_| shm);
+        if let Some(segment) = &segment {
+            segment.opened();
+        }
+        Layout { spec: self.pool.spec(), weights: &self.weights, millimetres: self.asked.millimetres, segment }
+    }
+
+    /// Name of the shared memory, for the client.
+    pub fn segment(&self) -> Option<&str> {
+        self.segment.as_deref().map(Segment::name)
     }
 
     fn fault(&self, field: &str, error: AgentError) -> Fault {
@@ -66,7 +86,9 @@ impl Environment {
         let config = &self.pool.spec().config;
         match command {
             Command::Observe | Command::Cameras | Command::GetState { .. } => true,
-            Command::Step { .. } => self.pool.len() == 1 && !config.control.decides() && config.frame_skip <= SHORT_SKIP,
+            Command::Step { .. } => {
+                self.pool.len() == 1 && !config.control.decides() && config.frame_skip <= SHORT_SKIP
+            }
             _ => false,
         }
     }
@@ -74,11 +96,12 @@ impl Environment {
     /// Carries out a command on the current rayon pool; the answer as a frame.
     ///
     /// * `stop`: set to leave environments that it has not reached as they are.
+    /// * `shm`: large arrays of the answer may lie in shared memory.
     /// * `done`: called for each environment of `send` that arrives.
     ///
     /// # Errors
     /// The error that the same call has locally.
-    pub fn run<F>(&self, id: u64, command: Command, stop: &AtomicBool, done: F) -> Result<Vec<u8>, Fault>
+    pub fn run<F>(&self, id: u64, command: Command, shm: bool, stop: &AtomicBool, done: F) -> Result<Vec<u8>, Fault>
     where
         F: Fn(Arrival) + Clone + Send + 'static,
     {
@@ -86,12 +109,12 @@ impl Environment {
             Command::Reset { seeds, mask, options } => {
                 let seeds = self.seeds(seeds)?;
                 let batch = self.pool.reset_until(stop, &seeds, mask.as_deref(), &options);
-                Ok(answer::now(id, &self.layout(), &batch.map_err(|error| self.fault("options", error))?))
+                Ok(answer::now(id, &self.layout(shm), &batch.map_err(|error| self.fault("options", error))?))
             }
             Command::Step { actions, width } => {
                 self.check(&actions, width, self.pool.len())?;
                 let stepped = self.pool.step_until(stop, &actions).map_err(|error| self.fault("actions", error))?;
-                Ok(answer::stepped(id, &self.layout(), &stepped))
+                Ok(answer::stepped(id, &self.layout(shm), &stepped))
             }
             Command::Send { actions, width, envs } => {
                 let envs = envs.unwrap_or_else(|| (0..self.pool.len()).collect());
@@ -104,7 +127,7 @@ impl Environment {
                 let all = 0..self.pool.len();
                 let ready = all.map(|env| self.pool.env(env)?.ready_to_observe(env));
                 ready.collect::<Result<(), _>>().map_err(|error| self.fault("", error))?;
-                Ok(answer::now(id, &self.layout(), &self.pool.now()))
+                Ok(answer::now(id, &self.layout(shm), &self.pool.now()))
             }
             Command::Render { envs } => self.render(id, envs),
             Command::Cameras => self.cameras(id).map_err(|error| self.fault("", error)),
@@ -118,7 +141,7 @@ impl Environment {
             }
             Command::SetState { env, state } => {
                 let batch = self.pool.restore(env, &state).map_err(|error| self.fault("state", error))?;
-                Ok(answer::now(id, &self.layout(), &batch))
+                Ok(answer::now(id, &self.layout(shm), &batch))
             }
             Command::Prepare => self.prepare(id, stop),
             Command::Names => {
@@ -232,7 +255,7 @@ impl Environment {
                 all.last.append(stepped.last);
             }
         }
-        Ok(answer::stepped(id, &self.layout(), &all))
+        Ok(answer::stepped(id, &self.layout(false), &all))
     }
 }
 

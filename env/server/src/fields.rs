@@ -228,7 +228,7 @@ pub fn json(value: &Value<'_>, name: &str) -> Result<serde_json::Value, Fault> {
             let pair = |(key, value): &(&str, Value<'_>)| Ok(((*key).to_owned(), json(value, name)?));
             Json::Object(entries.iter().map(pair).collect::<Result<Map<_, _>, Fault>>()?)
         }
-        Value::Text(_) | Value::Bytes(_) | Value::Array(_) => {
+        Value::Text(_) | Value::Bytes(_) | Value::Array(_) | Value::Shared(_) => {
             return Err(wrong(name, "numbers, short texts, lists and maps; no bytes and no arrays"));
         }
     })

@@ -10,6 +10,7 @@
 //! | [`hub`] | what all sessions share: settings, counters, threads, how many environments are left |
 //! | [`session`], [`session_state`], [`sessions`] | a client's commands in order, and its answers until they have arrived |
 //! | [`connection`] | one WebSocket: reads, writes, pings |
+//! | [`segment`] | memory that server and client of one machine share |
 //! | [`gate`] | who may come in |
 //! | [`listener`] | accepts connections, with TLS or without |
 //! | [`server`] | starts, drains, ends |
@@ -38,6 +39,7 @@ pub mod hub;
 pub mod listener;
 pub mod metrics;
 pub mod policy_server;
+pub mod segment;
 pub mod server;
 pub mod session;
 pub mod session_state;

@@ -275,7 +275,8 @@ async fn connect(State(desk): State<Arc<Desk>>, headers: HeaderMap, upgrade: Web
     let free = !desk.draining.load(Ordering::Acquire);
     let Some(slot) = Arc::clone(&desk.slots).try_acquire_owned().ok().filter(|_| free) else {
         desk.metrics.refuse("sessions");
-        return (StatusCode::SERVICE_UNAVAILABLE, "this server takes no more clients; try again later\n").into_response();
+        return (StatusCode::SERVICE_UNAVAILABLE, "this server takes no more clients; try again later\n")
+            .into_response();
     };
     let most = desk.max_message;
     upgrade.max_message_size(most).max_frame_size(most).protocols(["graspbox"]).on_upgrade(move |socket| async move {

@@ -255,13 +255,13 @@ impl Session {
             Command::Make { request, asked } => self.make(state, id, request, asked),
             command => match state.environment.clone() {
                 None => self.answer(state, Some(id), Err(nothing_made())),
-                Some(environment) => return Some(self.job(id, environment, command)),
+                Some(environment) => return Some(self.job(id, environment, command, request.shm)),
             },
         }
         None
     }
 
-    fn job(self: &Arc<Self>, id: u64, environment: Arc<Environment>, command: Command) -> Job {
+    fn job(self: &Arc<Self>, id: u64, environment: Arc<Environment>, command: Command, shm: bool) -> Job {
         let session = Arc::downgrade(self);
         let arrived = move |arrival: Arrival| {
             if let Some(session) = session.upgrade() {
@@ -273,7 +273,7 @@ impl Session {
         let hub = Arc::clone(&self.hub);
         Job::new(id, environment.is_short(&command), move |stop| {
             let (steps, started) = (matches!(command, Command::Step { .. }), Instant::now());
-            let frame = environment.run(id, command, stop, arrived)?;
+            let frame = environment.run(id, command, shm, stop, arrived)?;
             if steps {
                 hub.metrics.step_seconds.observe(started.elapsed().as_secs_f64());
                 hub.metrics.steps.inc_by(environment.pool.len() as u64);
@@ -353,7 +353,9 @@ impl Session {
             );
             return Err(Fault::config("num_envs", message));
         }
-        let mut frame = answer::begin(id, 3, 0);
+        let description = made.description.clone();
+        let environment = Environment::new(made, asked, bytes, self.hub.classify)?;
+        let mut frame = answer::begin(id, 4, 0);
         frame.text("session");
         frame.unsigned(self.id);
         frame.text("secret");
@@ -363,8 +365,13 @@ impl Session {
             frame.nil()
         }
         frame.text("description");
-        frame.json(&made.description);
-        self.lock().environment = Some(Arc::new(Environment::new(made, asked, self.hub.classify)));
+        frame.json(&description);
+        frame.text("segment");
+        match environment.segment() {
+            Some(name) => frame.text(name),
+            None => frame.nil(),
+        }
+        self.lock().environment = Some(Arc::new(environment));
         Ok(frame.into_bytes())
     }
 

@@ -6,6 +6,8 @@ pub const MAX_DEPTH: usize = 32;
 pub const MAX_VALUES: usize = 200_000;
 /// The key that says that a map is an array.
 pub(crate) const ARRAY: &str = "__ndarray__";
+/// The key that says that a map is an array in shared memory: its offset.
+pub(crate) const SHARED: &str = "__shm__";
 /// The key that says that a map is a numpy scalar.
 pub(crate) const SCALAR: &str = "__npgeneric__";
 
@@ -148,6 +150,19 @@ pub struct NdArray<'a> {
     pub data: &'a [u8],
 }
 
+/// An array in shared memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SharedArray {
+    /// Type of its numbers.
+    pub dtype: Dtype,
+    /// Length of each axis.
+    pub shape: Vec<usize>,
+    /// Where its bytes begin.
+    pub offset: u64,
+    /// Its number of bytes.
+    pub bytes: usize,
+}
+
 /// A value of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value<'a> {
@@ -169,6 +184,8 @@ pub enum Value<'a> {
     Map(Vec<(&'a str, Value<'a>)>),
     /// An array.
     Array(NdArray<'a>),
+    /// An array in shared memory.
+    Shared(SharedArray),
 }
 
 impl<'a> Value<'a> {

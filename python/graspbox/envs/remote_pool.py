@@ -19,6 +19,8 @@ __all__ = ["PROTOCOL", "RemotePool"]
 
 #: Version of the protocol; the server tells its own in its first frame.
 PROTOCOL = 1
+#: Commands whose answers hold observations; there is one of them at a time.
+_ROWS = ("reset", "step", "observe", "set_state")
 #: Seconds for which a cancelled call may still bring its answer.
 _GRACE = 0.5
 
@@ -48,11 +50,17 @@ class RemotePool:
 
     def __init__(self, url: str, config: RemoteConfig, request: dict[str, Any]) -> None:
         self.url, self.num_envs = url, int(request["num_envs"])
+        #: Beside every command whose answer holds observations.
+        self._shared: dict[str, bool] = {}
         self._client = _core.Client(url, token=config.token(), ca=config.ca_file, grace=config.grace)
         self.hello: dict[str, Any] = self._client.hello
         self._check_server()
         more = {"grace": min(config.grace, self.hello["limits"]["max_grace"]), "depth": config.depth}
-        self.description: dict[str, Any] = self.call("make", {**request, **more})["description"]
+        made = self.call("make", {**request, **more, "share": config.shm})
+        self.description: dict[str, Any] = made["description"]
+        if config.shm:
+            self._client.open_segment(made["segment"])
+            self._shared = {"shm": True}
 
     def _check_server(self) -> None:
         """Refuse a server that is none of ours, or of another version."""
@@ -68,7 +76,8 @@ class RemotePool:
 
     def begin(self, command: str, fields: dict[str, Any]) -> int:
         """Send a command; `end` waits for its answer."""
-        return self._client.submit(command, fields)
+        shared = self._shared if command in _ROWS else {}
+        return self._client.submit(command, {**fields, **shared})
 
     def end(self, number: int) -> dict[str, Any]:
         """Wait for the answer to a command, and raise the error that it may hold."""
