@@ -2,12 +2,14 @@
 
 use crate::convert::array;
 use crate::errors::CoreError;
+use bytemuck::Pod;
 use graspbox_server::value::{Dtype, NdArray, SharedArray};
 use graspbox_server::{Encoder, Value, segment};
-use numpy::{PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use std::fs::File;
+use std::io;
 
 /// Deepest nesting of what is written.
 const MAX_DEPTH: usize = graspbox_server::value::MAX_DEPTH;
@@ -42,51 +44,58 @@ pub fn to_python<'py>(py: Python<'py>, value: &Value<'_>, shared: Option<&File>)
     })
 }
 
-fn numpy<'py>(py: Python<'py>, found: &NdArray<'_>) -> PyResult<Bound<'py, PyAny>> {
-    fn of<'py, T: numpy::Element + bytemuck::Pod>(py: Python<'py>, found: &NdArray<'_>) -> PyResult<Bound<'py, PyAny>> {
-        Ok(array(py, bytemuck::pod_collect_to_vec::<u8, T>(found.data), &found.shape)?.into_any())
+/// A fresh array whose bytes `fill` writes.
+fn fresh<'py, T: Element + Pod>(
+    py: Python<'py>,
+    shape: &[usize],
+    fill: impl FnOnce(&mut [u8]) -> io::Result<()>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let made = PyArrayDyn::<T>::zeros(py, shape, false);
+    if let Ok(values) = made.readwrite().as_slice_mut() {
+        fill(bytemuck::cast_slice_mut(values))?;
     }
-    match found.dtype {
+    Ok(made.into_any())
+}
+
+/// An array of a type, whose bytes `fill` writes.
+fn typed<'py>(
+    py: Python<'py>,
+    dtype: Dtype,
+    shape: &[usize],
+    fill: impl FnOnce(&mut [u8]) -> io::Result<()>,
+) -> PyResult<Bound<'py, PyAny>> {
+    match dtype {
         Dtype::Bool => {
-            let flags = found.data.iter().map(|byte| *byte != 0).collect();
-            Ok(array::<bool>(py, flags, &found.shape)?.into_any())
+            // A byte that is neither 0 nor 1 is no bool, so each is looked at.
+            let mut bytes = vec![0; shape.iter().product()];
+            fill(&mut bytes)?;
+            Ok(array::<bool>(py, bytes.iter().map(|byte| *byte != 0).collect(), shape)?.into_any())
         }
-        Dtype::U8 => of::<u8>(py, found),
-        Dtype::I8 => of::<i8>(py, found),
-        Dtype::U16 => of::<u16>(py, found),
-        Dtype::I16 => of::<i16>(py, found),
-        Dtype::U32 => of::<u32>(py, found),
-        Dtype::I32 => of::<i32>(py, found),
-        Dtype::U64 => of::<u64>(py, found),
-        Dtype::I64 => of::<i64>(py, found),
-        Dtype::F32 => of::<f32>(py, found),
-        Dtype::F64 => of::<f64>(py, found),
+        Dtype::U8 => fresh::<u8>(py, shape, fill),
+        Dtype::I8 => fresh::<i8>(py, shape, fill),
+        Dtype::U16 => fresh::<u16>(py, shape, fill),
+        Dtype::I16 => fresh::<i16>(py, shape, fill),
+        Dtype::U32 => fresh::<u32>(py, shape, fill),
+        Dtype::I32 => fresh::<i32>(py, shape, fill),
+        Dtype::U64 => fresh::<u64>(py, shape, fill),
+        Dtype::I64 => fresh::<i64>(py, shape, fill),
+        Dtype::F32 => fresh::<f32>(py, shape, fill),
+        Dtype::F64 => fresh::<f64>(py, shape, fill),
     }
+}
+
+fn numpy<'py>(py: Python<'py>, found: &NdArray<'_>) -> PyResult<Bound<'py, PyAny>> {
+    typed(py, found.dtype, &found.shape, |bytes| {
+        bytes.copy_from_slice(found.data);
+        Ok(())
+    })
 }
 
 /// An array in shared memory, copied.
 fn in_segment<'py>(py: Python<'py>, found: &SharedArray, shared: Option<&File>) -> PyResult<Bound<'py, PyAny>> {
     let lost = |why: String| CoreError::Connection(format!("the shared memory of the server cannot be read: {why}"));
     let file = shared.ok_or_else(|| lost("it was not opened".to_owned()))?;
-    let count = found.bytes / found.dtype.size();
-    fn of<'py, T: numpy::Element + bytemuck::Pod>(
-        py: Python<'py>,
-        file: &File,
-        found: &SharedArray,
-        count: usize,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let mut values = vec![T::zeroed(); count];
-        segment::read(file, bytemuck::cast_slice_mut(&mut values), found.offset)?;
-        Ok(array(py, values, &found.shape)?.into_any())
-    }
-    let made = match found.dtype {
-        Dtype::U8 => of::<u8>(py, file, found, count),
-        Dtype::U16 => of::<u16>(py, file, found, count),
-        Dtype::I64 => of::<i64>(py, file, found, count),
-        Dtype::F32 => of::<f32>(py, file, found, count),
-        Dtype::F64 => of::<f64>(py, file, found, count),
-        _ => Err(lost(format!("it holds an array of {}", found.dtype.name())).into()),
-    };
+    let made = typed(py, found.dtype, &found.shape, |bytes| segment::read(file, bytes, found.offset));
     made.map_err(|error| lost(error.to_string()).into())
 }
 

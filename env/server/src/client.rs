@@ -1,7 +1,7 @@
 //! A client of environments: numbers commands, waits for answers, and takes up its session again when the connection was lost.
 
 use crate::client_socket::{ClientError, ClientOptions, Incoming, PATIENCE, Socket};
-use crate::decode::decode;
+use crate::decode::{decode, leading_id};
 use crate::encode::Encoder;
 use crate::value::Value;
 use bytes::Bytes;
@@ -27,6 +27,8 @@ pub struct Client {
     next: u64,
     seen: u64,
     ticket: Option<Ticket>,
+    /// Number of the command whose answer holds the ticket.
+    making: Option<u64>,
     lost: Option<Instant>,
     /// Commands that may have to be sent again.
     unanswered: VecDeque<(u64, Bytes)>,
@@ -53,6 +55,7 @@ impl Client {
             next: 1,
             seen: 0,
             ticket: None,
+            making: None,
             lost: None,
             unanswered: VecDeque::new(),
             answers: BTreeMap::new(),
@@ -84,6 +87,9 @@ impl Client {
     ) -> Result<u64, ClientError> {
         let id = self.next;
         self.next += 1;
+        if command == "make" {
+            self.making = Some(id);
+        }
         let mut frame = Encoder::default();
         frame.map(fields + 3);
         frame.text("id");
@@ -156,22 +162,22 @@ impl Client {
     /// Keeps an answer.
     fn take(&mut self, frame: Bytes) -> Result<(), ClientError> {
         let wrong = |why: String| ClientError::Protocol { url: self.url.clone(), why };
-        let value = decode(&frame).map_err(|error| wrong(error.to_string()))?;
-        let number = |name| {
-            value.get(name).and_then(|found| match found {
-                Value::Integer(number) => u64::try_from(*number).ok(),
-                _ => None,
-            })
-        };
-        let Some(id) = number("id") else {
+        let Some(id) = leading_id(&frame) else {
+            let value = decode(&frame).map_err(|error| wrong(error.to_string()))?;
             let why = value.get("error").and_then(|error| error.get("message"));
             return Err(wrong(match why {
                 Some(Value::Text(message)) => (*message).to_owned(),
                 _ => "an answer has no number".to_owned(),
             }));
         };
-        if let (Some(session), Some(secret)) = (number("session"), number("secret")) {
-            self.ticket = Some(Ticket { session, secret });
+        if self.making == Some(id) {
+            self.making = None;
+            let value = decode(&frame).map_err(|error| wrong(error.to_string()))?;
+            let number = |name| match value.get(name) {
+                Some(Value::Integer(number)) => u64::try_from(*number).ok(),
+                _ => None,
+            };
+            self.ticket = number("session").zip(number("secret")).map(|(session, secret)| Ticket { session, secret });
         }
         self.seen = self.seen.max(id);
         self.unanswered.retain(|(sent, _)| *sent != id);
@@ -185,7 +191,8 @@ impl Client {
     /// The connection is lost.
     fn lose(&mut self, error: ClientError) -> Result<(), ClientError> {
         self.socket = None;
-        if self.ticket.is_none() || self.grace.is_zero() {
+        let over = matches!(error, ClientError::SessionLost { .. });
+        if over || self.ticket.is_none() || self.grace.is_zero() {
             return Err(error);
         }
         self.lost.get_or_insert_with(Instant::now);

@@ -18,6 +18,8 @@ use tungstenite::{Error, Message, WebSocket};
 pub const PATIENCE: Duration = Duration::from_millis(100);
 /// Time for which a client looks for an answer before it sleeps: to be woken on another core takes longer than a short call itself.
 const SPIN: Duration = Duration::from_micros(50);
+/// Calls after a long one for which a client sleeps at once.
+const PATIENT: u32 = 15;
 /// Longest time for a handshake.
 const HANDSHAKE: Duration = Duration::from_secs(10);
 /// Largest message that is read, bytes.
@@ -78,8 +80,8 @@ pub enum ClientError {
         /// What came.
         why: String,
     },
-    /// The server forgot the session.
-    #[error("the session on {url} is lost: {why}")]
+    /// The server ended the session, or forgot it.
+    #[error("the session on {url} is over: {why}")]
     SessionLost {
         /// Its address.
         url: String,
@@ -130,6 +132,8 @@ pub enum Incoming {
 /// An open WebSocket.
 pub struct Socket {
     socket: WebSocket<Stream>,
+    /// Calls for which it sleeps at once, since an answer took too long to look for it.
+    patient: u32,
     /// The same connection, to choose between looking and sleeping.
     control: TcpStream,
     url: String,
@@ -170,7 +174,7 @@ impl Socket {
             }
         };
         control.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
-        Ok(Self { socket, control, url: url.to_owned() })
+        Ok(Self { socket, patient: 0, control, url: url.to_owned() })
     }
 
     fn lost(&self, error: &Error) -> ClientError {
@@ -190,6 +194,10 @@ impl Socket {
     /// # Errors
     /// A connection that broke off or was closed, where the error says why.
     pub fn receive(&mut self) -> Result<Option<Incoming>, ClientError> {
+        if self.patient > 0 {
+            self.patient -= 1;
+            return self.next();
+        }
         let failed = |url: &str, why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
         self.control.set_nonblocking(true).map_err(|why| failed(&self.url, why))?;
         let started = Instant::now();
@@ -199,7 +207,11 @@ impl Socket {
             found = self.next();
         }
         self.control.set_nonblocking(false).map_err(|why| failed(&self.url, why))?;
-        if matches!(found, Ok(None)) { self.next() } else { found }
+        if matches!(found, Ok(None)) {
+            self.patient = PATIENT;
+            return self.next();
+        }
+        found
     }
 
     /// The next that comes in; none where reading would wait for too long.
@@ -211,7 +223,7 @@ impl Socket {
                 Ok(Message::Close(frame)) => {
                     let why = frame.map(|frame| frame.reason.to_string()).filter(|why| !why.is_empty());
                     let why = why.unwrap_or_else(|| "it closed the connection".to_owned());
-                    return Err(ClientError::Unreachable { url: self.url.clone(), why });
+                    return Err(ClientError::SessionLost { url: self.url.clone(), why });
                 }
                 Ok(_) => {}
                 Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {

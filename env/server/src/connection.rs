@@ -117,7 +117,13 @@ impl Connection {
             found.attach((self.number, self.sender.clone()), received, Some(id)).map(|()| found).ok_or_else(lost)
         });
         match found {
-            Ok(found) => self.session = found,
+            Ok(found) => {
+                // The session of before has no client any more, as if its connection had been lost.
+                let before = std::mem::replace(&mut self.session, found);
+                if !Arc::ptr_eq(&before, &self.session) && before.detach(self.number) {
+                    self.sessions.end(&before, "its client took up another session");
+                }
+            }
             Err(fault) => drop(self.sender.send(Outgoing::Frame(answer::error(Some(id), &fault).into()))),
         }
     }

@@ -5,6 +5,8 @@ use rmp::Marker;
 
 /// Most axes of an array, numpy's own limit.
 const MAX_AXES: usize = 32;
+/// Most values for which there is room before they are read.
+const MAX_ROOM: usize = 256;
 /// Largest array in shared memory, bytes.
 const MAX_SHARED: usize = 1 << 30;
 
@@ -30,6 +32,21 @@ pub fn decode(bytes: &[u8]) -> Result<Value<'_>, CodecError> {
     match reader.rest.len() {
         0 => Ok(value),
         extra => Err(CodecError::Long { extra }),
+    }
+}
+
+/// The number with which an answer begins, without reading the rest; none where it begins with something else.
+pub fn leading_id(frame: &[u8]) -> Option<u64> {
+    let mut reader = Reader { rest: frame, length: frame.len(), values: 0 };
+    let byte = reader.take(1).ok()?[0];
+    match Marker::from_u8(byte) {
+        Marker::FixMap(_) => {}
+        Marker::Map16 => drop(reader.take(2).ok()?),
+        _ => return None,
+    }
+    match (reader.value(1).ok()?, reader.value(1).ok()?) {
+        (Value::Text("id"), Value::Integer(id)) => u64::try_from(id).ok(),
+        _ => None,
     }
 }
 
@@ -116,9 +133,10 @@ impl<'a> Reader<'a> {
         Ok(Value::Bytes(self.take(count)?))
     }
 
-    /// Room for `count` values, as far as the rest of the frame can hold them.
+    /// Room for the first of `count` values, as far as the rest of the frame can hold them. Every level of nesting takes some before
+    /// its values are seen.
     fn room(&self, count: usize) -> usize {
-        count.min(self.rest.len()).min(MAX_VALUES - self.values.min(MAX_VALUES))
+        count.min(self.rest.len()).min(MAX_ROOM)
     }
 
     fn list(&mut self, count: usize, depth: usize) -> Result<Value<'a>, CodecError> {

