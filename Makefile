@@ -16,14 +16,15 @@ export VIRTUAL_ENV := $(VENV)
 export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
 
-.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-all lint fmt bench docs clean
+.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-all lint fmt bench docs clean
 
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
 	@echo "make test           Rust and Python tests, without torch"
 	@echo "make test-train     tests that need torch, Stable-Baselines3 or Ray (several GB the first time)"
 	@echo "make test-examples  the examples for TorchRL and RLlib, in their own virtual environment (as much again)"
-	@echo "make test-lerobot   exported demonstrations, loaded by LeRobot, in its own virtual environment (8 GB)"
+	@echo "make test-lerobot   exported demonstrations and environments, used by LeRobot, in its own virtual environment (8 GB)"
+	@echo "make test-adapters  the adapters for OpenEnv and vla-eval, in their own virtual environment (1 GB)"
 	@echo "make test-all       all of them, the slow ones too"
 	@echo "make lint           clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
 	@echo "make fmt            format Rust and Python"
@@ -85,22 +86,34 @@ $(EXAMPLES)/.stamp: pyproject.toml
 test-examples: $(EXAMPLES)/.stamp $(STAMPS)/core
 	GRASPBOX_REQUIRE_EXAMPLES=1 $(EXAMPLES)/bin/python -m pytest tests/python/test_examples.py -k 'torchrl or rllib'
 
-# LeRobot pins other versions of torch and datasets.
+# LeRobot pins other versions of torch and datasets, and since 0.5 needs a newer Python (pyenv finds it by the variable).
 LEROBOT := $(CURDIR)/.venv-lerobot
-$(LEROBOT)/.stamp: pyproject.toml
-	$(PYTHON) -m venv --clear $(LEROBOT)
-	$(LEROBOT)/bin/python -m pip install --quiet pytest lerobot -e '.[lerobot]'
-	$(LEROBOT)/bin/python -c 'import lerobot'
+LEROBOT_PYTHON ?= python3.12
+$(LEROBOT)/.stamp: pyproject.toml scripts/adapters/lerobot/pyproject.toml
+	PYENV_VERSION=3.12 $(LEROBOT_PYTHON) -m venv --clear $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet pytest 'lerobot[dataset]>=0.6,<0.7' -e '.[lerobot]' -e scripts/adapters/lerobot
+	$(LEROBOT)/bin/python -c 'import datasets, lerobot'
 	touch $@
 
 test-lerobot: $(LEROBOT)/.stamp $(STAMPS)/core
-	GRASPBOX_REQUIRE_LEROBOT=1 $(LEROBOT)/bin/python -m pytest tests/python/test_demonstrations_export.py -k lerobot
+	GRASPBOX_REQUIRE_LEROBOT=1 $(LEROBOT)/bin/python -m pytest tests/python/test_demonstrations_export.py \
+		tests/python/test_adapters.py -k lerobot
+
+# OpenEnv and vla-eval bring web servers and their own clients; here too a skipped test is a failure.
+ADAPTERS := $(CURDIR)/.venv-adapters
+$(ADAPTERS)/.stamp: pyproject.toml scripts/adapters/openenv/pyproject.toml scripts/adapters/vla_eval/pyproject.toml
+	$(PYTHON) -m venv --clear $(ADAPTERS)
+	$(ADAPTERS)/bin/python -m pip install --quiet pytest -e . -e scripts/adapters/openenv -e scripts/adapters/vla_eval
+	touch $@
+
+test-adapters: $(ADAPTERS)/.stamp $(STAMPS)/core
+	GRASPBOX_REQUIRE_ADAPTERS=1 $(ADAPTERS)/bin/python -m pytest tests/python/test_adapters.py -k 'openenv or vla_eval'
 
 test-all: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_YCB=$(YCB) cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
 	python -m graspbox.validation mujoco --trials 200 --seed 0
-	$(MAKE) test-examples test-lerobot
+	$(MAKE) test-examples test-lerobot test-adapters
 
 lint: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all --check
@@ -139,4 +152,4 @@ docs: $(STAMPS)/dev $(STAMPS)/core
 	echo '<a href="python/graspbox.html">Python</a> <a href="rust/graspbox_episode/index.html">Rust</a>' > out/docs/index.html
 
 clean:
-	rm -rf out $(VENV) $(EXAMPLES) $(LEROBOT) target
+	rm -rf out $(VENV) $(EXAMPLES) $(LEROBOT) $(ADAPTERS) target

@@ -232,21 +232,6 @@ def load(
     return found if split is None else found.split(split)
 
 
-def count(name: str) -> int:
-    """Count the objects of a set, without describing procedural ones.
-
-    Raises
-    ------
-    ObjectSetError, MissingExtraError
-        As `load`.
-    """
-    kind, _, rest = name.partition(":")
-    if kind == "procedural":
-        families, seeds = families_and_seeds(rest, name)
-        return len(families) * len(seeds)
-    return len(load(name))
-
-
 def _check_names(found: ObjectSet) -> None:
     if not found.objects:
         raise ObjectSetError(f"the object set {found.name!r} is empty")

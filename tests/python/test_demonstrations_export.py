@@ -148,9 +148,20 @@ def test_lerobot_frames_are_what_was_recorded(made: Demonstrations, lerobot: Pat
     ).with_format("numpy")
     assert (found["action"][:] == frames(made, lambda one: one.actions)).all()
     assert (found["observation.state"][:] == frames(made, lambda one: one.observations["proprio"][:-1])).all()
-    assert (found["observation.depth"][:] == frames(made, lambda one: one.observations["depth"][:-1])).all()
+    depth = frames(made, lambda one: one.observations["depth"][:-1])
+    assert found["observation.images.depth"][:].dtype == np.float32
+    assert (found["observation.images.depth"][:] == depth[..., 0]).all()
     assert (found["observation.images.rgb"][:] == frames(made, lambda one: one.observations["rgb"][:-1])).all()
     assert found["next.reward"][:] == pytest.approx(frames(made, lambda one: one.rewards))
+
+
+def test_lerobot_marks_depth_images(lerobot: Path) -> None:
+    """As LeRobot marks its own: an image of one channel, with its unit; a colour image has no mark."""
+    info = json.loads((lerobot / "meta/info.json").read_text())["features"]
+    names = ["height", "width", "channels"]
+    mark = {"is_depth_map": True, "depth_unit": "m"}
+    assert info["observation.images.depth"] == {"dtype": "image", "shape": [16, 16, 1], "names": names, "info": mark}
+    assert info["observation.images.rgb"] == {"dtype": "image", "shape": [16, 16, 3], "names": names}
 
 
 def test_lerobot_statistics_are_those_of_the_frames(made: Demonstrations, lerobot: Path) -> None:
@@ -163,7 +174,10 @@ def test_lerobot_statistics_are_those_of_the_frames(made: Demonstrations, lerobo
     assert stats["action"]["count"] == [len(rows)]
     assert np.shape(stats["observation.images.rgb"]["mean"]) == (3, 1, 1)
     assert np.ravel(stats["observation.images.rgb"]["mean"]) == pytest.approx(colours.mean(axis=(0, 1, 2)))
-    assert np.shape(stats["observation.depth"]["max"]) == (16, 16, 1)
+    depth = frames(made, lambda one: one.observations["depth"][:-1]).astype(np.float64)
+    assert np.shape(stats["observation.images.depth"]["max"]) == (1, 1, 1)
+    assert np.ravel(stats["observation.images.depth"]["max"]) == depth.max()
+    assert np.ravel(stats["observation.images.depth"]["mean"]) == pytest.approx(depth.mean())
 
 
 def test_lerobot_folder_is_whole_or_not_there(made: Demonstrations, lerobot: Path, tmp_path: Path) -> None:
@@ -195,6 +209,14 @@ def test_lerobot_loads_it(made: Demonstrations, lerobot: Path) -> None:
     assert frame["task"] == "Grasp the object and lift it."
     assert frame["observation.images.rgb"].shape == (3, 16, 16)
     assert found.meta.stats["action"]["mean"] == pytest.approx(actions.mean(axis=0))
-    assert next(iter(DataLoader(found, batch_size=4)))["observation.depth"].shape == (4, 16, 16, 1)
+    assert next(iter(DataLoader(found, batch_size=4)))["observation.images.depth"].shape == (4, 1, 16, 16)
+    # It reads millimetres unless it is told otherwise, and scales the statistics with them.
+    depth = frames(made, lambda one: one.observations["depth"][:-1])
+    assert found.meta.depth_keys == ["observation.images.depth"]
+    assert frame["observation.images.depth"].numpy()[0] == pytest.approx(1000 * depth[5, ..., 0])
+    assert np.ravel(found.meta.stats["observation.images.depth"]["max"]) == pytest.approx(1000 * depth.max())
+    metres = LeRobotDataset("graspbox/expert", root=lerobot, depth_output_unit="m")
+    assert (metres[5]["observation.images.depth"].numpy()[0] == depth[5, ..., 0]).all()
+    assert np.ravel(metres.meta.stats["observation.images.depth"]["max"]) == pytest.approx(depth.max())
     second = LeRobotDataset("graspbox/expert", root=lerobot, episodes=[1])
     assert len(second) == made.episodes[1].steps

@@ -21,10 +21,10 @@ from graspbox.learning.execution import Scenes, execute  # noqa: E402
 from graspbox.learning.losses import LossWeights  # noqa: E402
 from graspbox.learning.model import ModelConfig, PoseModel  # noqa: E402
 from graspbox.learning.regressor import PoseRegressor, cameras  # noqa: E402
-from graspbox.rotations import poses_from, rotation_from_euler  # noqa: E402
 from graspbox.learning.samples import Samples, split_at_random  # noqa: E402
 from graspbox.learning.training import OPTIMIZERS, TrainConfig, measure, train  # noqa: E402
 from graspbox.policies import Task  # noqa: E402
+from graspbox.rotations import poses_from, rotation_from_euler  # noqa: E402
 
 pytestmark = pytest.mark.train
 

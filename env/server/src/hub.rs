@@ -42,9 +42,11 @@ impl Hub {
         }
     }
 
-    /// A command begins on the present thread, if no other runs.
-    pub fn begin_alone(&self) -> bool {
-        self.running.compare_exchange(0, 1, Ordering::AcqRel, Ordering::Relaxed).is_ok()
+    /// A short command begins on the present thread, if fewer run than there are threads; the number of the others.
+    pub fn begin_short(&self) -> Option<usize> {
+        let most = self.config.threads;
+        let begun = |running| (running < most).then_some(running + 1);
+        self.running.fetch_update(Ordering::AcqRel, Ordering::Relaxed, begun).ok()
     }
 
     /// A command begins on the threads of the server.

@@ -18,7 +18,7 @@
 //! | [`client_socket`], [`client`] | the client: one WebSocket, and a session that outlives it |
 //! | [`config`], [`error`], [`metrics`] | settings and bounds, what keeps a server from starting, what it counts |
 //!
-//! Frames are handled by two threads of tokio; environments step on a rayon pool of their own. Python makes environments
+//! Frames are handled by threads of tokio, and so are short commands; all others run on a rayon pool. Python makes environments
 //! ([`hub::MakeJob`]) and is called for nothing else. `docs/server.md` specifies the protocol.
 
 pub mod answer;

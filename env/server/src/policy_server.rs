@@ -123,7 +123,7 @@ impl PolicyServer {
     pub fn start(config: &ServerConfig, metadata: &serde_json::Value) -> Result<Self, ServerError> {
         check(config)?;
         let tls = listener::tls(config)?;
-        let runtime = io_runtime()?;
+        let runtime = io_runtime(1)?;
         let (listener, address) = listener::bind(&runtime, config)?;
         let mut frame = Encoder::default();
         frame.json(metadata);

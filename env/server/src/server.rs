@@ -32,8 +32,8 @@ use tokio::time::interval;
 
 /// Version of the protocol; another number means that clients of before cannot speak it.
 pub const PROTOCOL: u64 = 1;
-/// Threads that read and write.
-const IO_THREADS: usize = 2;
+/// Threads that read and write beside those that do short commands.
+const IO_THREADS: usize = 1;
 /// Stack of a thread that steps environments, bytes: that of a main thread, since hull and tree code recurses.
 const STACK: usize = 8 << 20;
 
@@ -71,7 +71,7 @@ impl Server {
             .thread_name(|i| format!("graspbox-serve-{i}"))
             .build()
             .map_err(|error| ServerError::Threads(error.to_string()))?;
-        let runtime = io_runtime()?;
+        let runtime = io_runtime(config.threads)?;
         let (listener, bound) = listener::bind(&runtime, &config)?;
         let (sender, makers) = channel();
         let hub = Arc::new(Hub::new(config, pool, classify, sender));
@@ -145,13 +145,13 @@ impl Drop for Server {
     }
 }
 
-/// The threads that read and write.
+/// The threads that read and write; `threads` of them may do short commands at once.
 ///
 /// # Errors
 /// Threads that cannot be started.
-pub fn io_runtime() -> Result<Runtime, ServerError> {
+pub fn io_runtime(threads: usize) -> Result<Runtime, ServerError> {
     Builder::new_multi_thread()
-        .worker_threads(IO_THREADS)
+        .worker_threads(threads + IO_THREADS)
         .thread_name("graspbox-io")
         .enable_io()
         .enable_time()

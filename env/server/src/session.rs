@@ -157,9 +157,11 @@ impl Session {
             let Some(job) = job else {
                 return;
             };
-            if job.short && self.hub.begin_alone() {
-                // Another thread reads and writes meanwhile, if there is anything to read or write.
-                if let Ok(runtime) = Handle::try_current() {
+            if job.short
+                && let Some(others) = self.hub.begin_short()
+            {
+                // Another thread reads and writes meanwhile: one that sleeps has to be woken for it.
+                if let (0, Ok(runtime)) = (others, Handle::try_current()) {
                     drop(runtime.spawn(async {}));
                 }
                 self.execute(job);

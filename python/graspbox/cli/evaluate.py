@@ -15,6 +15,22 @@ from graspbox.files import check_output, dumps, write_text
 from graspbox.policies import Policy
 from graspbox.remote.remote_policy import RemotePolicy
 
+Remote = Annotated[
+    list[str] | None,
+    typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
+]
+Obs = Annotated[
+    list[str] | None,
+    typer.Option("--obs", help="Observation for a policy on a server; repeatable; by default those that it names."),
+]
+Keys = Annotated[
+    list[str] | None,
+    typer.Option("--key", metavar="OURS=THEIRS", help="Name under which that server expects an observation."),
+]
+Chunk = Annotated[
+    int, typer.Option("--chunk", min=1, max=1000, help="Actions of its answer that are executed before the next.")
+]
+
 
 def _print(result: Evaluation) -> None:
     rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
@@ -73,21 +89,10 @@ def evaluate(
         ),
     ] = 16,
     threads: Threads = None,
-    remote: Annotated[
-        list[str] | None,
-        typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
-    ] = None,
-    obs: Annotated[
-        list[str] | None,
-        typer.Option("--obs", help="Observation for a policy on a server; repeatable; by default those that it names."),
-    ] = None,
-    keys: Annotated[
-        list[str] | None,
-        typer.Option("--key", metavar="OURS=THEIRS", help="Name under which that server expects an observation."),
-    ] = None,
-    chunk: Annotated[
-        int, typer.Option("--chunk", min=1, max=1000, help="Actions of its answer that are executed before the next.")
-    ] = 1,
+    remote: Remote = None,
+    obs: Obs = None,
+    keys: Keys = None,
+    chunk: Chunk = 1,
     token_file: TokenFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
     as_json: Json = False,
@@ -115,6 +120,11 @@ def evaluate(
             **settings,
             progress=lambda done: bar.update(task, completed=done),
         )
+    _report(result, out, as_json)
+
+
+def _report(result: Evaluation, out: Path | None, as_json: bool) -> None:
+    """Print a result, and write it with every trial."""
     if as_json:
         print_json(result.to_json())
     else:

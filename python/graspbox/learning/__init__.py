@@ -4,7 +4,6 @@
 |---|---|---|
 | `grasps`     | successful grasps of objects: planner poses that hold in simulation | no |
 | `samples`    | images and voxels paired with grasps, in the study's three mappings; its random split | no |
-| `rotations`  | quaternions and Euler angles in bulk | no |
 | `losses`     | the six losses by name | yes |
 | `networks`   | ``Cnn2d``, ``Cnn2dDropout``, ``Cnn3d`` | yes |
 | `model_configs` | what a network is made of | no |

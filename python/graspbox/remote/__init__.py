@@ -3,7 +3,7 @@
 | module | what it does |
 |---|---|
 | `graspbox.remote.serving` | makes the environments of clients; which object sets and hands they may name |
-| `graspbox.remote.ray_cluster` | servers on the nodes of a Ray cluster (extra ``ray``), and a vector environment over them |
+| `graspbox.remote.ray_cluster` | servers on a Ray cluster (extra ``ray``), and a vector environment over them |
 
 The protocol is specified in ``docs/server.md``. Environments on a server are made by the keyword ``remote``:
 ``gymnasium.make_vec("graspbox/Grasp-v0", num_envs=64, remote="ws://host:5055")``.

@@ -26,7 +26,7 @@ __all__ = ["RayServers", "RayVectorEnv", "ray_servers"]
 #: Seconds within which all servers must run. Ray starts a process for each, which imports graspbox.
 _START = 120.0
 #: In a cluster connections rarely break off; a server that was restarted comes back within this time, seconds.
-_GRACE = 15.0
+_REMOTE = RemoteConfig(reconnect="restore", grace=15.0)
 
 
 def _ray() -> Any:
@@ -73,8 +73,9 @@ class RayServers:
     """Environment servers as actors of a Ray cluster, until `close`; also a context manager.
 
     Several clients may use them: give each `remote`. Each server listens at the address of its node, at a port that is
-    free, and lets in who knows a token that is made here. There is no TLS: whoever can read the traffic between the nodes
-    can read the token and what is sent. Use it within a network that you trust, as Ray itself must be used.
+    free, and lets in who knows a token that is made here. There is no TLS (``ServerSettings(insecure=True)``): whoever
+    can read the traffic between the nodes can read the token and all that is sent, and whoever may use the cluster can
+    ask Ray for the token. Use it within a network that you trust, as Ray itself must be used.
 
     Parameters
     ----------
@@ -84,12 +85,12 @@ class RayServers:
         CPUs that Ray reserves for a server, which steps with as many threads; by default all CPUs of its node, in equal
         parts where a node has several servers.
     settings : ServerSettings, optional
-        What the servers offer, and bounds; by default the object sets that are installed on the nodes. Host, port, token
-        and threads are set here.
-    remote : RemoteConfig
-        How clients use the servers: everything but addresses and token. A server whose process ends is restarted at the
-        same address; with ``reconnect="restore"`` (the default here) its environments go on meanwhile on other servers,
-        or on the new one. A server whose node is lost is not replaced.
+        What the servers offer, and bounds; by default the object sets that are installed on the nodes. Host, port,
+        token and threads are set here.
+    remote : RemoteConfig, optional
+        How clients use the servers: everything but addresses and token; by default ``reconnect="restore"`` with a grace
+        of 15 s. A server whose process ends is restarted at the same address. Until then, and for good where its node
+        is lost, its environments go on on the other servers, or on the new one if there is no other.
     address : str, optional
         The cluster, where this process is not connected to one; as of ``ray.init``.
 
@@ -107,7 +108,7 @@ class RayServers:
         *,
         cpus_per_server: int | None = None,
         settings: ServerSettings | None = None,
-        remote: RemoteConfig = RemoteConfig(reconnect="restore", grace=_GRACE),
+        remote: RemoteConfig | None = None,
         address: str | None = None,
     ) -> None:
         self._ray = _ray()
@@ -125,7 +126,7 @@ class RayServers:
             self.close()
             raise
         #: For the keyword ``remote`` of environments. It holds the token: do not print or store it.
-        self.remote = replace(remote, urls=tuple(urls), token_text=token)
+        self.remote = replace(remote or _REMOTE, urls=tuple(urls), token_text=token)
 
     def _start(
         self, servers: int | None, cpus: int | None, token: str, settings: ServerSettings | None
@@ -223,11 +224,13 @@ def ray_servers(
     servers: int | None = None,
     cpus_per_server: int | None = None,
     settings: ServerSettings | None = None,
-    remote: RemoteConfig = RemoteConfig(reconnect="restore", grace=_GRACE),
+    remote: RemoteConfig | None = None,
     address: str | None = None,
     **keywords: Any,
 ) -> RayVectorEnv:
-    """Make environments that the nodes of a Ray cluster step; results are those of a vector environment of this process.
+    """Make environments that the nodes of a Ray cluster step.
+
+    Results are those of a vector environment of this process, to the bit.
 
     Parameters
     ----------

@@ -162,10 +162,19 @@ class Offer:
                 raise ObjectSetError(
                     f"this server does not offer the objects {name!r}; choose from {', '.join(self.names)}"
                 )
-        count = sum(object_sets.count(name) for name in wanted)
+        count = sum(map(_count, wanted))
         if count > MAX_OBJECTS:
             raise ObjectSetError(f"objects names {count} objects; this server takes at most {MAX_OBJECTS}")
         return object_sets.load(wanted, split=split)
+
+
+def _count(name: str) -> int:
+    """Count the objects of a set, without describing procedural ones."""
+    kind, _, rest = name.partition(":")
+    if kind == "procedural":
+        families, seeds = object_sets.families_and_seeds(rest, name)
+        return len(families) * len(seeds)
+    return len(object_sets.load(name))
 
 
 def description_of(core: GraspCore, environment: str) -> dict[str, Any]:

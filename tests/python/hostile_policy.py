@@ -1,0 +1,119 @@
+"""Attacks on a server of a policy: observations, requests for grasps, and bodies of a POST that no honest client would send."""
+
+import base64
+import contextlib
+import json
+import random
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from hostile_attacks import Attack, mutated
+from hostile_wire import Peer, frame, http, msgpack, open_socket
+
+__all__ = ["POLICY_ATTACKS", "grasps", "post"]
+
+
+def post(url: str, body: bytes, kind: str = "application/json", length: int | None = None, token: str = "") -> bytes:
+    """POST to ``/grasps``; the whole answer, or what came of it before the server fell silent."""
+    lines = ["POST /grasps HTTP/1.1", f"Host: {urlsplit(url).netloc}", f"Content-Type: {kind}", "Connection: close",
+             f"Content-Length: {len(body) if length is None else length}"]  # fmt: skip
+    lines += [f"Authorization: Bearer {token}"] if token else []
+    return http(url, "\r\n".join([*lines, "", ""]), body)
+
+
+def grasps(rng: random.Random) -> dict[str, Any]:
+    """A request of an empty table, small."""
+    lens = [[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]]
+    return {"depth": [[0.5 + 0.001 * rng.random()] * 64] * 48, "intrinsics": lens, "count": 2, "seed": 1}
+
+
+def _encoded(dtype: Any, shape: Any, data: bytes = b"") -> dict[str, Any]:
+    return {"data": base64.b64encode(data).decode(), "dtype": dtype, "shape": shape}
+
+
+_LENS = [[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]]
+_DEPTHS: list[Any] = [
+    [], [[]], [[[]]], 0, None, "x", [["a"]], [[1], [1, 2]], [[float("nan")] * 9] * 9, [[1e308] * 9] * 9, [[-1.0] * 9] * 9,
+    [[0] * 9] * 9, [[0.5]], [[10**30]], [[True]], {}, {"data": 5}, _encoded("<u2", [48, 64], b"12"), _encoded("O", [1], b"12345678"),
+    _encoded("<f4", [1 << 32, 1 << 32]), _encoded("<f4", [1 << 62, 4]), _encoded("<f4", [10**9, 10**9]), _encoded("<f4", [0, 0]),
+    _encoded("<f4", [0, 1 << 62]), _encoded("<f4", [-1, -4], bytes(16)), _encoded("<f4", [2.5, 2], bytes(16)),
+    _encoded("<f4", ["9" * 5000]), _encoded("<f4", [float("inf")]), _encoded("<f4", "12"), _encoded("<f4", 5), _encoded(",".join(["i4"] * 99), [1]),
+    _encoded(["<f4"], [1]), _encoded({"names": ["a"], "formats": ["<f4"]}, [1], bytes(4)), _encoded("(3,)<f4", [1], bytes(12)),
+    _encoded("<f2", [2, 2], bytes(8)), _encoded("|b1", [2, 2], bytes(4)), _encoded("<f4", [1] * 99, bytes(4)), _encoded(None, [2], bytes(16)),
+    {"data": "%%%%", "dtype": "<f4", "shape": [1]}, {"data": "é", "dtype": "<f4", "shape": [1]},
+]  # fmt: skip
+_VALUES: list[Any] = [None, 0, -1, 1 << 70, 1e308, float("nan"), float("inf"), "x", [], [[]], {}, True, [[0] * 3] * 3, [[1e300] * 3] * 3,
+                      [[[0.0] * 4] * 4], [[1e-300] * 4] * 4, [[float("nan")] * 4] * 4, [1e308] * 4, [-5, -5, -1, -1], [1e9, 1], [1, 2, 3]]  # fmt: skip
+
+
+def hostile_grasps(url: str, rng: random.Random, count: int) -> int:
+    """Images that are none, arrays that lie about their shape, and absurd entries beside a right image."""
+    names = ("intrinsics", "camera_pose", "region", "hand_error", "depth_scale", "count", "seed")
+    for index in range(count):
+        request = grasps(rng)
+        if index % 2:
+            request["depth"] = _DEPTHS[index // 2 % len(_DEPTHS)]
+        else:
+            request[names[index // 2 % len(names)]] = _VALUES[index // 2 // len(names) % len(_VALUES)]
+        answer = post(url, json.dumps(request).encode())
+        assert b"InternalError" not in answer, (str(request)[-300:], answer[-400:])
+    return count
+
+
+def bombs(url: str, rng: random.Random, count: int) -> int:
+    """JSON that is deep, long, or cut off, and other kinds of content."""
+    bodies = [b"[" * 200_000, b'{"a":' * 100_000, b"1" * 100_000, b'"' + b"\\u0000" * 10_000, b"[1," * 1000, b"", b"\xff\xfe", b"null",
+              b'{"depth":[[' + b"1," * 500_000 + b"1]]}", b'{"depth": 1e999999}', b"NaN", b"-" * 1000]  # fmt: skip
+    for index in range(count):
+        assert b"InternalError" not in (found := post(url, bodies[index % len(bodies)])), (index % len(bodies), found)
+        if index % 3 == 0:
+            kind = rng.choice(("text/plain", "multipart/form-data; boundary=x", "", "application/x-www-form-urlencoded"))
+            assert b" 415 " in post(url, b"{}", kind)
+    return count
+
+
+def half_bodies(url: str, rng: random.Random, count: int) -> int:
+    """Bodies that never end."""
+    with contextlib.ExitStack() as stack:
+        for _ in range(min(count, 100)):
+            plain = stack.enter_context(open_socket(url))
+            plain.sendall(b"POST /grasps HTTP/1.1\r\nHost: x\r\nContent-Length: 60000000\r\nContent-Type: application/json\r\n\r\n{")
+    return min(count, 100)
+
+
+def observations(url: str, rng: random.Random, count: int) -> int:
+    """Garbage, changed requests, and observations of absurd shapes; the connection answers each."""
+    valid = msgpack({**grasps(rng), "depth": np.full((48, 64), 0.5, np.float32), "intrinsics": np.array(_LENS)})
+    empty = {"__ndarray__": True, "dtype": "<f4", "shape": [0, 1 << 62], "data": b""}
+    others: list[Any] = [{}, {"depth": empty, "intrinsics": empty}, {"state": empty}, {"reset": True, "seed": -1}, [], None, 5, {"depth": None},
+                         {"x" * 5000: 1}, {"depth": np.zeros((0, 0)), "intrinsics": np.zeros((3, 3))}]  # fmt: skip
+    with Peer(url) as peer:
+        for index in range(count):
+            random_bytes = rng.randbytes(rng.randrange(100))
+            message = rng.choice((random_bytes, mutated(rng, valid), msgpack(others[index % len(others)])))
+            peer.socket.sendall(frame(message))
+            answer = peer.receive()
+            assert b"InternalError" not in answer and b"please report" not in answer, (message[:200], answer[:400])
+    return count
+
+
+def gone(url: str, rng: random.Random, count: int) -> int:
+    """Clients that ask, and are gone before they are answered."""
+    request = frame(msgpack({"depth": np.full((48, 64), 0.5, np.float32), "intrinsics": np.array(_LENS)}))
+    observation = frame(msgpack({"image": np.zeros((48, 64), np.float32)}))
+    for index in range(count):
+        with Peer(url) as peer:
+            peer.socket.sendall(observation if index % 2 else request)
+    return count
+
+
+#: Every attack by name, with how many of each the campaign makes.
+POLICY_ATTACKS: dict[str, tuple[Attack, int]] = {
+    "garbage observations": (observations, 3000),
+    "hostile requests for grasps": (hostile_grasps, 300),
+    "JSON bombs": (bombs, 60),
+    "bodies that never end": (half_bodies, 100),
+    "gone before the answer": (gone, 200),
+}
