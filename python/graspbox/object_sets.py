@@ -219,17 +219,23 @@ def load(
             raise ObjectSetError("scale applies when a set is loaded; this one has been loaded already")
         found = objects
     else:
-        names = [objects] if isinstance(objects, str | Path) else objects
-        if not isinstance(names, Sequence) or not all(isinstance(name, str | Path) for name in names):
-            raise ObjectSetError(
-                f"objects is {objects!r}; give names of object sets or mesh files, such as 'procedural:mug'"
-            )
-        specs = tuple(spec for name in names for spec in _find(str(name), scale))
-        found = ObjectSet(",".join(map(str, names)), specs)
+        names = set_names(objects)
+        specs = tuple(spec for name in names for spec in _find(name, scale))
+        found = ObjectSet(",".join(names), specs)
     if mass is not None:
         found = replace(found, objects=tuple(replace(spec, mass=mass, mass_known="given") for spec in found))
     _check_names(found)
     return found if split is None else found.split(split)
+
+
+def set_names(objects: str | Path | Sequence[str | Path]) -> list[str]:
+    """Take names of object sets; raises as `load`."""
+    names = [objects] if isinstance(objects, str | Path) else objects
+    if not isinstance(names, Sequence) or not all(isinstance(name, str | Path) for name in names):
+        raise ObjectSetError(
+            f"objects is {objects!r}; give names of object sets or mesh files, such as 'procedural:mug'"
+        )
+    return [str(name) for name in names]
 
 
 def _check_names(found: ObjectSet) -> None:

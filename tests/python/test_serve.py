@@ -12,6 +12,7 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -23,7 +24,7 @@ from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.remote import EnvironmentServer, ServerSettings
 
 TLS = Path(__file__).parents[1] / "fixtures" / "tls"
-CAN = {"objects": "procedural:can:0", "num_envs": 2}
+CAN: dict[str, Any] = {"objects": "procedural:can:0", "num_envs": 2}
 
 
 @contextmanager
@@ -65,7 +66,7 @@ def test_a_server_prints_where_it_is_and_ends_at_sigterm() -> None:
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=15) == 0
         with pytest.raises(ConnectionLostError, match=re.escape(url)):
-            env.step(np.zeros(env.action_space.shape, dtype=np.float32))  # type: ignore[arg-type]
+            env.step(np.zeros(env.action_space.shape, dtype=np.float32))
 
 
 def test_running_calls_end_before_the_server_does() -> None:
@@ -90,7 +91,8 @@ def test_a_second_signal_does_not_wait() -> None:
 
 def test_log_lines_are_json_where_asked(tmp_path: Path) -> None:
     with served("--objects", "procedural", "--log", "json", "--idle-timeout", "1") as (process, url):
-        gymnasium.make_vec("graspbox/Grasp-v0", remote=url, **CAN).reset(seed=0)
+        env = gymnasium.make_vec("graspbox/Grasp-v0", remote=url, **CAN)
+        env.reset(seed=0)
         assert process.stderr is not None
         line = json.loads(process.stderr.readline())
         assert line["level"] == "INFO"
@@ -160,7 +162,7 @@ def test_a_folder_of_meshes_is_offered_under_a_name(tmp_path: Path) -> None:
 def test_shared_memory_carries_the_same_bits_and_leaves_nothing() -> None:
     before = set(os.listdir("/dev/shm"))
     with EnvironmentServer(ServerSettings(port=0)) as server:
-        keywords = {"objects": "procedural:can:0", "obs": "depth", "image_size": 32}
+        keywords: dict[str, Any] = {"objects": "procedural:can:0", "obs": "depth", "image_size": 32}
         remote = RemoteConfig((server.url,), shm=True)
         shared = gymnasium.make_vec("graspbox/Grasp-v0", 3, remote=remote, **keywords)
         local = gymnasium.make_vec("graspbox/Grasp-v0", 3, **keywords)
@@ -173,7 +175,7 @@ def test_shared_memory_carries_the_same_bits_and_leaves_nothing() -> None:
 
 def test_depth_in_millimetres_is_rounded_and_no_more() -> None:
     with EnvironmentServer(ServerSettings(port=0)) as server:
-        keywords = {"objects": "procedural:can:0", "obs": "depth", "image_size": 32}
+        keywords: dict[str, Any] = {"objects": "procedural:can:0", "obs": "depth", "image_size": 32}
         remote = RemoteConfig((server.url,), depth="uint16")
         rounded = gymnasium.make_vec("graspbox/Grasp-v0", 2, remote=remote, **keywords).reset(seed=1)[0]
         exact = gymnasium.make_vec("graspbox/Grasp-v0", 2, **keywords).reset(seed=1)[0]

@@ -172,10 +172,11 @@ pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResul
     }
 }
 
-/// The number of threads that calls use by default.
+/// The number of threads that calls use: `requested`, or by default.
 #[pyfunction]
-pub fn num_threads() -> PyResult<usize> {
-    Ok(thread_count(None)?)
+#[pyo3(signature = (requested=None))]
+pub fn num_threads(#[pyo3(from_py_with = threads)] requested: Option<usize>) -> PyResult<usize> {
+    Ok(thread_count(requested)?)
 }
 
 /// Occupies the pool for `seconds`, then returns the number of its threads: for tests of threads, forks, signals and panics.

@@ -35,6 +35,7 @@ pub struct Client {
     answers: BTreeMap<u64, Bytes>,
     /// Answers that nobody waits for any more.
     unwanted: Vec<u64>,
+    process: u32,
 }
 
 impl Client {
@@ -60,6 +61,7 @@ impl Client {
             unanswered: VecDeque::new(),
             answers: BTreeMap::new(),
             unwanted: Vec::new(),
+            process: std::process::id(),
         })
     }
 
@@ -256,6 +258,15 @@ impl Client {
 
     fn wrong(&self, why: String) -> ClientError {
         ClientError::Protocol { url: self.url.clone(), why }
+    }
+}
+
+impl Drop for Client {
+    /// Ends the session, so that its environments do not wait for a client that is gone. A forked process leaves that to its parent.
+    fn drop(&mut self) {
+        if self.ticket.is_some() && std::process::id() == self.process {
+            drop(self.submit("close", 0, |_| ()));
+        }
     }
 }
 

@@ -153,6 +153,12 @@ impl Socket {
             Some("wss") => (true, 443),
             _ => return Err(bad("it does not begin with ws:// or wss://")),
         };
+        let named = uri
+            .authority()
+            .is_some_and(|authority| authority.as_str().rsplit(']').next().is_some_and(|s| s.contains(':')));
+        if named && uri.port_u16().is_none() {
+            return Err(bad("its port is none from 1 to 65535"));
+        }
         let mut request = url.into_client_request().map_err(|error| bad(&error.to_string()))?;
         if let Some(token) = &options.token {
             let value = HeaderValue::from_str(&format!("Bearer {token}"));

@@ -193,9 +193,10 @@ fn array<'a>(map: &Value<'a>) -> Result<NdArray<'a>, CodecError> {
     Ok(NdArray { dtype, shape, data })
 }
 
-/// Bytes of an array; none beyond the address space.
+/// Bytes of an array; none beyond the address space, and where its axes without the empty ones would be, which numpy refuses.
 fn bytes(dtype: Dtype, shape: &[usize]) -> Option<usize> {
-    shape.iter().try_fold(dtype.size(), |bytes, n| bytes.checked_mul(*n))
+    let most = shape.iter().try_fold(dtype.size(), |bytes, n| bytes.checked_mul((*n).max(1)));
+    most.filter(|bytes| isize::try_from(*bytes).is_ok()).map(|bytes| if shape.contains(&0) { 0 } else { bytes })
 }
 
 fn shared<'a>(map: &Value<'a>) -> Result<Value<'a>, CodecError> {

@@ -62,21 +62,22 @@ impl Hub {
     /// Takes `count` environments off those that are left.
     ///
     /// # Errors
-    /// No environment, or more than are left.
+    /// More than are left.
     pub fn lease(self: &Arc<Self>, count: usize) -> Result<Lease, Fault> {
         let most = self.config.max_envs;
         let taken = self.envs.fetch_update(Ordering::AcqRel, Ordering::Acquire, |taken| {
-            taken.checked_add(count).filter(|sum| count > 0 && *sum <= most)
+            taken.checked_add(count).filter(|sum| *sum <= most)
         });
         match taken {
             Ok(_) => {
+                self.metrics.sessions.inc();
                 self.metrics.environments.inc_by(count as i64);
                 Ok(Lease { hub: Arc::clone(self), count })
             }
             Err(taken) => {
                 self.metrics.refuse("environments");
                 let message = format!(
-                    "num_envs is {count}; this server has {} of {most} environments left: give between 1 and that many",
+                    "num_envs is {count}; this server has {} of {most} environments left; give at most as many",
                     most.saturating_sub(taken)
                 );
                 Err(Fault::config("num_envs", message))
@@ -91,7 +92,7 @@ impl Hub {
     }
 }
 
-/// Environments that are taken; given back when this is dropped.
+/// The environments of a session, taken off those that are left; given back when this is dropped.
 pub struct Lease {
     hub: Arc<Hub>,
     count: usize,
@@ -100,6 +101,7 @@ pub struct Lease {
 impl Drop for Lease {
     fn drop(&mut self) {
         self.hub.envs.fetch_sub(self.count, Ordering::AcqRel);
+        self.hub.metrics.sessions.dec();
         self.hub.metrics.environments.dec_by(self.count as i64);
     }
 }

@@ -192,7 +192,7 @@ impl PolicyServer {
         self.desk.queue().clear();
         if let Some(runtime) = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take() {
             std::thread::sleep(Duration::from_millis(50));
-            runtime.shutdown_background();
+            runtime.shutdown_timeout(Duration::from_secs(1));
         }
     }
 }

@@ -134,7 +134,7 @@ impl Server {
         if let Some(runtime) = runtime {
             // Connections get their last frame, which says why.
             std::thread::sleep(Duration::from_millis(50));
-            runtime.shutdown_background();
+            runtime.shutdown_timeout(Duration::from_secs(1));
         }
     }
 }

@@ -11,7 +11,9 @@ use crate::fault::Fault;
 use crate::hub::{Hub, MakeJob};
 use crate::session_state::{Job, Outgoing, State, acknowledge, cancel, end, nothing_made};
 use bytes::Bytes;
+use graspbox_agent::env_pool::MOST_ENVS;
 use graspbox_agent::panic_text;
+use graspbox_mesh::in_range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -324,6 +326,9 @@ impl Session {
         }
         let count = request.get("num_envs").map_or(Some(1), serde_json::Value::as_u64);
         let count = count.and_then(|count| usize::try_from(count).ok()).unwrap_or(0);
+        if let Err(error) = in_range("num_envs", count as f64, 1.0..=MOST_ENVS as f64, "") {
+            return self.answer(state, Some(id), Err(Fault::config("num_envs", error.to_string())));
+        }
         match self.hub.lease(count) {
             Ok(lease) => state.lease = Some(lease),
             Err(fault) => return self.answer(state, Some(id), Err(fault)),

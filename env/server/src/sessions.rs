@@ -47,12 +47,12 @@ impl Sessions {
     pub fn admit(&self, session: &Arc<Session>) -> Result<(), Fault> {
         let mut all = self.lock();
         let most = self.hub.config.max_sessions;
-        if all.len() >= most && !all.contains_key(&session.id) {
+        // A session whose environments could not be made takes no place.
+        if all.values().filter(|other| other.is_made()).count() >= most {
             self.hub.metrics.refuse("sessions");
             return Err(Fault::config("", format!("all {most} sessions of this server are in use; try again later")));
         }
         all.insert(session.id, Arc::clone(session));
-        self.hub.metrics.sessions.set(all.len() as i64);
         Ok(())
     }
 
@@ -71,9 +71,7 @@ impl Sessions {
     /// Ends a session.
     pub fn end(&self, session: &Session, why: &'static str) {
         session.end(why);
-        let mut all = self.lock();
-        all.remove(&session.id);
-        self.hub.metrics.sessions.set(all.len() as i64);
+        self.lock().remove(&session.id);
     }
 
     /// Ends the sessions whose time is over.
@@ -95,6 +93,5 @@ impl Sessions {
     pub fn end_all(&self, why: &'static str) {
         let all: Vec<_> = std::mem::take(&mut *self.lock()).into_values().collect();
         all.iter().for_each(|session| session.end(why));
-        self.hub.metrics.sessions.set(0);
     }
 }

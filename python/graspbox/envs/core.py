@@ -93,6 +93,7 @@ class GraspCore:
     """
 
     def __init__(self, kind: type, num_envs: int, objects: ObjectsArgument, given: Mapping[str, Any]) -> None:
+        num_envs = natural(num_envs, "num_envs")
         self._made_of = (kind, num_envs, objects, dict(given))
         settings = complete(kind, given)
         self.render_mode = settings["render_mode"]
@@ -103,9 +104,21 @@ class GraspCore:
         if settings["info"] not in ("full", "numeric"):
             raise ConfigError(f"info is {settings['info']!r}; choose from 'full', 'numeric'")
         self._numeric = settings["info"] == "numeric"
-        obs = settings["obs"]
-        cameras = completed(settings["cameras"], spaces.image_names(obs), settings["image_size"])
+        cameras = completed(settings["cameras"], spaces.image_names(settings["obs"]), settings["image_size"])
+        # An environment that begins its next episode in a step must not wait for a mesh file.
+        prepare_files = natural(settings.get("prepare_files", 0), "prepare_files")
+        self.autoreset_mode = checked_autoreset(settings.get("autoreset_mode", AutoresetMode.DISABLED))
+        self._prepare_files = 0 if self.autoreset_mode is AutoresetMode.DISABLED else prepare_files
         self.source = self._source_of(kind, num_envs, objects, settings)
+        try:
+            self._complete(num_envs, settings, cameras)
+        except BaseException:
+            self.source.close()
+            raise
+
+    def _complete(self, num_envs: int, settings: Settings, cameras: CamerasConfig) -> None:
+        """Make spaces, weights and the pool."""
+        obs = settings["obs"]
         self.hand, self.tables = self.source.hand, self.source.tables
         # A decision has a trial instead of a control mode.
         self._decides = "trial" in settings
@@ -124,7 +137,6 @@ class GraspCore:
         self.weights = term_weights(settings["reward"], settings["reward_weights"], self.tables, known)
         trial = settings.get("trial", TrialConfig())
         success = settings["success"] or trial.success
-        self.autoreset_mode = checked_autoreset(settings.get("autoreset_mode", AutoresetMode.DISABLED))
         self.config = AgentConfig(
             control=control,
             autoreset=_AUTORESET[self.autoreset_mode],
@@ -137,9 +149,6 @@ class GraspCore:
             # In closed loop there is no trial whose lift the criterion would have to fit.
             trial=replace(trial, success=success) if self._decides else trial,
         )
-        # An environment that begins its next episode in a step must not wait for a mesh file.
-        prepare_files = natural(settings.get("prepare_files", 0), "prepare_files")
-        self._prepare_files = 0 if self.autoreset_mode is AutoresetMode.DISABLED else prepare_files
         self.picture = to_json(settings["picture"])
         rendered = self.render_mode is not None
         self._pool: Pool | None = self.source.pool(self.config, num_envs, self.picture, rendered)
@@ -261,6 +270,8 @@ class GraspCore:
 
     def restore(self, env: int, state: bytes) -> "_core.EnvArrays":
         """Take up a state."""
+        if not isinstance(state, bytes):
+            raise ConfigError(f"state is {shown(state)}; give the bytes that get_state returned")
         arrays = self.pool.set_state(env, state)
         self.begun[env] = True
         return arrays

@@ -58,6 +58,7 @@ class Source(Protocol):
     def names(self) -> list[str]: ...  # noqa: D102
     def objects(self) -> ObjectSet: ...  # noqa: D102
     def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> Pool: ...  # noqa: D102
+    def close(self) -> None: ...  # noqa: D102
 
 
 class LocalPool:
@@ -111,6 +112,9 @@ class LocalSource:
     def objects(self) -> ObjectSet:
         """Return the objects."""
         return self._objects
+
+    def close(self) -> None:
+        """Do nothing: handles are given back with the source."""
 
     def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> LocalPool:
         """Make the environments; `picture` is the JSON of a `PictureConfig`."""

@@ -6,7 +6,7 @@ from os import environ
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from graspbox.arguments import shown
+from graspbox.arguments import natural, shown
 from graspbox.errors import ConfigError, FileError
 
 __all__ = ["RemoteConfig", "remote_config"]
@@ -68,7 +68,23 @@ class RemoteConfig:
         try:
             return Path(self.token_file).read_text().strip()
         except OSError as error:
-            raise FileError(error.errno, error.strerror, self.token_file) from None
+            raise FileError(error.errno, error.strerror, str(self.token_file)) from None
+
+
+def _check_types(config: RemoteConfig) -> None:
+    """Refuse values of other types, which would be found out late."""
+    if isinstance(config.grace, bool) or not isinstance(config.grace, int | float) or not 0 <= config.grace < 1e6:
+        raise ConfigError(f"remote.grace is {shown(config.grace)}; give a number of seconds from 0 to 1,000,000")
+    if natural(config.checkpoint, "remote.checkpoint") < 1:
+        raise ConfigError("remote.checkpoint is 0; give 1 or more")
+    if not isinstance(config.shm, bool):
+        raise ConfigError(f"remote.shm is {shown(config.shm)}; give True or False")
+    for name in ("token_file", "ca_file"):
+        value = getattr(config, name)
+        if value is not None and not isinstance(value, str | Path):
+            raise ConfigError(f"remote.{name} is {shown(value)}; give a path")
+    if config.ca_file is not None and not Path(config.ca_file).is_file():
+        raise FileError(2, "there is no file of certificates", str(config.ca_file))
 
 
 def remote_config(given: Any) -> RemoteConfig | None:
@@ -89,10 +105,7 @@ def remote_config(given: Any) -> RemoteConfig | None:
         raise ConfigError(f"remote is {shown(given)}; give an address such as 'ws://127.0.0.1:5055', or several")
     if isinstance(given.urls, str) or not given.urls or not all(isinstance(url, str) for url in given.urls):
         raise ConfigError(f"remote.urls is {shown(given.urls)}; give addresses such as 'ws://127.0.0.1:5055'")
-    if not given.grace >= 0 or given.checkpoint < 1:
-        raise ConfigError(
-            "remote.grace is a number of seconds from 0 up, and remote.checkpoint a number of steps from 1"
-        )
+    _check_types(given)
     for name, kind in (("depth", Depth), ("reconnect", Reconnect)):
         if getattr(given, name) not in get_args(kind):
             choices = ", ".join(map(repr, get_args(kind)))

@@ -52,7 +52,8 @@ class RemotePool:
         self.url, self.num_envs = url, int(request["num_envs"])
         #: Beside every command whose answer holds observations.
         self._shared: dict[str, bool] = {}
-        self._client = _core.Client(url, token=config.token(), ca=config.ca_file, grace=config.grace)
+        ca = None if config.ca_file is None else str(config.ca_file)
+        self._client = _core.Client(url, token=config.token(), ca=ca, grace=float(config.grace))
         self.hello: dict[str, Any] = self._client.hello
         self._check_server()
         more = {"grace": min(config.grace, self.hello["limits"]["max_grace"]), "depth": config.depth}

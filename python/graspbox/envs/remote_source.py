@@ -1,12 +1,11 @@
 """Where environments on servers come from: what is asked of the servers, and what they tell."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from graspbox import object_sets
+from graspbox import _core, object_sets
 from graspbox.arguments import natural, plain, shown
 from graspbox.configs import AgentConfig, CamerasConfig
 from graspbox.envs import spaces
@@ -76,6 +75,7 @@ class RemoteSource:
         hand = settings["hand"]
         if not isinstance(hand, str):
             raise ConfigError(f"hand is {shown(hand)}; environments on a server take a hand by its name")
+        _core.num_threads(settings["num_threads"])  # is checked, although nothing runs here
         self._objects, self._split = objects, settings["split"]
         environment, vector = KINDS[kind]
         request = {
@@ -113,6 +113,10 @@ class RemoteSource:
         """
         return object_sets.load(self._objects, split=self._split)
 
+    def close(self) -> None:
+        """Give the environments back."""
+        self._pool.close()
+
     def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> RemotePool | SpreadPool:
         """Return the environments, which exist already."""
         return self._pool
@@ -127,8 +131,7 @@ def _named(objects: ObjectsArgument) -> list[str]:
                     f"object {spec.name!r} has a scale or mass of its own; a server takes objects as in their sets"
                 )
         return [spec.source for spec in objects]
-    names = [objects] if isinstance(objects, str | Path) else objects
-    return [str(name) for name in names]
+    return object_sets.set_names(objects)
 
 
 def _keywords(settings: Settings) -> dict[str, Any]:

@@ -1,11 +1,10 @@
 """Environments spread over several servers, stepped at once, with the methods of one pool.
 
-Seeds, masks and options are split by environment, so that results are those of one pool. A server that is lost for good
-is replaced where the config says so: `Shard` saves states and remembers what was asked since.
+Seeds, masks and options are split by environment, so that results are those of one pool. What a pool of this process
+refuses is refused here, before any server moves anything.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,92 +13,10 @@ from numpy.typing import NDArray
 from graspbox import _core
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.envs.remote_pool import Cameras, RemotePool, Stepped, now_of, reset_fields, stepped_of
+from graspbox.envs.remote_shard import Shard
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
 
 __all__ = ["SpreadPool"]
-
-
-@dataclass
-class Shard:
-    """The environments of one server: `first` to `last`, the last one excluded."""
-
-    remote: RemoteConfig
-    request: dict[str, Any]
-    first: int
-    last: int
-    pool: RemotePool
-    #: Saved states, and the commands since then.
-    states: list[bytes | None] = field(default_factory=list)
-    log: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-
-    @property
-    def envs(self) -> range:
-        """Its environments."""
-        return range(self.first, self.last)
-
-    @property
-    def restores(self) -> bool:
-        """Whether another server takes its place."""
-        return self.remote.reconnect == "restore"
-
-    def named(self, error: ConnectionLostError) -> ConnectionLostError:
-        """Name its environments in an error."""
-        return ConnectionLostError(f"{error}; environments {self.first} to {self.last - 1} are on it")
-
-    def begin(self, command: str, fields: dict[str, Any]) -> int | None:
-        """Send a command; None if the server is gone, which `end` finds out too."""
-        try:
-            return self.pool.begin(command, fields)
-        except ConnectionLostError as error:
-            if not self.restores:
-                raise self.named(error) from None
-            return None
-
-    def end(self, number: int | None, command: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Wait for the answer to a command."""
-        try:
-            if number is None:
-                raise ConnectionLostError(f"the server {self.pool.url} cannot be reached")
-            answer = self.pool.end(number)
-        except ConnectionLostError as error:
-            if not self.restores:
-                raise self.named(error) from None
-            answer = self._restore(error, command, fields)
-        if self.restores and command in ("reset", "step", "set_state"):
-            self.log.append((command, fields))
-            if len(self.log) >= self.remote.checkpoint or not self.states:
-                self._checkpoint()
-        return answer
-
-    def call(self, command: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Send a command and wait for its answer."""
-        return self.end(self.begin(command, fields), command, fields)
-
-    def _checkpoint(self) -> None:
-        """Save the states of all environments; where that fails, the log goes on."""
-        try:
-            numbers = [self.pool.begin("get_state", {"env_id": env}) for env in range(self.last - self.first)]
-            self.states = [self.pool.end(number)["state"] for number in numbers]
-        except ConnectionLostError:
-            return
-        except ConfigError:  # not all of them have begun
-            return
-        self.log.clear()
-
-    def _restore(self, error: ConnectionLostError, command: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Make the environments on another server, repeat what was asked since the saved states, and the command."""
-        lost = self.pool.url
-        for url in [other for other in self.remote.urls if other != lost] + [lost]:
-            try:
-                self.pool = RemotePool(url, self.remote, self.request)
-                for env, state in enumerate(self.states):
-                    self.pool.call("set_state", {"env_id": env, "state": state})
-                for name, asked in self.log:
-                    self.pool.call(name, asked)
-                return self.pool.call(command, fields)
-            except ConnectionLostError:
-                continue
-        raise self.named(error) from None
 
 
 class SpreadPool:
@@ -120,24 +37,21 @@ class SpreadPool:
 
     def __init__(self, remote: RemoteConfig, request: dict[str, Any]) -> None:
         self.num_envs = int(request["num_envs"])
-        count = min(len(remote.urls), self.num_envs)
+        count = max(1, min(len(remote.urls), self.num_envs))
         ends = [round(self.num_envs * i / count) for i in range(count + 1)]
         self._shards: list[Shard] = []
-        for url, first, last in zip(remote.urls, ends, ends[1:], strict=False):
-            own = {**request, "num_envs": last - first, "first_env": first}
-            shard_config = replace(remote, urls=remote.urls)
-            try:
-                pool = RemotePool(url, remote, own)
-            except ConnectionLostError as error:
-                raise ConnectionLostError(f"{error}; environments {first} to {last - 1} are to be on it") from None
-            self._shards.append(Shard(shard_config, own, first, last, pool))
+        try:
+            for url, first, last in zip(remote.urls, ends, ends[1:], strict=False):
+                self._shards.append(_shard(url, first, last, remote, request))
+        except BaseException:
+            self.close()
+            raise
         self.description = self._shards[0].pool.description
-        self._over = np.zeros(self.num_envs, dtype=np.bool_)
-        self._disabled = self.description["autoreset"] == "disabled"
-        #: Environments that were sent, with the command that waits for the next of each shard.
+        self._begun, self._over = (np.zeros(self.num_envs, dtype=np.bool_) for _ in range(2))
+        self._autoreset = self.description["autoreset"]
+        #: Environments that were sent and not received, and those of them that have come back.
         self._away: set[int] = set()
-        self._waiting: dict[int, int] = {}
-        self._arrived: list[tuple[int, Stepped]] = []
+        self._arrived: list[tuple[Shard, Stepped]] = []
 
     def _each(self, asked: Sequence[tuple[Shard, str, dict[str, Any]]]) -> list[dict[str, Any]]:
         """Send a command to several shards, and wait for all answers; the first error is raised at the end."""
@@ -172,38 +86,27 @@ class SpreadPool:
             )
             asked.append((shard, "reset", fields))
         answers = self._each(asked)
-        self._over &= False if mask is None else ~mask
+        chosen = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask
+        self._over &= ~chosen
+        self._begun |= chosen
         return self._joined([now_of(answer, None) for answer in answers], self._shards, out)
 
     def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped:
         """Step all environments, as `graspbox._core.EnvPool.step`."""
-        self._check_here(range(self.num_envs))
-        if self._disabled and self._over.any():
-            env = int(np.flatnonzero(self._over)[0])
-            raise ConfigError(f"the episode of environment {env} is over; reset the environment before the next step")
+        self._check_actions(range(self.num_envs), actions)
         asked = [(shard, "step", {"actions": actions[shard.first : shard.last]}) for shard in self._shards]
-        # A server that refuses its actions must do so before others have moved anything.
-        doubtful = [bool(~np.isfinite(fields["actions"]).all()) for _, _, fields in asked]
-        answers: dict[int, dict[str, Any]] = {}
-        for wanted in (True, False):
-            chosen = [i for i, doubt in enumerate(doubtful) if doubt == wanted]
-            answers |= dict(zip(chosen, self._each([asked[i] for i in chosen]), strict=True))
-        found = [stepped_of(answers[i], None) for i in range(len(asked))]
-        return self._stepped(found, self._shards, out)
+        return self._stepped([stepped_of(answer, None) for answer in self._each(asked)], self._shards, out)
 
     def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None:
         """Step environments in the background, as `graspbox._core.EnvPool.send`."""
-        self._check_here(envs)
+        self._check_actions(envs, actions)
         given = np.asarray(envs)
         asked = []
         for shard in self._shards:
             rows = np.flatnonzero((given >= shard.first) & (given < shard.last))
             if len(rows):
-                fields = {
-                    "actions": np.ascontiguousarray(actions[rows]),
-                    "env_ids": (given[rows] - shard.first).tolist(),
-                }
-                asked.append((shard, "send", fields))
+                own = (given[rows] - shard.first).tolist()
+                asked.append((shard, "send", {"actions": np.ascontiguousarray(actions[rows]), "env_ids": own}))
         self._each(asked)
         self._away |= {int(env) for env in envs}
 
@@ -212,25 +115,13 @@ class SpreadPool:
         if count == 0 or count > len(self._away):
             raise ConfigError(f"count is {count}; {len(self._away)} environments are on their way")
         while len(self._arrived) < count:
-            self._gather()
+            for shard in self._shards:
+                if shard.away and (stepped := shard.next_arrival()) is not None:
+                    self._arrived.append((shard, stepped))
         taken, self._arrived = self._arrived[:count], self._arrived[count:]
-        shards = [self._shards[index] for index, _ in taken]
-        found = self._stepped([stepped for _, stepped in taken], shards, None)
+        found = self._stepped([stepped for _, stepped in taken], [shard for shard, _ in taken], None)
         self._away -= {int(env) for env in found[0]["env"]}
         return found
-
-    def _gather(self) -> None:
-        """Wait a moment for the next environment of any server."""
-        here = {int(stepped[0]["env"][0]) + self._shards[index].first for index, stepped in self._arrived}
-        for index, shard in enumerate(self._shards):
-            away = sum(env in self._away and env not in here for env in shard.envs)
-            if away and index not in self._waiting:
-                self._waiting[index] = shard.pool.begin("recv", {"count": 1})
-        for index in list(self._waiting):
-            answer = self._shards[index].pool.poll(self._waiting[index])
-            if answer is not None:
-                del self._waiting[index]
-                self._arrived.append((index, stepped_of(answer, None)))
 
     def get_state(self, env: int) -> bytes:
         """Return all that the future of an environment depends on."""
@@ -243,6 +134,7 @@ class SpreadPool:
         shard = self._shard_of(env)
         found = now_of(shard.call("set_state", {"env_id": env - shard.first, "state": state}), None)
         self._over[env] = bool(found["terminated"][0] or found["truncated"][0])
+        self._begun[env] = True
         return found
 
     def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]:
@@ -294,11 +186,29 @@ class SpreadPool:
                 raise ConfigError(f"environment {env} is still stepping; receive its result first")
             seen.add(env)
 
+    def _check_actions(self, envs: Sequence[int], actions: NDArray[np.float32]) -> None:
+        """Refuse what a server would refuse: by then others would have moved."""
+        self._check_here(envs)
+        for env, action in zip(envs, actions, strict=True):
+            if not self._begun[env]:
+                raise ConfigError(f"environment {env} has no episode yet; reset it before the first step")
+            if self._over[env] and self._autoreset == "disabled":
+                raise ConfigError(
+                    f"the episode of environment {env} is over; reset the environment before the next step"
+                )
+            bad = np.flatnonzero(~np.isfinite(action))
+            # The action of a step that begins the next episode is ignored.
+            if len(bad) and not (self._over[env] and self._autoreset == "next_step"):
+                value = str(action[bad[0]]).replace("nan", "NaN")
+                raise ConfigError(f"the action of environment {env} holds {value} at index {bad[0]}; nothing was moved")
+
     def _stepped(self, found: Sequence[Stepped], shards: Sequence[Shard], out: dict[str, Any] | None) -> Stepped:
         """Put together the steps of several shards."""
         now = self._joined([one for one, _ in found], shards, out)
         ended = [(last, shard) for (_, last), shard in zip(found, shards, strict=True) if last is not None]
-        self._over[now["env"]] = now["terminated"] | now["truncated"]
+        # In the mode `same_step` the next episode has begun already.
+        if self._autoreset != "same_step":
+            self._over[now["env"]] = now["terminated"] | now["truncated"]
         if not ended:
             return now, None
         return now, self._joined([last for last, _ in ended], [shard for _, shard in ended], None)
@@ -313,11 +223,21 @@ class SpreadPool:
         return joined
 
 
+def _shard(url: str, first: int, last: int, remote: RemoteConfig, request: dict[str, Any]) -> Shard:
+    """Make environments `first` to `last` on a server."""
+    own = {**request, "num_envs": last - first, "first_env": first}
+    try:
+        return Shard(remote, own, first, last, RemotePool(url, remote, own))
+    except ConnectionLostError as error:
+        raise ConnectionLostError(f"{error}; environments {first} to {last - 1} are to be on it") from None
+
+
 def _concatenated(found: Sequence[Any], out: dict[str, Any]) -> Any:
-    join: Callable[[str], Any] = lambda name: [one[name] for one in found]  # noqa: E731
-    return {
-        name: _concatenated(join(name), {})
-        if isinstance(values, dict)
-        else np.concatenate(join(name), out=out.get(name))
-        for name, values in found[0].items()
-    }
+    """Put arrays together, entry by entry."""
+    joined: dict[str, Any] = {}
+    for name, values in found[0].items():
+        parts = [one[name] for one in found]
+        joined[name] = (
+            _concatenated(parts, {}) if isinstance(values, dict) else np.concatenate(parts, out=out.get(name))
+        )
+    return joined

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.arguments import shown
 from graspbox.envs.spaces import Tables
 from graspbox.errors import ConfigError
 
@@ -104,6 +105,8 @@ def term_weights(
     """
     if reward not in known:
         raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(known)}")
+    if given is not None and not isinstance(given, Mapping):
+        raise ConfigError(f"reward_weights is {shown(given)}; give a dictionary of weights by the names of terms")
     names = [term["name"] for term in found["terms"]]
     chosen = {**known[reward], **(given or {})}
     for name, weight in chosen.items():

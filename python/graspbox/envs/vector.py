@@ -23,6 +23,7 @@ from gymnasium.vector.utils import batch_space, create_empty_array
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox.arguments import natural
 from graspbox.envs.core import GraspCore, checked_options
 from graspbox.envs.env_view import EnvView
 from graspbox.envs.infos import full, mask_of, scattered, taken
@@ -260,7 +261,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         ConfigError
             If fewer are on their way.
         """
-        count = self.num_envs if count is None else count
+        count = self.num_envs if count is None else natural(count, "count")
         now, last = self._core.pool.recv(count)
         results = self._results(now, last, count)
         results[-1].update(full({"env_id": now["env"]}, count))
@@ -268,7 +269,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
 
     def get_state(self, env: int) -> bytes:
         """Return all that the future of an environment depends on, its random stream included."""
-        return self._core.pool.get_state(env)
+        return self._core.pool.get_state(natural(env, "env"))
 
     def set_state(self, env: int, state: bytes) -> tuple[Any, dict[str, Any]]:
         """Restore a state that `get_state` of this or of a single environment returned.
@@ -283,7 +284,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         ConfigError, SimulationError
             As `graspbox.envs.single.SingleEnv.set_state`.
         """
-        arrays = self._core.restore(env, state)
+        arrays = self._core.restore(natural(env, "env"), state)
         if self._seeds[env] is None:
             # The stream is that of the state, whose seed is not known.
             self._seeds[env] = -1

@@ -194,7 +194,7 @@ def _places(nodes: Sequence[dict[str, Any]], servers: int | None, cpus: int | No
     return places
 
 
-class RayVectorEnv(VectorWrapper):  # type: ignore[type-arg]
+class RayVectorEnv(VectorWrapper):
     """A vector environment whose servers end with it; methods of graspbox's own are those of ``unwrapped``.
 
     Parameters

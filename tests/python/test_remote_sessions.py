@@ -1,0 +1,394 @@
+"""Sessions on servers: what is sent and received, connections that break, servers that go, and who is refused what."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from graspbox import errors, load_hand
+from graspbox.envs.remote_config import RemoteConfig
+from graspbox.remote import EnvironmentServer, ServerSettings
+from test_remote import POSE, Urls, acting, begun, make, make_single, rollout, rollout_single, rows, same
+
+TOKEN = "a-token-of-many-characters"
+
+
+def served(**settings: Any) -> EnvironmentServer:
+    return EnvironmentServer(ServerSettings(port=0, **settings))
+
+
+@pytest.fixture(scope="module")
+def urls() -> Iterator[Urls]:
+    with served() as one, served() as two:
+        yield one.url, two.url
+
+
+def error_of(call: Callable[[], Any]) -> tuple[str, str]:
+    """Find class and sentence of the error of a call."""
+    try:
+        call()
+    except Exception as error:
+        return type(error).__name__, str(error)
+    pytest.fail("no error")
+
+
+def pools_of(env: Any) -> list[Any]:
+    pool = env.unwrapped._core.pool
+    return [shard.pool for shard in pool._shards] if hasattr(pool, "_shards") else [pool]
+
+
+def breaking(env: Any, before: bool) -> Any:
+    """Break every connection off before each command is sent, or between it and its answer."""
+    for pool in pools_of(env):
+
+        def begin(command: str, fields: dict[str, Any], pool: Any = pool, send: Any = pool.begin) -> int:
+            if before:
+                pool._client._break_off()
+            number: int = send(command, fields)
+            if not before:
+                pool._client._break_off()
+            return number
+
+        pool.begin = begin
+    return env
+
+
+@pytest.mark.parametrize("before", [True, False], ids=["before", "between"])
+@pytest.mark.parametrize("count", [1, 2])
+def test_bits_continue_after_a_lost_connection(urls: Urls, count: int, before: bool) -> None:
+    """In every command: each is carried out once, and its answer arrives."""
+    settings: dict[str, Any] = {"max_episode_steps": 4, "render_mode": "rgb_array", "obs": ("state", "depth")}
+    local = make(5, **settings)
+    env = breaking(make(5, remote=urls[:count], **settings), before)
+    assert same(rollout(env, 6), rollout(local, 6))
+    assert same(env.call("get_state"), local.call("get_state"))
+    assert same(env.cameras(), local.cameras())
+    assert same(env.render(), local.render())
+    state = local.get_state(1)
+    assert same(env.set_state(4, state), local.set_state(4, state))
+    for one in (env, local):
+        one.send(acting(one, 1)[0])
+    assert same(rows(env.recv())[4], rows(local.recv())[4])
+    assert error_of(lambda: env.recv(1)) == error_of(lambda: local.recv(1))
+    assert same(env.step(acting(env, 1)[0]), local.step(acting(env, 1)[0]))
+    single, alone = breaking(make_single(POSE, remote=urls[0]), before), make_single(POSE)
+    assert same(rollout_single(single, 2), rollout_single(alone, 2))
+
+
+def until(done: Callable[[], bool]) -> None:
+    """Wait for what happens in the background; ten seconds count as never."""
+    for _ in range(1000):
+        if done():
+            return
+        time.sleep(0.01)
+    pytest.fail("it does not happen")
+
+
+def sessions(server: EnvironmentServer) -> int:
+    return int(next(line.split()[1] for line in server.metrics().splitlines() if line.startswith("graspbox_sessions ")))
+
+
+def test_a_session_that_nobody_takes_up_ends() -> None:
+    """After that it is lost, and with it its environments, but where they are restored."""
+    with served() as server:
+        config = RemoteConfig((server.url,), grace=0.1)
+        envs = [begun(2, remote=config), begun(2, remote=RemoteConfig(config.urls, grace=0.1, reconnect="restore"))]
+        for env in envs:
+            pools_of(env)[0]._client._break_off()
+        until(lambda: sessions(server) == 0)
+        action = acting(envs[0], 1)[0]
+        with pytest.raises(errors.ConnectionLostError, match=f"session on {server.url} is (lost|over)"):
+            envs[0].step(action)
+        assert same(envs[1].step(action), begun(2).step(action))
+
+
+def test_without_grace_a_lost_connection_is_an_error(urls: Urls) -> None:
+    env = begun(5, remote=RemoteConfig(urls, grace=0.0))
+    pools_of(env)[1]._client._break_off()
+    with pytest.raises(errors.ConnectionLostError, match=rf"{urls[1]} .*environments 2 to 4 "):
+        env.step(acting(env, 1)[0])
+
+
+LOST: list[tuple[AutoresetMode, int, int, float]] = [
+    (AutoresetMode.NEXT_STEP, 0, 3, 0.0),
+    (AutoresetMode.SAME_STEP, 1, 1, 0.2),
+    (AutoresetMode.DISABLED, 0, 4, 0.0),
+    (AutoresetMode.NEXT_STEP, 1, 50, 0.0),
+]
+
+
+@pytest.mark.parametrize("lost", LOST, ids=str)
+def test_environments_are_restored_on_another_server(urls: Urls, lost: Any) -> None:
+    """As if nothing had happened: also partial resets, states and what was set since the states were saved."""
+    mode, which, checkpoint, grace = lost
+    settings: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 4, "obs": ("state", "depth")}
+    with served() as server:
+        order = (server.url, urls[0]) if which == 0 else (urls[0], server.url)
+        config = RemoteConfig(order, reconnect="restore", checkpoint=checkpoint, grace=grace)
+        env, local = begun(remote=config, **settings), begun(**settings)
+        mask = np.array([True, False, True, False, True])
+        for step, action in enumerate(acting(local, 13)):
+            if step == 8:
+                server.stop(patient=False)
+            expected = local.step(action)
+            assert same(env.step(action), expected)
+            done = expected[2] | expected[3]
+            if step == 6 or (mode == AutoresetMode.DISABLED and done.any()):
+                chosen = mask | done
+                assert same(*(one.reset(seed=step, options={"reset_mask": chosen.copy()}) for one in (env, local)))
+            if step == 7:
+                assert same(*(one.set_state(3, local.get_state(1)) for one in (env, local)))
+        assert env.call("get_state") == local.call("get_state")
+        assert {pool.url for pool in pools_of(env)} == {urls[0]}
+    env.close()
+
+
+def test_what_was_sent_and_received_is_restored(urls: Urls) -> None:
+    with served() as server:
+        env = begun(remote=RemoteConfig((server.url, urls[0]), reconnect="restore", checkpoint=5, grace=0.0))
+        local = begun()
+        actions = acting(local, 4)
+        for one in (env, local):
+            one.step(actions[0])
+            one.send(actions[1])
+            one.recv()
+        server.stop(patient=False)
+        for action in actions[2:]:
+            assert same(env.step(action), local.step(action))
+
+
+def test_what_is_on_its_way_is_restored(urls: Urls) -> None:
+    with served() as server:
+        env = begun(remote=RemoteConfig((server.url, urls[0]), reconnect="restore", checkpoint=5, grace=0.0))
+        local = begun()
+        action = acting(local, 1)[0]
+        for one in (env, local):
+            one.send(action)
+        server.stop(patient=False)
+        expected, received = rows(local.recv()), rows(env.recv())
+        assert all(same(received[i], expected[i]) for i in range(5))
+
+
+def test_a_server_without_room_is_passed_over(urls: Urls) -> None:
+    with served() as server, served(max_envs=2) as full:
+        names = (server.url, full.url, urls[0])
+        env, local = begun(6, remote=RemoteConfig(names, reconnect="restore", grace=0.0)), begun(6)
+        server.stop(patient=False)
+        for action in acting(local, 2):
+            assert same(env.step(action), local.step(action))
+        assert [pool.url for pool in pools_of(env)] == [urls[0], full.url, urls[0]]
+    env.close()
+
+
+def again_at(port: int) -> EnvironmentServer:
+    """Serve where another server did, whose port may be free only after a moment."""
+    started: list[EnvironmentServer] = []
+
+    def start() -> bool:
+        with suppress(errors.ConfigError):
+            started.append(EnvironmentServer(ServerSettings(port=port)))
+        return bool(started)
+
+    until(start)
+    return started[0]
+
+
+def test_environments_are_restored_on_a_server_that_was_restarted() -> None:
+    with served() as server:
+        env, local = begun(remote=RemoteConfig((server.url,), reconnect="restore", checkpoint=2)), begun()
+        port = int(server.url.rpartition(":")[2])
+        actions = acting(local, 5)
+        for action in actions[:3]:
+            assert same(env.step(action), local.step(action))
+        server.stop(patient=False)
+        with again_at(port):
+            for action in actions[3:]:
+                assert same(env.step(action), local.step(action))
+            env.close()
+
+
+CALLS: dict[str, Callable[[Any], Any]] = {
+    "step": lambda env: env.step(acting(env, 1)[0]),
+    "reset": lambda env: env.reset(seed=1),
+    "get_state": lambda env: env.get_state(1),
+    "recv": lambda env: env.recv(5),
+}
+
+
+@pytest.mark.parametrize("reconnect", ["resume", "restore"])
+def test_the_error_of_a_lost_server_names_it_and_its_environments(reconnect: Any) -> None:
+    """Where no other server can take its place, or none is to."""
+    with served() as one, served() as two:
+        config = RemoteConfig((one.url, two.url), grace=0.0, reconnect=reconnect)
+        envs = {name: begun(remote=config) for name in CALLS}
+        envs["recv"].send(acting(envs["recv"], 1)[0])
+        for server in (one, two):
+            server.stop(patient=False)
+        for name, call in CALLS.items():
+            kind, sentence = error_of(partial(call, envs[name]))
+            assert (name, kind) == (name, "ConnectionLostError")
+            assert one.url in sentence, name
+            assert "environments 0 to 1 " in sentence, name
+
+
+def send(env: Any, count: int, envs: list[int]) -> Any:
+    return env.send(acting(env, 1)[0][:count], envs)
+
+
+def spoiled(env: Any, *rows: int) -> Any:
+    """Actions with NaN in some rows."""
+    action = acting(env, 1)[0]
+    action[list(rows), 2] = np.nan
+    return action
+
+
+#: Wrong in environments that have begun.
+WRONG: dict[str, Callable[[Any], Any]] = {
+    "step with NaN": lambda env: env.step(spoiled(env, 3)),
+    "step of other shape": lambda env: env.step(acting(env, 1)[0][:, :9]),
+    "reset object": lambda env: env.reset(options={"each": [None, None, None, {"object": "moon"}, None]}),
+    "reset friction": lambda env: env.reset(options={"each": [None, None, None, None, {"friction": -1.0}]}),
+    "recv of none": lambda env: env.recv(0),
+    "recv of too many": lambda env: [send(env, 3, [0, 4, 2]), env.recv(4)],
+    "recv of less than none": lambda env: env.recv(-1),
+    "send to none": lambda env: send(env, 1, [5]),
+    "send twice": lambda env: send(env, 2, [4, 4]),
+    "send with NaN": lambda env: env.send(spoiled(env, 4)),
+    "state of none": lambda env: env.get_state(5),
+    "state of less than none": lambda env: env.get_state(-1),
+    "state that is damaged": lambda env: env.set_state(4, env.get_state(4)[:-3]),
+    "state that is text": lambda env: env.set_state(4, "damaged"),
+    "state of other objects": lambda env: env.set_state(4, begun(1, objects="procedural:mug:0").get_state(0)),
+    "away, step": lambda env: [send(env, 1, [4]), env.step(acting(env, 1)[0])],
+    "away, send": lambda env: [send(env, 1, [4]), send(env, 3, [0, 3, 4])],
+    "away, reset": lambda env: [send(env, 1, [4]), env.reset(options={"reset_mask": np.ones(5, dtype=bool)})],
+    "away, get_state": lambda env: [send(env, 1, [4]), env.get_state(4)],
+    "closed": lambda env: (env.close(), env.reset()),
+}
+#: Wrong in environments that have not begun.
+TOO_EARLY: dict[str, Callable[[Any], Any]] = {
+    "step": lambda env: env.step(acting(env, 1)[0]),
+    "send": lambda env: send(env, 1, [4]),
+    "get_state": lambda env: env.get_state(4),
+    "cameras": lambda env: env.cameras(),
+    "render": lambda env: env.render(),
+    "partial reset": lambda env: env.reset(seed=0, options={"reset_mask": np.arange(5) != 3}),
+}
+#: Wrong after the end of the episodes of environments 3 and 4, without autoreset.
+TOO_LATE: dict[str, Callable[[Any], Any]] = {
+    "step": lambda env: env.step(acting(env, 1)[0]),
+    "send": lambda env: env.send(acting(env, 1)[0]),
+    "send of one": lambda env: send(env, 1, [4]),
+}
+
+
+def half_ended(remote: Any) -> Any:
+    env = begun(remote=remote, autoreset_mode="Disabled", max_episode_steps=2)
+    env.step(acting(env, 1)[0])
+    env.reset(options={"reset_mask": np.arange(5) < 3})
+    env.step(acting(env, 1)[0])
+    return env
+
+
+@pytest.mark.parametrize(
+    ("table", "made", "name"),
+    [
+        *((WRONG, lambda remote: begun(remote=remote), name) for name in WRONG),
+        *((TOO_EARLY, lambda remote: make(5, remote=remote, render_mode="rgb_array"), name) for name in TOO_EARLY),
+        *((TOO_LATE, half_ended, name) for name in TOO_LATE),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_errors_are_those_of_this_process(urls: Urls, table: Any, made: Callable[[Any], Any], name: str) -> None:
+    """Class and sentence, whose environments are numbered as the client numbers them."""
+    envs = [made(remote) for remote in (None, urls[0], urls)]
+    assert len({error_of(partial(table[name], env)) for env in envs}) == 1
+
+
+@pytest.fixture(scope="module")
+def guarded() -> Iterator[EnvironmentServer]:
+    offer = {"objects": ("procedural:can", "cans=procedural:can:0-1"), "hands": ("reflex",)}
+    with served(token=TOKEN, max_sessions=1, max_envs=3, max_message=1 << 17, **offer) as server:
+        yield server
+
+
+@pytest.fixture
+def door(guarded: EnvironmentServer, tmp_path: Path) -> RemoteConfig:
+    """Let in, with a token of a file."""
+    (tmp_path / "token").write_text(f"{TOKEN}\n")
+    until(lambda: sessions(guarded) == 0)
+    return RemoteConfig((guarded.url,), token_file=str(tmp_path / "token"))
+
+
+@pytest.mark.parametrize(
+    ("asked", "kind", "sentence"),
+    [
+        (
+            {"objects": "procedural:box:0"},
+            errors.ObjectSetError,
+            "offer the objects 'procedural:box:0'.*procedural:can",
+        ),
+        ({"objects": ["cans", "mug.stl"]}, errors.ObjectSetError, "offer the objects 'mug.stl'"),
+        ({"objects": Path("/etc")}, errors.ObjectSetError, "offer the objects '/etc'"),
+        ({"objects": "procedural:can:0-200000"}, errors.ObjectSetError, "200001 objects"),
+        ({"hand": "soft_hand"}, errors.ConfigError, "offer the hand 'soft_hand'.*reflex"),
+        ({"hand": load_hand()}, errors.ConfigError, "a hand by its name"),
+        ({"num_envs": 4}, errors.ConfigError, "num_envs is 4; this server has 3 of 3 environments left"),
+        ({"obs": "rgb", "image_size": 200}, errors.ConfigError, "bytes"),
+    ],
+)
+def test_what_a_server_does_not_offer(door: RemoteConfig, asked: dict[str, Any], kind: Any, sentence: str) -> None:
+    """It says what there is, and another client can have it."""
+    with pytest.raises(kind, match=sentence):
+        make(**{"remote": door, "objects": "cans", **asked})
+    env = make(3, remote=door, objects="cans")
+    assert same(rollout(env, 2), rollout(make(3, objects="procedural:can:0-1"), 2))
+    env.close()
+
+
+def test_sessions_are_counted(guarded: EnvironmentServer, door: RemoteConfig) -> None:
+    env = make(1, remote=door, objects="cans")
+    with pytest.raises(errors.ConfigError, match="all 1 sessions of this server are in use"):
+        make(1, remote=door, objects="cans")
+    env.close()
+    until(lambda: sessions(guarded) == 0)
+    make(1, remote=door, objects="cans").close()
+
+
+GONE: dict[str, Callable[[str], Any]] = {
+    "closed": lambda url: make(2, remote=url).close(),
+    "collected": lambda url: make(2, remote=url),
+    "single, collected": lambda url: make_single(remote=url),
+    "another server is not there": lambda url: error_of(partial(make, 4, remote=(url, "ws://127.0.0.1:1"))),
+    "a keyword of the client is wrong": lambda url: error_of(partial(make, remote=url, prepare_files=-1)),
+}
+
+
+@pytest.mark.parametrize("way", GONE)
+def test_environments_that_are_gone_hold_no_session(way: str) -> None:
+    with served() as server:
+        GONE[way](server.url)
+        until(lambda: sessions(server) == 0)
+        assert "graspbox_environments 0\n" in server.metrics()
+
+
+def test_only_who_knows_the_token_comes_in(
+    guarded: EnvironmentServer, door: RemoteConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wrong").write_text(TOKEN[:-1])
+    for remote in (guarded.url, replace(door, token_file=str(tmp_path / "wrong"))):
+        with pytest.raises(errors.ConfigError, match=rf"{guarded.url} refuses .*401.*token"):
+            make(1, remote=remote, objects="cans")
+    with pytest.raises(errors.FileError, match="none"):
+        make(1, remote=replace(door, token_file=str(tmp_path / "none")), objects="cans")
+    monkeypatch.setenv("GRASPBOX_TOKEN", TOKEN)
+    make(1, remote=guarded.url, objects="cans").close()
+    with pytest.raises(errors.ConfigError, match="at least 16"):
+        served(token="short")
