@@ -24,7 +24,7 @@ help:
 	@echo "make test-train     tests that need torch, Stable-Baselines3 or Ray (several GB the first time)"
 	@echo "make test-examples  the examples for TorchRL and RLlib, in their own virtual environment (as much again)"
 	@echo "make test-lerobot   exported demonstrations and environments, used by LeRobot, in its own virtual environment (8 GB)"
-	@echo "make test-adapters  the adapters for OpenEnv and vla-eval, in their own virtual environment (1 GB)"
+	@echo "make test-adapters  the adapters for OpenEnv, vla-eval and openpi, in their own virtual environment (1 GB)"
 	@echo "make test-all       all of them, the slow ones too"
 	@echo "make lint           clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
 	@echo "make fmt            format Rust and Python"
@@ -99,15 +99,16 @@ test-lerobot: $(LEROBOT)/.stamp $(STAMPS)/core
 	GRASPBOX_REQUIRE_LEROBOT=1 $(LEROBOT)/bin/python -m pytest tests/python/test_demonstrations_export.py \
 		tests/python/test_adapters.py -k lerobot
 
-# OpenEnv and vla-eval bring web servers and their own clients; here too a skipped test is a failure.
+# OpenEnv, vla-eval and openpi bring web servers and their own clients; here too a skipped test is a failure.
 ADAPTERS := $(CURDIR)/.venv-adapters
 $(ADAPTERS)/.stamp: pyproject.toml scripts/adapters/openenv/pyproject.toml scripts/adapters/vla_eval/pyproject.toml
 	$(PYTHON) -m venv --clear $(ADAPTERS)
-	$(ADAPTERS)/bin/python -m pip install --quiet pytest -e . -e scripts/adapters/openenv -e scripts/adapters/vla_eval
+	$(ADAPTERS)/bin/python -m pip install --quiet pytest openpi-client -e '.[onnx]' -e scripts/adapters/openenv -e scripts/adapters/vla_eval
 	touch $@
 
 test-adapters: $(ADAPTERS)/.stamp $(STAMPS)/core
-	GRASPBOX_REQUIRE_ADAPTERS=1 $(ADAPTERS)/bin/python -m pytest tests/python/test_adapters.py -k 'openenv or vla_eval'
+	GRASPBOX_REQUIRE_ADAPTERS=1 $(ADAPTERS)/bin/python -m pytest tests/python/test_adapters.py tests/python/test_openpi.py \
+		-k 'openenv or vla_eval or openpi'
 
 test-all: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_YCB=$(YCB) cargo test --release --workspace -- --include-ignored

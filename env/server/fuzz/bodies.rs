@@ -77,10 +77,10 @@ pub fn gate(data: &[u8]) {
     const NAMES: [&str; 5] = ["authorization", "origin", "host", "sec-websocket-protocol", "cookie"];
     let mut headers = HeaderMap::new();
     for line in data.split(|byte| *byte == b'\n') {
-        if let Some((first, rest)) = line.split_first() {
-            if let Ok(value) = HeaderValue::from_bytes(rest) {
-                headers.append(HeaderName::from_static(NAMES[usize::from(*first) % NAMES.len()]), value);
-            }
+        if let Some((first, rest)) = line.split_first()
+            && let Ok(value) = HeaderValue::from_bytes(rest)
+        {
+            headers.append(HeaderName::from_static(NAMES[usize::from(*first) % NAMES.len()]), value);
         }
     }
     let holds = |text: &str, name: &str| {

@@ -131,6 +131,11 @@ impl Client {
             return Ok(None);
         };
         match socket.receive() {
+            Ok(None) if socket.is_silent() => {
+                let why = "it has been silent for a minute".to_owned();
+                self.lose(ClientError::Unreachable { url: self.url.clone(), why })?;
+                Ok(None)
+            }
             Ok(None) => Ok(None),
             Ok(Some(Incoming::Text(text))) => Err(ClientError::Protocol { url: self.url.clone(), why: text }),
             Ok(Some(Incoming::Frame(frame))) => {

@@ -18,6 +18,8 @@ use tungstenite::{Error, Message, WebSocket};
 pub const PATIENCE: Duration = Duration::from_millis(100);
 /// Time for which a client looks for an answer before it sleeps: to be woken on another core takes longer than a short call itself.
 const SPIN: Duration = Duration::from_micros(50);
+/// Waits of [`PATIENCE`] after which a server that pings every 20 s is taken for lost: a minute.
+const SILENT: u32 = 600;
 /// Calls after a long one for which a client sleeps at once.
 const PATIENT: u32 = 15;
 /// Longest time for a handshake.
@@ -134,6 +136,8 @@ pub struct Socket {
     socket: WebSocket<Stream>,
     /// Calls for which it sleeps at once, since an answer took too long to look for it.
     patient: u32,
+    /// Waits after each other in which nothing came, not even a ping.
+    quiet: u32,
     /// The same connection, to choose between looking and sleeping.
     control: TcpStream,
     url: String,
@@ -180,11 +184,16 @@ impl Socket {
             }
         };
         control.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
-        Ok(Self { socket, patient: 0, control, url: url.to_owned() })
+        Ok(Self { socket, patient: 0, quiet: 0, control, url: url.to_owned() })
     }
 
     fn lost(&self, error: &Error) -> ClientError {
         ClientError::Unreachable { url: self.url.clone(), why: error.to_string() }
+    }
+
+    /// True if nothing came for so long, although it was waited for, that a server that pings must be gone.
+    pub fn is_silent(&self) -> bool {
+        self.quiet >= SILENT
     }
 
     /// Sends a frame.
@@ -200,22 +209,26 @@ impl Socket {
     /// # Errors
     /// A connection that broke off or was closed, where the error says why.
     pub fn receive(&mut self) -> Result<Option<Incoming>, ClientError> {
+        let failed = |url: &str, why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
         if self.patient > 0 {
             self.patient -= 1;
-            return self.next();
-        }
-        let failed = |url: &str, why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
-        self.control.set_nonblocking(true).map_err(|why| failed(&self.url, why))?;
-        let started = Instant::now();
-        let mut found = self.next();
-        while matches!(found, Ok(None)) && started.elapsed() < SPIN {
-            std::hint::spin_loop();
-            found = self.next();
-        }
-        self.control.set_nonblocking(false).map_err(|why| failed(&self.url, why))?;
-        if matches!(found, Ok(None)) {
+        } else {
+            self.control.set_nonblocking(true).map_err(|why| failed(&self.url, why))?;
+            let started = Instant::now();
+            let mut found = self.next();
+            while matches!(found, Ok(None)) && started.elapsed() < SPIN {
+                std::hint::spin_loop();
+                found = self.next();
+            }
+            self.control.set_nonblocking(false).map_err(|why| failed(&self.url, why))?;
+            if !matches!(found, Ok(None)) {
+                return found;
+            }
             self.patient = PATIENT;
-            return self.next();
+        }
+        let found = self.next();
+        if matches!(found, Ok(None)) {
+            self.quiet += 1;
         }
         found
     }
@@ -223,7 +236,11 @@ impl Socket {
     /// The next that comes in; none where reading would wait for too long.
     fn next(&mut self) -> Result<Option<Incoming>, ClientError> {
         loop {
-            match self.socket.read() {
+            let read = self.socket.read();
+            if read.is_ok() {
+                self.quiet = 0;
+            }
+            match read {
                 Ok(Message::Binary(frame)) => return Ok(Some(Incoming::Frame(frame))),
                 Ok(Message::Text(text)) => return Ok(Some(Incoming::Text(text.to_string()))),
                 Ok(Message::Close(frame)) => {

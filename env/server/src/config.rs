@@ -8,10 +8,14 @@ pub const HANDSHAKE: u64 = 10;
 pub const WRITE_TIMEOUT: u64 = 30;
 /// Seconds between two pings to a client, which keep tunnels open.
 pub const PING: u64 = 20;
+/// Pings to a client that has no environments; after that its connection ends.
+pub const MAX_UNUSED: usize = 3;
 /// Seconds in which running calls end when a server is told to stop.
 pub const DRAIN: u64 = 10;
 /// Most commands of a session that wait; after that its connection is not read until one is done.
 pub const MAX_WAITING: usize = 64;
+/// Most answers of a session that wait to be acknowledged; a client that comes back has sent no more commands than may wait.
+pub const MAX_KEPT: usize = 1024;
 /// Answers that wait to be written or acknowledged, bytes; after that no further command of the session begins.
 pub const MAX_UNSENT: usize = 64 << 20;
 /// Connections beside those of sessions: health checks, metrics, and those that have not begun a session.

@@ -2,7 +2,7 @@
 
 use crate::answer;
 use crate::command::{Command, Request};
-use crate::config::{PING, WRITE_TIMEOUT};
+use crate::config::{MAX_UNUSED, PING, WRITE_TIMEOUT};
 use crate::decode::decode;
 use crate::fault::Fault;
 use crate::session::Session;
@@ -49,6 +49,7 @@ impl Connection {
     async fn exchange(&mut self, socket: &mut WebSocket, mut outgoing: UnboundedReceiver<Outgoing>) {
         let mut pings = interval(Duration::from_secs(PING));
         pings.reset();
+        let mut unused = 0;
         loop {
             tokio::select! {
                 out = outgoing.recv() => match out {
@@ -76,8 +77,12 @@ impl Connection {
                     Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
                     Some(Ok(Message::Close(_)) | Err(_)) | None => return,
                 },
-                _ = pings.tick() => if !write(socket, Message::Ping(Bytes::new())).await {
-                    return;
+                _ = pings.tick() => {
+                    // A client that begins no session would hold the place of one that does.
+                    unused = if self.session.is_made() { 0 } else { unused + 1 };
+                    if unused > MAX_UNUSED || !write(socket, Message::Ping(Bytes::new())).await {
+                        return;
+                    }
                 },
             }
         }

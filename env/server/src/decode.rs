@@ -226,6 +226,10 @@ fn shape(map: &Value<'_>) -> Result<Vec<usize>, CodecError> {
 
 /// A numpy scalar, as the plain value that it is.
 fn scalar<'a>(map: &Value<'a>) -> Result<Value<'a>, CodecError> {
+    // openpi writes the number itself, others its bytes.
+    if let Some(value @ (Value::Bool(_) | Value::Integer(_) | Value::Float(_))) = map.get("data") {
+        return Ok(value.clone());
+    }
     let (dtype, data) = typed(map)?;
     let one = NdArray { dtype, shape: Vec::new(), data };
     if data.len() != dtype.size() {

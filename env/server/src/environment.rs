@@ -32,6 +32,8 @@ pub struct Environment {
     picture: Option<PictureConfig>,
     asked: Asked,
     segment: Option<Arc<Segment>>,
+    /// Most bytes of an answer.
+    most: usize,
     classify: Classify,
 }
 
@@ -42,18 +44,18 @@ const SHORT_SKIP: u32 = 2;
 pub type Arrival = (usize, Result<Stepped, AgentError>);
 
 impl Environment {
-    /// Takes what Python made; an answer has at most `bytes` bytes.
+    /// Takes what Python made; the rows of an answer have at most `bytes` bytes, and a whole answer `most`.
     ///
     /// # Errors
     /// Shared memory that is asked for and not there.
-    pub fn new(made: Made, asked: Asked, bytes: usize, classify: Classify) -> Result<Self, Fault> {
+    pub fn new(made: Made, asked: Asked, bytes: usize, most: usize, classify: Classify) -> Result<Self, Fault> {
         let segment = match asked.shm {
             false => None,
             true => Some(Arc::new(Segment::create(random()?, bytes).map_err(|error| {
                 Fault::config("share", format!("this server has no shared memory to offer: {error}; leave shm out"))
             })?)),
         };
-        Ok(Self { pool: made.pool, weights: made.weights, picture: made.picture, asked, segment, classify })
+        Ok(Self { pool: made.pool, weights: made.weights, picture: made.picture, asked, segment, most, classify })
     }
 
     /// How results are written; large arrays into shared memory with `shm`, if there is some.
@@ -192,6 +194,16 @@ impl Environment {
         };
         let envs = envs.unwrap_or_else(|| (0..self.pool.len()).collect());
         let [height, width] = picture.image_size.map(|n| n as usize);
+        let bytes = envs.len().saturating_mul(height * width * 3);
+        if envs.len() > self.pool.len() || bytes > self.most {
+            let message = format!(
+                "{} pictures have {bytes} bytes; name each of the {} environments once at most, and as many as fit into {} bytes",
+                envs.len(),
+                self.pool.len(),
+                self.most
+            );
+            return Err(Fault::config("env_ids", message));
+        }
         let made = self.pool.pictures(&envs, picture).map_err(|error| self.fault("env_ids", error))?;
         let mut frame = answer::begin(id, 1, made.len());
         frame.text("frames");

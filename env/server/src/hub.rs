@@ -17,6 +17,8 @@ pub struct Hub {
     pub metrics: Arc<Metrics>,
     /// Threads that step environments.
     pub pool: ThreadPool,
+    /// Threads that prepare objects, which takes so long that steps must not wait for it.
+    pub background: ThreadPool,
     /// Names errors.
     pub classify: Classify,
     /// The server has been told to stop: nothing new begins.
@@ -29,10 +31,16 @@ pub struct Hub {
 
 impl Hub {
     /// A hub whose environments are made by whoever receives `makers`.
-    pub fn new(config: ServerConfig, pool: ThreadPool, classify: Classify, makers: Sender<MakeJob>) -> Self {
+    pub fn new(
+        config: ServerConfig,
+        [pool, background]: [ThreadPool; 2],
+        classify: Classify,
+        makers: Sender<MakeJob>,
+    ) -> Self {
         Self {
             config,
             pool,
+            background,
             classify,
             metrics: Arc::default(),
             draining: AtomicBool::new(false),
@@ -113,13 +121,23 @@ type Reply = Box<dyn FnOnce(Result<Made, Fault>) + Send>;
 pub struct MakeJob {
     /// Environment id, number, objects and keywords.
     pub request: serde_json::Value,
+    /// Set when nobody waits for it any more.
+    unwanted: Arc<AtomicBool>,
     reply: Option<Reply>,
 }
 
 impl MakeJob {
     /// A request, and what takes its result.
-    pub fn new(request: serde_json::Value, reply: impl FnOnce(Result<Made, Fault>) + Send + 'static) -> Self {
-        Self { request, reply: Some(Box::new(reply)) }
+    pub fn new<F>(request: serde_json::Value, unwanted: Arc<AtomicBool>, reply: F) -> Self
+    where
+        F: FnOnce(Result<Made, Fault>) + Send + 'static,
+    {
+        Self { request, unwanted, reply: Some(Box::new(reply)) }
+    }
+
+    /// True while somebody waits for it.
+    pub fn is_wanted(&self) -> bool {
+        !self.unwanted.load(Ordering::Acquire)
     }
 
     /// Answers it.

@@ -12,7 +12,7 @@ use crate::listener;
 use crate::metrics::Metrics;
 use crate::server::{check, io_runtime, refused};
 use axum::Router;
-use axum::body::Body;
+use axum::body::{Body, to_bytes};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{DefaultBodyLimit, State};
 use axum::http::header::CONTENT_TYPE;
@@ -157,8 +157,15 @@ impl PolicyServer {
             .arrived
             .wait_timeout_while(queue, wait, |queue| queue.is_empty())
             .unwrap_or_else(PoisonError::into_inner);
-        let count = most.min(queue.len());
-        queue.drain(..count).collect()
+        let mut jobs = Vec::new();
+        while jobs.len() < most {
+            let Some(job) = queue.pop_front() else { break };
+            // A client that is gone needs no decision.
+            if job.reply.as_ref().is_some_and(|reply| !reply.is_closed()) {
+                jobs.push(job);
+            }
+        }
+        jobs
     }
 
     /// Connections that ended since this was called last.
@@ -237,7 +244,9 @@ async fn count(State(desk): State<Arc<Desk>>, headers: HeaderMap) -> Response {
 }
 
 /// POST: JSON in, JSON out.
-async fn decide(State(desk): State<Arc<Desk>>, headers: HeaderMap, body: Bytes) -> Response {
+///
+/// The body is read by us: an extractor would read it before anybody has shown the token, and wait for its end for ever.
+async fn decide(State(desk): State<Arc<Desk>>, headers: HeaderMap, body: Body) -> Response {
     if let Err(reason) = desk.gate.admits(&headers) {
         return refused(&desk.metrics, reason);
     }
@@ -245,6 +254,10 @@ async fn decide(State(desk): State<Arc<Desk>>, headers: HeaderMap, body: Bytes) 
     if headers.get(CONTENT_TYPE).is_none_or(|kind| !kind.as_bytes().starts_with(b"application/json")) {
         return (StatusCode::UNSUPPORTED_MEDIA_TYPE, "send JSON: Content-Type: application/json\n").into_response();
     }
+    let read = timeout(Duration::from_secs(WRITE_TIMEOUT), to_bytes(body, desk.max_message)).await;
+    let Ok(Ok(body)) = read else {
+        return (StatusCode::PAYLOAD_TOO_LARGE, "the body is too large, or comes too slowly\n").into_response();
+    };
     let result = desk.submit(Form::Json, body, 0).await;
     let (status, bytes) = match result {
         Ok(Ok(bytes)) => (StatusCode::OK, bytes),

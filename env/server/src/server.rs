@@ -20,7 +20,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use bytes::Bytes;
 use graspbox_mesh::in_range;
-use rayon::ThreadPoolBuilder;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, channel};
@@ -65,16 +65,11 @@ impl Server {
     pub fn start(config: ServerConfig, offer: &serde_json::Value, classify: Classify) -> Result<Self, ServerError> {
         check(&config)?;
         let tls = listener::tls(&config)?;
-        let pool = ThreadPoolBuilder::new()
-            .num_threads(config.threads)
-            .stack_size(STACK)
-            .thread_name(|i| format!("graspbox-serve-{i}"))
-            .build()
-            .map_err(|error| ServerError::Threads(error.to_string()))?;
+        let pools = [workers(config.threads, "serve")?, workers(config.threads, "prepare")?];
         let runtime = io_runtime(config.threads)?;
         let (listener, bound) = listener::bind(&runtime, &config)?;
         let (sender, makers) = channel();
-        let hub = Arc::new(Hub::new(config, pool, classify, sender));
+        let hub = Arc::new(Hub::new(config, pools, classify, sender));
         let sessions = Arc::new(Sessions::new(hub));
         let config = &sessions.hub.config;
         let door = Door {
@@ -104,7 +99,15 @@ impl Server {
 
     /// The next request for environments; none within `wait`.
     pub fn next_job(&self, wait: Duration) -> Option<MakeJob> {
-        self.makers.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(wait).ok()
+        let makers = self.makers.lock().unwrap_or_else(PoisonError::into_inner);
+        let until = Instant::now() + wait;
+        loop {
+            let job = makers.recv_timeout(until.saturating_duration_since(Instant::now())).ok()?;
+            // Those of clients that are gone are dropped.
+            if job.is_wanted() {
+                return Some(job);
+            }
+        }
     }
 
     /// What it counts, in the text format of OpenMetrics.
@@ -143,6 +146,16 @@ impl Drop for Server {
     fn drop(&mut self) {
         self.stop(|| false);
     }
+}
+
+/// Threads for the work of sessions.
+fn workers(count: usize, what: &'static str) -> Result<ThreadPool, ServerError> {
+    ThreadPoolBuilder::new()
+        .num_threads(count)
+        .stack_size(STACK)
+        .thread_name(move |i| format!("graspbox-{what}-{i}"))
+        .build()
+        .map_err(|error| ServerError::Threads(error.to_string()))
 }
 
 /// The threads that read and write; `threads` of them may do short commands at once.
@@ -245,7 +258,10 @@ async fn connect(State(door): State<Door>, headers: HeaderMap, upgrade: WebSocke
     let most = door.sessions.hub.config.max_message;
     let upgrade = upgrade.max_message_size(most).max_frame_size(most).protocols(["graspbox"]);
     upgrade.on_upgrade(move |socket| async move {
+        let metrics = Arc::clone(&door.sessions.hub.metrics);
+        metrics.connections.inc();
         connection::serve(socket, door.sessions, door.hello).await;
+        metrics.connections.dec();
         drop(slot);
     })
 }

@@ -5,7 +5,7 @@
 use crate::answer;
 use crate::asked::Asked;
 use crate::command::{Command, Request};
-use crate::config::{MAX_UNSENT, MAX_WAITING};
+use crate::config::{MAX_KEPT, MAX_UNSENT, MAX_WAITING};
 use crate::environment::{Arrival, Environment, Made};
 use crate::fault::Fault;
 use crate::hub::{Hub, MakeJob};
@@ -15,6 +15,7 @@ use graspbox_agent::env_pool::MOST_ENVS;
 use graspbox_agent::panic_text;
 use graspbox_mesh::in_range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
@@ -172,7 +173,8 @@ impl Session {
             }
             self.hub.begin_one();
             let session = Arc::clone(self);
-            self.hub.pool.spawn_fifo(move || {
+            let pool = if job.long { &self.hub.background } else { &self.hub.pool };
+            pool.spawn_fifo(move || {
                 session.execute(job);
                 session.hub.end_one();
                 session.advance();
@@ -275,7 +277,8 @@ impl Session {
             }
         };
         let hub = Arc::clone(&self.hub);
-        Job::new(id, environment.is_short(&command), move |stop| {
+        let (short, long) = (environment.is_short(&command), matches!(command, Command::Prepare));
+        let job = Job::new(id, short, move |stop| {
             let (steps, started) = (matches!(command, Command::Step { .. }), Instant::now());
             let frame = environment.run(id, command, shm, stop, arrived)?;
             if steps {
@@ -283,7 +286,8 @@ impl Session {
                 hub.metrics.steps.inc_by(environment.pool.len() as u64);
             }
             Ok(frame)
-        })
+        });
+        Job { long, ..job }
     }
 
     /// The environments are made, or not: the answer, and the next command.
@@ -301,10 +305,15 @@ impl Session {
             self.hub.metrics.faults.inc();
             answer::error(id, &fault)
         });
+        let mut frame = frame;
+        // Frames begin with room for 4 kB; most answers are shorter, and may be kept for long.
+        frame.shrink_to_fit();
         let frame = Bytes::from(frame);
         if let Some(id) = id.filter(|_| !state.grace.is_zero()) {
             state.kept.push_back((id, frame.clone()));
-            while state.kept.len() > 1 && state.kept.iter().map(|(_, frame)| frame.len()).sum::<usize>() > MAX_UNSENT {
+            while state.kept.len() > MAX_KEPT
+                || state.kept.len() > 1 && state.kept.iter().map(|(_, frame)| frame.len()).sum::<usize>() > MAX_UNSENT
+            {
                 state.kept.pop_front();
             }
         }
@@ -333,9 +342,10 @@ impl Session {
             Ok(lease) => state.lease = Some(lease),
             Err(fault) => return self.answer(state, Some(id), Err(fault)),
         }
-        state.running = Some(Arc::default());
+        let stop = Arc::new(AtomicBool::new(false));
+        state.running = Some(Arc::clone(&stop));
         let session = Arc::clone(self);
-        self.hub.make(MakeJob::new(request, move |made| {
+        self.hub.make(MakeJob::new(request, stop, move |made| {
             let frame = made.and_then(|made| session.made(id, made, asked));
             let mut state = session.lock();
             if frame.is_err() {
@@ -361,7 +371,7 @@ impl Session {
             return Err(Fault::config("num_envs", message));
         }
         let description = made.description.clone();
-        let environment = Environment::new(made, asked, bytes, self.hub.classify)?;
+        let environment = Environment::new(made, asked, bytes, most, self.hub.classify)?;
         let mut frame = answer::begin(id, 4, 0);
         frame.text("session");
         frame.unsigned(self.id);

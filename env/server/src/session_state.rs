@@ -67,6 +67,8 @@ pub struct Job {
     pub stop: Arc<AtomicBool>,
     /// It takes less than a change of threads is worth.
     pub short: bool,
+    /// It takes so long that steps of others must not wait for it.
+    pub long: bool,
     /// What it does.
     pub work: Work,
 }
@@ -77,7 +79,7 @@ impl Job {
     where
         F: FnOnce(&AtomicBool) -> Result<Vec<u8>, Fault> + Send + 'static,
     {
-        Self { id, stop: Arc::default(), short, work: Box::new(work) }
+        Self { id, stop: Arc::default(), short, long: false, work: Box::new(work) }
     }
 }
 

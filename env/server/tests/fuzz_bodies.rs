@@ -23,7 +23,7 @@ fn seeds() -> Vec<Vec<u8>> {
 }
 
 fn below(rng: &mut TestRng, end: usize) -> usize {
-    use proptest::prelude::RngCore;
+    use proptest::prelude::Rng;
     (rng.next_u64() % end.max(1) as u64) as usize
 }
 

@@ -185,6 +185,9 @@ impl Engine for Native {
     fn load(&mut self, bytes: &[u8]) -> Result<(), SimError> {
         let bad = |why: &str| SimError::BadSnapshot { why: why.into() };
         let saved: solver::Saved = postcard::from_bytes(bytes).map_err(|_| bad("its content cannot be read"))?;
-        if self.solver.load(saved) { Ok(()) } else { Err(bad("its coordinates are not those of this hand and object")) }
+        if !self.solver.load(saved) {
+            return Err(bad("its coordinates are not those of this hand and object"));
+        }
+        if self.solver.is_finite() { Ok(()) } else { Err(bad("one of its coordinates is not finite")) }
     }
 }

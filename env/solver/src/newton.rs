@@ -245,7 +245,11 @@ impl Newton {
         let mut last = 0.0_f64;
         for _ in 0..LINE_EVALUATIONS {
             let margin = 0.02 * (high - low);
-            let step = ((low * at_high - high * at_low) / (at_high - at_low)).clamp(low + margin, high - margin);
+            let (least, most): (f64, f64) = (low + margin, high - margin);
+            if least.is_nan() || most.is_nan() || least > most {
+                return; // Forces beyond all numbers, of a state that nobody reached; `Solver::is_finite` tells.
+            }
+            let step = ((low * at_high - high * at_low) / (at_high - at_low)).clamp(least, most);
             let found = slope(self, problem, step);
             if found.abs() <= FLAT * start.abs() {
                 return;

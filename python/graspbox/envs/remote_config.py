@@ -40,7 +40,8 @@ class RemoteConfig:
     shm : bool
         Whether large arrays travel through shared memory. The servers must run on this machine.
     token_text : str, optional
-        The token itself, instead of `token_file`, where a program made it. It is not printed, but pickled.
+        The token itself, instead of `token_file`, where a program made it. ``repr`` leaves it out; pickles and
+        ``spec.to_json()`` of the environments hold it.
     """
 
     urls: tuple[str, ...] = ()

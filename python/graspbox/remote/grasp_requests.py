@@ -18,6 +18,7 @@ of one has the entries of `answer_of`. In JSON an array is a list, or ``{"data":
 import base64
 import binascii
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -116,6 +117,8 @@ def _found(grasper: ImageGrasper, request: Mapping[str, Any]) -> ImageGrasps:
         raise ConfigError(f"depth_scale is {shown(scale)}; give metres per unit, such as 0.001")
     depth = metric_depth(request["depth"], None if scale is None else float(scale))
     lens = _array(request, "intrinsics", (3, 3))
+    if np.linalg.matrix_rank(lens) < 3:
+        raise ConfigError("intrinsics has no inverse; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
     given = request.get("camera_pose")
     pose = fit_table(depth, lens) if given is None else _array(request, "camera_pose", (4, 4))
     region = None
@@ -187,11 +190,17 @@ def _decoded(value: Any, name: str) -> Any:
     try:
         dtype, shape = np.dtype(value["dtype"]), tuple(int(n) for n in value["shape"])
         data = base64.b64decode(value["data"], validate=True)
-    except (KeyError, TypeError, ValueError, binascii.Error):
+    except (KeyError, OverflowError, TypeError, ValueError, binascii.Error):
         raise ConfigError(
             f"{name} is {shown(value)}; an array is {{'data': base64, 'dtype': '<u2', 'shape': [H, W]}}"
         ) from None
-    if dtype.kind not in "biuf" or min(shape, default=0) < 0 or dtype.itemsize * int(np.prod(shape)) != len(data):
+    if (
+        dtype.kind not in "biuf"
+        or min(shape, default=0) < 0
+        or len(shape) > 3
+        or dtype.itemsize * math.prod(shape) != len(data)
+        or not data
+    ):
         raise ConfigError(f"{name} has {len(data)} bytes; dtype {dtype} and shape {shape} do not fit them")
     return np.frombuffer(data, dtype=dtype).reshape(shape)
 

@@ -125,7 +125,7 @@ class RayServers:
         except BaseException:
             self.close()
             raise
-        #: For the keyword ``remote`` of environments. It holds the token: do not print or store it.
+        #: For the keyword ``remote`` of environments. It holds the token: do not store it.
         self.remote = replace(remote or _REMOTE, urls=tuple(urls), token_text=token)
 
     def _start(

