@@ -173,25 +173,25 @@ def clients(args: Args) -> None:
         env.close()
         return found
 
-    def singles(url: str) -> float:
-        code = "import sys, server_peers; server_peers.stepping(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))"
-        call = [sys.executable, "-c", code, url, str(len(actions)), str(WIDE)]
-        out = subprocess.run(call, check=True, capture_output=True, text=True, cwd=Path(__file__).parent).stdout
-        return float(out)
+    def load(url: str, count: int) -> float:
+        numbers = (str(count), str(WIDE // count), "200")
+        call = ["cargo", "run", "--release", "--quiet", "-p", "graspbox-server", "--example", "load_clients", "--"]
+        return float(subprocess.run([*call, url, *numbers], check=True, capture_output=True, text=True).stdout)
 
-    actions = server_peers.random_actions(100, WIDE)
+    actions = np.random.default_rng(0).uniform(-1, 1, (100, WIDE, 10)).astype(np.float32)
     with ExitStack() as stack:
         _, one = stack.enter_context(served("--objects", "procedural", "--threads", "2"))
         pair = [stack.enter_context(served("--objects", "procedural", "--threads", "1"))[1] for _ in range(2)]
-        work = {
-            "one client of 64": partial(vector, one),
-            "64 clients of one": partial(singles, one),
-            "two servers of one thread": partial(vector, pair),
-        }
-        found = alternating(work, args.runs)
-        for name, rates in found.items():
-            ratios = np.array(rates) / np.array(found["one client of 64"])
-            add(args, f"env-steps/s, state: {name}", rates, "1/s", ratio=float(np.median(ratios)))
+        rivals: tuple[dict[str, Callable[[], float]], ...] = (
+            {"one client of 64": partial(load, one, 1), "64 clients of one": partial(load, one, WIDE)},
+            {"one server of two threads": partial(vector, one), "two of one thread": partial(vector, pair)},
+        )
+        for work in rivals:
+            found = alternating(work, args.runs)
+            first = np.array(next(iter(found.values())))
+            for name, rates in found.items():
+                ratio = float(np.median(np.array(rates) / first))
+                add(args, f"env-steps/s, state: {name}", rates, "1/s", ratio=ratio)
 
 
 def resident(process: int) -> float:

@@ -5,7 +5,6 @@ Each peer is a context manager that gives a call; the observation is that of ``G
 
 import multiprocessing
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -86,32 +85,3 @@ def openpi() -> Iterator[Peer]:
 
 
 PEERS: dict[str, Any] = {"AsyncVectorEnv": async_vector_env, "openpi-client": openpi}
-
-
-def random_actions(steps: int, count: int) -> Any:
-    """Actions (steps, count, 10) of `Grasp-v0`, the same for a vector environment and for as many single ones."""
-    return np.random.default_rng(0).uniform(-1, 1, (steps, count, 10)).astype(np.float32)
-
-
-def stepping(url: str, steps: int, count: int) -> None:
-    """Step `count` environments, each over a connection of its own, and print environment steps per second."""
-    import graspbox  # noqa: F401 (registers the environments)
-
-    envs: list[Any] = [
-        gymnasium.make_vec("graspbox/Grasp-v0", 1, objects="procedural:can:0-3", remote=url) for _ in range(count)
-    ]
-    for index, env in enumerate(envs):
-        env.reset(seed=index)
-    actions = random_actions(steps, count)
-
-    def run(index: int) -> None:
-        for action in actions:
-            envs[index].step(action[index : index + 1])
-
-    threads = [threading.Thread(target=run, args=(index,)) for index in range(count)]
-    started = time.perf_counter()
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    print(count * steps / (time.perf_counter() - started))

