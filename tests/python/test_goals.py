@@ -15,6 +15,7 @@ from graspbox.envs.coding import Codec, rotation_from_columns
 from graspbox.errors import ConfigError
 from graspbox.policies import Task, goals
 from graspbox.policies.goals import GOAL, GoalPolicy, Goals, goal_space, plain_settings
+from graspbox.remote import EnvironmentServer, ServerSettings
 from graspbox.sb3 import goal_env
 
 OBJECTS = ("procedural:can:0-3", "procedural:box:0-3")
@@ -167,3 +168,14 @@ def test_goals_are_recorded_with_demonstrations(tmp_path: Path) -> None:
     pytest.importorskip("minari")
     with pytest.raises(ConfigError, match="goal"):
         to_minari(made, "graspbox/goals-v0")
+
+
+def test_goals_are_the_same_in_environments_on_a_server() -> None:
+    with EnvironmentServer(ServerSettings(port=0)) as server:
+        seen = [make(remote=remote) for remote in (None, server.url)]
+        rows = [envs.reset(seed=3)[0] for envs in seen]
+        for _ in range(12):
+            for name, values in rows[0].items():
+                np.testing.assert_array_equal(values, rows[1][name])
+            rows = [envs.step(follow(row))[0] for envs, row in zip(seen, rows, strict=True)]
+        assert (entries(rows[0]["goal"], "found") > 0).any()

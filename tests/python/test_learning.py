@@ -265,7 +265,7 @@ def test_importing_what_needs_no_torch_imports_none() -> None:
     import subprocess
     import sys
 
-    modules = "grasps, samples, rotations, execution, regressor, study_settings, study_results"
+    modules = "grasps, samples, execution, regressor, study_settings, study_results"
     code = f"import sys; from graspbox.learning import {modules}; print('torch' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert result.stdout.strip() == "False"

@@ -18,6 +18,7 @@ from graspbox.errors import ConfigError
 from graspbox.perception import HandGrid
 from graspbox.policies import residual
 from graspbox.policies.residual import PROPOSAL, Proposals, ResidualConfig, ResidualGrasp, moved, residual_size
+from graspbox.remote import EnvironmentServer, ServerSettings
 from graspbox.sb3.residual_env import ResidualVectorEnv
 
 OBJECTS = ("procedural:can:0-3", "procedural:box:0-3")
@@ -222,3 +223,15 @@ def test_a_hand_without_preshapes_has_a_shorter_correction() -> None:
     seen, _ = envs.reset(seed=0)
     assert envs.single_observation_space.contains({name: rows[0] for name, rows in seen.items()})
     assert envs.step(np.zeros((1, 6)))[2].all()
+
+
+def test_corrections_are_the_same_in_environments_on_a_server() -> None:
+    with EnvironmentServer(ServerSettings(port=0)) as server:
+        places = [corrected(2, remote=remote) for remote in (None, server.url)]
+        seen = [envs.reset(seed=4)[0] for envs in places]
+        for _ in range(3):
+            for name, values in seen[0].items():
+                np.testing.assert_array_equal(values, seen[1][name])
+            results = [envs.step(np.full((2, 7), 0.1)) for envs in places]
+            assert results[0][1].tolist() == results[1][1].tolist()
+            seen = [result[0] for result in results]

@@ -8,7 +8,7 @@
 //! | [`answer`] | results of environments as frames |
 //! | [`environment`] | the environments of a session, and what a command does with them |
 //! | [`hub`] | what all sessions share: settings, counters, threads, how many environments are left |
-//! | [`session`], [`session_state`], [`sessions`] | a client's commands in order, and its answers until they have arrived |
+//! | [`session`], [`session_state`], `session_making`, [`sessions`] | a client's commands in order, and its answers until they have arrived |
 //! | [`connection`] | one WebSocket: reads, writes, pings |
 //! | [`segment`] | memory that server and client of one machine share |
 //! | [`gate`] | who may come in |
@@ -42,6 +42,7 @@ pub mod policy_server;
 pub mod segment;
 pub mod server;
 pub mod session;
+mod session_making;
 pub mod session_state;
 pub mod sessions;
 pub mod value;
