@@ -6,7 +6,7 @@ import signal
 import sys
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import typer
 
@@ -120,11 +120,21 @@ def serve(
     typer.echo(f"serving at {server.url}")
     typer.echo(f"objects: {', '.join(offer.names)}; hands: {', '.join(offer.hands)}; up to {max_envs} environments")
     sys.stdout.flush()
-    run_until_signal(server)
+    stop_at_signals(server)
+    server.serve()
+    console.print("stopping; running calls have 10 s to end")
+    server.stop()
 
 
-def run_until_signal(server: EnvironmentServer) -> None:
-    """Serve until SIGTERM or SIGINT; a second one does not wait for running calls."""
+class Stoppable(Protocol):
+    """A server that runs."""
+
+    def drain(self) -> None: ...  # noqa: D102
+    def stop(self, patient: bool = True) -> None: ...  # noqa: D102
+
+
+def stop_at_signals(server: Stoppable) -> None:
+    """Drain a server at SIGTERM or SIGINT; a second one does not wait for running calls."""
     signals = 0
 
     def stop(_number: int, _frame: FrameType | None) -> None:
@@ -137,6 +147,3 @@ def run_until_signal(server: EnvironmentServer) -> None:
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
-    server.serve()
-    console.print("stopping; running calls have 10 s to end")
-    server.stop()

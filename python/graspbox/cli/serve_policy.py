@@ -1,8 +1,6 @@
 """``graspbox serve-policy``: grasps and actions for robots and clients on other machines."""
 
-import signal
 import sys
-from types import FrameType
 from typing import Annotated
 
 import typer
@@ -18,6 +16,7 @@ from graspbox.cli.serve import (
     TlsKey,
     TokenFile,
     log_to_stderr,
+    stop_at_signals,
     token_in,
 )
 from graspbox.envs import IDS
@@ -64,18 +63,7 @@ def serve_policy(
         threads=threads,
     )
     server = PolicyServer(policy, settings)
-    signals = 0
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal signals
-        signals += 1
-        if signals > 1:
-            server.stop(patient=False)
-            raise SystemExit(130)
-        server.drain()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, stop)
+    stop_at_signals(server)
     with server:
         typer.echo(f"serving {policy} at {server.url}; POST {server.url.replace('ws', 'http', 1)}/grasps for JSON")
         sys.stdout.flush()
