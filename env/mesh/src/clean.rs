@@ -2,6 +2,7 @@
 //!
 //! Nothing is filled or remeshed: an open mesh stays open, and the report says so.
 
+mod intersect;
 mod orient;
 mod topology;
 
@@ -23,7 +24,8 @@ pub struct CleanOptions {
     pub weld: f64,
     /// Components with less than this share of the surface are dropped, in [0, 1); 0 keeps all. The largest one always stays.
     pub min_component_area: f64,
-    /// Turn faces so that neighbours agree and every component faces outward (cavities inward).
+    /// Turn faces so that neighbours agree and every component faces outward. A cavity faces inward: a component that lies wholly inside
+    /// another one and touches it nowhere; where two overlap, both are solids.
     pub orient: bool,
 }
 

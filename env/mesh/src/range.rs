@@ -1,5 +1,6 @@
-//! Range checks of settings, for every crate: the error names the field and its value, and prints the range from its bounds.
+//! Range checks of settings and restored states, for every crate: the error names the field and its value, and prints the range from its bounds.
 
+use nalgebra::Isometry3;
 use std::fmt;
 use std::ops::{Bound, RangeBounds};
 
@@ -36,6 +37,34 @@ pub fn in_range(
     unit: &'static str,
 ) -> Result<(), OutOfRange> {
     if range.contains(&value) { Ok(()) } else { Err(out_of_range(field, value, &range, unit)) }
+}
+
+/// Refuses numbers that are farther from 0 than `limit`, or none.
+///
+/// # Errors
+/// [`OutOfRange`] with the first of them.
+pub fn all_within(
+    field: &'static str,
+    numbers: impl IntoIterator<Item = f64>,
+    limit: f64,
+    unit: &'static str,
+) -> Result<(), OutOfRange> {
+    numbers.into_iter().try_for_each(|x| in_range(field, x, -limit..=limit, unit))
+}
+
+/// Refuses a pose farther from the origin than `limit` metres, or whose quaternion does not have the length 1.
+///
+/// # Errors
+/// [`OutOfRange`].
+pub fn is_pose(field: &'static str, pose: &Isometry3<f64>, limit: f64) -> Result<(), OutOfRange> {
+    /// What many products of rotations are off by.
+    const ROUNDING: f64 = 1e-6;
+    all_within(field, pose.translation.vector.iter().copied(), limit, "m")?;
+    let value = pose.rotation.coords.norm();
+    if (value - 1.0).abs() <= ROUNDING {
+        return Ok(());
+    }
+    Err(OutOfRange { field, value, expected: "1, the length of a unit quaternion".to_owned() })
 }
 
 #[cold]
@@ -78,8 +107,9 @@ impl fmt::Display for Number {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
-    use super::{Bound, RangeBounds, in_range};
+    use super::{Bound, Isometry3, RangeBounds, all_within, in_range, is_pose};
 
     fn told(value: f64, range: impl RangeBounds<f64>) -> String {
         in_range("x", value, range, "m").map_or_else(|error| error.to_string(), |()| "fine".to_owned())
@@ -100,6 +130,16 @@ mod tests {
         ] {
             assert_eq!(range, format!("`x` is {value}, but it must be {text}"));
         }
+        let far = all_within("x", [1.0, -2.0, f64::NAN], 1.5, "m").unwrap_err();
+        assert_eq!(far.to_string(), "`x` is -2, but it must be between -1.5 and 1.5 m");
+        let stretched = Isometry3 {
+            rotation: nalgebra::UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(0.0, 0.0, 0.0, 3.0)),
+            ..Isometry3::translation(1.0, 2.0, 3.0)
+        };
+        let refused = is_pose("x", &stretched, 3.0).unwrap_err();
+        assert_eq!(refused.to_string(), "`x` is 3, but it must be 1, the length of a unit quaternion");
+        assert!(is_pose("x", &Isometry3::translation(1.0, 2.0, 3.0), 3.0).is_ok());
+        assert!(is_pose("x", &Isometry3::translation(1.0, 2.0, 3.0), 2.0).is_err());
         assert_eq!([told(1.0, above), told(0.0, 0.0..=0.0), told(1e300, 0.0..f64::INFINITY)], ["fine"; 3]);
     }
 }

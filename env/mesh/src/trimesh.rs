@@ -26,6 +26,30 @@ pub struct Aabb {
     pub max: Point3<f64>,
 }
 
+impl Aabb {
+    /// The bounds of points; empty, with its least corner beyond its greatest, where there are none.
+    pub(crate) fn of<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> Self {
+        let empty = Self { min: Point3::from([f64::INFINITY; 3]), max: Point3::from([f64::NEG_INFINITY; 3]) };
+        points.into_iter().fold(empty, |all, p| Self { min: all.min.inf(p), max: all.max.sup(p) })
+    }
+
+    /// Whether they share a point.
+    pub(crate) fn touches(&self, other: &Self) -> bool {
+        (0..3).all(|k| self.min[k] <= other.max[k] && other.min[k] <= self.max[k])
+    }
+
+    /// Whether `other` lies within, and touches no side.
+    pub(crate) fn surrounds(&self, other: &Self) -> bool {
+        (0..3).all(|k| self.min[k] < other.min[k] && other.max[k] < self.max[k])
+    }
+
+    /// The bounds with `margin` metres more on every side.
+    pub(crate) fn grown(&self, margin: f64) -> Self {
+        let margin = Vector3::repeat(margin);
+        Self { min: self.min - margin, max: self.max + margin }
+    }
+}
+
 impl TriMesh {
     /// Takes vertices (metres) and counter-clockwise faces.
     ///
@@ -82,13 +106,7 @@ impl TriMesh {
 
     /// Axis-aligned bounds of all vertices.
     pub fn aabb(&self) -> Aabb {
-        let mut min = self.vertices[0];
-        let mut max = min;
-        for p in &self.vertices {
-            min = min.inf(p);
-            max = max.sup(p);
-        }
-        Aabb { min, max }
+        Aabb::of(&self.vertices)
     }
 
     /// Surface area, m2.

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`grid`] | the cube that is cut into voxels, and which of them are set |
 //! | `options` | which voxels are set, and how inside was decided |
+//! | `lines` | grid lines, and where faces cross them |
 //! | `solid` | voxels whose centre lies inside, by counting crossings along grid lines |
 //! | `surface` | voxels that a triangle touches |
 //! | [`binvox`] | `.binvox` files |
@@ -18,6 +19,7 @@
 
 pub mod binvox;
 pub mod grid;
+pub(crate) mod lines;
 mod options;
 mod solid;
 mod surface;

@@ -189,6 +189,23 @@ fn a_wrong_ending_is_named() {
     assert!(!matches!(cut, MeshError::WrongFormat { .. }), "{cut}");
 }
 
+/// A long face may go on in the next line; the parser took the backslash for a corner. A comment that ends in one (a Windows path)
+/// does not hide the line after it.
+#[test]
+fn obj_lines_continue_after_a_backslash() {
+    let plain = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nf 1 2 3 4\nf 1 2 5\n";
+    let expected = parse(plain.as_bytes(), MeshFormat::Obj, &LoadOptions::default()).unwrap();
+    let cut = plain.replace("v 1 1", "v 1 \\\n  1").replace("f 1 2 3 4", "f 1 \\\n2 \\ \n3\\\r\n 4");
+    for text in [
+        cut.clone(),
+        cut.replace('\n', "\r\n").replace("\r\r", "\r"),
+        format!("# C:\\meshes\\\n{plain}"),
+        format!("{plain}\\"),
+    ] {
+        assert_eq!(parse(text.as_bytes(), MeshFormat::Obj, &LoadOptions::default()).unwrap(), expected, "{text:?}");
+    }
+}
+
 /// A byte-order mark hid the first vertex of an OBJ ("index out of bounds").
 #[test]
 fn a_byte_order_mark_is_skipped() {

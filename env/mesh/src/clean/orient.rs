@@ -1,31 +1,68 @@
-//! Orientation: neighbours agree, components face outward, cavities inward.
+//! Orientation: neighbours agree, solids face outward, cavities inward.
 
+use super::intersect::triangles_meet;
 use super::topology::components;
 use crate::fast_hash::{FastMap, map_for};
+use crate::mass::face_tree::{FaceTree, Triangle};
+use crate::trimesh::Aabb;
 use nalgebra::{Point3, Vector3};
 use std::collections::VecDeque;
 
-/// Most ray-triangle tests spent on telling cavities from solids; dust of many thousand components is taken as solid.
-const MAX_RAY_TESTS: usize = 100_000_000;
+/// Most pairs of a set of neighbours and a component whose bounds are compared; dust of many thousand components is taken as solid.
+const MAX_PAIRS: usize = 100_000_000;
+/// Least winding number of a component around what lies inside it: one with small holes surrounds it still, an open bowl does not.
+const SURROUNDED: f64 = 0.9;
+/// Surfaces nearer than this share of the mesh's longest side touch each other: ten times the rounding of f32.
+const TOUCHING: f64 = 1e-6;
 
 /// Turns faces over in place; returns how many were turned.
 ///
 /// Neighbours are faces that share an edge with exactly two faces. Each set of neighbours is then turned as a whole so that its
-/// signed volume is positive, or negative when it lies inside an odd number of other components (a cavity).
+/// signed volume is positive, or negative when it is a cavity: when an odd number of other components surround it. A component surrounds
+/// what lies wholly inside it; what touches its surface, or reaches through it, is a solid that overlaps it.
 pub(super) fn orient(vertices: &[Point3<f64>], faces: &mut [[u32; 3]]) -> usize {
     let before = faces.to_vec();
     let patches = agree(faces);
-    let (labels, count) = components(faces);
-    let nested = count > 1 && patches.len().saturating_mul(faces.len()) <= MAX_RAY_TESTS;
     for patch in &patches {
-        let signed = signed_volume(vertices, faces, patch);
-        let inside_out = signed < 0.0;
-        let cavity = nested && depth(vertices, faces, &labels, patch) % 2 == 1;
-        if inside_out != cavity {
+        if signed_volume(vertices, faces, patch) < 0.0 {
             patch.iter().for_each(|&f| faces[f].swap(1, 2));
         }
     }
+    for patch in cavities(vertices, faces, &patches) {
+        patches[patch].iter().for_each(|&f| faces[f].swap(1, 2));
+    }
     before.iter().zip(faces.iter()).filter(|(a, b)| a != b).count()
+}
+
+/// The sets of neighbours that an odd number of other components surround; every set faces outward.
+fn cavities(vertices: &[Point3<f64>], faces: &[[u32; 3]], patches: &[Vec<usize>]) -> Vec<usize> {
+    let (labels, count) = components(faces);
+    if count < 2 || patches.len().saturating_mul(count) > MAX_PAIRS {
+        return Vec::new();
+    }
+    let mut members = vec![Vec::new(); count];
+    labels.iter().enumerate().for_each(|(face, &label)| members[label].push(face));
+    let corners = |f: usize| faces[f].map(|v| vertices[v as usize]);
+    let bounds = |faces: &[usize]| Aabb::of(faces.iter().map(|&f| corners(f)).collect::<Vec<_>>().iter().flatten());
+    let components: Vec<Aabb> = members.iter().map(|faces| bounds(faces)).collect();
+    let whole = Aabb::of(vertices);
+    let tolerance = TOUCHING * (whole.max - whole.min).amax();
+    // Most components surround nothing, and need no tree.
+    let mut trees: Vec<Option<FaceTree>> = members.iter().map(|_| None).collect();
+    let mut surrounded = |patch: &[usize]| {
+        let (own, inner) = (labels[patch[0]], bounds(patch));
+        let around = |&other: &usize| other != own && components[other].surrounds(&inner);
+        let found = (0..count).filter(around).filter(|&other| {
+            let tree =
+                trees[other].get_or_insert_with(|| FaceTree::new(members[other].iter().map(|&f| corners(f)).collect()));
+            let meets = |face: Triangle| {
+                tree.any_touching(&Aabb::of(&face).grown(tolerance), |other| triangles_meet(&face, other, tolerance))
+            };
+            tree.winding(&corners(patch[0])[0]) > SURROUNDED && !patch.iter().any(|&f| meets(corners(f)))
+        });
+        found.count()
+    };
+    (0..patches.len()).filter(|&patch| surrounded(&patches[patch]) % 2 == 1).collect()
 }
 
 /// Makes neighbours agree; returns the sets of connected neighbours, in the order of their first face.
@@ -77,34 +114,4 @@ fn signed_volume(vertices: &[Point3<f64>], faces: &[[u32; 3]], patch: &[usize]) 
             a.dot(&b.cross(&c))
         })
         .sum()
-}
-
-/// How many other components surround the first corner of `patch`: crossings of a ray, by parity per component.
-fn depth(vertices: &[Point3<f64>], faces: &[[u32; 3]], labels: &[usize], patch: &[usize]) -> usize {
-    let own = labels[patch[0]];
-    let origin = vertices[faces[patch[0]][0] as usize];
-    // A direction without symmetry, so that the ray meets no edge of a modelled object.
-    let direction = Vector3::new(0.576_813_21, 0.413_557_93, 0.704_453_17);
-    let mut crossings = vec![0_usize; labels.iter().max().map_or(0, |m| m + 1)];
-    for (face, &label) in faces.iter().zip(labels) {
-        if label != own && ray_hits(&origin, &direction, face.map(|v| vertices[v as usize])) {
-            crossings[label] += 1;
-        }
-    }
-    crossings.iter().filter(|c| *c % 2 == 1).count()
-}
-
-/// Möller and Trumbore, "Fast, minimum storage ray-triangle intersection", 1997.
-fn ray_hits(origin: &Point3<f64>, direction: &Vector3<f64>, [a, b, c]: [Point3<f64>; 3]) -> bool {
-    let (e1, e2) = (b - a, c - a);
-    let p = direction.cross(&e2);
-    let det = e1.dot(&p);
-    if det == 0.0 {
-        return false;
-    }
-    let s = origin - a;
-    let u = s.dot(&p) / det;
-    let q = s.cross(&e1);
-    let v = direction.dot(&q) / det;
-    u >= 0.0 && v >= 0.0 && u + v <= 1.0 && e2.dot(&q) / det > 0.0
 }

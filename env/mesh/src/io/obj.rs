@@ -3,9 +3,11 @@
 use super::format::{LoadOptions, MeshFormat, Raw, check_count};
 use crate::error::MeshError;
 use nalgebra::Point3;
+use std::borrow::Cow;
 use std::io::Cursor;
 
 pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
+    let bytes: &[u8] = &joined(bytes);
     check_lines(bytes, options)?;
     let settings = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
     let (models, _) = tobj::load_obj_buf(&mut Cursor::new(bytes), &settings, |_| Ok(Default::default()))
@@ -38,6 +40,25 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
         }
     }
     Ok(raw)
+}
+
+/// The text with continued lines joined: a backslash at the end of a line that is no comment continues it on the next one.
+fn joined(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let lines = || bytes.split(|&b| b == b'\n');
+    let before_backslash = |line: &'_ [u8]| line.trim_ascii_end().strip_suffix(b"\\").map(<[u8]>::len);
+    if !lines().any(|line| before_backslash(line).is_some()) {
+        return Cow::Borrowed(bytes);
+    }
+    let mut text = Vec::with_capacity(bytes.len() + 1);
+    let mut continued = false;
+    for line in lines() {
+        let comment = !continued && line.trim_ascii_start().starts_with(b"#");
+        let end = before_backslash(line).filter(|_| !comment);
+        text.extend_from_slice(&line[..end.unwrap_or(line.len())]);
+        continued = end.is_some();
+        text.push(if continued { b' ' } else { b'\n' });
+    }
+    Cow::Owned(text)
 }
 
 /// Counts `v` and `f` lines before the parser allocates for them.

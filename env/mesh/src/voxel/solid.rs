@@ -1,32 +1,19 @@
 //! Voxels whose centre lies inside: grid lines through the centres, and the faces that they cross.
-//!
-//! A face is cut along each row of lines by two of its edges. Where an edge cuts a row is computed from its two vertices alone, in
-//! the order of their indices, so the faces on both sides of an edge agree to the last bit and every line leaves a closed mesh as
-//! often as it enters it: there are no stripes, whatever lies on an edge or a vertex.
 
-use super::grid::{filled, out_of_memory};
+use super::grid::filled;
+use super::lines::{crossings, first, off_lines};
 use super::options::FillRule;
 use crate::error::MeshError;
 
-/// How far centres are moved, in voxels: modelled objects have faces, edges and diagonals right through them. Above rounding
-/// (2e-13 in a grid of 1024), and different along the axes so that diagonals are left too.
-const TIE: [f64; 3] = [1.0e-9, 1.3e-9, 1.7e-9];
 /// Rays of six that must find a voxel inside: more than half.
 const MAJORITY: u8 = 4;
-
-/// A face crosses a line between the centres `along - 1` and `along`.
-struct Crossing {
-    along: u16,
-    line: u16,
-    turn: i8,
-}
 
 /// Which of n x n x n voxels have their centres inside, and how that was decided; `corners` in voxels from the least corner.
 ///
 /// # Errors
 /// [`MeshError::OutOfMemory`].
 pub fn fill(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize) -> Result<(Vec<bool>, FillRule), MeshError> {
-    let corners: Vec<[f64; 3]> = corners.iter().map(|p| [0, 1, 2].map(|k| p[k] - TIE[k])).collect();
+    let corners = off_lines(corners);
     let rule = rule(faces, corners.len());
     let mut set = filled(n * n * n, false)?;
     match rule {
@@ -81,12 +68,6 @@ fn rule(faces: &[[u32; 3]], vertices: usize) -> FillRule {
     rule
 }
 
-/// The first voxel whose centre lies beyond `x`; n if there is none.
-fn first(x: f64, n: usize) -> usize {
-    let above = x - 0.5;
-    if above < 0.0 { 0 } else { (above.min(n as f64) as usize + 1).min(n) }
-}
-
 /// Calls `visit` for each voxel with its flat index and how often the surface turns around its centre, seen along `axis` from below
 /// and from above.
 ///
@@ -101,7 +82,7 @@ fn scan(
 ) -> Result<(), MeshError> {
     let stride = [n * n, n, 1];
     let (row, line) = ((axis + 1) % 3, (axis + 2) % 3);
-    let rows = crossings(corners, faces, n, axis)?;
+    let rows = crossings(corners, faces, n, axis, |along| first(along, n) as u16)?;
     let mut change = vec![0_i32; (n + 1) * n];
     let mut turns = vec![0_i32; n];
     let mut total = vec![0_i32; n];
@@ -121,66 +102,6 @@ fn scan(
                 visit(start + i * stride[line], turns[i], turns[i] - total[i]);
             }
         }
-    }
-    Ok(())
-}
-
-/// The crossings of lines along `axis`, by row of lines.
-///
-/// # Errors
-/// [`MeshError::OutOfMemory`]: large faces, each across the whole grid, have n * n crossings each.
-fn crossings(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize, axis: usize) -> Result<Vec<Vec<Crossing>>, MeshError> {
-    let row = (axis + 1) % 3;
-    // A vertex is below the rows from this one on.
-    let below: Vec<u16> = corners.iter().map(|p| first(p[row], n) as u16).collect();
-    let mut rows: Vec<Vec<Crossing>> = (0..n).map(|_| Vec::new()).collect();
-    for face in faces {
-        let [a, b, c] = face.map(|v| below[v as usize]);
-        let hit = usize::from(a.min(b).min(c))..usize::from(a.max(b).max(c));
-        for (j, crossings) in hit.clone().zip(&mut rows[hit]) {
-            if let Some((up, down)) = cuts(corners, &below, face, j, axis) {
-                cross(&up, &down, n, crossings)?;
-            }
-        }
-    }
-    Ok(rows)
-}
-
-/// Where an edge cuts a row of lines.
-struct Cut {
-    across: f64,
-    along: f64,
-}
-
-/// Where a face's edge goes up through row `j`, and where one comes down.
-fn cuts(corners: &[[f64; 3]], below: &[u16], face: &[u32; 3], j: usize, axis: usize) -> Option<(Cut, Cut)> {
-    let (row, line) = ((axis + 1) % 3, (axis + 2) % 3);
-    let (mut up, mut down) = (None, None);
-    for (from, to) in [(face[0], face[1]), (face[1], face[2]), (face[2], face[0])] {
-        let is_below = [from, to].map(|v| usize::from(below[v as usize]) <= j);
-        if is_below[0] != is_below[1] {
-            let (a, b) = (corners[from.min(to) as usize], corners[from.max(to) as usize]);
-            let share = (j as f64 + 0.5 - a[row]) / (b[row] - a[row]);
-            *if is_below[0] { &mut up } else { &mut down } = Some(Cut {
-                across: a[line] + share * (b[line] - a[line]),
-                along: a[axis] + share * (b[axis] - a[axis]),
-            });
-        }
-    }
-    up.zip(down)
-}
-
-/// Adds the crossings of the lines between two cuts.
-fn cross(up: &Cut, down: &Cut, n: usize, crossings: &mut Vec<Crossing>) -> Result<(), MeshError> {
-    let ends = (first(up.across, n), first(down.across, n));
-    let turn = if ends.0 < ends.1 { 1 } else { -1 };
-    let lines = ends.0.min(ends.1)..ends.0.max(ends.1);
-    let count = crossings.len() + lines.len();
-    crossings.try_reserve(lines.len()).map_err(|_| out_of_memory::<Crossing>(count))?;
-    for line in lines {
-        let share = ((line as f64 + 0.5 - up.across) / (down.across - up.across)).clamp(0.0, 1.0);
-        let along = first(up.along + share * (down.along - up.along), n);
-        crossings.push(Crossing { along: along as u16, line: line as u16, turn });
     }
     Ok(())
 }
