@@ -4,7 +4,7 @@
 //!
 //! * `gap`: distance between the hull's corners and the input as convex sets, by 3,000 directions and the normals of all hulls.
 //! * `dent`: volume that the surface encloses, against the median of the three methods, over area and size.
-//! * `tilt`: farthest that an input point stands out of the plane of a face (slivers 10,000 times as long as wide left aside).
+//! * `tilt`: greatest distance of an input point outside the plane of a face (without slivers 10,000 times as long as wide).
 //!
 //! Each is the worst of its group, as a share of the cloud's size. A hull fails without a result, with an open surface, or
 //! with a gap or dent of more than 2 ten-thousandths.
@@ -21,7 +21,7 @@ use std::time::Instant;
 
 type Cloud = Vec<Point3<f64>>;
 
-/// Farthest that a point may stand out of a correct hull, as a share of the size.
+/// Greatest distance of a point outside a correct hull, as a share of the size.
 const TOLERANCE: f64 = 2e-4;
 
 fn main() -> Result<(), MeshError> {
@@ -56,7 +56,7 @@ fn clouds(meshes: &[inputs::Named]) -> Vec<Cloud> {
     meshes.iter().map(|(_, m)| m.vertices().to_vec()).collect()
 }
 
-/// Six slabs along a slanted axis: the points of each cut lie in one plane but for rounding.
+/// Six slabs along a slanted axis: the points of each cut are coplanar up to rounding.
 fn slabs(mesh: &TriMesh) -> Vec<Cloud> {
     let axis = Vector3::new(0.36, 0.48, 0.8);
     let height = |p: &Point3<f64>| axis.dot(&p.coords);
@@ -81,7 +81,7 @@ fn slabs(mesh: &TriMesh) -> Vec<Cloud> {
     (0..6).map(slab).filter(|c| c.len() >= 8).collect()
 }
 
-/// Points of which many lie exactly, or but for rounding, in common planes.
+/// Points of which many are coplanar, exactly or up to rounding.
 fn coplanar() -> Vec<Cloud> {
     let mut clouds = Vec::new();
     for n in [2_u32, 3, 5, 9, 17] {
@@ -125,7 +125,7 @@ fn parry32(points: &[Point3<f64>]) -> Option<(Cloud, Vec<[u32; 3]>)> {
     Some((corners.iter().map(|v| Point3::new(v.x.into(), v.y.into(), v.z.into())).collect(), faces))
 }
 
-/// What one method made of one cloud.
+/// Result of one method for one cloud.
 struct Hull {
     mesh: Option<TriMesh>,
     seconds: f64,
@@ -137,7 +137,7 @@ fn tried(build: impl FnOnce() -> Option<TriMesh>) -> Hull {
     Hull { mesh, seconds: begin.elapsed().as_secs_f64() }
 }
 
-/// What is wrong with a hull, as shares of the cloud's size; NaN without a hull.
+/// Errors of a hull, as shares of the cloud's size; NaN without a hull.
 #[derive(Clone, Copy)]
 struct Faults {
     none: bool,
@@ -187,7 +187,7 @@ fn judged(hull: &Hull, points: &Cloud, volume: f64, directions: &[Vector3<f64>],
     }
 }
 
-/// Unit normals and offsets of the faces that are no slivers.
+/// Unit normals and offsets of the faces that are not slivers.
 fn normals(hull: &TriMesh) -> Vec<(Vector3<f64>, f64)> {
     let plane = |f: usize| {
         let [a, b, c] = hull.triangle(f);

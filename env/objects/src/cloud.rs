@@ -1,4 +1,4 @@
-//! A convex shape as few points: the cloud whose hull stays closest to it.
+//! Approximation of a convex shape by the hull of few points.
 
 use crate::lathe::PART_POINTS;
 use crate::surface::P3;
@@ -6,7 +6,7 @@ use graspbox_mesh::{MeshError, convex_hull, fibonacci_sphere};
 use nalgebra::{Point3, Vector3};
 use std::sync::LazyLock;
 
-/// Directions of the first points; the others go where the hull lies deepest below the shape.
+/// Number of directions of the first points; the others are added where the hull is deepest below the shape.
 const FIRST_POINTS: usize = 46;
 
 /// Even directions: the Fibonacci sphere, relaxed by mutual repulsion.

@@ -1,4 +1,4 @@
-//! What a family returns, and how it is laid on the table.
+//! An object in its construction frame, and its resting pose.
 
 use crate::surface::{P3, Surface};
 use nalgebra::{Point2, Point3, Vector2};
@@ -6,12 +6,12 @@ use nalgebra::{Point2, Point3, Vector2};
 /// Convex parts, each a cloud of at most 64 points.
 pub(crate) type Parts = Vec<Vec<P3>>;
 
-/// How the object rests.
+/// The resting pose of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rest {
-    /// It stands as built: z stays up.
+    /// Upright as constructed: z stays up.
     Stands,
-    /// It lies along x and pitches about y until two places touch the table below its centre.
+    /// Lying along x, pitched about y until it touches the table on both sides of its centre.
     Lies,
 }
 
@@ -19,13 +19,13 @@ pub(crate) enum Rest {
 pub(crate) struct Draft {
     pub(crate) surface: Surface,
     pub(crate) parts: Parts,
-    /// Kilograms.
+    /// Mass, kilograms.
     pub(crate) mass: f64,
     pub(crate) rest: Rest,
 }
 
 impl Draft {
-    /// Turns and shifts the draft into the object frame: z up, lowest vertex at z = 0, bounds centred in xy.
+    /// Moves the draft into the object frame: z up, lowest vertex at z = 0, bounds centred in x and y.
     pub(crate) fn settle(&mut self) {
         if self.rest == Rest::Lies {
             let pitch = resting_pitch(&self.surface);

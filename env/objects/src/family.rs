@@ -1,11 +1,11 @@
-//! The families: their names, and the sizes and masses that each promises.
+//! The families: their names, and their ranges of size and mass.
 
 use std::fmt;
 use std::str::FromStr;
 
 /// A kind of household object with free parameters.
 ///
-/// The numbers are part of the seed: they never change, so that `(family, seed)` means the same object for ever.
+/// The numbers are part of the seed and never change, so `(family, seed)` always denotes the same object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
@@ -62,7 +62,7 @@ pub enum Family {
     Carton = 24,
 }
 
-/// What a family promises of each of its objects.
+/// Bounds that every object of a family keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FamilyFacts {
     /// The family.
@@ -75,7 +75,7 @@ pub struct FamilyFacts {
     pub greatest: [f64; 3],
     /// Least and greatest mass, kilograms.
     pub mass: [f64; 2],
-    /// Where sizes and masses come from.
+    /// Sources of sizes and masses.
     pub source: &'static str,
 }
 

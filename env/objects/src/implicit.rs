@@ -8,12 +8,12 @@ use crate::surface::P3;
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector2, Vector3};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Turns a piece made along z so that it runs along x.
+/// Turns a piece made along z to run along x.
 pub(crate) fn along_x(at: Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(at.into(), UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2))
 }
 
-/// Turns a piece made along z so that it runs along y.
+/// Turns a piece made along z to run along y.
 pub(crate) fn along_y(at: Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(at.into(), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2))
 }
@@ -130,7 +130,7 @@ impl Solid {
     pub(crate) fn distance(&self, p: &P3) -> f64 {
         let mut d = f64::MAX;
         for piece in &self.0 {
-            // A piece too far away to matter is not asked.
+            // Skips pieces that are too far away to matter.
             if (p - piece.ball.0).norm() - piece.ball.1 > d + piece.blend {
                 continue;
             }
@@ -245,7 +245,7 @@ fn prism_cloud(cell: &[Point2<f64>], core: &[Point2<f64>], half: f64, round: f64
         cloud.extend([-half, half].map(|z| Point3::new(p.x, p.y, z)));
         for (i, a) in core.iter().enumerate() {
             let b = core[(i + 1) % core.len()];
-            // A corner of the cell on a side of the plate also stands for the rounding of that side.
+            // A corner of the cell on a side of the plate also represents the rounding of that side.
             if to_segment(*p, *a, b) < 1e-9 {
                 let out = Vector2::new(b.y - a.y, a.x - b.x).normalize() * round;
                 let z = half - round;
@@ -256,7 +256,7 @@ fn prism_cloud(cell: &[Point2<f64>], core: &[Point2<f64>], half: f64, round: f64
     cloud
 }
 
-/// A rod in eight sides, two steps a part.
+/// A rod with eight sides, two steps per part.
 fn tube_parts(line: &[P3], radius: f64) -> Parts {
     let last = line.len() - 1;
     let closed = (line[0] - line[last]).norm() < 1e-9;

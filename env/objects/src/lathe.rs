@@ -9,11 +9,11 @@ use std::f64::consts::{PI, TAU};
 
 pub(crate) type Rz = Point2<f64>;
 
-/// How far a band of a profile may lie below the hull of the band and still be one convex part, metres.
+/// Greatest depth of a band of a profile below its hull for one convex part, metres.
 const PROFILE_GAP: f64 = 0.0006;
 /// Depth of the arc that one wall segment may cut off, metres; half of it lies inside the wall, half outside.
 const WALL_SAGITTA: f64 = 0.00135;
-/// The same for the height of a wall segment: how far its two sides may bend, metres.
+/// The same for the height of a wall segment: greatest bend of its two sides, metres.
 const WALL_BEND: f64 = 0.00135;
 /// Most points of one part.
 pub(crate) const PART_POINTS: usize = 64;
@@ -26,7 +26,7 @@ pub(crate) fn round(p: Rz, angle: f64) -> P3 {
 
 /// The closed surface swept by `profile` in `columns` steps; its ends are joined to the axis at their own heights.
 ///
-/// The profile runs from the lower end of the axis along the outside to the other end, so that faces look outward.
+/// The profile runs from the lower end of the axis along the outside to the other end, so faces point outward.
 pub(crate) fn revolve(profile: &[Rz], columns: usize, place: impl Fn(Rz, f64) -> P3) -> Surface {
     let ring = |p: &Rz| (0..columns).map(|j| place(*p, TAU * j as f64 / columns as f64)).collect();
     let rings: Vec<Vec<P3>> = profile.iter().map(ring).collect();
@@ -34,7 +34,7 @@ pub(crate) fn revolve(profile: &[Rz], columns: usize, place: impl Fn(Rz, f64) ->
     Surface::skin(&rings, pole(&profile[0]), pole(&profile[profile.len() - 1]))
 }
 
-/// Adds points between `profile`'s own so that no step is longer than `step`, metres.
+/// Adds points to `profile` until no step is longer than `step`, metres.
 pub(crate) fn refine(profile: &[Rz], step: f64) -> Vec<Rz> {
     let mut fine = vec![profile[0]];
     for w in profile.windows(2) {
@@ -72,7 +72,7 @@ fn outer_hull(band: &[Rz]) -> Vec<Rz> {
     hull
 }
 
-/// The few points that stand for the hull of a band.
+/// The few points that represent the hull of a band.
 fn band_hull(band: &[Rz]) -> Vec<Rz> {
     thin_out(outer_hull(band), 4)
 }

@@ -11,7 +11,7 @@ use graspbox_mesh::clean::components;
 use graspbox_mesh::{MeshError, check_manifold};
 use nalgebra::{Matrix3, Vector3};
 
-/// Face counts between which a surface is accepted; outside of them the grid is made coarser or finer.
+/// Accepted range of the number of faces; outside of it, the grid gets coarser or finer.
 const FACES: (usize, usize) = (700, 7800);
 /// Grids tried: offsets of the grid, and changes of its step.
 const TRIES: usize = 10;
@@ -27,7 +27,7 @@ pub(crate) fn surface(
 ) -> Result<Surface, MeshError> {
     let mut step = step;
     for attempt in 0..TRIES {
-        // Two surfaces in one cell join where they should not; another offset of the grid parts them.
+        // Two surfaces in one cell may join by mistake; another offset of the grid separates them.
         let origin = low - step * (1.0 + 0.37 * attempt as f64 % 1.0);
         let net = Net::new(&distance, origin, high, step).polygonize();
         let faces = net.quads.len() * 2;
@@ -44,10 +44,10 @@ pub(crate) fn surface(
     Err(MeshError::NoManifoldSurface { tries: TRIES })
 }
 
-/// Share of the quads that loose bits may have: a pocket closed off in a crease of a cell's size, never a limb.
+/// Greatest share of the quads in loose pieces: pockets in a crease of a cell's size, never a limb.
 const LOOSE: f64 = 0.01;
 
-/// The net without loose bits; `None` when more than crumbs would go.
+/// The net without loose pieces; `None` if these are more than [`LOOSE`].
 fn in_one_piece(mut net: Surface) -> Option<Surface> {
     let corners: Vec<[u32; 3]> = net.quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     let (labels, count) = components(&corners);

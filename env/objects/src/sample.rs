@@ -29,7 +29,7 @@ impl Sampler {
         self.unit() < share
     }
 
-    /// One of `items`, each equally likely.
+    /// One of `items`, with equal probabilities.
     pub(crate) fn pick<T: Copy, const N: usize>(&mut self, items: [T; N]) -> T {
         let at = (self.unit() * N as f64) as usize;
         items[at.min(N - 1)]

@@ -1,14 +1,14 @@
 //! Closed quad surfaces: rings of points joined side by side, patches cut out, tubes sewn into the holes.
 //!
-//! Every operation keeps the surface closed and oriented: a ring runs counter-clockwise seen against the direction in
-//! which the rings follow each other, so that quads face outward.
+//! Every operation keeps the surface closed and oriented: seen against the direction in which rings follow each other, a ring is counter-clockwise,
+//! so quads face outward.
 
 use graspbox_mesh::{MeshError, TriMesh};
 use nalgebra::{Point3, Vector2, Vector3};
 
 pub(crate) type P3 = Point3<f64>;
 
-/// A polygon soup with shared vertices; quads are split on their shorter diagonal when it becomes a mesh.
+/// Polygons with shared vertices; quads are split along their shorter diagonal when it becomes a mesh.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Surface {
     pub(crate) vertices: Vec<P3>,
@@ -44,7 +44,7 @@ impl Patch {
         self.rim().iter().map(|(r, c)| (r * columns + c % columns) as u32).collect()
     }
 
-    /// Vertices of the hole's rim for a tube that comes in after a turn by pi in the plane of axis and rows.
+    /// Vertices of the hole's rim for a tube that enters after a rotation by pi in the plane of axis and rows.
     pub(crate) fn inward(&self, columns: usize) -> Vec<u32> {
         let flip = self.rows.0 + self.rows.1;
         self.rim().iter().map(|(r, c)| ((flip - r) * columns + c % columns) as u32).collect()
@@ -79,7 +79,7 @@ impl Surface {
         Self { vertices, triangles, quads }
     }
 
-    /// Takes the quads of `patches` out of a skin with `columns` points a ring.
+    /// Removes the quads of `patches` from a skin with `columns` points per ring.
     pub(crate) fn cut(&mut self, columns: usize, patches: &[Patch]) {
         let mut index = 0;
         self.quads.retain(|_| {
@@ -90,7 +90,7 @@ impl Surface {
     }
 
     /// Sews a tube onto the hole `from` (a loop of [`Patch::outward`]): `rings` of its length, then the hole `to`
-    /// (a loop of [`Patch::inward`]), or a cap where there is none.
+    /// (a loop of [`Patch::inward`]), or a cap if there is none.
     pub(crate) fn sew(&mut self, from: &[u32], rings: &[Vec<P3>], to: Option<&[u32]>) {
         let n = from.len();
         let mut last = from.to_vec();
@@ -114,7 +114,7 @@ impl Surface {
         }
     }
 
-    /// Signed volume, m3: positive when the faces look outward.
+    /// Signed volume, m3: positive if the faces point outward.
     pub(crate) fn volume(&self) -> f64 {
         self.split().iter().map(|f| self.signed_tetrahedron(f)).sum()
     }

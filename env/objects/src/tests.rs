@@ -1,4 +1,4 @@
-//! Every family keeps its promises, whatever the seed.
+//! Every family keeps its bounds for any seed.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use super::{Family, ProceduralObject, generate};
@@ -11,7 +11,7 @@ use parry3d::shape::{TriMesh as ParryMesh, TriMeshFlags};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// How far a part may leave the mesh, and the mesh its parts, metres.
+/// Greatest distance of a part outside the mesh, and of the mesh outside its parts, metres.
 const TOLERANCE: f64 = 0.0015;
 
 fn glam(p: &Point3<f64>) -> Vector {
@@ -111,7 +111,7 @@ impl Hull {
     }
 }
 
-/// How often the surface winds around `p`: 1 inside, 0 outside (van Oosterom and Strackee's solid angles).
+/// Winding number of the surface around `p`: 1 inside, 0 outside (van Oosterom and Strackee's solid angles).
 fn winding_number(object: &ProceduralObject, p: &Point3<f64>) -> f64 {
     let solid_angle = |f: usize| {
         let [a, b, c] = object.mesh.triangle(f).map(|q| q - p);
@@ -122,7 +122,7 @@ fn winding_number(object: &ProceduralObject, p: &Point3<f64>) -> f64 {
     (0..object.mesh.faces().len()).map(solid_angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// How far parts leave the mesh, and how far the surface lies from them, metres.
+/// Greatest distance of parts outside the mesh, and of the surface outside the parts, metres.
 fn part_errors(object: &ProceduralObject, samples: usize) -> (f64, f64) {
     let parts = object.parts.as_ref().unwrap();
     assert!(parts.len() <= 64, "{}: {} parts", object.name, parts.len());
@@ -138,7 +138,7 @@ fn part_errors(object: &ProceduralObject, samples: usize) -> (f64, f64) {
                 let p = Point3::from(t[0].coords * weights[0] + t[1].coords * weights[1] + t[2].coords * weights[2]);
                 let near = mesh.project_local_point(glam(&p), false);
                 let away = f64::from((near.point - glam(&p)).length());
-                // Nearest to a vertex, the pseudonormal may err: what would count is judged by the winding number.
+                // Near a vertex the pseudonormal may be wrong: the winding number decides before a point counts.
                 if !near.is_inside && away > outside && winding_number(object, &p) < 0.5 {
                     outside = away;
                 }
@@ -187,7 +187,7 @@ fn same_seed_same_bits_and_another_seed_another_object() {
 }
 
 proptest! {
-    // A fixed stream of seeds: a failure here is the same failure everywhere. The report below roams farther.
+    // A fixed stream of seeds: failures are reproducible. The report below tries more seeds.
     #![proptest_config(ProptestConfig {
         cases: 60,
         rng_seed: RngSeed::Fixed(2017),
@@ -214,7 +214,7 @@ fn names_round_trip_and_a_wrong_one_lists_the_right_ones() {
     assert!(message.contains("spaceship") && message.contains("wood_block"), "{message}");
 }
 
-/// Prints what the families make: run with `--ignored --nocapture`; `GRASPBOX_OBJ_DIR` also writes OBJ files there.
+/// Prints a report of the families: run with `--ignored --nocapture`; `GRASPBOX_OBJ_DIR` also writes OBJ files there.
 #[test]
 #[ignore = "a report, not a check"]
 fn report() {
@@ -255,8 +255,8 @@ fn report() {
     }
 }
 
-/// Hulls of turned shapes have slivers, whose normals are rounding alone; taken for facets, one in four objects could not rest. (Scissors 32
-/// have one that is wide enough to seem a facet.)
+/// Hulls of turned shapes have slivers, whose normals are only rounding; if they counted as facets, one object in four could not rest. (Scissors 32
+/// have one that is wide enough to look like a facet.)
 #[test]
 fn every_object_can_rest() {
     for family in Family::ALL {

@@ -1,11 +1,11 @@
 //! Kettle: body with lid and knob, spout, and a handle that arches over the lid.
 
 use crate::draft::{Draft, Rest};
+use crate::families::tools::STEEL;
 use crate::implicit::{Piece, Solid};
 use crate::nets;
 use crate::sample::Sampler;
 use crate::surface::{P3, Surface};
-use crate::tools::STEEL;
 use graspbox_mesh::MeshError;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::f64::consts::PI;
@@ -15,7 +15,7 @@ const BAKELITE: f64 = 1400.0;
 
 /// Stove or tea kettle with its lid on, the spout along +x, the handle's arch in the plane y = 0: one hole.
 ///
-/// The surface is the outside alone, as a scanner sees it; the mass is that of the empty kettle, of sheet steel.
+/// The surface is only the outside, as a scan has it; the mass is that of an empty kettle of sheet steel.
 pub(crate) fn kettle(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     let radius = sampler.range(0.048, 0.060);
     let height = radius * sampler.range(1.25, 1.6);
@@ -37,7 +37,7 @@ pub(crate) fn kettle(sampler: &mut Sampler) -> Result<Draft, MeshError> {
         Piece::tube(line.clone(), rod).blend(0.0012),
         Piece::tube(grip.clone(), rod + GRIP_WALL).blend(0.0015),
     ]);
-    // As fine as the most faces of an object allow, whatever its size.
+    // As fine as the largest number of faces allows, at any size.
     let surface = skin_of(&solid, radius * 0.079)?;
     // Sheet over floor, side and shoulder, the spout as a tube of its own, a hollow arch, the grip around it.
     let sheet = sampler.range(0.0005, 0.0009);
@@ -53,7 +53,7 @@ pub(crate) fn kettle(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     })
 }
 
-/// The surface of a solid on a grid of about `step` metres, of a few the first without needles of faces.
+/// The surface of a solid on a grid of about `step` metres: the first of a few without needle faces.
 fn skin_of(solid: &Solid, step: f64) -> Result<Surface, MeshError> {
     let net = |k: u32| {
         let step = step * (1.0 + 0.013 * f64::from(k));
@@ -74,11 +74,11 @@ fn skin_of(solid: &Solid, step: f64) -> Result<Surface, MeshError> {
     net(GRIDS - 1)
 }
 
-/// Grids that are tried for a surface without needles.
+/// Number of grids that are tried for a surface without needles.
 const GRIDS: u32 = 6;
-/// Height over longest edge below which a face is a needle, whose normal means little.
+/// Height over longest edge below which a face is a needle with an unreliable normal.
 const SLIMMEST: f64 = 4e-3;
-/// How much thicker the grip is than the arch that it covers, metres.
+/// Thickness of the grip around the arch, metres.
 const GRIP_WALL: f64 = 0.0012;
 /// First and last point of the arch that the grip covers.
 const GRIP: (usize, usize) = (16, 32);

@@ -1,10 +1,10 @@
-//! Lathed things with something sewn on: a mug with its handle (a real hole).
+//! Lathed objects with a handle: a mug (its handle has a real hole).
 
 use crate::draft::{Draft, Parts, Rest};
+use crate::families::vessels::{CERAMIC, PLASTIC, Vessel, upright_walls};
 use crate::lathe::{self, Rz};
 use crate::sample::Sampler;
 use crate::surface::{P3, Patch};
-use crate::vessels::{CERAMIC, PLASTIC, Vessel, upright_walls};
 use nalgebra::{Point3, Vector2, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -90,7 +90,7 @@ pub(crate) fn mug(sampler: &mut Sampler) -> Draft {
     Draft { surface, parts, mass, rest: Rest::Stands }
 }
 
-/// Profile of an upright vessel with rows of 4.5 mm outside, where handles are sewn on, and coarser ones inside.
+/// Profile of an upright vessel with rows of 4.5 mm outside, where handles are attached, and coarser ones inside.
 fn outside_rows(vessel: &Vessel, height: f64) -> Vec<Rz> {
     let fine = vessel.profile(0.0045);
     let Some(top) = fine.iter().position(|p| p.y > height * 0.999) else {

@@ -1,4 +1,4 @@
-//! Hollow things turned on a lathe: cup, bowl, plate, wine glass. Their walls are real, and so are their parts.
+//! Hollow objects of revolution: cup, bowl, plate, wine glass. Walls have real thickness, and so have their convex parts.
 
 use crate::draft::{Draft, Parts, Rest};
 use crate::lathe::{self, Rz, Wall};
@@ -25,7 +25,7 @@ impl Vessel {
         let mut profile = vec![Rz::new(self.foot[0].x * 0.5, self.foot[0].y)];
         profile.extend(&self.foot);
         profile.extend(self.walls.iter().map(|w| w.outer));
-        // The rim is rounded over, 0.28 times as high as it is thick.
+        // The rim is rounded: its height is 0.28 times its thickness.
         let rim = self.walls[self.walls.len() - 1];
         let across = rim.inner - rim.outer;
         profile.extend([rim.outer + across * 0.2 + self.rim_rise(), rim.outer + across * 0.8 + self.rim_rise()]);
@@ -75,7 +75,7 @@ pub(crate) fn shell(outer: &[Rz], thickness: f64) -> Vec<Wall> {
     (0..=last).map(|i| Wall { outer: outer[i], inner: inner(i) }).collect()
 }
 
-/// Walls of a tumbler or mug: `radius` of the height's share in [0, 1]; the floor is as thick as said.
+/// Walls of a tumbler or mug with a floor of thickness `floor`; `radius` is a function of the share of the height, in [0, 1].
 pub(crate) fn upright_walls(radius: impl Fn(f64) -> f64, height: f64, thickness: f64, floor: f64) -> Vec<Wall> {
     let station = |k: usize| {
         let share = k as f64 / 8.0;

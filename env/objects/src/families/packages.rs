@@ -1,4 +1,4 @@
-//! Things from the shop: grocery boxes, wood blocks, cans, bottles.
+//! Packages: grocery boxes, wood blocks, cans, bottles.
 
 use crate::draft::{Draft, Rest};
 use crate::lathe::{self, Rz};
@@ -66,7 +66,7 @@ pub(crate) fn wood_block(sampler: &mut Sampler) -> Draft {
 pub(crate) fn can(sampler: &mut Sampler) -> Draft {
     let r = sampler.range(0.026, 0.052);
     let h = r * sampler.range(0.8, 3.2);
-    // The lid lies 1.2 mm below its seam (a real one 3 to 5 mm), so that one convex part is exact enough.
+    // The lid is 1.2 mm below its seam (a real one 3 to 5 mm), so one convex part is accurate enough.
     let (sink, neck) = (0.0012, r - sampler.range(0.0003, 0.0005));
     let mut profile = vec![Rz::new(r * 0.5, sink), Rz::new(r - 0.004, sink), Rz::new(r - 0.0025, 0.0)];
     profile.extend([Rz::new(r - 0.0008, 0.0), Rz::new(r, 0.0008), Rz::new(r, 0.0025), Rz::new(neck, 0.0035)]);

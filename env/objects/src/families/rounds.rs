@@ -1,4 +1,4 @@
-//! Round things: balls, and superquadrics between box, ball and cylinder.
+//! Round objects: balls, and superquadrics between box, ball and cylinder.
 
 use crate::cloud::convex_cloud;
 use crate::draft::{Draft, Rest};

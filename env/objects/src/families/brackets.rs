@@ -1,15 +1,15 @@
-//! Flat things of no particular name: bars or rods joined in a plane.
+//! Generic flat objects: bars or rods joined in a plane.
 
 use crate::draft::{Draft, Rest};
+use crate::families::tools::STEEL;
 use crate::implicit::{Piece, Solid};
 use crate::nets;
 use crate::sample::Sampler;
-use crate::tools::STEEL;
 use graspbox_mesh::MeshError;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
-/// Greatest mass, kilograms: what would be heavier is hollow.
+/// Greatest mass, kilograms: heavier ones are hollow.
 const HEAVIEST: f64 = 0.6;
 
 /// Angle bracket, hook, frame or hex key, lying: a spine along x, and limbs on either side at its ends or its middle.
@@ -20,7 +20,7 @@ pub(crate) fn bracket(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     let round = sampler.chance(0.4);
     let bar = Bar { thick, wide: if round { thick } else { wide }, round };
     let mut pieces = vec![bar.between(Vector3::zeros(), Vector3::new(length, 0.0, 0.0))];
-    // Limbs of one side are parallel, so that they never close a ring.
+    // Limbs on one side are parallel, so they never close a ring.
     let first = sampler.pick([1, 2, 3, 4, 5, 5, 6, 7]);
     let second = sampler.pick([0, 0, 0, 1, 2, 4]);
     for (side, slots) in [(1.0, first), (-1.0, second)] {

@@ -1,21 +1,21 @@
-//! Prisms: solid ones, from a die to a piece of timber, in sizes and masses that no grocery has; and filled cartons.
+//! Prisms: solid ones, from a die to a piece of timber, in sizes and masses that packages do not have; and filled cartons.
 
 use crate::draft::{Draft, Rest};
+use crate::families::packages::rounded_box;
 use crate::lathe::{self, Rz};
-use crate::packages::rounded_box;
 use crate::sample::Sampler;
 use crate::surface::{P3, Surface};
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};
 
-/// Greatest masses of a prism and of a carton, kilograms: what is larger is of a lighter material.
+/// Greatest masses of a prism and of a carton, kilograms: larger ones are of a lighter material.
 const HEAVIEST: [f64; 2] = [0.9, 1.0];
 /// Steps around a section that is no rectangle; a multiple of the number of its sides.
 const COLUMNS: usize = 48;
 
 /// Solid prism, standing or lying: a rectangular, hexagonal, octagonal or round section.
 pub(crate) fn prism(sampler: &mut Sampler) -> Draft {
-    // Sizes are spread evenly over their logarithm: as many of 15 to 30 mm as of 45 to 90 mm.
+    // Sizes are log-uniform: as many of 15 to 30 mm as of 45 to 90 mm.
     let thick = 0.014 * (sampler.unit() * (0.095_f64 / 0.014).ln()).exp();
     let wide = (thick * sampler.range(1.0, 1.8)).min(0.1).max(thick);
     let wide = if sampler.chance(0.4) { thick } else { wide };
@@ -28,7 +28,7 @@ pub(crate) fn prism(sampler: &mut Sampler) -> Draft {
     Draft { surface, parts: vec![cloud], mass, rest: Rest::Stands }
 }
 
-/// Filled carton or canister, standing or lying, or a thick piece of timber: not much narrower than the hand opens, and heavy.
+/// Filled carton or canister, standing or lying, or a thick piece of timber: heavy, and little narrower than the open hand.
 pub(crate) fn carton(sampler: &mut Sampler) -> Draft {
     let thick = sampler.range(0.06, 0.094);
     let wide = if sampler.chance(0.6) { thick } else { (thick * sampler.range(1.0, 1.3)).min(0.11) };

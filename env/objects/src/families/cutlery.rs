@@ -1,13 +1,13 @@
-//! Flat things bent in one plane: fork, spoon, scissors.
+//! Flat objects bent in one plane: fork, spoon, scissors.
 //!
-//! They are built flat from plates and then bent: every point is lifted by a height that depends on x and y alone.
+//! They are built flat from plates and then bent: every point is raised by a height that depends on x and y alone.
 
 use crate::draft::{Draft, Rest};
+use crate::families::tools::STEEL;
 use crate::implicit::{Piece, Solid};
 use crate::nets;
 use crate::sample::Sampler;
 use crate::surface::P3;
-use crate::tools::STEEL;
 use graspbox_mesh::MeshError;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::f64::consts::TAU;

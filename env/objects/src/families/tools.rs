@@ -1,4 +1,4 @@
-//! From the tool box: hammer, screwdriver, clamp, chain, ring. They lie on the table.
+//! Tools, lying on the table: hammer, screwdriver, clamp, chain, ring.
 
 use crate::draft::{Draft, Rest};
 use crate::implicit::{Piece, Solid, along_x, along_y};
@@ -124,7 +124,7 @@ fn link(center: f64, straight: f64, bend: f64, across: Vector3<f64>) -> Vec<P3> 
     line
 }
 
-/// Straight chain of plastic or steel links, each fused to the next as if it had been pulled tight and glued.
+/// Straight chain of plastic or steel links, each fused to the next.
 pub(crate) fn chain(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     let wire = sampler.range(0.003, 0.0045);
     let bend = wire * sampler.range(2.3, 2.9);
@@ -132,7 +132,7 @@ pub(crate) fn chain(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     let count = (3.0 + sampler.unit() * 3.0) as usize;
     // Each link reaches into the last until the rods meet with a small overlap.
     let pitch = 2.0 * (straight + bend) - 1.75 * wire;
-    // Pulled tight, every link touches the table when all are turned by an eighth.
+    // Every link touches the table if all are rotated by 45 degrees.
     let turn = FRAC_PI_4;
     let piece = |k: usize| {
         let tilt = if k.is_multiple_of(2) { turn } else { turn + FRAC_PI_2 };
