@@ -1,19 +1,19 @@
-//! Physics settings and the friction of table and object. Every default passes the hold and label checks in `tests/`; change them
-//! together or not at all.
+//! Physics settings, and the friction of table and object. The defaults pass the hold and label checks in `tests/` as a set: after a change to one
+//! of them, run all of these checks.
 
 use crate::SimError;
 use graspbox_mesh::in_range;
-pub use graspbox_solver::SolverConfig;
+pub use graspbox_solver::NewtonConfig;
 use serde::{Deserialize, Serialize};
 
-/// Friction factors of the surfaces that the hand meets; the hand's own are in its description ([`graspbox_hand::Friction`]).
-/// The coefficient of a pair is the product of its two factors.
+/// Friction factors of table and object; those of the hand are in its description ([`graspbox_hand::Friction`]). The coefficient of a pair is the
+/// product of its two factors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Friction {
     /// Table top and ground.
     pub table: f64,
-    /// The object: 1 leaves the other surface's factor as the coefficient; another value scales its grip in hand and on table alike.
+    /// The object. At 1 the coefficient equals the factor of the other surface; other values scale friction against hand and table alike.
     pub object: f64,
 }
 
@@ -23,35 +23,35 @@ impl Default for Friction {
     }
 }
 
-/// The physics engine that moves a world.
+/// The physics engine of a world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EngineKind {
-    /// Our own solver: f64, all contacts of a step together, by Newton's method.
+    /// `newton`: f64, all contacts of a step solved together by Newton's method.
     #[default]
-    Graspbox,
-    /// rapier: f32, contacts by sub-steps of projected Gauss-Seidel.
+    Newton,
+    /// `rapier`: f32, contacts solved in sub-steps of projected Gauss-Seidel.
     Rapier,
 }
 
-/// Settings that rapier alone has.
+/// Settings of the engine `rapier`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RapierConfig {
     /// Distance at which contacts are predicted, metres.
     pub prediction: f64,
-    /// A pair is searched for contacts again once it has moved by this since the last search, metres; 0 searches at every step.
+    /// The contacts of a pair are searched again once it has moved by this since the last search, metres; 0 searches at every step.
     pub contact_drift: f64,
-    /// Solver sub-steps per step. What matters for a firm hold is `dt / solver_iterations`: 0.5 ms is robust, 1 ms fine.
+    /// Solver sub-steps per step. The duration of a sub-step, `dt / solver_iterations`, decides whether a hold is firm: 0.5 ms is robust, 1 ms
+    /// suffices.
     pub solver_iterations: usize,
-    /// The same while nothing in the hand moves, it is in contact with nothing and the object does not tumble: what remains then is
-    /// an object on the table.
+    /// Sub-steps while the hand does not move and touches nothing and the object does not tumble: at most an object on the table is left.
     pub idle_iterations: usize,
-    /// Natural frequency of contacts, Hz. Stock values of the engine (30 Hz) let fingers sink in by millimetres.
+    /// Natural frequency of contacts, Hz. With rapier's default (30 Hz) fingers penetrate by millimetres.
     pub contact_frequency: f64,
     /// Damping ratio of contacts.
     pub contact_damping_ratio: f64,
-    /// Natural frequency of contacts with the hand's root and the table, Hz.
+    /// Natural frequency of contacts with the hand's base and the table, Hz.
     pub static_contact_frequency: f64,
     /// Penetration that is not corrected, metres.
     pub allowed_penetration: f64,
@@ -72,7 +72,7 @@ impl Default for RapierConfig {
     }
 }
 
-/// Settings of the engine: those that every engine has, and those of each.
+/// Physics settings: common ones, and those of each engine.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PhysicsConfig {
@@ -84,9 +84,9 @@ pub struct PhysicsConfig {
     pub gravity: f64,
     /// Friction factors of table and object.
     pub friction: Friction,
-    /// Settings of our own solver; other engines ignore them.
-    pub solver: SolverConfig,
-    /// Settings of rapier; other engines ignore them.
+    /// Settings of the engine `newton`; other engines ignore them.
+    pub newton: NewtonConfig,
+    /// Settings of the engine `rapier`; other engines ignore them.
     pub rapier: RapierConfig,
 }
 
@@ -97,7 +97,7 @@ impl Default for PhysicsConfig {
             dt: 0.002,
             gravity: 9.81,
             friction: Friction::default(),
-            solver: SolverConfig::default(),
+            newton: NewtonConfig::default(),
             rapier: RapierConfig::default(),
         }
     }
@@ -109,21 +109,20 @@ impl PhysicsConfig {
     /// # Errors
     /// [`SimError::OutOfRange`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
-        let (f, r) = (&self.friction, &self.rapier);
+        let (f, n, r) = (&self.friction, &self.newton, &self.rapier);
         in_range("dt", self.dt, 1e-5..=0.02, "s")?;
         in_range("gravity", self.gravity, 0.0..=100.0, "m/s2")?;
         in_range("friction.table", f.table, 0.0..=5.0, "")?;
         in_range("friction.object", f.object, 0.0..=5.0, "")?;
-        let s = &self.solver;
-        in_range("solver.prediction", s.prediction, 1e-4..=0.05, "m")?;
-        in_range("solver.contact_drift", s.contact_drift, 0.0..=1e-3, "m")?;
-        in_range("solver.contact_stiffness", s.contact_stiffness, 1e3..=1e7, "N/m")?;
-        in_range("solver.contact_relaxation", s.contact_relaxation, 0.0..=0.1, "s")?;
-        in_range("solver.support_stiffness", s.support_stiffness, 0.0..=1e7, "N/(m kg)")?;
-        in_range("solver.penetration_cap", s.penetration_cap, 1e-5..=0.01, "m")?;
-        in_range("solver.stick_speed", s.stick_speed, 1e-7..=0.01, "m/s")?;
-        in_range("solver.tolerance", s.tolerance, 1e-12..=1e-3, "m/s")?;
-        in_range("solver.max_iterations", s.max_iterations as f64, 1.0..=1000.0, "")?;
+        in_range("newton.prediction", n.prediction, 1e-4..=0.05, "m")?;
+        in_range("newton.contact_drift", n.contact_drift, 0.0..=1e-3, "m")?;
+        in_range("newton.contact_stiffness", n.contact_stiffness, 1e3..=1e7, "N/m")?;
+        in_range("newton.contact_relaxation", n.contact_relaxation, 0.0..=0.1, "s")?;
+        in_range("newton.support_stiffness", n.support_stiffness, 0.0..=1e7, "N/(m kg)")?;
+        in_range("newton.penetration_cap", n.penetration_cap, 1e-5..=0.01, "m")?;
+        in_range("newton.stick_speed", n.stick_speed, 1e-7..=0.01, "m/s")?;
+        in_range("newton.tolerance", n.tolerance, 1e-12..=1e-3, "m/s")?;
+        in_range("newton.max_iterations", n.max_iterations as f64, 1.0..=1000.0, "")?;
         in_range("rapier.prediction", r.prediction, 1e-4..=0.05, "m")?;
         in_range("rapier.contact_drift", r.contact_drift, 0.0..=1e-3, "m")?;
         in_range("rapier.solver_iterations", r.solver_iterations as f64, 1.0..=64.0, "")?;

@@ -1,19 +1,19 @@
-//! Who touches whom, how deep and how hard.
+//! Contacts of the object and of the hand's links, and the forces on the tactile sensors.
 
 use crate::engine::{Contact, Part};
 use crate::world::World;
 use nalgebra::{Point3, Vector3};
 
-/// Two bodies touch when a contact presses, or when they are nearer than this, metres: half the penetration that
-/// [`crate::config::RapierConfig`] allows.
+/// Bodies touch if a contact presses, or if they are nearer than this, metres: half of `allowed_penetration` in
+/// [`crate::config::RapierConfig`].
 const TOUCH: f64 = 2.5e-4;
 
-/// What the object touches, summed over its contacts.
+/// Summary of the object's contacts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Contacts {
     /// The object touches the table or the ground.
     pub scenery: bool,
-    /// Links of the hand that touch the object, ascending, each once.
+    /// Indices of the links that touch the object, ascending, without duplicates.
     pub links: Vec<usize>,
     /// Deepest penetration between hand and object, metres.
     pub hand_depth: f64,
@@ -23,28 +23,28 @@ pub struct Contacts {
     pub hand_force: f64,
 }
 
-/// Forces on the tactile sensors in the order of the hand's sensors, N.
+/// Forces on the tactile sensors, in the order of the hand's sensors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tactile {
-    /// One force per sensor.
+    /// Force per sensor, N.
     pub force: Vec<f64>,
 }
 
-/// One pressing contact point between a link of the hand and something else.
+/// A contact point that presses on a link of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkContact {
     /// Index of the link.
     pub link: usize,
-    /// Where, in the link's frame, metres.
+    /// Position in the link's frame, metres.
     pub point: Point3<f64>,
-    /// Unit normal in the link's frame, pointing into the link: the direction in which the force pushes it.
+    /// Unit normal in the link's frame, into the link: the direction of the force on it.
     pub normal: Vector3<f64>,
     /// Normal force, N.
     pub force: f64,
 }
 
 impl World {
-    /// What the object touches now.
+    /// The object's contacts at present.
     pub fn contacts(&self) -> Contacts {
         let mut found = Contacts::default();
         self.engine().contacts(&|parts| parts.contains(&Part::Object), &mut |contact| {
@@ -71,7 +71,7 @@ impl World {
         found
     }
 
-    /// True when the object touches table or ground, as [`World::contacts`] says.
+    /// True if the object touches table or ground: `scenery` of [`World::contacts`], at less cost.
     pub fn object_on_scenery(&self) -> bool {
         let mut found = false;
         let wanted = |parts: [Part; 2]| parts.contains(&Part::Object) && parts.into_iter().any(Part::is_scenery);
@@ -81,7 +81,7 @@ impl World {
 
     /// Forces on the tactile sensors.
     ///
-    /// A contact presses the sensors of its link in proportion to their nearness: a sensor feels nothing beyond its reach.
+    /// The force of a contact is shared among the sensors of its link by distance and direction; sensors beyond `REACH`, or facing away, get none.
     pub fn tactile(&self) -> Tactile {
         let hand = self.hand();
         let mut force = vec![0.0; hand.sensors.len()];
@@ -106,7 +106,7 @@ impl World {
         Tactile { force }
     }
 
-    /// Contacts of the hand's links in the links' frames; normals point into the link.
+    /// Contact points that press on the hand's links, in the links' frames.
     pub fn link_contacts(&self) -> Vec<LinkContact> {
         let mut found = Vec::new();
         self.engine().contacts(&|parts| parts.into_iter().any(Part::is_link), &mut |contact| {
@@ -126,5 +126,5 @@ fn touches(contact: &Contact) -> bool {
     contact.force > 0.0 || contact.distance < TOUCH
 }
 
-/// Reach of a tactile sensor, metres: its spacing on the link.
+/// Reach of a tactile sensor, metres: the spacing of the sensors on a link.
 const REACH: f64 = 0.008;

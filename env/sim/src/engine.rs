@@ -1,21 +1,21 @@
-//! The seam between a world and the engine that moves it: what a world asks of an engine, and what it gets back.
+//! The interface between a world and its physics engine.
 //!
 //! An engine simulates one hand, one object and the scenery in the frame of the hand's base: the hand's root is fixed, table and ground
-//! move. Actuators are no part of it; it sees where they are at the end of a step. Units are metres, kilograms, seconds,
-//! radians and newtons throughout. Equal calls on equal engines give equal bits, on any thread.
+//! move. Actuators belong to the world; the engine gets their states at the end of each step. Units are metres, kilograms, seconds, radians
+//! and newtons. Equal calls on equal engines give equal bits, on any thread.
 
 use crate::SimError;
 use crate::motion::FrameMotion;
 use graspbox_hand::ActuatorState;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// A part of the world that touches and is touched.
+/// A part of the world that has contacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
     Object,
     Table,
     Ground,
-    /// Index of the hand's link, and of the collider within it.
+    /// Index of a link of the hand, and of the collider within it.
     Link {
         link: usize,
         shape: usize,
@@ -49,23 +49,23 @@ pub(crate) struct StepInput<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContactSide {
     pub part: Part,
-    /// Contact point on the surface of the part, metres. Frame: the object's, the link's (not the collider's), the world's for scenery.
+    /// Contact point on the surface of the part, metres, in the frame of the object or the link (not the collider), for scenery the world's.
     pub point: Point3<f64>,
-    /// Unit normal in the same frame, pointing into the part.
+    /// Unit normal in the same frame, into the part.
     pub normal: Vector3<f64>,
 }
 
-/// One contact point of the last step, pressing or merely near.
+/// A contact point of the last step; one across a gap has no force.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Contact {
     pub sides: [ContactSide; 2],
-    /// Where, frame of the hand's base, metres.
+    /// Position, frame of the hand's base, metres.
     pub point: Point3<f64>,
     /// Unit normal from the first part to the second, frame of the hand's base.
     pub normal: Vector3<f64>,
-    /// Distance of the surfaces, metres; negative where they overlap.
+    /// Signed distance of the surfaces, metres; negative where they overlap.
     pub distance: f64,
-    /// Normal force, N, averaged over the step; 0 where it does not press.
+    /// Normal force, mean over the step, N; 0 where it does not press.
     pub force: f64,
     /// Coefficient of friction of the pair.
     pub friction: f64,
@@ -80,12 +80,12 @@ pub struct JointState {
     pub speed: f64,
 }
 
-/// A physics engine. "Base" is the frame of the hand's base; velocities are those that an observer in that frame measures.
+/// A physics engine. "Base" is the frame of the hand's base; velocities are relative to that frame.
 pub(crate) trait Engine: Send + Sync {
-    /// A copy that goes on with the same bits.
+    /// A copy that continues with the same bits.
     fn duplicate(&self) -> Box<dyn Engine>;
 
-    /// Poses an engine that has not stepped yet: every joint of the hand at its position in `joints` (rad or m), the object at rest.
+    /// Poses an engine before its first step: every joint of the hand at its position in `joints` (rad or m), the object at rest.
     fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, joints: &[f64]);
 
     /// Advances by one time step.
@@ -97,40 +97,41 @@ pub(crate) trait Engine: Send + Sync {
     /// State of the hand's joint `joint`; zero for a fixed one.
     fn joint(&self, joint: usize) -> JointState;
 
+    /// Pose of the object.
     fn base_from_object(&self) -> Isometry3<f64>;
 
-    /// Linear (of the centre of mass, m/s) and angular (rad/s) velocity of the object, base axes.
+    /// Velocity of the object's centre of mass (m/s) and its angular velocity (rad/s), base axes.
     fn object_velocity(&self) -> (Vector3<f64>, Vector3<f64>);
 
-    /// Sets what [`Engine::object_velocity`] returns.
+    /// Sets the velocities that [`Engine::object_velocity`] returns.
     fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>);
 
-    /// Multiplies the object's friction factor and its mass with its inertia; both factors are finite and positive.
+    /// Multiplies the object's friction factor, and its mass and inertia; both factors are finite and positive.
     fn scale_object(&mut self, friction: f64, mass: f64);
 
-    /// Height of the lowest point of the object's collision geometry when it is posed at `from_object`, along z of that frame, metres.
+    /// Height of the lowest point of the object's collision geometry at pose `from_object`, along z of that frame, metres.
     fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64;
 
-    /// Visits the contact points of the last step whose pair of parts is `wanted`, always in the same order.
+    /// Visits the contact points of the last step between `wanted` parts, in a reproducible order.
     ///
-    /// Points further apart than the prediction distance may be left out.
+    /// Points farther apart than the prediction distance may be missing.
     fn contacts(&self, wanted: &dyn Fn([Part; 2]) -> bool, visit: &mut dyn FnMut(&Contact));
 
-    /// False once a pose or velocity is no longer a finite number.
+    /// True while all poses and velocities are finite.
     fn is_finite(&self) -> bool;
 
-    /// Steps since the engine was posed in which the solver stopped before it converged; 0 for an engine that does not measure it.
+    /// Steps since the engine was posed in which the solver did not converge; 0 for an engine that does not measure convergence.
     fn unconverged_steps(&self) -> u64;
 
-    /// The whole state as bytes.
+    /// The complete state as bytes.
     ///
     /// # Errors
     /// [`SimError::BadSnapshot`] if it cannot be written.
     fn save(&self) -> Result<Vec<u8>, SimError>;
 
-    /// Replaces the state by one that [`Engine::save`] wrote for an equal template.
+    /// Restores a state that [`Engine::save`] wrote for an equal template.
     ///
     /// # Errors
-    /// [`SimError::BadSnapshot`] for bytes of something else; the state is unchanged then.
+    /// [`SimError::BadSnapshot`] for other bytes; the state is then unchanged.
     fn load(&mut self, bytes: &[u8]) -> Result<(), SimError>;
 }

@@ -1,29 +1,29 @@
-//! What can be wrong with a world; each variant is a sentence about the input.
+//! Errors of a world; each variant is a sentence about the input.
 
 use graspbox_mesh::OutOfRange;
 
-/// What is wrong with a physics setting, an object or a snapshot.
+/// An invalid physics setting, object, command or snapshot.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimError {
-    /// A setting is out of its range.
+    /// A setting is out of range.
     #[error("physics setting {0}")]
     OutOfRange(#[from] OutOfRange),
-    /// The object has nothing to collide with.
-    #[error("the object has no convex part; decompose its mesh first")]
+    /// The object has no collision geometry.
+    #[error("the object has no convex part; decompose its mesh into convex parts first")]
     NoParts,
-    /// A convex part is flat or broken.
-    #[error("convex part {part} of the object has no volume; drop it or thicken the mesh there")]
+    /// A convex part has no volume.
+    #[error("convex part {part} of the object has no volume; remove it, or thicken the mesh there")]
     FlatPart {
         /// Index of the part.
         part: usize,
     },
-    /// Mass or inertia cannot be.
+    /// Mass or inertia is not finite and positive.
     #[error("the object's {what} is {value}, but it must be finite and positive")]
     BadMass {
         /// `mass` or `inertia`.
         what: &'static str,
-        /// What was given.
+        /// The value that was passed.
         value: f64,
     },
     /// An engine cannot simulate the hand.
@@ -42,7 +42,7 @@ pub enum SimError {
         /// Index of the actuator.
         actuator: usize,
     },
-    /// The snapshot is not one of this version, or is damaged.
+    /// The snapshot is damaged, or belongs to another version or template.
     #[error("the snapshot cannot be restored: {why}")]
     BadSnapshot {
         /// The reason.

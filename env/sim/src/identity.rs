@@ -1,4 +1,4 @@
-//! What a template is built from, as one hash: worlds of equal templates may be exchanged.
+//! The identity of a template: a hash of everything that it is built from.
 
 use crate::SimError;
 use crate::config::PhysicsConfig;
@@ -6,10 +6,10 @@ use crate::object::{Geometry, ObjectModel};
 use graspbox_hand::Hand;
 use graspbox_mesh::TriMesh;
 
-/// Names what a snapshot can be restored into: a hand, an object, settings.
+/// Identifies the hand, object and settings of a template, and so the snapshots that it can restore.
 pub(crate) type Identity = [u8; 32];
 
-/// Hash of everything that a template is built from: worlds of equal templates may be exchanged, others may not.
+/// Hash of everything that a template is built from. A snapshot can be restored if the identities are equal.
 pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig) -> Result<Identity, SimError> {
     let mut hasher = blake3::Hasher::new();
     let bytes = postcard::to_allocvec(&(object.mass(), object.center_of_mass(), object.inertia(), config))
@@ -17,7 +17,7 @@ pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig
     hasher.update(&bytes);
     match object.geometry() {
         Geometry::Parts(parts) => parts.iter().for_each(|part| hash_mesh(&mut hasher, part)),
-        // Every number of a primitive or a hand, written so that it can be told from any other.
+        // The debug format writes every number exactly.
         primitive => {
             hasher.update(format!("{primitive:?}").as_bytes());
         }
@@ -26,7 +26,7 @@ pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig
     Ok(*hasher.finalize().as_bytes())
 }
 
-/// Numbers and their count, so that parts that end elsewhere give another hash.
+/// Hashes counts as well as numbers, so parts that are divided differently differ.
 fn hash_mesh(hasher: &mut blake3::Hasher, mesh: &TriMesh) {
     for count in [mesh.vertices().len(), mesh.faces().len()] {
         hasher.update(&(count as u64).to_le_bytes());

@@ -1,21 +1,22 @@
-//! One world: a table, one object, one hand, moved by a physics engine.
+//! One world: a table, one object and one hand, simulated by a physics engine.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`config`] | physics settings, friction of table and object, with the reason for each number |
 //! | [`object`] | the object: collision geometry, mass, inertia |
 //! | [`world`] | the world itself: step, observe, clone, snapshot |
-//! | [`contacts`] | who touches whom, how deep and how hard; tactile pressures |
-//! | [`scenery`] | how large table and ground are |
-//! | [`load`] | what presses on the hand: contact points, and their sum |
-//! | `engine` | the seam: what a world asks of an engine |
-//! | `rapier` | the engine on rapier; nothing else knows that library |
+//! | [`contacts`] | contacts of the object and of the hand's links; tactile forces |
+//! | [`scenery`] | dimensions of table and ground |
+//! | [`load`] | contact forces on the hand, and their sum |
+//! | `engine` | the interface between a world and its engine |
+//! | `newton` | the engine `newton` ([`graspbox_solver`]), the default |
+//! | `rapier` | the engine `rapier`; no other module uses that library |
 //! | `motion` | the moving frame |
-//! | `snapshot`, `identity` | worlds as bytes, and what they can be restored into |
+//! | `snapshot`, `identity` | worlds as bytes, and the templates that can restore them |
 //!
-//! The world is simulated in the hand's base frame: the hand's root stands still, the table moves, and gravity carries the
-//! fictitious accelerations. That halves the cost of a step and removes every error of a driven root. Everything that this crate
-//! hands out is in the world's frame (z up, table top at z = 0) unless its name says otherwise.
+//! A world is simulated in the frame of the hand's base: the hand's root is fixed, the table moves, and gravity includes the fictitious
+//! accelerations. This halves the cost of a step and avoids the errors of a driven root. The public interface uses the world's frame (z up,
+//! table top at z = 0) unless a name says otherwise.
 //!
 //! A ball falls from 0.5 m and comes to rest on the table:
 //!
@@ -31,7 +32,7 @@
 //! let hand = Isometry3::translation(0.0, 0.0, 1.5);
 //! let mut world = template.spawn(&hand, &Isometry3::translation(0.0, 0.0, 0.5), 0.0);
 //! while world.time() < 1.5 {
-//!     world.step(&hand, &[])?; // the hand stays, its actuators are off
+//!     world.step(&hand, &[])?; // the hand does not move, its actuators are off
 //! }
 //! assert!((world.object_center().z - 0.03).abs() < 5e-4);
 //! # Ok(())
@@ -47,14 +48,14 @@ mod error;
 mod identity;
 pub mod load;
 mod motion;
-mod native;
+mod newton;
 pub mod object;
 mod rapier;
 pub mod scenery;
 mod snapshot;
 pub mod world;
 
-pub use config::{EngineKind, Friction, PhysicsConfig, RapierConfig};
+pub use config::{EngineKind, Friction, NewtonConfig, PhysicsConfig, RapierConfig};
 pub use contacts::{Contacts, LinkContact, Tactile};
 pub use error::SimError;
 pub use load::{HandContact, HandLoad};

@@ -1,19 +1,19 @@
-//! What presses on the hand: contact points, and their sum.
+//! Contact forces of object and scenery on the hand, and their sum.
 
 use crate::engine::Part;
 use crate::world::World;
 use nalgebra::{Point3, Vector3};
 
-/// One point where object, table or ground presses on the hand; hand frame.
+/// A contact point of object, table or ground that presses on the hand; hand frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandContact {
     /// Index of the link.
     pub link: usize,
     /// True for the object, false for table and ground.
     pub with_object: bool,
-    /// Where, metres.
+    /// Position, metres.
     pub point: Point3<f64>,
-    /// Unit normal, pointing into the link: the direction in which the force pushes it.
+    /// Unit normal into the link: the direction of the force on it.
     pub normal: Vector3<f64>,
     /// Normal force, N.
     pub force: f64,
@@ -21,28 +21,28 @@ pub struct HandContact {
     pub friction: f64,
 }
 
-/// The sum of the normal forces that object and scenery put on the hand; hand frame.
+/// The sum of the normal forces of object and scenery on the hand; hand frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandLoad {
     /// Net force, N.
     pub force: Vector3<f64>,
-    /// Mean of the contact points, weighted by their forces, metres; the origin without contact.
+    /// Mean of the contact points weighted by force, metres; the origin if there are none.
     pub at: Point3<f64>,
-    /// True where the object presses.
+    /// True if the object presses.
     pub object: bool,
-    /// True where table or ground press.
+    /// True if table or ground presses.
     pub scenery: bool,
 }
 
 impl World {
-    /// Every point where something else than the hand presses on it.
+    /// Contact points of object and scenery that press on the hand.
     pub fn hand_contacts(&self) -> Vec<HandContact> {
         let mut found = Vec::new();
         self.each_press(|contact| found.push(contact));
         found
     }
 
-    /// What presses on the hand, summed.
+    /// Sum of the contact forces of object and scenery on the hand.
     pub fn hand_load(&self) -> HandLoad {
         let (mut force, mut at, mut total) = (Vector3::zeros(), Vector3::zeros(), 0.0);
         let (mut object, mut scenery) = (false, false);
@@ -59,7 +59,7 @@ impl World {
 
     fn each_press(&self, mut visit: impl FnMut(HandContact)) {
         let hand_from_base = self.hand().base_from_hand.inverse();
-        // Links that press on each other put no load on the hand.
+        // Contacts between links are internal to the hand.
         let wanted = |[first, second]: [Part; 2]| first.is_link() != second.is_link();
         self.engine().contacts(&wanted, &mut |contact| {
             if contact.force <= 0.0 {

@@ -1,10 +1,10 @@
-//! The moving frame: where the hand's base is in the world, how it moves, and the accelerations that its frame adds.
+//! The moving frame: pose and velocity of the hand's base, and the fictitious accelerations in its frame.
 
 pub(crate) use graspbox_solver::FrameMotion;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Turns below this within one step are none, radians.
+/// Rotations within one step below this count as none, radians: far above rounding, far below any motion.
 const NO_TURN: f64 = 1e-12;
 
 /// Pose and velocity of the hand's base in the world.
@@ -22,11 +22,11 @@ impl BaseMotion {
         Self { world_from_base, linear: Vector3::zeros(), angular: Vector3::zeros() }
     }
 
-    /// Moves on to `target` within `dt` seconds (`gravity` in world axes); returns the motion as bodies in the base's frame feel it.
+    /// Moves to `target` within `dt` seconds (`gravity` in world axes). Returns the motion of the frame, with which bodies are simulated in it.
     pub(crate) fn advance(&mut self, target: Isometry3<f64>, dt: f64, gravity: &Vector3<f64>) -> FrameMotion {
         let linear = (target.translation.vector - self.world_from_base.translation.vector) / dt;
         let turn: UnitQuaternion<f64> = target.rotation * self.world_from_base.rotation.inverse();
-        // Rounding makes a turn of some 1e-16 rad out of none; a frame that only translates needs no further forces.
+        // Rounding turns no rotation into about 1e-16 rad; a frame that only translates needs no further forces.
         let angular = if turn.angle() < NO_TURN { Vector3::zeros() } else { turn.scaled_axis() / dt };
         let acceleration = (linear - self.linear) / dt;
         let angular_acceleration = (angular - self.angular) / dt;

@@ -1,4 +1,4 @@
-//! The object to grasp: collision geometry, mass and inertia, in its own frame.
+//! The object to grasp: collision geometry, mass and inertia, in the object frame.
 
 use crate::SimError;
 use graspbox_mesh::TriMesh;
@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Collision geometry in the object's frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Geometry {
-    /// Convex parts, each a closed convex hull as [`graspbox_mesh::convex_hull`] makes it.
+    /// Convex parts, each a closed hull from [`graspbox_mesh::convex_hull`].
     Parts(Arc<[TriMesh]>),
     /// A box by its half extents, centred on the frame.
     Cuboid(Vector3<f64>),
@@ -27,19 +27,19 @@ pub enum Geometry {
     },
 }
 
-/// An object as the simulation knows it.
+/// The physical model of an object.
 #[derive(Clone, Debug)]
 pub struct ObjectModel {
     geometry: Geometry,
     mass: f64,
     center_of_mass: Point3<f64>,
     inertia: Matrix3<f64>,
-    /// Each engine's own shapes, made at its first use and shared with all copies: one entry per type.
+    /// Collision shapes of each engine, made at first use and shared by all copies: one entry per type.
     shapes: Arc<Mutex<Vec<Arc<dyn Any + Send + Sync>>>>,
 }
 
 impl ObjectModel {
-    /// Takes geometry, mass (kg), centre of mass (object frame, m) and inertia about it (axes of the object frame, kg m2).
+    /// Creates an object from geometry, mass (kg), centre of mass (object frame, m) and inertia about it (axes of the object frame, kg m2).
     ///
     /// # Errors
     /// [`SimError::NoParts`] or [`SimError::BadMass`].
@@ -65,7 +65,7 @@ impl ObjectModel {
     /// A solid primitive of uniform density with mass `mass` (kg).
     ///
     /// # Errors
-    /// As [`ObjectModel::new`]; [`Geometry::Parts`] is refused as [`SimError::NoParts`], since its inertia must come from the mesh.
+    /// As [`ObjectModel::new`]; [`SimError::NoParts`] for [`Geometry::Parts`], whose inertia must come from the mesh.
     pub fn solid(geometry: &Geometry, mass: f64) -> Result<Self, SimError> {
         let diagonal = match geometry {
             Geometry::Parts(_) => return Err(SimError::NoParts),
@@ -102,15 +102,15 @@ impl ObjectModel {
         &self.geometry
     }
 
-    /// An engine's own form of the geometry: `make` is called once per object and type `T`.
+    /// An engine's collision shapes: `make` is called once per object and type `T`.
     ///
     /// # Errors
-    /// Those of `make`, which is then called again the next time.
+    /// Those of `make`, which the next call then tries again.
     pub(crate) fn shapes<T: Any + Send + Sync>(
         &self,
         make: impl FnOnce(&Geometry) -> Result<T, SimError>,
     ) -> Result<Arc<T>, SimError> {
-        // Nothing is left half-done where a thread panicked: an entry is complete before it is pushed.
+        // A poisoned lock is harmless: an entry is complete before it is pushed.
         let mut shapes = self.shapes.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(found) = shapes.iter().find_map(|entry| Arc::clone(entry).downcast::<T>().ok()) {
             return Ok(found);

@@ -1,12 +1,12 @@
-//! The engine on [`rapier3d`]: reduced-coordinate chains, contacts solved by sub-steps of projected Gauss-Seidel.
+//! The engine `rapier` ([`rapier3d`]): chains in reduced coordinates, contacts solved in sub-steps of projected Gauss-Seidel.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `build` | assembly of bodies, joints and colliders |
 //! | `shape` | collision shapes of the object and of the hand's links |
-//! | `joints` | forces along the joints, written into the engine's joint springs |
+//! | `joints` | joint forces, written into rapier's joint springs |
 //! | `forces` | fictitious forces of the moving frame |
-//! | `contacts` | contact points, in the words of the seam |
+//! | `contacts` | contact points for the interface of [`crate::engine`] |
 //! | `frames` | conversions of units and types |
 
 mod build;
@@ -28,13 +28,13 @@ use nalgebra::{Isometry3, Vector3};
 use rapier3d::prelude::*;
 use std::sync::Arc;
 
-/// A joint below this speed is still, rad/s: it sways in its spring when the hand is moved.
+/// A joint below this speed counts as at rest, rad/s: joints sway in their springs while the hand moves.
 const STILL: f64 = 0.2;
 
-/// An object that turns faster than this tumbles, rad/s.
+/// An object that rotates faster than this tumbles, rad/s.
 const TUMBLING: f64 = 1.0;
 
-/// One world of rapier, its unit of length a centimetre.
+/// One world of rapier; its unit of length is the centimetre.
 pub(crate) struct Rapier {
     physics: PhysicsWorld,
     /// Tension of every tendon, N.
@@ -42,7 +42,7 @@ pub(crate) struct Rapier {
     shared: Arc<Shared>,
 }
 
-/// What an engine and its copies share.
+/// Data shared by an engine and its copies.
 struct Shared {
     hand: Arc<Hand>,
     handles: Handles,
@@ -50,10 +50,10 @@ struct Shared {
 }
 
 impl Rapier {
-    /// Assembles the engine's world.
+    /// Assembles rapier's world.
     ///
     /// # Errors
-    /// An object or a hand that cannot be simulated.
+    /// [`SimError::NoParts`], [`SimError::FlatPart`] or [`SimError::BadHand`].
     pub(crate) fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
         let (physics, handles) = build::build(&hand, object, &config)?;
         let tensions = vec![0.0; hand.tendons.len()];
@@ -74,8 +74,7 @@ impl Rapier {
         joints::drive_rigid(&mut self.physics, hand, handles, input, config.dt);
     }
 
-    /// True while the hand is in contact with nothing, nothing in it moves and the object does not tumble: what is left to solve
-    /// is at most an object on the table.
+    /// True while the hand touches nothing and does not move, and the object does not tumble: at most an object on the table is left to solve.
     fn idles(&self, input: &StepInput) -> bool {
         let still = |joint| joints::joint_state(&self.physics, joint).speed.abs() < STILL;
         let spin = frames::vector64(self.object().angvel());
@@ -87,7 +86,7 @@ impl Rapier {
             && !contacts::hand_in_contact(&self.physics)
     }
 
-    /// True where the frame's forces of the last step are still on the bodies: the engine keeps them until they are taken off.
+    /// True if fictitious forces of the last step still act on the bodies: rapier keeps forces until they are reset.
     fn bears_frame_forces(&self) -> bool {
         self.shared.handles.moving_bodies().any(|handle| {
             let body = self.body(handle);
@@ -175,7 +174,7 @@ impl Engine for Rapier {
         {
             let mut properties = body.mass_properties().local_mprops;
             if properties.inv_mass == 0.0 {
-                // Not stepped yet: the engine adds the properties up in its first step.
+                // Before the first step, rapier has not summed the mass properties yet.
                 body.recompute_mass_properties_from_colliders(&self.physics.colliders);
                 properties = body.mass_properties().local_mprops;
             }
@@ -201,7 +200,7 @@ impl Engine for Rapier {
         self.tensions.iter().all(|tension| tension.is_finite()) && self.shared.handles.moving_bodies().all(finite)
     }
 
-    /// The engine takes a fixed number of sub-steps and measures no residual.
+    /// Rapier takes a fixed number of sub-steps and measures no residual.
     fn unconverged_steps(&self) -> u64 {
         0
     }
@@ -219,7 +218,7 @@ impl Engine for Rapier {
             && physics.bodies.len() == self.physics.bodies.len()
             && physics.colliders.len() == self.physics.colliders.len();
         if !same {
-            return Err(bad("its bodies are not those of this hand and object"));
+            return Err(bad("it belongs to another hand or object"));
         }
         physics.narrow_phase.set_query_dispatcher(Dispatcher);
         (self.physics, self.tensions) = (physics, tensions);
@@ -227,7 +226,7 @@ impl Engine for Rapier {
     }
 }
 
-/// The engine's world without its workspaces, which carry nothing from step to step.
+/// A copy of rapier's world without its workspaces, which carry no state from step to step.
 fn clone_physics(w: &PhysicsWorld) -> PhysicsWorld {
     PhysicsWorld {
         gravity: w.gravity,

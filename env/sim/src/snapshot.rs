@@ -1,15 +1,15 @@
-//! Snapshot and restore of a world in mid-motion: the same bits go on from both.
+//! Snapshots of a world in motion: the restored world continues with the same bits.
 
 use crate::SimError;
 use crate::identity::Identity;
 use crate::world::{State, Template, World};
 use graspbox_mesh::checksum;
 
-/// Leads every snapshot; the number changes with the layout: identity and state by postcard, then the engine's bytes.
+/// First bytes of every snapshot; the number changes with the layout (identity and state by postcard, then the engine's bytes).
 const MAGIC: &[u8; 8] = b"gbworld5";
 
 impl World {
-    /// The whole state as bytes, to be given to [`Template::restore`] of an equal template.
+    /// The complete state as bytes, for [`Template::restore`] of an equal template.
     ///
     /// # Errors
     /// [`SimError::BadSnapshot`] if the engine's state cannot be written.
@@ -22,10 +22,10 @@ impl World {
 }
 
 impl Template {
-    /// The world that [`World::snapshot`] saved; it goes on bit for bit as the original does.
+    /// The world that [`World::snapshot`] saved; it continues with the bits of the original.
     ///
     /// # Errors
-    /// [`SimError::BadSnapshot`] for bytes of another version, or damaged ones, or ones of another hand, object or setting.
+    /// [`SimError::BadSnapshot`] for damaged bytes, and for those of another version, hand, object or setting.
     pub fn restore(&self, bytes: &[u8]) -> Result<World, SimError> {
         let bad = |why: &str| SimError::BadSnapshot { why: why.into() };
         let body = checksum::open(MAGIC, bytes).map_err(|error| bad(&error.to_string()))?;

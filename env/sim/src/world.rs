@@ -1,23 +1,25 @@
-//! The world: a template that is built once per object, and the worlds that are cloned from it, stepped and observed.
+//! Templates, built once per object and hand, and the worlds that are cloned from them.
 
 use crate::SimError;
 use crate::config::{EngineKind, PhysicsConfig};
 use crate::engine::{Engine, StepInput};
 use crate::identity::{Identity, identity};
 use crate::motion::BaseMotion;
-use crate::native::Native;
+use crate::newton::Newton;
 use crate::object::ObjectModel;
 use crate::rapier::Rapier;
 use graspbox_hand::{ActuatorCommand, ActuatorState, Hand};
+use graspbox_mesh::range::{OutOfRange, all_within, in_range, is_pose};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 mod observe;
 
 pub use crate::engine::JointState;
 
-/// What changes from step to step, beside the engine's own state.
+/// The part of a world's state that is not the engine's.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct State {
     motion: BaseMotion,
@@ -29,13 +31,38 @@ pub(crate) struct State {
     steps: u64,
 }
 
-/// A world before its first step: cloning it and posing the clone is the only reset there is.
+impl State {
+    /// Refuses what no world of this hand can be in: a checksum tells who damaged a state, not who made it.
+    fn check(&self, hand: &Hand) -> Result<(), OutOfRange> {
+        /// Farther than any hand moves, metres.
+        const FARTHEST: f64 = 1e3;
+        /// Faster than any hand moves, m/s and rad/s: a kilometre within a step.
+        const FASTEST: f64 = 1e6;
+        /// More gravity than any planet has, m/s2.
+        const HEAVIEST: f64 = 1e3;
+        is_pose("motion.world_from_base", &self.motion.world_from_base, FARTHEST)?;
+        all_within("motion.linear", self.motion.linear.iter().copied(), FASTEST, "m/s")?;
+        all_within("motion.angular", self.motion.angular.iter().copied(), FASTEST, "rad/s")?;
+        all_within("gravity", self.gravity.iter().copied(), HEAVIEST, "m/s2")?;
+        in_range("mass_factor", self.mass_factor, 1e-6..=1e6, "")?;
+        in_range("steps", self.steps as f64, 0.0..=1e15, "")?;
+        for (state, actuator) in self.actuators.iter().zip(&hand.actuators) {
+            let [low, high] = actuator.travel;
+            in_range("actuators.position", state.position, low..=high, "rad or m")?;
+            all_within("actuators.velocity", [state.velocity], FASTEST, "rad/s or m/s")?;
+            all_within("actuators.load", [state.load], 1e9, "N or N m")?;
+        }
+        Ok(())
+    }
+}
+
+/// A world before its first step. A reset clones it and poses the clone.
 pub struct Template {
     engine: Box<dyn Engine>,
     shared: Arc<Shared>,
 }
 
-/// What all worlds of one template share.
+/// Data shared by all worlds of one template.
 struct Shared {
     hand: Arc<Hand>,
     config: PhysicsConfig,
@@ -52,14 +79,14 @@ pub struct World {
 }
 
 impl Template {
-    /// Builds the world of `object` and `hand` once.
+    /// Builds the world of `object` and `hand`.
     ///
     /// # Errors
-    /// A setting out of range, or a hand that cannot be simulated.
+    /// [`SimError`] for a setting out of range, or an object or a hand that cannot be simulated.
     pub fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
         config.validate()?;
         let engine: Box<dyn Engine> = match config.engine {
-            EngineKind::Graspbox => Box::new(Native::new(Arc::clone(&hand), object, config)?),
+            EngineKind::Newton => Box::new(Newton::new(Arc::clone(&hand), object, config)?),
             EngineKind::Rapier => Box::new(Rapier::new(Arc::clone(&hand), object, config)?),
         };
         let shared = Shared {
@@ -72,13 +99,13 @@ impl Template {
         Ok(Self { engine, shared: Arc::new(shared) })
     }
 
-    /// A fresh world: the hand open at `world_from_hand` with its preshape (rad), the object at rest at `world_from_object`.
+    /// A new world: the hand open at `world_from_hand` with its preshape (rad), the object at rest at `world_from_object`.
     pub fn spawn(&self, world_from_hand: &Isometry3<f64>, world_from_object: &Isometry3<f64>, preshape: f64) -> World {
         let hand = &self.shared.hand;
         let world_from_base = world_from_hand * hand.base_from_hand.inverse();
         let base_from_world = world_from_base.inverse();
         let mut engine = self.engine.duplicate();
-        // A preshape that is no number gives joints that are none, which the checks of every step find.
+        // A preshape that is NaN gives joints that are NaN, which `is_finite` reports.
         let joints = hand.joint_positions(&hand.open_configuration(preshape));
         let joints = joints.unwrap_or_else(|_| vec![f64::NAN; hand.joints.len()]);
         engine.pose(&base_from_world, &(base_from_world * world_from_object), &joints);
@@ -94,18 +121,24 @@ impl Template {
         World { engine, shared: Arc::clone(&self.shared), state }
     }
 
-    /// A world from a saved state, if that state is of an equal template.
+    /// A world from a saved state of an equal template.
     pub(crate) fn resume(&self, identity: &Identity, state: State, engine_state: &[u8]) -> Result<World, SimError> {
         if *identity != self.shared.identity || state.actuators.len() != self.shared.hand.actuators.len() {
-            let why = "it was taken with another hand, object or physics setting".to_owned();
+            let why = "it belongs to another hand, object or physics setting".to_owned();
             return Err(SimError::BadSnapshot { why });
         }
+        state.check(&self.shared.hand).map_err(|error| SimError::BadSnapshot { why: error.to_string() })?;
         let mut engine = self.engine.duplicate();
         engine.load(engine_state)?;
-        Ok(World { engine, shared: Arc::clone(&self.shared), state })
+        let world = World { engine, shared: Arc::clone(&self.shared), state };
+        // The bytes of our own solver were checked number by number. Those of rapier are its arenas, which name each other by index.
+        if self.shared.config.engine == EngineKind::Rapier && !world.survives_a_step() {
+            return Err(SimError::BadSnapshot { why: "the engine cannot step from it".to_owned() });
+        }
+        Ok(world)
     }
 
-    /// Height of the lowest point of the collision geometry above the table when the object is posed at `world_from_object`, metres.
+    /// Height above the table of the lowest point of the collision geometry at pose `world_from_object`, metres.
     pub fn lowest_point(&self, world_from_object: &Isometry3<f64>) -> f64 {
         self.engine.lowest_point(world_from_object)
     }
@@ -130,10 +163,10 @@ impl Clone for World {
 impl World {
     /// Advances by one time step: the hand reaches `world_from_hand` at its end, the actuators follow their commands.
     ///
-    /// `commands` has one entry per actuator, in the order of the hand's actuators; missing ones hold still.
+    /// * `commands`: one per actuator, in the order of the hand's actuators; actuators without a command hold their position.
     ///
     /// # Errors
-    /// [`SimError::BadCommand`] for a command that is not finite; nothing moves then.
+    /// [`SimError::BadCommand`] for a command that is not finite; the world is then unchanged.
     pub fn step(&mut self, world_from_hand: &Isometry3<f64>, commands: &[ActuatorCommand]) -> Result<(), SimError> {
         let dt = self.shared.config.dt;
         self.drive_actuators(commands, dt)?;
@@ -151,16 +184,27 @@ impl World {
         Ok(())
     }
 
+    /// Whether a copy can be observed and stepped, the hand standing still.
+    fn survives_a_step(&self) -> bool {
+        let step = || {
+            let mut copy = self.clone();
+            let hand = copy.world_from_hand();
+            let stepped = copy.step(&hand, &[]).is_ok();
+            stepped && copy.hand_load().force.iter().all(|x| x.is_finite()) && copy.is_finite()
+        };
+        catch_unwind(AssertUnwindSafe(step)).unwrap_or(false)
+    }
+
     fn drive_actuators(&mut self, commands: &[ActuatorCommand], dt: f64) -> Result<(), SimError> {
         let hand = &self.shared.hand;
-        // All are checked before the first moves.
+        // All commands are checked before the first actuator moves.
         if let Some(actuator) = commands.iter().take(hand.actuators.len()).position(|command| !command.is_finite()) {
             return Err(SimError::BadCommand { actuator });
         }
         for (index, (actuator, command)) in hand.actuators.iter().zip(commands).enumerate() {
             let load = self.load(index);
             if !load.is_finite() {
-                // The simulation diverged, which `has_diverged` says; no command is to blame.
+                // The simulation diverged, which `has_diverged` reports; the command is not at fault.
                 continue;
             }
             let state = &mut self.state.actuators[index];
@@ -169,12 +213,12 @@ impl World {
         Ok(())
     }
 
-    /// Sets gravity in the world's frame, m/s2: a tilted table, or none.
+    /// Sets gravity in the world's frame, m/s2, for example for a tilted table.
     pub fn set_gravity(&mut self, gravity: &Vector3<f64>) {
         self.state.gravity = *gravity;
     }
 
-    /// Sets the object's velocity in the world's frame, for tests of physics and for thrown objects.
+    /// Sets the object's velocity in the world's frame (m/s, of the centre of mass, and rad/s), for physics tests.
     pub fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>) {
         let base_from_world = self.state.motion.world_from_base.rotation.inverse();
         let arm = self.object_center() - Point3::from(self.state.motion.world_from_base.translation.vector);
@@ -184,9 +228,9 @@ impl World {
         self.engine.set_object_velocity(&linear, &angular);
     }
 
-    /// Multiplies the object's friction factor and its mass (with its inertia), for a world that varies from its template.
+    /// Multiplies the object's friction factor, and its mass and inertia: domain randomization of one world.
     ///
-    /// * `friction`, `mass`: positive factors; another value counts as 1.
+    /// * `friction`, `mass`: positive factors; other values count as 1.
     pub fn scale_object(&mut self, friction: f64, mass: f64) {
         let factor = |factor: f64| if factor.is_finite() && factor > 0.0 { factor } else { 1.0 };
         let (friction, mass) = (factor(friction), factor(mass));

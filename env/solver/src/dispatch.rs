@@ -1,7 +1,7 @@
-//! Contacts between the shapes of this crate, the same bits as the engine's own but faster.
+//! Contact manifolds of convex parts, faster than parry's dispatcher and equal to the bit.
 //!
-//! Most of the time of a search for contacts goes into finding the corner of a convex part that is farthest along a direction. The engine
-//! does so one corner at a time, through a table of functions; here the search knows its shapes, and looks at four corners at once.
+//! Most of the time of a contact search goes into support points: the corner of a convex part that is farthest along a direction. Parry tests
+//! one corner at a time through dynamic dispatch; here the types are static, and four corners are tested at once.
 
 use parry3d::math::{Pose, Real, Vector};
 use parry3d::query::details::{
@@ -14,13 +14,13 @@ use parry3d::query::{
 };
 use parry3d::shape::{ConvexPolyhedron, PolygonalFeature, PolygonalFeatureMap, Shape, SupportMap};
 
-/// Corners that are looked at side by side.
+/// Corners that are tested at once.
 const LANES: usize = 4;
 
-/// The engine's dispatcher, with a faster way for convex parts against boxes and cylinders.
+/// Parry's dispatcher, with a faster path for convex parts against boxes and cylinders.
 pub struct Dispatcher;
 
-/// A convex part whose farthest corner is found faster.
+/// A convex part with a faster support point.
 struct Corners<'a>(&'a ConvexPolyhedron);
 
 impl SupportMap for Corners<'_> {
@@ -41,7 +41,7 @@ impl PolygonalFeatureMap for Corners<'_> {
     }
 }
 
-/// Index of the point farthest along `dir`; the first of several, 0 where there is no farthest.
+/// Index of the point farthest along `dir`: the first of equals, and 0 if none compares greater (NaN).
 #[inline]
 fn farthest(points: &[Vector], dir: Vector) -> usize {
     let (blocks, rest) = points.as_chunks::<LANES>();
@@ -145,7 +145,7 @@ where
     }
 }
 
-/// What no contact needs is left to the engine.
+/// Queries other than contacts go to parry's dispatcher.
 impl QueryDispatcher for Dispatcher {
     fn intersection_test(
         &self,
@@ -236,7 +236,7 @@ mod tests {
     fn the_farthest_corner_is_the_first_of_the_farthest() {
         let mut next = numbers(1);
         for count in 1..70 {
-            // Rounded, so that many are equally far.
+            // Rounded, for many equal distances.
             let points: Vec<Vector> = (0..count).map(|_| (vector(&mut next) * 2.0).round()).collect();
             for dir in [vector(&mut next), vector(&mut next).round(), Vector::ZERO, Vector::NAN] {
                 let mut expected = 0;
@@ -250,9 +250,9 @@ mod tests {
         }
     }
 
-    /// Contacts of a part, and of several, with boxes and cylinders that slide into and out of them.
+    /// Contacts of one part, and of a compound, with boxes and cylinders that move into and out of them.
     #[test]
-    fn contacts_are_the_engines_own_bit_for_bit() {
+    fn contacts_equal_parrys_bit_for_bit() {
         let mut next = numbers(2);
         let part = || {
             let mut next = numbers(3);
@@ -285,7 +285,7 @@ mod tests {
         }
     }
 
-    /// Every contact of two shapes on their way, as bits.
+    /// Every contact of two moving shapes, as bits.
     fn follow(
         dispatcher: &dyn PersistentQueryDispatcher<(), ()>,
         g1: &SharedShape,

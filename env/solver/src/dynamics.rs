@@ -1,5 +1,5 @@
-//! Mass matrix and bias forces of the hand's tree: composite rigid bodies, and Newton's and Euler's equations from the base outwards
-//! (Featherstone, Rigid Body Dynamics Algorithms, chapters 5 and 6), in the frame of the base.
+//! Mass matrix and bias forces of the hand's tree, in the frame of the base: the composite-rigid-body algorithm and the recursive Newton-Euler
+//! algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008, chapters 5 and 6).
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use crate::matrix::Matrix;
 use crate::model::Model;
 use crate::tree::JointKind;
 
-/// How the base's frame moves; axes of the base.
+/// Motion of the base's frame; axes of the base.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameMotion {
     /// Gravity less the acceleration of the base's origin, m/s2.
@@ -20,7 +20,7 @@ pub struct FrameMotion {
     pub alpha: Vector3<f64>,
 }
 
-/// Mass, first moment and inertia about the base's origin.
+/// Mass, first moment of mass and inertia of a subtree, about the base's origin.
 #[derive(Clone, Copy)]
 struct Composite {
     mass: f64,
@@ -28,7 +28,7 @@ struct Composite {
     inertia: Matrix3<f64>,
 }
 
-/// Velocity and acceleration of a body's frame without the unknown accelerations.
+/// Velocity and acceleration of a body's frame, with the accelerations of the free coordinates taken as 0.
 #[derive(Clone, Copy)]
 struct Acceleration {
     omega: Vector3<f64>,
@@ -45,18 +45,19 @@ struct Wrench {
 }
 
 impl Acceleration {
-    /// That of a body whose origin is at `arm` from this one's, on a joint that moves at `rate` and is accelerated by `given`.
-    fn carried(&self, kind: JointKind, arm: &Vector3<f64>, rate: &Vector3<f64>, given: &Vector3<f64>) -> Self {
+    /// Acceleration of a child whose origin is at `arm` from this body's, on a joint that moves at `rate` with the prescribed acceleration
+    /// `driven`.
+    fn of_child(&self, kind: JointKind, arm: &Vector3<f64>, rate: &Vector3<f64>, driven: &Vector3<f64>) -> Self {
         let linear = self.linear + self.alpha.cross(arm) + self.omega.cross(&self.omega.cross(arm));
         match kind {
             JointKind::Revolute => {
-                Self { omega: self.omega + rate, alpha: self.alpha + self.omega.cross(rate) + given, linear }
+                Self { omega: self.omega + rate, alpha: self.alpha + self.omega.cross(rate) + driven, linear }
             }
-            JointKind::Prismatic => Self { linear: linear + 2.0 * self.omega.cross(rate) + given, ..*self },
+            JointKind::Prismatic => Self { linear: linear + 2.0 * self.omega.cross(rate) + driven, ..*self },
         }
     }
 
-    /// What moves a body so, with its centre of mass at `arm` from its origin and at `center` from the base's.
+    /// Wrench that causes this motion of a body whose centre of mass is at `arm` from its own origin and at `center` from the base's.
     fn wrench(&self, mass: f64, inertia: &Matrix3<f64>, arm: &Vector3<f64>, center: &Vector3<f64>) -> Wrench {
         let force = mass * (self.linear + self.alpha.cross(arm) + self.omega.cross(&self.omega.cross(arm)));
         let couple = inertia * self.alpha + self.omega.cross(&(inertia * self.omega));
@@ -70,12 +71,12 @@ pub(crate) struct Dynamics {
     composites: Vec<Composite>,
     accelerations: Vec<Acceleration>,
     wrenches: Vec<Wrench>,
-    /// Force of gravity and of the motion itself on each free coordinate, N m (N).
+    /// Generalized force of gravity, Coriolis and centrifugal effects on each free coordinate, N m (N).
     pub bias: Vec<f64>,
 }
 
 impl Dynamics {
-    /// Writes the mass matrix (with armature) of the free coordinates to `mass` and their forces to `bias`.
+    /// Writes the mass matrix (with armature) of the free coordinates to `mass` and their bias forces to `bias`.
     ///
     /// `velocity` and `acceleration` have one entry per coordinate, the driven ones last; accelerations of the free ones are not read.
     pub fn update(
@@ -91,6 +92,7 @@ impl Dynamics {
         self.inwards(model, kinematics, mass);
     }
 
+    /// Velocities, accelerations and wrenches, from the base to the tips.
     fn outwards(
         &mut self,
         model: &Model,
@@ -118,12 +120,12 @@ impl Dynamics {
             let at = kinematics.pose[index].translation.vector;
             let arm = at - kinematics.pose[body.parent].translation.vector;
             let rate = kinematics.axis[index] * (joint.ratio * velocity[joint.coordinate]);
-            let given = if joint.coordinate < free { 0.0 } else { acceleration[joint.coordinate] };
-            let given = kinematics.axis[index] * (joint.ratio * given);
-            let own = above.carried(joint.kind, &arm, &rate, &given);
+            let driven = if joint.coordinate < free { 0.0 } else { acceleration[joint.coordinate] };
+            let driven = kinematics.axis[index] * (joint.ratio * driven);
+            let own = above.of_child(joint.kind, &arm, &rate, &driven);
             self.accelerations.push(own);
             if model.columns[index].is_empty() {
-                // Carried by driven joints alone: no free coordinate feels it.
+                // Only driven joints move this body: it loads no free coordinate.
                 self.wrenches.push(Wrench { force: Vector3::zeros(), moment: Vector3::zeros() });
                 self.composites.push(Composite { mass: 0.0, moment: Vector3::zeros(), inertia: Matrix3::zeros() });
                 continue;
@@ -141,6 +143,7 @@ impl Dynamics {
         }
     }
 
+    /// Sums wrenches and composites from the tips to the base, and projects them on the joints.
     fn inwards(&mut self, model: &Model, kinematics: &Kinematics, mass: &mut Matrix) {
         let free = model.tree.coordinates.len();
         self.bias.clear();
@@ -159,7 +162,7 @@ impl Dynamics {
             if joint.coordinate < free {
                 let (angular, linear) = axis_at_origin(kinematics, index, joint.kind);
                 self.bias[joint.coordinate] -= joint.ratio * (angular.dot(&wrench.moment) + linear.dot(&wrench.force));
-                // Momentum of everything that this joint carries, per unit of its speed.
+                // Momentum of the subtree per unit rate of this joint.
                 let push = composite.mass * linear + angular.cross(&composite.moment);
                 let spin = composite.inertia * angular + composite.moment.cross(&linear);
                 let mut other = index;
@@ -186,7 +189,7 @@ impl Dynamics {
     }
 }
 
-/// A joint's axis as angular velocity and velocity of the point at the base's origin.
+/// Angular velocity, and velocity of the point at the base's origin, per unit rate of a joint.
 fn axis_at_origin(kinematics: &Kinematics, body: usize, kind: JointKind) -> (Vector3<f64>, Vector3<f64>) {
     let axis = kinematics.axis[body];
     match kind {
@@ -195,7 +198,7 @@ fn axis_at_origin(kinematics: &Kinematics, body: usize, kind: JointKind) -> (Vec
     }
 }
 
-/// Inertia of a point mass about the origin.
+/// Inertia of a point mass about the origin (the parallel axis theorem).
 fn steiner(mass: f64, at: &Vector3<f64>) -> Matrix3<f64> {
     mass * (Matrix3::identity() * at.norm_squared() - at * at.transpose())
 }

@@ -1,4 +1,6 @@
-//! What may be wrong with a model.
+//! Errors of a model or of a saved state, and the bounds of restored numbers.
+
+use nalgebra::{Isometry3, Vector3};
 
 /// Why a hand and an object cannot be simulated.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -9,12 +11,52 @@ pub enum ModelError {
         /// Its index.
         part: usize,
     },
-    /// The tree is not as its description says.
+    /// The tree breaks a rule of [`crate::tree`].
     #[error("{why} (index {index})")]
     BadTree {
-        /// What is wrong.
+        /// The rule that is broken.
         why: &'static str,
-        /// Of the body, coordinate, cable or pair that is meant.
+        /// Index of the body, coordinate, cable or pair.
         index: usize,
     },
+}
+
+/// Why a saved state cannot be taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StateError {
+    /// It is of another hand or object.
+    #[error("its {what} are not those of this hand and object")]
+    OtherModel {
+        /// What differs.
+        what: &'static str,
+    },
+    /// A number in it is not finite, or larger than any world's.
+    #[error("its {what} cannot be")]
+    Impossible {
+        /// Where the number is.
+        what: &'static str,
+    },
+}
+
+/// Farthest place, metres: what falls for a minute.
+pub(crate) const FARTHEST: f64 = 2e4;
+
+/// Whether all numbers are at most `limit` from 0; NaN is not.
+pub(crate) fn is_within<'a>(numbers: impl IntoIterator<Item = &'a f64>, limit: f64) -> bool {
+    numbers.into_iter().all(|x| x.abs() <= limit)
+}
+
+/// Whether a pose is one, and not farther away than anything falls.
+pub(crate) fn is_pose(pose: &Isometry3<f64>) -> bool {
+    is_place(&pose.translation.vector) && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
+}
+
+/// Whether a place is not farther away than anything falls.
+pub(crate) fn is_place(place: &Vector3<f64>) -> bool {
+    is_within(place, FARTHEST)
+}
+
+/// Whether a vector has the length 1.
+pub(crate) fn is_unit(vector: &Vector3<f64>) -> bool {
+    (vector.norm() - 1.0).abs() < 1e-3
 }

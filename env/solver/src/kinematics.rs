@@ -1,14 +1,14 @@
-//! Where the hand's bodies are and how their coordinates move them, in the frame of the base.
+//! Poses and Jacobians of the hand's bodies, in the frame of the base.
 //!
-//! A twist is the angular velocity of a body and the linear velocity of the point of it that is at a common reference. The reference is the
-//! object's centre of mass, so that the object's own unknowns are its twist.
+//! A twist is the angular velocity of a body and the linear velocity of its point at a common reference point. The reference point is the
+//! object's centre of mass, so the object's unknowns are its twist.
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 
 use crate::model::Model;
 use crate::tree::{Joint, JointKind};
 
-/// Angular velocity, and linear velocity at the reference.
+/// Angular velocity, rad/s, and linear velocity at the reference point, m/s.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Twist {
     pub angular: Vector3<f64>,
@@ -16,7 +16,7 @@ pub(crate) struct Twist {
 }
 
 impl Twist {
-    /// Velocity of the body's point at `arm` from the reference.
+    /// Velocity of the body's point at `arm` from the reference point.
     #[inline]
     pub fn at(&self, arm: &Vector3<f64>) -> Vector3<f64> {
         self.linear + self.angular.cross(arm)
@@ -49,16 +49,16 @@ pub(crate) struct Kinematics {
     pub axis: Vec<Vector3<f64>>,
     /// A point on that axis.
     pub origin: Vec<Vector3<f64>>,
-    /// Twist per unit of each coordinate in the body's range of columns.
+    /// Jacobian columns: twist per unit rate of each coordinate in the body's range of columns.
     pub jacobian: Vec<Twist>,
-    /// Where the columns of each body begin in `jacobian`.
+    /// Index of each body's first column in `jacobian`.
     pub first: Vec<usize>,
-    /// Twist that the driven coordinates give it.
-    pub known: Vec<Twist>,
+    /// Twist of each body from the driven coordinates.
+    pub prescribed: Vec<Twist>,
 }
 
 impl Kinematics {
-    /// Poses for coordinates `q` (the driven ones last).
+    /// Computes the poses at coordinates `q` (the driven ones last).
     pub fn place(&mut self, model: &Model, q: &[f64]) {
         self.pose.clear();
         self.turn.clear();
@@ -81,18 +81,18 @@ impl Kinematics {
         }
     }
 
-    /// Jacobians at `reference`, and the twists that `rates` of the driven coordinates add.
+    /// Computes the Jacobians at `reference`, and the twists due to the `rates` of the driven coordinates.
     pub fn differentiate(&mut self, model: &Model, reference: &Vector3<f64>, rates: &[f64]) {
         let free = model.tree.coordinates.len();
         self.jacobian.clear();
         self.first.clear();
-        self.known.clear();
+        self.prescribed.clear();
         for (index, body) in model.tree.bodies.iter().enumerate() {
             let columns = &model.columns[index];
             let start = self.jacobian.len();
             self.first.push(start);
             let Some(joint) = &body.joint else {
-                self.known.push(Twist::default());
+                self.prescribed.push(Twist::default());
                 continue;
             };
             self.jacobian.resize(start + columns.len(), Twist::default());
@@ -103,17 +103,17 @@ impl Kinematics {
                 self.jacobian.copy_within(from..from + above.len(), to);
             }
             let own = self.joint_twist(index, joint, reference);
-            let mut known = self.known[body.parent];
+            let mut prescribed = self.prescribed[body.parent];
             if joint.coordinate >= free {
-                known.add_scaled(&own, rates[joint.coordinate - free]);
+                prescribed.add_scaled(&own, rates[joint.coordinate - free]);
             } else {
                 self.jacobian[start + joint.coordinate - columns.start].add_scaled(&own, 1.0);
             }
-            self.known.push(known);
+            self.prescribed.push(prescribed);
         }
     }
 
-    /// Twist of a body per unit of its joint's coordinate.
+    /// Twist of a body per unit rate of its joint's coordinate.
     fn joint_twist(&self, body: usize, joint: &Joint, reference: &Vector3<f64>) -> Twist {
         let axis = self.axis[body] * joint.ratio;
         match joint.kind {
@@ -122,16 +122,16 @@ impl Kinematics {
         }
     }
 
-    /// Columns of a body.
+    /// Jacobian columns of a body.
     #[inline]
     pub fn columns<'a>(&'a self, model: &Model, body: usize) -> &'a [Twist] {
         &self.jacobian[self.first[body]..self.first[body] + model.columns[body].len()]
     }
 
-    /// Twist of a body for the velocities of the free coordinates.
+    /// Twist of a body at the given velocities of the free coordinates.
     #[inline]
     pub fn twist(&self, model: &Model, body: usize, velocity: &[f64]) -> Twist {
-        let mut twist = self.known[body];
+        let mut twist = self.prescribed[body];
         let columns = &model.columns[body];
         for (column, v) in self.columns(model, body).iter().zip(&velocity[columns.clone()]) {
             twist.add_scaled(column, *v);
@@ -140,7 +140,7 @@ impl Kinematics {
     }
 }
 
-/// What a joint does at a value of its coordinate.
+/// Motion of a joint at a value of its coordinate.
 fn motion(joint: &Joint, coordinate: f64) -> Isometry3<f64> {
     let position = joint.ratio * coordinate + joint.offset;
     match joint.kind {

@@ -1,40 +1,41 @@
-//! Forces along the coordinates that depend on the velocity to be found: cables and joint stops, each implicit in its own rate.
+//! Force laws of cables and joint stops, implicit: the force at the end of the step as a function of the unknown velocity.
 
 use crate::tree::{Cable, Coordinate};
 
-/// Share of its damping that a cable keeps while its force is at the limit: friction of tendon and sheath still brakes the joints, but the
-/// motor no longer resists. Without it held objects wobble.
+/// Share of its damping that a cable keeps while its force is at the limit, dimensionless: friction between tendon and sheath still brakes
+/// the joints, but the motor no longer resists. Without it, held objects wobble.
 const SATURATED_DAMPING: f64 = 0.2;
 
-/// A cable that is just taut pulls with this multiple of its elastic force at most: it does not pull by its damping alone.
-const TAUT: f64 = 20.0;
+/// Greatest force of a unilateral cable as a multiple of its elastic force, dimensionless: a cable that is barely taut must not pull by
+/// damping alone.
+const MAX_FORCE_RATIO: f64 = 20.0;
 
-/// A cable during one step.
+/// State of a cable during one step.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CableState {
     /// Stretch at the beginning of the step, metres.
     pub stretch: f64,
-    /// Rate at which its length is given, m/s.
-    pub given_rate: f64,
+    /// Commanded rate of its length, m/s.
+    pub command_rate: f64,
     /// Force at the end of the step, N.
     pub force: f64,
 }
 
 impl CableState {
-    /// Damping that acts on the coordinates through the arms while the cable is saturated at the beginning of the step, N s/m.
+    /// Damping that a cable exerts while it is saturated at the beginning of the step, N s/m; 0 otherwise.
     pub fn saturated_damping(&self, cable: &Cable) -> f64 {
         let saturated = cable.stiffness * self.stretch.abs() >= cable.max_force;
         let pulls = !cable.unilateral || self.stretch > 0.0;
         if saturated && pulls { SATURATED_DAMPING * cable.damping } else { 0.0 }
     }
 
-    /// Rate of the stretch for the velocities of the free coordinates.
+    /// Rate of the stretch at the given velocities of the free coordinates, m/s.
     #[inline]
     pub fn rate(&self, cable: &Cable, velocity: &[f64]) -> f64 {
-        self.given_rate - cable.arms.iter().map(|(c, arm)| arm * velocity[*c]).sum::<f64>()
+        self.command_rate - cable.arms.iter().map(|(c, arm)| arm * velocity[*c]).sum::<f64>()
     }
 
-    /// Force at the end of a step in which the stretch grows at `rate`, and its derivative by that rate.
+    /// Force at the end of a step in which the stretch grows at `rate`, N, and its derivative with respect to that rate, N s/m.
     #[inline]
     pub fn law(&self, cable: &Cable, rate: f64, dt: f64) -> (f64, f64) {
         let after = self.stretch + dt * rate;
@@ -47,13 +48,17 @@ impl CableState {
         if after <= 0.0 || full <= 0.0 {
             return (0.0, 0.0);
         }
-        let (force, slope) =
-            if full < TAUT * elastic { (full, slope) } else { (TAUT * elastic, TAUT * cable.stiffness * dt) };
+        let (force, slope) = if full < MAX_FORCE_RATIO * elastic {
+            (full, slope)
+        } else {
+            (MAX_FORCE_RATIO * elastic, MAX_FORCE_RATIO * cable.stiffness * dt)
+        };
         if force >= cable.max_force { (cable.max_force, 0.0) } else { (force, slope) }
     }
 }
 
-/// Torque of a coordinate's stops at the end of a step with velocity `v` from position `q`, and minus its derivative by `v`.
+/// Torque of a coordinate's stops at the end of a step from position `q` at velocity `v`, and the negative of its derivative with respect to
+/// `v`.
 #[inline]
 pub(crate) fn stop(coordinate: &Coordinate, q: f64, v: f64, dt: f64) -> (f64, f64) {
     let after = q + dt * v;
@@ -76,7 +81,7 @@ mod tests {
         Cable { arms: vec![(0, 0.01), (1, 0.006)], stiffness: 5e4, damping: 300.0, max_force: 50.0, unilateral: true }
     }
 
-    /// The derivative that Newton's method uses is the one of the law.
+    /// A bug here: a derivative for Newton's method that is not the derivative of the force.
     #[test]
     fn slopes_are_derivatives() {
         let mut servo = tendon();

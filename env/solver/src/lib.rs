@@ -1,21 +1,21 @@
-//! Our own solver for the one world of this project: a free object, a hand of any tree of joints on a moving base, and a table.
+//! The engine `newton`: simulates a free object, a hand of any kinematic tree on a moving base, and a table.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`tree`] | the hand: bodies, joints, coordinates, cables |
 //! | [`object`], [`scenery`] | the object; table and ground |
 //! | [`config`] | settings, with the reason for each number |
-//! | `contact` | contact points, as they are reported |
-//! | [`model`] | what all worlds of one template share |
-//! | [`solver`] | a world's state, and a step of it |
+//! | [`model`] | data shared by all worlds of one template |
+//! | [`solver`] | the state of a world, and one time step |
+//! | `contact` | contact points as they are reported |
 //! | `kinematics`, `dynamics` | poses and Jacobians; mass matrix and bias forces |
-//! | `search` | which points may touch |
+//! | `search` | contact candidates between bodies |
 //! | `rows`, `laws`, `problem`, `newton` | the equations of a step, and Newton's method for them |
-//! | `matrix`, `units` | dense matrices; parry's lengths |
-//! | [`dispatch`] | faster searches for contacts |
+//! | `matrix`, `units` | dense matrices; parry's unit of length |
+//! | [`dispatch`] | a faster contact search for convex parts |
 //!
-//! Everything is in f64, metres, and in the frame of the hand's base, which stands still: the table moves, and gravity carries the fictitious
-//! accelerations.
+//! All quantities are f64, in SI units, and in the frame of the hand's base. In that frame the base is at rest and the table moves; gravity
+//! includes the fictitious accelerations.
 //!
 //! A ball falls on the table and comes to rest:
 //!
@@ -45,9 +45,10 @@
 //! # Ok::<(), graspbox_solver::ModelError>(())
 //! ```
 //!
-//! Why our own: general engines iterate over contacts one by one (rapier) or solve a world of any size (MuJoCo). This world has 6 unknowns
-//! of the object and some 6 to 20 of the hand, whatever its number of contacts, so that Newton's method with a dense matrix solves all of
-//! them together to rounding in some three iterations. ARCHITECTURE.md has the measurements.
+//! Why not a library: general engines iterate over contacts one by one (rapier) or solve worlds of any size (MuJoCo). This world has 6
+//! unknowns for the object and about 6 to 20 for the hand, however many contacts there are. Newton's method with a dense matrix therefore
+//! solves all of them together, to rounding, in about three iterations. `docs/decisions/0003-newton-solver.md` has the
+//! measurements.
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
@@ -70,12 +71,13 @@ pub mod solver;
 pub mod tree;
 mod units;
 
-pub use config::SolverConfig;
+pub use config::NewtonConfig;
 pub use contact::{Contact, Side};
 pub use dynamics::FrameMotion;
-pub use error::ModelError;
+pub use error::{ModelError, StateError};
 pub use model::{BASE, BodyIndex, Model, OBJECT};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface};
-pub use solver::{Given, Saved, Solver, State, StepInput};
+pub use solver::saved::SavedState;
+pub use solver::{CableCommand, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

@@ -1,9 +1,9 @@
-//! Small dense matrices without allocation in a step, and the two ways in which the solver solves with them.
+//! Small dense matrices that allocate nothing in a step: LU factors with row exchanges, and Cholesky's method.
 
 use serde::{Deserialize, Serialize};
 
-/// Entries that are worked on side by side: rows begin at multiples of this many, and row operations begin there too. What they do to entries
-/// left of their first is of no consequence, since nothing reads these any more.
+/// Entries per vector operation. Rows and row operations begin at multiples of this number; a row operation may therefore change entries left of
+/// its first one, which nothing reads afterwards.
 const LANES: usize = 4;
 
 /// A square matrix of `n` rows of fixed stride; `n` is set once.
@@ -30,10 +30,9 @@ impl Matrix {
         &mut self.values[i * self.stride..][..self.n]
     }
 
-    /// Factors the matrix by elimination with row exchanges, to the upper triangle here and what `factors` holds; false where it is singular.
+    /// Factors the matrix by Gaussian elimination with partial pivoting, and writes the result to `factors`. Returns false if it is singular.
     ///
-    /// The order of the unknowns (each chain of the hand, then the object) leaves most entries left of the pivots 0: these rows are
-    /// skipped.
+    /// With the order of the unknowns (each chain of the hand, then the object) most entries below a pivot are 0; their rows are skipped.
     pub fn factor(&mut self, factors: &mut Factors) -> bool {
         let (n, stride) = (self.n, self.stride);
         factors.valid = false;
@@ -72,8 +71,8 @@ impl Matrix {
         true
     }
 
-    /// Solves `self x = b` in place for a symmetric positive definite matrix, by Cholesky's method; false where it is not definite.
-    /// Reads the upper triangle only, and destroys it.
+    /// Solves `self x = b` in place for a symmetric positive definite matrix by Cholesky's method. Returns false if it is not positive definite.
+    /// Reads only the upper triangle, and destroys it.
     pub fn solve_definite(&mut self, b: &mut [f64]) -> bool {
         let (n, stride) = (self.n, self.stride);
         for i in 0..n {
@@ -102,16 +101,16 @@ impl Matrix {
     }
 }
 
-/// A matrix that was factored: its equations can be solved again and again.
+/// LU factors of a matrix, which solve its equations for any number of right-hand sides.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Factors {
-    /// False before there was a matrix, and where it was singular.
+    /// False before the first factorization, and after a singular one.
     valid: bool,
-    /// The row with which row i changed places before step i.
+    /// Row that was exchanged with row i before step i.
     exchanges: Vec<usize>,
-    /// By step and row: the share of row i that was taken off the row.
+    /// By step i and row: the multiple of row i that was subtracted from the row.
     shares: Vec<f64>,
-    /// What elimination leaves: row i from its diagonal on.
+    /// The upper triangle: row i from its diagonal on.
     upper: Vec<f64>,
 }
 
@@ -128,7 +127,15 @@ impl Factors {
         self.valid = false;
     }
 
-    /// Whether these can take the place of `other`: same size, and exchanges of rows that there are.
+    /// Whether a matrix can have them: finite numbers, and no row that eliminates to nothing.
+    pub fn is_possible(&self) -> bool {
+        let stride = self.exchanges.len() + 1;
+        let diagonal = self.upper.iter().step_by(stride);
+        let regular = !self.valid || diagonal.into_iter().all(|x| x.abs() > f64::MIN_POSITIVE);
+        regular && self.upper.iter().chain(&self.shares).all(|x| x.is_finite())
+    }
+
+    /// True if these factors have the size of `other` and valid row exchanges.
     pub fn fits(&self, other: &Self) -> bool {
         let n = other.exchanges.len();
         self.exchanges.len() == n
@@ -137,7 +144,7 @@ impl Factors {
             && self.upper.len() == other.upper.len()
     }
 
-    /// Solves the equations in place for the right-hand side `b`; false where the solution is not finite.
+    /// Solves the equations in place for the right-hand side `b`. Returns false if the solution is not finite.
     pub fn solve(&self, b: &mut [f64]) -> bool {
         let n = self.exchanges.len();
         for (i, (&other, shares)) in self.exchanges.iter().zip(self.shares.chunks_exact(n)).enumerate() {
@@ -152,7 +159,7 @@ impl Factors {
     }
 }
 
-/// Solves for the upper triangle of `values`, whose rows begin at multiples of `stride`.
+/// Back substitution with the upper triangle of `values`, whose rows begin at multiples of `stride`.
 fn back_substitute(values: &[f64], stride: usize, b: &mut [f64]) {
     for i in (0..b.len()).rev() {
         let row = &values[i * stride..][..b.len()];
@@ -161,7 +168,7 @@ fn back_substitute(values: &[f64], stride: usize, b: &mut [f64]) {
     }
 }
 
-/// `row -= x * other`, from entry `first` on (see [`LANES`]).
+/// `row -= x * other`, from entry `first` (see [`LANES`]).
 #[inline]
 fn subtract(row: &mut [f64], other: &[f64], x: f64, first: usize) {
     let (row, other) = (row.as_chunks_mut::<LANES>().0, other.as_chunks::<LANES>().0);

@@ -1,4 +1,4 @@
-//! What all worlds of one template share: the tree and the object, prepared for the solver.
+//! Data shared by all worlds of one template: the tree and the object, prepared for simulation.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
@@ -6,21 +6,21 @@ use parry3d::math::{Pose, Vector};
 use parry3d::shape::SharedShape;
 use std::ops::Range;
 
-use crate::config::SolverConfig;
+use crate::config::NewtonConfig;
 use crate::error::ModelError;
 use crate::object::{Object, ObjectPart, corners};
 use crate::scenery::Scenery;
 use crate::tree::{BodyShape, JointKind, Tree};
 use crate::units;
 
-/// A body of a contact: the object, a body of the hand (the base first), or table and ground.
+/// Index of a body in contacts: the object, the bodies of the hand (base first), then the scenery (table and ground).
 pub type BodyIndex = usize;
 /// The object.
 pub const OBJECT: BodyIndex = 0;
 /// The hand's base; body `i` of the tree is `BASE + i`.
 pub const BASE: BodyIndex = 1;
 
-/// What kind of search a pair of bodies needs.
+/// Kind of contact search that a pair of bodies needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PairKind {
     /// A body and the scenery.
@@ -57,7 +57,7 @@ pub(crate) struct Part {
     pub object_from_part: Isometry3<f64>,
 }
 
-/// Corners that stand for a body, or a shape of it, where it meets a plane.
+/// Corners of a body, or of one of its shapes, for contacts with planes.
 pub(crate) struct Corners {
     pub points: Vec<Vector3<f64>>,
     /// Radius of a ball about each point.
@@ -67,42 +67,42 @@ pub(crate) struct Corners {
     pub shape: Option<u16>,
 }
 
-/// What all worlds of one template share.
+/// Data shared by all worlds of one template.
 pub struct Model {
     pub(crate) tree: Tree,
     pub(crate) object: Object,
     pub(crate) scenery: Scenery,
-    pub(crate) solver: SolverConfig,
+    pub(crate) config: NewtonConfig,
     pub(crate) shapes: Vec<HandShape>,
     /// Body (of the tree) and index within it, for every shape.
     pub(crate) shape_owner: Vec<(usize, usize)>,
-    /// Shapes of every body of the tree.
+    /// Range of shapes of each body of the tree.
     pub(crate) shapes_of: Vec<Range<usize>>,
     pub(crate) parts: Vec<Part>,
     pub(crate) object_bounds: Aabb,
-    /// By body of contact.
+    /// By [`BodyIndex`].
     pub(crate) corners: Vec<Vec<Corners>>,
-    /// Bounding spheres in the bodies' frames, by body of contact.
+    /// Bounding spheres in the bodies' frames, by [`BodyIndex`].
     pub(crate) center: Vec<Vector3<f64>>,
     pub(crate) radius: Vec<f64>,
     pub(crate) pairs: Vec<Pair>,
     /// Free coordinates that move each body of the tree, as a range.
     pub(crate) columns: Vec<Range<usize>>,
-    /// Coordinates that each free coordinate shares inertia with, as a range.
+    /// Range of coordinates that each free coordinate is coupled with in the mass matrix.
     pub(crate) blocks: Vec<Range<usize>>,
-    /// Metres per unit of each unknown, to compare velocities: 1 for metres, [`LEVER`] for radians.
+    /// Metres per unit of each unknown, to compare linear and angular velocities: 1 for metres, [`LEVER`] for radians.
     pub(crate) levers: Vec<f64>,
 }
 
-/// Metres per radian: the size of what is grasped.
+/// Lever at which angular velocities count, metres per radian: the size of a grasped object.
 const LEVER: f64 = 0.05;
 
 impl Model {
     /// Prepares a hand and an object.
     ///
     /// # Errors
-    /// [`ModelError`] for a tree or an object that is not as [`Tree`] and [`Object`] say.
-    pub fn new(tree: Tree, object: Object, scenery: Scenery, solver: SolverConfig) -> Result<Self, ModelError> {
+    /// [`ModelError`] for a tree or an object that breaks the rules of [`Tree`] and [`Object`].
+    pub fn new(tree: Tree, object: Object, scenery: Scenery, config: NewtonConfig) -> Result<Self, ModelError> {
         tree.check()?;
         let (mut shapes, mut shape_owner, mut shapes_of) = (Vec::new(), Vec::new(), Vec::new());
         let (mut all_corners, mut center, mut radius) = (Vec::new(), Vec::new(), Vec::new());
@@ -135,7 +135,7 @@ impl Model {
             tree,
             object,
             scenery,
-            solver,
+            config,
             shapes,
             shape_owner,
             shapes_of,
@@ -157,20 +157,20 @@ impl Model {
         &self.tree
     }
 
-    /// Height of the object's lowest point when it is posed so, along z of that frame, metres.
+    /// Height of the object's lowest point at pose `from_object`, along z of that frame, metres.
     #[must_use]
     pub fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
         let lowest = |part: &Part| part.shape.compute_aabb(&units::pose(&(from_object * part.object_from_part))).mins.z;
         units::metres(self.parts.iter().map(lowest).fold(f32::MAX, f32::min))
     }
 
-    /// Unknown velocities of a step: those of the free coordinates and six of the object.
+    /// Number of unknown velocities of a step: the free coordinates, and six of the object.
     #[must_use]
     pub fn unknowns(&self) -> usize {
         self.tree.coordinates.len() + 6
     }
 
-    /// Index that stands for table and ground among the bodies of contacts.
+    /// [`BodyIndex`] of the scenery.
     #[must_use]
     pub fn scenery_body(&self) -> BodyIndex {
         BASE + self.tree.bodies.len()
@@ -218,7 +218,7 @@ fn corners_of_object(parts: &[Part], friction: f64) -> (Corners, (Vector3<f64>, 
     (found, sphere)
 }
 
-/// Centre of the bounding box of all corners, and the radius about it that holds them.
+/// Centre of the bounding box of all corners, and the radius of the sphere about it that contains them.
 fn bounding_sphere(corners: &[Corners]) -> (Vector3<f64>, f64) {
     let points = || corners.iter().flat_map(|c| c.points.iter().map(move |p| (p, c.radius)));
     if points().next().is_none() {
@@ -251,7 +251,7 @@ fn pairs(tree: &Tree) -> Vec<Pair> {
     pairs
 }
 
-/// Free coordinates between the base and each body, as the smallest range that holds them.
+/// For each body, the smallest range that contains the free coordinates between it and the base.
 fn columns(tree: &Tree) -> Vec<Range<usize>> {
     let free = tree.coordinates.len();
     let mut columns: Vec<Range<usize>> = Vec::with_capacity(tree.bodies.len());
@@ -270,7 +270,7 @@ fn columns(tree: &Tree) -> Vec<Range<usize>> {
     columns
 }
 
-/// For each free coordinate the smallest range with all columns of the bodies that it moves.
+/// For each free coordinate, the smallest range that contains the columns of all bodies that it moves.
 fn blocks(tree: &Tree, columns: &[Range<usize>]) -> Vec<Range<usize>> {
     let mut blocks: Vec<Range<usize>> = (0..tree.coordinates.len()).map(|i| i..i + 1).collect();
     for range in columns {

@@ -37,13 +37,13 @@ pub struct Object {
 }
 
 impl ObjectPart {
-    /// The part as parry knows it, and its pose in the object; `None` for a hull that encloses nothing.
+    /// The part as a parry shape, and its pose in the object; `None` for a hull without volume.
     pub(crate) fn shape(&self) -> Option<(SharedShape, Isometry3<f64>)> {
         match self {
             Self::Primitive(primitive) => Some(primitive.shape()),
             Self::Hull { vertices, faces } => {
                 let vertices = vertices.iter().map(units::point).collect();
-                // The hull that parry makes of the corners leaves points of flat sides out.
+                // Parry's own hull of the vertices drops vertices of flat sides.
                 Some((SharedShape::convex_mesh(vertices, faces)?, Isometry3::identity()))
             }
         }
@@ -51,7 +51,7 @@ impl ObjectPart {
 }
 
 impl Primitive {
-    /// The primitive as parry knows it, and its pose in our frame: parry's cylinders are about y.
+    /// The primitive as a parry shape, and its pose in the part's frame: parry's cylinders have their axis along y.
     pub(crate) fn shape(&self) -> (SharedShape, Isometry3<f64>) {
         match *self {
             Self::Cuboid(half) => {
@@ -67,10 +67,10 @@ impl Primitive {
     }
 }
 
-/// Corners on the rim of a cylinder's two faces: where it meets a plane.
+/// Corners on each rim of a cylinder, for contacts with planes: their chords are within 1 % of the radius of the rim.
 const RIM_CORNERS: usize = 24;
 
-/// The corners of a convex shape in its own frame (metres), and the radius of a ball about each of them.
+/// Corners of a convex shape in its own frame, metres, and the radius of a ball about each of them.
 pub(crate) fn corners(shape: &SharedShape) -> (Vec<Vector3<f64>>, f64) {
     if let Some(hull) = shape.as_convex_polyhedron() {
         return (hull.points().iter().map(|p| units::metres64(*p)).collect(), 0.0);

@@ -1,4 +1,18 @@
-//! From the points that may touch to the contact points of a step's equations.
+//! Assembles the contact points of a step's equations from the candidates of the search.
+//!
+//! A point with signed distance `d` (negative where the bodies overlap) gets the constants of `problem`'s contact law:
+//!
+//! ```text
+//! tau    = relaxation if d <= 0, else 0
+//! k      = max(contact stiffness, m * support stiffness)   if the object rests on table or palm, m its mass
+//!        = contact stiffness                               otherwise
+//! depth  = min(-d, cap) + BEYOND_CAP * max(-d - cap, 0)
+//! target = depth / (dt + tau)                              m/s
+//! stiffness = dt k (dt + tau)                              N s per m/s
+//! ```
+//!
+//! Across a gap the relaxation is 0. The normal impulse is then `dt k max(0, -d - dt u_n)`: a spring on the penetration at the end of the step,
+//! without damping. Bodies that approach but do not touch within the step feel no force.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,35 +22,37 @@ use crate::problem::{Patch, Point, Problem};
 use crate::scenery::Surface;
 use crate::search::{Candidate, Opposite, PairCache, Situation};
 
-/// What the rows are made from, beside the search's results.
+/// Poses and motion at the beginning of the step.
 pub(crate) struct Scene<'a> {
     pub now: Situation<'a>,
-    /// The reference: the object's centre of mass.
+    /// Reference point of all twists: the object's centre of mass, frame of the base.
     pub center: Vector3<f64>,
-    /// How the scenery moves, at the reference.
+    /// Twist of the scenery at the reference point.
     pub scenery: Twist,
     /// Mass of the object, kg.
     pub mass: f64,
 }
 
-/// A candidate as it is now.
-struct Measured {
-    /// On the first body, and midway between the bodies; frame of the base.
+/// A candidate at the present poses; frame of the base.
+struct ContactGeometry {
+    /// Midway between the two surfaces.
     middle: Vector3<f64>,
+    /// Unit normal from the first to the second body.
     normal: Vector3<f64>,
+    /// Signed distance along the normal, metres; negative where the bodies overlap.
     distance: f64,
 }
 
-/// Where a contact point comes from.
+/// The candidate behind a contact point.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Origin {
+pub(crate) struct PointSource {
     pub pair: u32,
     pub candidate: u32,
     /// At the beginning of the step, metres.
     pub distance: f64,
 }
 
-/// Writes points and patches of `problem`, and where each point comes from.
+/// Writes the points and patches of `problem`, and the candidate behind each point to `sources`.
 pub(crate) fn collect(
     model: &Model,
     scene: &Scene,
@@ -44,11 +60,11 @@ pub(crate) fn collect(
     pairs: &[PairCache],
     friction_factor: f64,
     problem: &mut Problem,
-    origins: &mut Vec<Origin>,
+    sources: &mut Vec<PointSource>,
 ) {
     problem.points.clear();
     problem.patches.clear();
-    origins.clear();
+    sources.clear();
     for (index, (pair, cache)) in model.pairs.iter().zip(pairs).enumerate() {
         let first = problem.points.len();
         if cache.candidates.is_empty() {
@@ -61,30 +77,31 @@ pub(crate) fn collect(
                 let measured = measure(scene, pair, candidate);
                 problem.points.push(point(model, scene, pair, &measured, candidate.friction * factor, problem.dt));
                 let (pair, candidate) = (index as u32, within as u32);
-                origins.push(Origin { pair, candidate, distance: measured.distance });
+                sources.push(PointSource { pair, candidate, distance: measured.distance });
             }
         }
         let last = problem.points.len();
         if last > first {
-            let known = known(model, scene, kinematics, pair.b) - known(model, scene, kinematics, pair.a);
-            problem.patches.push(Patch { a: pair.a, b: pair.b, first, last, known });
+            let prescribed =
+                prescribed_twist(model, scene, kinematics, pair.b) - prescribed_twist(model, scene, kinematics, pair.a);
+            problem.patches.push(Patch { a: pair.a, b: pair.b, first, last, prescribed });
         }
     }
 }
 
-/// Twist that is known before the step is solved.
-fn known(model: &Model, scene: &Scene, kinematics: &Kinematics, body: usize) -> Twist {
+/// The part of a body's twist that is prescribed: the motion of the scenery, and that of driven coordinates.
+fn prescribed_twist(model: &Model, scene: &Scene, kinematics: &Kinematics, body: usize) -> Twist {
     match body {
         OBJECT => Twist::default(),
         _ if body == model.scenery_body() => scene.scenery,
-        _ => kinematics.known[body - BASE],
+        _ => kinematics.prescribed[body - BASE],
     }
 }
 
-/// The second body and both planes as the first body sees them: most candidates are too far away, which is found out from these alone.
+/// The second body and both planes in the frame of the first body: enough to reject the candidates that are too far away, which most are.
 struct Relative {
     a_from_b: (Matrix3<f64>, Vector3<f64>),
-    /// Direction and height of the table's and the ground's plane.
+    /// Normal of the table's and the ground's plane, and the height of the first body's origin above it.
     planes: [(Vector3<f64>, f64); 2],
 }
 
@@ -113,30 +130,28 @@ impl Relative {
     }
 }
 
-fn measure(scene: &Scene, pair: &Pair, candidate: &Candidate) -> Measured {
+fn measure(scene: &Scene, pair: &Pair, candidate: &Candidate) -> ContactGeometry {
     let (poses, turns) = (scene.now.poses, scene.now.turns);
     let on_a = turns[pair.a] * candidate.on_a + poses[pair.a].translation.vector;
     match candidate.opposite {
         Opposite::Plane(surface) => {
             let plane = &scene.now.planes[usize::from(surface == Surface::Ground)];
             let distance = plane.gap(&on_a);
-            Measured { middle: on_a - plane.up * (0.5 * distance), normal: -plane.up, distance }
+            ContactGeometry { middle: on_a - plane.up * (0.5 * distance), normal: -plane.up, distance }
         }
         Opposite::Point { on_b, normal } => {
             let apart = turns[pair.b] * on_b + poses[pair.b].translation.vector - on_a;
             let normal = turns[pair.a] * normal;
-            Measured { middle: on_a + 0.5 * apart, normal, distance: apart.dot(&normal) }
+            ContactGeometry { middle: on_a + 0.5 * apart, normal, distance: apart.dot(&normal) }
         }
     }
 }
 
-fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &Measured, friction: f64, dt: f64) -> Point {
-    let config = &model.solver;
-    // What carries the object alone must carry its weight: a natural frequency, not a stiffness.
-    let carries = pair.a == OBJECT && (pair.b == BASE || pair.b == model.scenery_body());
-    let support = if carries { scene.mass * config.support_stiffness } else { 0.0 };
+fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &ContactGeometry, friction: f64, dt: f64) -> Point {
+    let config = &model.config;
+    let supports = pair.a == OBJECT && (pair.b == BASE || pair.b == model.scenery_body());
+    let support = if supports { scene.mass * config.support_stiffness } else { 0.0 };
     let stiffness = config.contact_stiffness.max(support);
-    // What does not touch yet is not braked: only what would be inside at the end of the step is pushed.
     let relaxation = if measured.distance > 0.0 { 0.0 } else { config.contact_relaxation };
     let time = dt + relaxation;
     let arm = measured.middle - scene.center;
@@ -149,16 +164,80 @@ fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &Measured, frictio
         friction,
         impulse: 0.0,
         bound: 0.0,
-        approach: 0.0,
-        slide: Vector3::zeros(),
-        speed: 0.0,
+        normal_speed: 0.0,
+        slip: Vector3::zeros(),
+        slip_speed: 0.0,
     }
 }
 
-/// Share of a penetration beyond the cap that pushes back too: enough to carry any load, too little to throw what starts overlapped.
+/// Share of the penetration beyond the cap that pushes back, dimensionless. It is above 0 so that a deeper contact carries any load, and below 1
+/// so that objects that overlap at the start are not thrown.
 const BEYOND_CAP: f64 = 0.2;
 
-/// The depth that pushes back, metres; negative while the bodies are apart.
+/// The part of a penetration that pushes back, metres; negative across a gap.
 fn pushing_depth(depth: f64, cap: f64) -> f64 {
     depth.min(cap) + BEYOND_CAP * (depth - cap).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::NewtonConfig;
+    use crate::model::PairKind;
+    use crate::object::{Object, ObjectPart};
+    use crate::scenery::Scenery;
+    use crate::tree::{Body, Primitive, Tree};
+    use nalgebra::{Isometry3, Point3};
+
+    const DT: f64 = 0.002;
+
+    /// A point at signed distance `distance` between the object, or else the hand, and the table.
+    fn on_table(with_object: bool, mass: f64, distance: f64) -> Point {
+        let base = Body {
+            center: Point3::origin(),
+            inertia: Matrix3::zeros(),
+            mass: 0.0,
+            parent: 0,
+            joint: None,
+            shapes: vec![],
+        };
+        let object = Object {
+            parts: vec![ObjectPart::Primitive(Primitive::Sphere { radius: 0.03 })],
+            mass,
+            center: Point3::origin(),
+            inertia: Matrix3::identity(),
+            friction: 1.0,
+        };
+        let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
+        let tree = Tree { bodies: vec![base], ..Tree::default() };
+        let model = Model::new(tree, object, scenery, NewtonConfig::default()).unwrap();
+        let planes = scenery.planes(&Isometry3::identity());
+        let now = Situation { dt: DT, poses: &[], turns: &[], moving: &[], planes: &planes };
+        let scene = Scene { now, center: Vector3::zeros(), scenery: Twist::default(), mass };
+        let a = if with_object { OBJECT } else { BASE };
+        let pair = Pair { a, b: model.scenery_body(), kind: PairKind::Scenery };
+        let measured = ContactGeometry { middle: Vector3::x(), normal: -Vector3::z(), distance };
+        point(&model, &scene, &pair, &measured, 0.5, DT)
+    }
+
+    /// The equations of the module's documentation, with numbers. A bug here: a damped gap, a penetration that throws or sinks in, a light
+    /// object on a soft table.
+    #[test]
+    fn points_follow_the_documented_law() {
+        let tau = NewtonConfig::default().contact_relaxation;
+        // Object or hand, mass, distance; depth that pushes, relaxation, stiffness.
+        let cases = [
+            (true, 0.2, 1e-4, -1e-4, 0.0, 1.2e5),
+            (true, 0.2, -2e-4, 2e-4, tau, 1.2e5),
+            (true, 0.2, -1.5e-3, 5e-4 + 0.2 * 1e-3, tau, 1.2e5),
+            (true, 3.0, -2e-4, 2e-4, tau, 3e5),
+            (false, 3.0, -2e-4, 2e-4, tau, 1.2e5),
+        ];
+        for (with_object, mass, distance, depth, tau, k) in cases {
+            let point = on_table(with_object, mass, distance);
+            let near = |found: f64, expected: f64| (found - expected).abs() <= 1e-12 * expected.abs();
+            assert!(near(point.target, depth / (DT + tau)), "{mass} kg at {distance} m: {point:?}");
+            assert!(near(point.stiffness, DT * k * (DT + tau)), "{mass} kg at {distance} m: {point:?}");
+        }
+    }
 }

@@ -1,8 +1,8 @@
-//! Table and ground, as they are in the frame of the hand's base.
+//! Table and ground, and their planes in the frame of the hand's base.
 
 use nalgebra::{Isometry3, Vector3};
 
-/// A table (its top at z = 0 of the world, centred at the origin) over an endless ground.
+/// A table (top at z = 0 of the world, centred at the origin) above an unbounded ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scenery {
     /// Side of the table top, metres.
@@ -11,26 +11,26 @@ pub struct Scenery {
     pub table_thickness: f64,
     /// Height of the table top above the ground, metres.
     pub table_height: f64,
-    /// Friction factor of both.
+    /// Friction factor of both surfaces.
     pub friction: f64,
 }
 
 /// A horizontal plane in the frame of the base.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Plane {
-    /// Its axes and its normal.
+    /// Its axes, and its normal `up`.
     pub x: Vector3<f64>,
     pub y: Vector3<f64>,
     pub up: Vector3<f64>,
     /// `up . p` of its points.
     pub height: f64,
-    /// `x . p` and `y . p` of its middle.
+    /// `x . p` and `y . p` of its centre.
     pub middle: [f64; 2],
     /// Half its side; infinite for the ground.
     pub half: f64,
 }
 
-/// Which plane a contact is on.
+/// The plane of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Surface {
     /// The table top.
@@ -40,7 +40,7 @@ pub enum Surface {
 }
 
 impl Scenery {
-    /// Both planes; the table first.
+    /// The planes of table and ground, in this order.
     pub(crate) fn planes(&self, base_from_world: &Isometry3<f64>) -> [Plane; 2] {
         let turn = base_from_world.rotation.to_rotation_matrix();
         let (x, y, up) = (turn * Vector3::x(), turn * Vector3::y(), turn * Vector3::z());

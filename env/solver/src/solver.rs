@@ -1,46 +1,47 @@
-//! The solver of one world: its state, and a step of it; `contacts` makes the contact points of the last step when they are asked for.
+//! The solver of one world: its state, and one time step.
 
-mod contacts;
+pub(crate) mod saved;
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use crate::contact::Contact;
+use crate::contact::{Contact, Side};
 use crate::dynamics::{Dynamics, FrameMotion};
 use crate::kinematics::{Kinematics, Twist};
-use crate::model::{BASE, Model, OBJECT};
-use crate::newton::{LastDerivative, Newton};
+use crate::model::{BASE, BodyIndex, Model, OBJECT};
+use crate::newton::Newton;
 use crate::problem::Problem;
-use crate::rows;
-use crate::search::{Moving, SavedSearch, Searcher, Situation};
+use crate::rows::{self, PointSource};
+use crate::scenery::Surface;
+use crate::search::{Moving, Opposite, Searcher, Situation};
 
-/// What is given for a step.
+/// Inputs of one step.
 pub struct StepInput<'a> {
     /// Duration, seconds.
     pub dt: f64,
-    /// The world in the base's frame, before and after.
+    /// The world in the base's frame at the beginning of the step.
     pub base_from_world: Isometry3<f64>,
-    /// At the end of the step.
+    /// The same at the end of the step.
     pub base_from_world_after: Isometry3<f64>,
-    /// How the base's frame moves.
+    /// Motion of the base's frame during the step.
     pub frame: FrameMotion,
-    /// Driven coordinates at the end of the step.
+    /// Driven coordinates at the end of the step, rad or m.
     pub driven: &'a [f64],
-    /// For every cable the length that is given at the end of the step, and the rate at which it was.
-    pub cables: &'a [Given],
+    /// Command of every cable.
+    pub cables: &'a [CableCommand],
 }
 
-/// The length that a cable is given.
+/// Command to a cable: the length that its actuator has wound (for a servo, the commanded position).
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Given {
-    /// At the end of the step, metres.
+pub struct CableCommand {
+    /// At the end of the step, metres (servo: rad or m).
     pub length: f64,
-    /// During the step, m/s.
+    /// Its rate during the step, m/s (servo: rad/s or m/s).
     pub rate: f64,
 }
 
-/// Everything that a world carries from step to step.
+/// The state that a world carries from step to step.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct State {
     /// The object in the base's frame.
@@ -49,46 +50,37 @@ pub struct State {
     pub linear: Vector3<f64>,
     /// Its angular velocity in the base's frame, rad/s.
     pub angular: Vector3<f64>,
-    /// Coordinates, the driven ones last.
+    /// Coordinates, the driven ones last, rad or m.
     pub positions: Vec<f64>,
-    /// Their rates.
+    /// Their rates, rad/s or m/s.
     pub rates: Vec<f64>,
     /// Forces of the cables, N.
     pub cable_forces: Vec<f64>,
-    /// Factors on the object's friction and mass.
+    /// Factor on the object's friction.
     pub friction_factor: f64,
-    /// See `friction_factor`.
+    /// Factor on the object's mass and inertia.
     pub mass_factor: f64,
-    /// Steps whose velocities did not balance.
+    /// Steps in which the iteration did not converge.
     pub unconverged_steps: u64,
-}
-
-/// A state as it is saved: with what the search for contacts and Newton's method start from.
-#[derive(Serialize, Deserialize)]
-pub struct Saved {
-    state: State,
-    search: SavedSearch,
-    newton: LastDerivative,
-    contacts: Vec<Contact>,
 }
 
 /// The solver of one world.
 #[derive(Clone)]
 pub struct Solver {
-    pub(crate) model: Arc<Model>,
+    model: Arc<Model>,
     state: State,
-    pub(crate) searcher: Searcher,
+    searcher: Searcher,
     kinematics: Kinematics,
     dynamics: Dynamics,
-    pub(crate) problem: Problem,
+    problem: Problem,
     newton: Newton,
-    /// By body of contact, at the beginning of the last step.
-    pub(crate) poses: Vec<Isometry3<f64>>,
-    pub(crate) turns: Vec<Matrix3<f64>>,
-    /// Where the problem's points come from.
-    pub(crate) origins: Vec<rows::Origin>,
-    /// Contacts of the step before the state was loaded.
-    pub(crate) loaded: Vec<Contact>,
+    /// By [`crate::BodyIndex`], at the beginning of the last step.
+    poses: Vec<Isometry3<f64>>,
+    turns: Vec<Matrix3<f64>>,
+    /// The candidate behind each point of the problem.
+    sources: Vec<PointSource>,
+    /// Contacts of a loaded state, until the next step.
+    loaded: Vec<Contact>,
     moving: Vec<Moving>,
     accelerations: Vec<f64>,
 }
@@ -117,7 +109,7 @@ impl Solver {
             newton: Newton::new(&model),
             poses: Vec::new(),
             turns: Vec::new(),
-            origins: Vec::new(),
+            sources: Vec::new(),
             loaded: Vec::new(),
             moving: Vec::new(),
             accelerations: vec![0.0; count],
@@ -126,48 +118,24 @@ impl Solver {
         }
     }
 
-    /// What this world shares with others.
+    /// The data that this world shares with others.
     #[must_use]
     pub fn model(&self) -> &Arc<Model> {
         &self.model
     }
 
-    /// Its state.
+    /// The present state.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// Its state, to be set by who poses it. The lengths of its lists must stay.
+    /// The present state, to pose the world. The lengths of its lists must not change.
     pub fn state_mut(&mut self) -> &mut State {
         &mut self.state
     }
 
-    /// The state to be saved.
-    #[must_use]
-    pub fn save(&self) -> Saved {
-        let mut contacts = Vec::new();
-        self.contacts(|_, _| true, |contact| contacts.push(*contact));
-        Saved { state: self.state.clone(), search: self.searcher.save(), newton: self.newton.save(), contacts }
-    }
-
-    /// Takes a saved state; false, and nothing changes, for one of another model.
-    pub fn load(&mut self, saved: Saved) -> bool {
-        let (new, old) = (&saved.state, &self.state);
-        let fits = new.positions.len() == old.positions.len()
-            && new.rates.len() == old.rates.len()
-            && new.cable_forces.len() == old.cable_forces.len();
-        if !fits || !self.searcher.fits(&saved.search) || !self.newton.load(saved.newton) {
-            return false;
-        }
-        self.searcher.load(saved.search);
-        self.state = saved.state;
-        self.loaded = saved.contacts;
-        self.origins.clear();
-        true
-    }
-
-    /// False once a number of the state is not finite.
+    /// True while every number of the state is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let state = &self.state;
@@ -197,13 +165,13 @@ impl Solver {
         self.integrate(&model, input, &center);
     }
 
-    /// Centre of mass of the object, base's frame.
+    /// Centre of mass of the object, base's frame, metres.
     #[must_use]
     pub fn object_center(&self) -> Vector3<f64> {
         (self.state.base_from_object * self.model.object.center).coords
     }
 
-    /// Rates and accelerations of the driven coordinates.
+    /// Computes rates and accelerations of the driven coordinates.
     fn drive(&mut self, model: &Model, input: &StepInput) {
         let free = model.tree.coordinates.len();
         for (i, target) in input.driven.iter().enumerate() {
@@ -214,6 +182,16 @@ impl Solver {
         }
     }
 
+    /// Momentum of the object at the end of the step without contacts.
+    ///
+    /// With the spin `s` in the rotating frame of the base, its angular velocity `omega` and acceleration `alpha`, and `w = s + omega`, Euler's
+    /// equation `I dw/dt = -w x (I w)` becomes
+    ///
+    /// ```text
+    /// I ds/dt = I (s x omega - alpha) - w x (I w)
+    /// ```
+    ///
+    /// of which `-s x (I s)` is integrated implicitly (`gyroscopic`), the rest explicitly.
     fn object_momentum(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
         let (state, frame, dt) = (&self.state, &input.frame, input.dt);
         let turn = state.base_from_object.rotation.to_rotation_matrix();
@@ -224,7 +202,6 @@ impl Solver {
             frame.gravity - 2.0 * omega.cross(&state.linear) - omega.cross(&omega.cross(center)) - alpha.cross(center);
         let spin = state.angular;
         let total = spin + omega;
-        // d/dt (I w) + w x (I w) = 0 with w = spin + omega; what is left of spin x (I spin) is integrated implicitly.
         let torque =
             inertia * (spin.cross(omega) - alpha) - total.cross(&(inertia * total)) + spin.cross(&(inertia * spin));
         let pushed = spin + dt * inertia.try_inverse().map_or_else(Vector3::zeros, |i| i * torque);
@@ -242,6 +219,7 @@ impl Solver {
         }
     }
 
+    /// Momentum of the free coordinates at the end of the step without damping, cables, stops and contacts; adds the damping to the mass matrix.
     fn hand_momentum(&mut self, model: &Model, input: &StepInput) {
         let (state, problem, dt) = (&self.state, &mut self.problem, input.dt);
         problem.dt = dt;
@@ -257,10 +235,10 @@ impl Solver {
         for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
             problem.mass.row_mut(i)[i] += dt * coordinate.damping;
         }
-        for ((cable, given), own) in model.tree.cables.iter().zip(input.cables).zip(&mut problem.cables) {
+        for ((cable, command), own) in model.tree.cables.iter().zip(input.cables).zip(&mut problem.cables) {
             let taken: f64 = cable.arms.iter().map(|(c, arm)| arm * state.positions[*c]).sum();
-            own.stretch = given.length - dt * given.rate - taken;
-            own.given_rate = given.rate;
+            own.stretch = command.length - dt * command.rate - taken;
+            own.command_rate = command.rate;
             let damping = own.saturated_damping(cable);
             for (c, arm) in cable.arms.iter().filter(|_| damping > 0.0) {
                 problem.mass.row_mut(*c)[*c] += dt * damping * arm * arm;
@@ -286,7 +264,7 @@ impl Solver {
             let twist = match body {
                 OBJECT => Twist { linear: state.linear, angular: state.angular },
                 _ if body == model.scenery_body() => {
-                    // Seen at the base's origin.
+                    // At the base's origin.
                     let moved = scenery.at(&-center);
                     self.moving.push(Moving { center: Vector3::zeros(), velocity: moved, omega: scenery.angular });
                     continue;
@@ -304,7 +282,7 @@ impl Solver {
         let scene = rows::Scene { now, center: *center, scenery, mass: self.problem.object_mass };
         let pairs = &self.searcher.pairs;
         let factor = self.state.friction_factor;
-        rows::collect(model, &scene, kinematics, pairs, factor, &mut self.problem, &mut self.origins);
+        rows::collect(model, &scene, kinematics, pairs, factor, &mut self.problem, &mut self.sources);
     }
 
     fn integrate(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
@@ -327,17 +305,59 @@ impl Solver {
             *force = cable.force;
         }
     }
+
+    /// Visits the contact points of the last step between `wanted` bodies.
+    pub fn contacts(&self, wanted: impl Fn(BodyIndex, BodyIndex) -> bool, mut visit: impl FnMut(&Contact)) {
+        for contact in self.loaded.iter().filter(|c| wanted(c.sides[0].body, c.sides[1].body)) {
+            visit(contact);
+        }
+        for (index, source) in self.sources.iter().enumerate() {
+            let pair = &self.model.pairs[source.pair as usize];
+            if wanted(pair.a, pair.b) {
+                visit(&self.contact(index, source));
+            }
+        }
+    }
+
+    fn contact(&self, index: usize, source: &PointSource) -> Contact {
+        let pair = &self.model.pairs[source.pair as usize];
+        let candidate = &self.searcher.pairs[source.pair as usize].candidates[source.candidate as usize];
+        let point = &self.problem.points[index];
+        let shape = |i: usize| candidate.shapes[i].map_or(0, |s| self.model.shape_owner[usize::from(s)].1 as u16);
+        let into_a = self.turns[pair.a].tr_mul(&-point.normal);
+        let into_b = self.turns[pair.b].tr_mul(&point.normal);
+        let middle = self.poses[OBJECT] * self.model.object.center + point.arm;
+        let scenery = pair.b == self.model.scenery_body();
+        let (on_b, surface) = match candidate.opposite {
+            Opposite::Point { on_b, .. } => (on_b, scenery.then_some(Surface::Table)),
+            Opposite::Plane(surface) => {
+                let on_plane = middle + point.normal * (0.5 * source.distance);
+                (self.poses[pair.b].inverse_transform_point(&on_plane).coords, Some(surface))
+            }
+        };
+        Contact {
+            sides: [
+                Side { body: pair.a, shape: shape(0), point: candidate.on_a, normal: into_a },
+                Side { body: pair.b, shape: shape(1), point: on_b, normal: into_b },
+            ],
+            surface,
+            point: middle.coords,
+            normal: point.normal,
+            friction: point.friction,
+            distance: source.distance + self.problem.dt * point.normal_speed,
+            force: point.impulse / self.problem.dt,
+        }
+    }
 }
 
-/// How the world moves in the base's frame during the step, at the object's centre of mass.
+/// Twist of the scenery in the base's frame during the step, at the object's centre of mass.
 fn scenery_twist(input: &StepInput, center: &Vector3<f64>) -> Twist {
     let moved = input.base_from_world_after * input.base_from_world.inverse();
     let after = moved.rotation * center + moved.translation.vector;
     Twist { linear: (after - center) / input.dt, angular: moved.rotation.scaled_axis() / input.dt }
 }
 
-/// Angular velocity after one implicit step of a free body's tumbling: one step of Newton's method for
-/// `I (w - w0) + dt w x I w = 0`, from `w0`.
+/// Angular velocity after one implicit step of torque-free rotation: one Newton step for `I (w - w0) + dt w x (I w) = 0`, from `w0 = spin`.
 fn gyroscopic(inertia: &Matrix3<f64>, spin: &Vector3<f64>, dt: f64) -> Vector3<f64> {
     let momentum = inertia * spin;
     let residual = dt * spin.cross(&momentum);

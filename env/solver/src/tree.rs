@@ -1,36 +1,36 @@
-//! The hand as the solver sees it: a tree of rigid bodies, its coordinates, and the springs, stops and cables that act on them.
+//! The hand as the engine models it: a tree of rigid bodies, its coordinates, and the springs, stops and cables that act on them.
 //!
-//! Body 0 is the base, which stands still in the frame of the simulation. Every other body hangs on an earlier one by a joint. A joint's
-//! position is `ratio * q[coordinate] + offset`, so that several joints may follow one coordinate (a mimic joint). The first
-//! [`Tree::coordinates`] are free; [`Tree::driven`] more follow a given motion (a self-locking gear).
+//! Body 0 is the base, which is at rest in the frame of the simulation. A joint connects every other body to an earlier one. The position of a
+//! joint is `ratio * q[coordinate] + offset`, so several joints may follow one coordinate (mimic joints). The first [`Tree::coordinates`]
+//! are free; the [`Tree::driven`] after them follow prescribed motion (a self-locking gear).
 
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
 
 use crate::error::ModelError;
 
-/// What a joint lets its body do.
+/// Kind of motion that a joint allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// A turn about the axis, radians.
+    /// Rotation about the axis, radians.
     Revolute,
-    /// A shift along the axis, metres.
+    /// Translation along the axis, metres.
     Prismatic,
 }
 
-/// How a body hangs on its parent.
+/// The joint between a body and its parent.
 #[derive(Clone, Debug)]
 pub struct Joint {
-    /// Turn or shift.
+    /// Rotation or translation.
     pub kind: JointKind,
     /// The joint's frame in the parent at position 0.
     pub parent_from_joint: Isometry3<f64>,
     /// Axis, joint's frame.
     pub axis: Unit<Vector3<f64>>,
-    /// The coordinate that it follows: a free one, or `coordinates.len() + i` for the driven one `i`.
+    /// Index of its coordinate: free, or `coordinates.len() + i` for driven coordinate `i`.
     pub coordinate: usize,
-    /// Its position per unit of the coordinate.
+    /// Position per unit of the coordinate.
     pub ratio: f64,
-    /// Its position where the coordinate is 0.
+    /// Position where the coordinate is 0, radians or metres.
     pub offset: f64,
 }
 
@@ -67,7 +67,7 @@ pub struct BodyShape {
 /// A rigid body of the hand.
 #[derive(Clone, Debug)]
 pub struct Body {
-    /// Index of the body that it hangs on, less than its own; ignored for the base.
+    /// Index of the parent body, less than the body's own; ignored for the base.
     pub parent: usize,
     /// Its joint; `None` for the base only.
     pub joint: Option<Joint>,
@@ -81,38 +81,39 @@ pub struct Body {
     pub shapes: Vec<BodyShape>,
 }
 
-/// What acts on one free coordinate (rad and N m, or m and N).
+/// Passive forces on one free coordinate (rad and N m, or m and N).
 #[derive(Clone, Copy, Debug)]
 pub struct Coordinate {
-    /// Inertia added to the coordinate: rotor and gear, kg m2 (kg).
+    /// Reflected inertia of rotor and gear, kg m2 (kg).
     pub armature: f64,
     /// Damping, N m s/rad (N s/m).
     pub damping: f64,
     /// Stiffness of the spring, N m/rad (N/m).
     pub stiffness: f64,
-    /// Position where that spring is at rest.
+    /// Rest position of the spring, rad (m).
     pub spring_reference: f64,
-    /// Least and greatest position.
+    /// Least and greatest position, rad (m).
     pub limits: [f64; 2],
     /// Stiffness of the soft stops at the limits, N m/rad (N/m).
     pub stop_stiffness: f64,
 }
 
-/// A force along a length that several coordinates take up, `l = sum arm * q`: a tendon on a spool, or a servo with a spring in it.
+/// A force along a length that several coordinates take up, `l = sum arm * q`: a tendon on a spool, or a servo with series elasticity.
 ///
-/// With the stretch `e = given - l` the force is `stiffness * e + damping * de/dt`, clamped to `[0, max_force]` for a cable that can only
-/// pull (then 0 where it is slack, `e <= 0`), or to `[-max_force, max_force]` for one that also pushes.
+/// With the stretch `e = commanded length - l` the force is `stiffness * e + damping * de/dt`. A cable that pushes as well clamps it to
+/// `[-max_force, max_force]`. A unilateral cable clamps it to `[0, max_force]`, is slack for `e <= 0`, and limits it to 20 times its
+/// elastic part, so that a barely taut cable does not pull by damping.
 #[derive(Clone, Debug)]
 pub struct Cable {
-    /// Free coordinates that it runs over, and their moment arms, metres (for a servo: ratios).
+    /// Free coordinates that it acts on, and their moment arms, metres (servo: ratios).
     pub arms: Vec<(usize, f64)>,
-    /// N/m (servo: N m/rad).
+    /// Stiffness, N/m (servo: N m/rad).
     pub stiffness: f64,
-    /// N s/m (servo: N m s/rad).
+    /// Damping, N s/m (servo: N m s/rad).
     pub damping: f64,
     /// Greatest force, N (servo: N m).
     pub max_force: f64,
-    /// True where it only pulls.
+    /// True for a cable that only pulls.
     pub unilateral: bool,
 }
 
@@ -131,42 +132,44 @@ pub struct Tree {
     pub pairs: Vec<(usize, usize)>,
 }
 
-/// Most unknown velocities that a tree may have: a dense solve of more is slower than other methods.
+/// Most free coordinates of a tree: beyond that, sparse methods are faster than dense matrices.
 pub const MAX_COORDINATES: usize = 64;
 
 impl Tree {
-    /// Checks that the tree is as its description says.
+    /// Checks the tree against the rules in this module's documentation.
     ///
     /// # Errors
-    /// [`ModelError::BadTree`], saying what is wrong.
+    /// [`ModelError::BadTree`], with the rule that is broken and the index of the element.
     pub fn check(&self) -> Result<(), ModelError> {
         let bad = |why: &'static str, index: usize| Err(ModelError::BadTree { why, index });
         let count = self.coordinates.len() + self.driven;
         if self.coordinates.len() > MAX_COORDINATES {
-            return bad("there are more than 64 free coordinates", self.coordinates.len());
+            return bad("the tree has more than 64 free coordinates", self.coordinates.len());
         }
         for (index, body) in self.bodies.iter().enumerate() {
             match &body.joint {
-                None if index > 0 => return bad("a body beside the base has no joint", index),
+                None if index > 0 => return bad("a body other than the base has no joint", index),
                 Some(_) if index == 0 => return bad("the base has a joint", index),
                 Some(_) if body.parent >= index => return bad("a body comes before its parent", index),
-                Some(joint) if joint.coordinate >= count => return bad("a joint follows no coordinate", index),
+                Some(joint) if joint.coordinate >= count => {
+                    return bad("a joint refers to a coordinate that does not exist", index);
+                }
                 _ => {}
             }
         }
         if self.bodies.is_empty() {
-            return bad("there is no base", 0);
+            return bad("the tree has no base", 0);
         }
         let moved = |i: usize| self.bodies.iter().filter_map(|b| b.joint.as_ref()).any(|j| j.coordinate == i);
         if let Some(index) = (0..self.coordinates.len()).find(|i| !moved(*i)) {
-            return bad("no joint follows a coordinate", index);
+            return bad("a coordinate has no joint", index);
         }
         let beyond = |c: &Cable| c.arms.iter().any(|(i, _)| *i >= self.coordinates.len());
         if let Some(index) = self.cables.iter().position(beyond) {
-            return bad("a cable runs over a coordinate that is not free", index);
+            return bad("a cable acts on a coordinate that is not free", index);
         }
         match self.pairs.iter().position(|(a, b)| a == b || (*a).max(*b) >= self.bodies.len()) {
-            Some(index) => bad("a pair names a body twice, or one that does not exist", index),
+            Some(index) => bad("a pair repeats a body, or refers to one that does not exist", index),
             None => Ok(()),
         }
     }

@@ -1,4 +1,4 @@
-//! Assembles the engine's world: a fixed hand root, one multibody per chain, the object, the moving table.
+//! Assembly of rapier's world: the hand's fixed root, one multibody per chain, the object, the moving table.
 
 use super::{frames, shape};
 use crate::SimError;
@@ -15,12 +15,12 @@ use rapier3d::prelude::*;
 const OBJECT: Group = Group::GROUP_1;
 const GROUND: Group = Group::GROUP_2;
 const PALM: Group = Group::GROUP_3;
-/// Groups of the chains begin here: one for the links next to the palm, which do not collide with it, and one for the others.
+/// First collision group of the chains. Each chain has two: one for links next to the palm, which do not collide with it, and one for the others.
 const FIRST_CHAIN_GROUP: u32 = 4;
-/// The engine has 32 groups.
+/// Most chains of a hand: rapier has 32 collision groups.
 const MAX_CHAINS: usize = 13;
 
-/// The number in a collider's user data that says which part it belongs to.
+/// A part as the number in a collider's user data.
 fn tag(part: Part) -> u128 {
     match part {
         Part::Object => 0,
@@ -40,7 +40,7 @@ pub(crate) fn part_of(collider: &Collider) -> Part {
     }
 }
 
-/// The engine's joint and body for a joint of the hand.
+/// Rapier's joint and body for a joint of the hand.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct JointHandle {
     pub handle: MultibodyJointHandle,
@@ -48,24 +48,24 @@ pub(crate) struct JointHandle {
     body: RigidBodyHandle,
 }
 
-/// Everything in the world that is looked up by name.
+/// Handles of the bodies, colliders and joints in rapier's world.
 #[derive(Clone, Debug)]
 pub(crate) struct Handles {
     pub object: RigidBodyHandle,
     pub object_collider: ColliderHandle,
     pub scenery: RigidBodyHandle,
-    /// The engine's joint for each joint of the hand; none for a fixed one.
+    /// Rapier's joint for each joint of the hand; `None` for a fixed one.
     pub joints: Vec<Option<JointHandle>>,
     /// Joints that move under forces.
     pub free: Vec<usize>,
     /// Joints that actuators drive rigidly, and those that follow them.
     pub rigid: Vec<usize>,
-    /// Pose of the engine's shape of every collider of every link, in the link.
+    /// By link and collider, the pose of rapier's shape in the link.
     pub link_from_shape: Vec<Vec<Isometry3<f64>>>,
 }
 
 impl Handles {
-    /// The bodies that the frame's motion acts on: the links of free joints, and the object.
+    /// The bodies on which fictitious forces act: the links of free joints, and the object.
     pub(crate) fn moving_bodies(&self) -> impl Iterator<Item = RigidBodyHandle> {
         self.free_joints().map(|joint| joint.body).chain([self.object])
     }
@@ -81,8 +81,8 @@ struct Carrier {
     links: Vec<(usize, Isometry3<f64>)>,
 }
 
-/// What the engine takes for the size of things, in its own lengths. It only scales settings, which are scaled back below, and the margin
-/// within which boxes are kept as candidates for contact: 4 % of it on both sides. A power of two, so that scaling is exact.
+/// Rapier's typical size of objects, centimetres. It scales settings, which are scaled back below, and the margin within which bounding boxes
+/// are contact candidates: 4 % of it on both sides. A power of two, for exact scaling.
 const LENGTH_UNIT: f32 = 8.0;
 
 fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
@@ -102,13 +102,12 @@ fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
         ),
         normalized_prediction_distance: scaled(config.rapier.prediction as f32),
         normalized_allowed_linear_error: scaled(own.allowed_penetration as f32),
-        // The engine's own threshold (5 cm) is a large part of a grasp: contacts would go stale.
+        // Rapier's default (5 cm) is as large as a grasp: contacts would be stale.
         contact_recycling: config.rapier.contact_drift > 0.0,
         normalized_contact_recycle_distance: scaled(config.rapier.contact_drift as f32),
-        // Household objects and fingers move slower than their own thickness per step.
+        // Household objects and fingers move by less than their own thickness per step.
         max_ccd_substeps: 0,
-        // Solved contact by contact: boxes on the table lose up to 12 % of mu, but the engine's friction of whole patches lets
-        // firmly held objects creep.
+        // Friction per contact point: boxes on the table lose up to 12 % of mu, but with friction per patch firmly held objects creep.
         friction_model: FrictionModel::Coulomb,
         ..standard
     }
@@ -155,7 +154,7 @@ pub(crate) fn build(
     Ok((world, handles))
 }
 
-/// Table and ground on one kinematic body, since both move alike in the hand's frame.
+/// Table and ground on one kinematic body, since both have the same motion in the hand's frame.
 fn insert_scenery(world: &mut PhysicsWorld, config: &PhysicsConfig) -> RigidBodyHandle {
     let body = RigidBodyBuilder::kinematic_position_based().can_sleep(false);
     let body = world.bodies.insert(body);
@@ -163,7 +162,7 @@ fn insert_scenery(world: &mut PhysicsWorld, config: &PhysicsConfig) -> RigidBody
     let thick = frames::length(TABLE_THICKNESS / 2.0);
     let table = surface(SharedShape::cuboid(half, half, thick), config.friction.table, Part::Table, GROUND, Group::ALL)
         .translation(Vector::new(0.0, 0.0, -thick));
-    // A thick slab, not a half-space: an unbounded shape would be a contact candidate of everything at every step.
+    // A slab instead of a half-space: an unbounded shape would be a contact candidate of every body at every step.
     let ground_side = frames::length(GROUND_SIDE / 2.0);
     let ground_half = SharedShape::cuboid(ground_side, ground_side, thick);
     let ground = surface(ground_half, config.friction.table, Part::Ground, GROUND, Group::ALL)
@@ -174,7 +173,7 @@ fn insert_scenery(world: &mut PhysicsWorld, config: &PhysicsConfig) -> RigidBody
     body
 }
 
-/// A massless collider (bodies carry their mass themselves) with a friction factor.
+/// A collider with a friction factor and without mass, which is set on the bodies.
 fn surface(shape: SharedShape, factor: f64, part: Part, member: Group, filter: Group) -> ColliderBuilder {
     ColliderBuilder::new(shape)
         .density(0.0)
@@ -184,7 +183,7 @@ fn surface(shape: SharedShape, factor: f64, part: Part, member: Group, filter: G
         .user_data(tag(part))
 }
 
-/// The links that hang on `root` by fixed joints, `root` first.
+/// The links that fixed joints connect to `root`, `root` first.
 fn carrier(hand: &Hand, root: usize) -> Carrier {
     let mut links = vec![(root, Isometry3::identity())];
     let mut next = 0;
@@ -223,7 +222,7 @@ fn insert_colliders(
     }
 }
 
-/// Group of a chain's links; those that are not next to the palm may also meet it.
+/// Collision group of a chain's links.
 fn chain_group(chain: usize, next_to_palm: bool) -> Group {
     Group::from_bits_truncate(1 << (FIRST_CHAIN_GROUP + 2 * chain as u32 + u32::from(!next_to_palm)))
 }
@@ -232,7 +231,7 @@ fn insert_chains(world: &mut PhysicsWorld, hand: &Hand, handles: &mut Handles) -
     let chains = hand.chains();
     let bad = |why: String| SimError::BadHand { hand: hand.name.clone(), engine: "rapier", why };
     if chains.len() > MAX_CHAINS {
-        return Err(bad(format!("{} chains leave its base; at most {MAX_CHAINS} may", chains.len())));
+        return Err(bad(format!("it has {} chains, more than {MAX_CHAINS}", chains.len())));
     }
     for (number, chain) in chains.iter().enumerate() {
         let others = (0..chains.len())
@@ -248,10 +247,10 @@ fn insert_chains(world: &mut PhysicsWorld, hand: &Hand, handles: &mut Handles) -
             };
             let rigid = hand.rigid_position(joint, |_| 0.0).is_some();
             if description.mimic.is_some() && !rigid {
-                return Err(bad(format!("joint `{name}` follows another one that moves under forces")));
+                return Err(bad(format!("joint `{name}` mimics a joint that is not driven rigidly")));
             }
             if rigid && carrier != 0 {
-                return Err(bad(format!("joint `{name}` is driven rigidly, but does not hang on the base")));
+                return Err(bad(format!("joint `{name}` is driven rigidly, but is not connected to the base")));
             }
             let palm = if hand.meets_palm(description.child) { PALM } else { Group::NONE };
             let member = chain_group(number, palm == Group::NONE);
@@ -267,7 +266,7 @@ fn insert_chains(world: &mut PhysicsWorld, hand: &Hand, handles: &mut Handles) -
             handles.joints[joint] = Some(JointHandle { handle, kind: description.kind, body });
             if rigid { &mut handles.rigid } else { &mut handles.free }.push(joint);
         }
-        // Inserting a joint may renumber the coordinates of its multibody, so losses come last.
+        // Inserting a joint may renumber the coordinates of its multibody, so damping and armature come last.
         chain.joints.iter().filter(|joint| handles.free.contains(joint)).for_each(|&joint| {
             set_losses(world, hand, joint, handles);
         });
@@ -297,7 +296,7 @@ fn link_mass(hand: &Hand, link: usize, carrier_from_link: &Isometry3<f64>) -> Ma
     MassProperties::with_inertia_matrix(frames::point(&center), link.mass as f32, frames::inertia(&inertia))
 }
 
-/// A joint about or along the hand's axis: the engine's is its local x.
+/// A joint about or along the hand's axis: rapier's joint axis is its local x.
 fn engine_joint(hand: &Hand, joint: usize) -> GenericJoint {
     let joint = &hand.joints[joint];
     let turn = UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis)
@@ -326,7 +325,7 @@ fn carrier_from_link(hand: &Hand, link: usize) -> Isometry3<f64> {
     pose
 }
 
-/// Damping and armature of a joint, which the engine integrates implicitly.
+/// Sets damping and armature of a joint, which rapier integrates implicitly.
 fn set_losses(world: &mut PhysicsWorld, hand: &Hand, joint: usize, handles: &Handles) {
     let (description, Some(handle)) = (&hand.joints[joint], &handles.joints[joint]) else { return };
     let unit = match description.kind {
@@ -341,7 +340,7 @@ fn set_losses(world: &mut PhysicsWorld, hand: &Hand, joint: usize, handles: &Han
     }
 }
 
-/// Places every link where its joint positions say; to be called once after [`build`] and whenever joints were displaced.
+/// Places every link according to the joint positions; call it after [`build`] and whenever joints were displaced.
 pub(crate) fn place_links(world: &mut PhysicsWorld, hand: &Hand, handles: &Handles) {
     for (joint, handle) in hand.joints.iter().zip(&handles.joints) {
         let root = hand.carrier(joint.parent) == 0;

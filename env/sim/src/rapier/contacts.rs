@@ -1,4 +1,4 @@
-//! The engine's contact points in the words of the seam.
+//! Rapier's contact points, translated for the interface of [`crate::engine`].
 
 use super::build::{Handles, part_of};
 use super::frames;
@@ -8,14 +8,14 @@ use rapier3d::geometry::{Contact as EnginePoint, ContactManifold};
 use rapier3d::math::Pose;
 use rapier3d::prelude::{Collider, PhysicsWorld};
 
-/// True where a part of the hand is in contact, or so near to one that the solver looks out for it.
+/// True if a part of the hand has a contact that the solver considers, pressing or predicted.
 pub(crate) fn hand_in_contact(physics: &PhysicsWorld) -> bool {
     let of_hand = |collider| part_of(&physics.colliders[collider]).is_link();
     let mut pairs = physics.narrow_phase.contact_pairs();
     pairs.any(|p| p.has_any_active_contact() && (of_hand(p.collider1) || of_hand(p.collider2)))
 }
 
-/// Visits the contact points of wanted pairs; the pressing ones of a manifold come first.
+/// Visits the contact points of wanted pairs, in each manifold first those that press.
 pub(crate) fn visit(
     physics: &PhysicsWorld,
     handles: &Handles,
@@ -36,12 +36,12 @@ pub(crate) fn visit(
     }
 }
 
-/// What the contact points of one pair have in common.
+/// Data common to the contact points of one pair.
 struct Pair<'a> {
     colliders: [&'a Collider; 2],
     parts: [Part; 2],
     part_from_collider: [Isometry3<f64>; 2],
-    /// The side from which point and normal in the base's frame are taken: a link, if one takes part.
+    /// The side that gives point and normal in the base's frame: a link, if there is one.
     reference: usize,
     friction: f64,
     dt: f32,
@@ -66,9 +66,9 @@ impl<'a> Pair<'a> {
         }
     }
 
-    /// Of a manifold's points the engine solves four at most; the others keep the impulse of the step in which they were last
-    /// chosen, so only those that it chose count as pressing. Against an object of several parts it solves merged manifolds:
-    /// the impulses are on those, and they keep the deepest of the points that they merge.
+    /// Rapier solves at most four points of a manifold; the others keep the impulse of the step in which they were last chosen, so only chosen
+    /// points count as pressing. Against an object of several parts it solves merged manifolds: those have the impulses, and keep the
+    /// deepest of the points that they merge.
     fn visit(&self, manifold: &ContactManifold, visit: &mut dyn FnMut(&Contact)) {
         let chosen = || manifold.data.solver_contacts.iter().flat_map(|c| c.contact_indices()).map(|i| i as usize);
         let pressing = |i: usize| manifold.points.get(i).filter(|p| p.data.impulse > 0.0);

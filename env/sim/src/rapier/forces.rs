@@ -1,11 +1,11 @@
-//! The fictitious accelerations of the base's frame as the engine's gravity and as forces on its bodies.
+//! The fictitious accelerations of the base's frame, as rapier's gravity and as forces on its bodies.
 
 use super::frames;
 use crate::motion::FrameMotion;
 use rapier3d::math::Vector;
 use rapier3d::prelude::RigidBody;
 
-/// Effect of the frame's motion on the bodies during one step, in the base's axes and the engine's units.
+/// Fictitious accelerations during one step, base axes, rapier's units.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FrameForces {
     /// Gravity less the acceleration of the base's origin.
@@ -25,12 +25,12 @@ impl FrameForces {
         }
     }
 
-    /// True while the frame turns, so that bodies feel more than a uniform gravity.
+    /// True while the frame rotates: fictitious forces are then more than a uniform acceleration.
     pub(crate) fn turning(&self) -> bool {
         self.omega != Vector::ZERO || self.alpha != Vector::ZERO
     }
 
-    /// Sets the Coriolis, centrifugal and Euler force and torque on `body` (a pure translation needs none).
+    /// Sets the Coriolis, centrifugal and Euler force and torque on `body`; a translating frame needs none.
     pub(crate) fn apply(&self, body: &mut RigidBody) {
         body.reset_forces(false);
         body.reset_torques(false);
@@ -41,7 +41,7 @@ impl FrameForces {
         let (arm, velocity, spin) = (body.center_of_mass(), body.linvel(), body.angvel());
         let linear = -(2.0 * omega.cross(velocity) + omega.cross(omega.cross(arm)) + alpha.cross(arm));
         body.add_force(linear * body.mass(), false);
-        // d/dt (I w_abs) + omega x (I w_abs) = torque, with w_abs = spin + omega; the engine handles spin x (I spin) itself.
+        // Euler's equation I dw/dt = -w x (I w) for w = spin + omega; rapier itself integrates -spin x (I spin).
         let inertia = body.mass_properties().effective_angular_inertia();
         let total = spin + omega;
         let gyroscopic = total.cross(inertia * total) - spin.cross(inertia * spin);

@@ -1,4 +1,4 @@
-//! Forces along the joints: springs, losses, stops, tendons and servos, written into the engine's implicit joint springs.
+//! Joint forces: springs, damping, stops, tendons and servos, written into rapier's implicit joint springs.
 
 use super::build::{Handles, JointHandle};
 use super::frames;
@@ -6,11 +6,11 @@ use crate::engine::{JointState, StepInput};
 use graspbox_hand::{ActuatorState, Drive, Hand, Joint, JointKind, Tendon, Transmission};
 use rapier3d::prelude::PhysicsWorld;
 
-/// While the tendon is saturated its damping is this share of the full one: friction of tendon and sheath still brakes the
+/// Share of its damping that a tendon keeps while its force is at the limit, dimensionless: friction between tendon and sheath still brakes the
 /// joints, but the actuator no longer resists.
 const SATURATED_DAMPING: f64 = 0.2;
 
-/// Index of a joint's coordinate in the engine's spatial layout: angular x or linear x.
+/// Index of a joint's coordinate in rapier's spatial layout: angular x or linear x.
 fn axis(kind: JointKind) -> usize {
     match kind {
         JointKind::Prismatic => 0,
@@ -18,10 +18,10 @@ fn axis(kind: JointKind) -> usize {
     }
 }
 
-/// Engine units of position, and of force per position, in a joint's coordinate.
+/// Rapier's units of position, and of force per position, of a joint's coordinate.
 fn units(kind: JointKind) -> (f64, f64) {
     match kind {
-        // Engine forces are N times the unit of length, and so are engine positions.
+        // Rapier's forces scale with the unit of length, and so do its positions: their ratio does not.
         JointKind::Prismatic => (frames::UNIT, 1.0),
         JointKind::Fixed | JointKind::Revolute => (1.0, frames::TORQUE_UNIT),
     }
@@ -36,21 +36,21 @@ pub(crate) fn joint_state(world: &PhysicsWorld, joint: &JointHandle) -> JointSta
             speed: multibody.generalized_velocity()[link.assembly_id()] as f64 / length,
         })
     });
-    // A handle of this world always resolves; NaN would be caught by the finiteness check of every step.
+    // A handle of this world always resolves; the checks of every step would report the NaN.
     state.unwrap_or(JointState { position: f64::NAN, speed: f64::NAN })
 }
 
-/// A force along a joint, `stiffness * (rest - position) - damping * speed`, integrated implicitly.
+/// A joint force `stiffness * (rest - position) - damping * speed`, integrated implicitly.
 #[derive(Clone, Copy, Debug, Default)]
 struct Spring {
     stiffness: f64,
-    /// `stiffness * rest`: stays meaningful as stiffnesses are added up.
+    /// `stiffness * rest`, which can be summed like the stiffness.
     force_at_zero: f64,
     damping: f64,
 }
 
 impl Spring {
-    /// Spring, losses and stops of a joint.
+    /// Spring, damping and stops of a joint.
     fn of(joint: &Joint, position: f64) -> Self {
         let mut spring = Self { damping: joint.damping, ..Self::default() };
         spring.add(joint.stiffness, joint.spring_reference);
@@ -66,14 +66,14 @@ impl Spring {
         self.force_at_zero += stiffness * rest;
     }
 
-    /// A force that does not depend on the position.
+    /// Adds a constant force.
     fn push(&mut self, force: f64) {
         self.force_at_zero += force;
     }
 
-    /// Adds a taut tendon with a moment arm other than 0.
+    /// Adds a taut tendon with a nonzero moment arm.
     ///
-    /// * `stretch`, `rate`: of the tendon, m and m/s.
+    /// * `stretch`, `rate`: stretch of the tendon and its rate, m and m/s.
     fn pull(&mut self, tendon: &Tendon, arm: f64, state: JointState, stretch: f64, rate: f64, dt: f64) {
         let own_damping = tendon.damping * arm * arm;
         if tendon.stiffness * stretch >= tendon.max_tension {
@@ -81,15 +81,15 @@ impl Spring {
             self.damping += SATURATED_DAMPING * own_damping;
             return;
         }
-        // The joint's own share of stretch and rate is implicit; that of the other joints and of the spool is taken as it will be in
-        // the middle of the step: as it stands at its beginning, a moving tendon would pull the joints unequally.
+        // The joint's own contribution to stretch and rate is implicit. That of the other joints and of the spool is extrapolated to the middle of
+        // the step: with its value at the beginning, a moving tendon would pull the joints unequally.
         let others = rate + arm * state.speed;
         self.add(tendon.stiffness * arm * arm, state.position + (stretch + 0.5 * dt * others) / arm);
         self.push(tendon.damping * arm * others);
         self.damping += own_damping;
     }
 
-    /// Adds a servo that leads the joint to `goal`; its force is limited in both directions.
+    /// Adds a servo that drives the joint to `goal`; its force is limited in both directions.
     fn lead(&mut self, [stiffness, damping, limit]: [f64; 3], goal: f64, position: f64) {
         let force = stiffness * (goal - position);
         if force.abs() >= limit {
@@ -103,7 +103,7 @@ impl Spring {
 
     fn write(&self, world: &mut PhysicsWorld, joint: &JointHandle) {
         let (length, force) = units(joint.kind);
-        // A little stiffness keeps a pure force expressible as a spring with a far rest position.
+        // A small stiffness represents a pure force as a spring with a distant rest position.
         let stiffness = self.stiffness.max(1e-4);
         if let Some((multibody, link)) = world.multibody_joints.get_mut(joint.handle)
             && let Some(link) = multibody.link_mut(link)
@@ -119,7 +119,7 @@ impl Spring {
     }
 }
 
-/// Writes all forces along the joints for the coming step, and the tension of every tendon, N.
+/// Writes all joint forces for the next step, and the tension of every tendon, N.
 pub(crate) fn actuate(
     world: &mut PhysicsWorld,
     hand: &Hand,
@@ -171,7 +171,7 @@ fn stretch(tendon: &Tendon, radius: f64, spool: &ActuatorState, states: &[JointS
     })
 }
 
-/// Gives rigidly driven joints the speed that brings them where their actuators are at the end of the step.
+/// Gives rigidly driven joints the speed that brings them to the positions of their actuators by the end of the step.
 pub(crate) fn drive_rigid(world: &mut PhysicsWorld, hand: &Hand, handles: &Handles, input: &StepInput, dt: f64) {
     for &joint in &handles.rigid {
         let goal = hand.rigid_position(joint, |actuator| input.actuators[actuator].position);
@@ -186,8 +186,7 @@ pub(crate) fn drive_rigid(world: &mut PhysicsWorld, hand: &Hand, handles: &Handl
     }
 }
 
-/// Moves the joints of a world that was just built to `positions` (one per joint, rad or m); the links are placed by
-/// [`super::build::place_links`].
+/// Moves the joints of a new world to `positions` (one per joint, rad or m); [`super::build::place_links`] then places the links.
 pub(crate) fn set_positions(world: &mut PhysicsWorld, handles: &Handles, positions: &[f64]) {
     for (joint, position) in handles.joints.iter().zip(positions) {
         let Some(joint) = joint.as_ref().filter(|_| *position != 0.0) else { continue };

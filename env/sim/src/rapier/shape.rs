@@ -1,4 +1,4 @@
-//! Collision shapes of the engine: those of the object, and those of the hand's links.
+//! Rapier's collision shapes of the object and of the hand's links.
 
 use super::frames;
 use crate::SimError;
@@ -28,7 +28,7 @@ pub(crate) fn object(geometry: &Geometry) -> Result<SharedShape, SimError> {
         Geometry::Parts(parts) => {
             let mut shapes = Vec::with_capacity(parts.len());
             for (part, hull) in parts.iter().enumerate() {
-                // The engine's own hull leaves points of flat sides out.
+                // Parry's own hull of the vertices drops vertices of flat sides.
                 let vertices = hull.vertices().iter().map(frames::point).collect();
                 let hull = SharedShape::convex_mesh(vertices, hull.faces()).ok_or(SimError::FlatPart { part })?;
                 shapes.push((Pose::IDENTITY, hull));
@@ -56,7 +56,7 @@ pub(crate) fn of_link(shape: &Shape) -> SharedShape {
     }
 }
 
-/// Pose of the engine's shape of a collider in its link: the engine's cylinders are about y, URDF's about z.
+/// Pose of rapier's shape of a collider in its link: rapier's cylinders have their axis along y, URDF's along z.
 pub(crate) fn link_from_engine(collider: &Collider) -> Isometry3<f64> {
     match collider.shape {
         Shape::Cylinder { .. } => {

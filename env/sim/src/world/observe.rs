@@ -1,4 +1,4 @@
-//! What can be read off a world: poses, velocities, joints, actuators, and whether it went wrong.
+//! Measurements of a world: poses, velocities, joints, actuators, and whether the simulation diverged.
 
 use super::World;
 use crate::engine::JointState;
@@ -7,11 +7,11 @@ use graspbox_hand::{ActuatorState, Drive, DrivenJoint, Hand, JointKind, Transmis
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 
-/// No object rises higher than this above the table, metres: an arm's reach over the highest lift.
+/// Greatest height of an object above the table, metres: an arm's reach above the highest lift.
 const HIGHEST: f64 = 3.0;
-/// No object moves faster than this in the hand's frame, m/s: a fall from [`HIGHEST`], seen from the fastest lift (19 m/s).
+/// Greatest speed of an object in the hand's frame, m/s: a fall from [`HIGHEST`] (8 m/s) relative to the fastest lift (19 m/s), rounded up.
 const FASTEST: f64 = 30.0;
-/// No joint is further beyond its stop than this, radians.
+/// Greatest distance of a joint beyond its stop, radians: soft stops yield by far less.
 const BEYOND_STOP: f64 = 1.0;
 /// The same for a prismatic joint, metres.
 const BEYOND_STOP_METRES: f64 = 0.05;
@@ -32,7 +32,7 @@ impl World {
         &self.shared.hand
     }
 
-    /// Mass of the object as it is simulated, with the factors of [`World::scale_object`], kg.
+    /// Simulated mass of the object, with the factors of [`World::scale_object`], kg.
     pub fn object_mass(&self) -> f64 {
         self.shared.mass * self.state.mass_factor
     }
@@ -57,7 +57,7 @@ impl World {
         self.world_from_object() * Point3::from(self.shared.object_from_center)
     }
 
-    /// Linear (m/s, of the centre of mass) and angular (rad/s) velocity of the object in the moving hand frame.
+    /// Velocity of the object's centre of mass (m/s) and its angular velocity (rad/s), relative to the moving hand frame.
     pub fn object_velocity_in_hand(&self) -> (Vector3<f64>, Vector3<f64>) {
         let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
         let (linear, angular) = self.engine.object_velocity();
@@ -74,8 +74,8 @@ impl World {
         self.engine.joint(joint)
     }
 
-    /// Positions of the independent joints, in the order of [`Hand::coordinates`], rad or m: those of the actuators for joints that these
-    /// drive rigidly.
+    /// Positions of the independent joints, in the order of [`Hand::coordinates`], rad or m. Joints that actuators drive rigidly are at the
+    /// actuators' positions.
     pub fn configuration(&self) -> Vec<f64> {
         let hand = &self.shared.hand;
         let rigid = |joint| hand.rigid_position(joint, |actuator| self.state.actuators[actuator].position);
@@ -87,8 +87,8 @@ impl World {
         self.engine.tension(tendon)
     }
 
-    /// What an actuator pulls against now: tension of its tendon, N, or the greatest force on one of its joints towards closing, N m or N.
-    /// A gear that drives joints rigidly holds against any load of a grasp: 0.
+    /// Load of an actuator: the tension of its tendon, N, or the greatest closing force on one of its joints, N m or N. 0 for a gear that drives
+    /// joints rigidly, which holds any load of a grasp.
     pub fn load(&self, actuator: usize) -> f64 {
         let hand = &self.shared.hand;
         let (description, position) = (&hand.actuators[actuator], self.state.actuators[actuator].position);
@@ -111,11 +111,10 @@ impl World {
         self.shared.hand.grasp.coordinate.map_or(0.0, |coordinate| self.state.actuators[coordinate.actuator].position)
     }
 
-    /// True once the simulation went wrong: a number that is not finite, or a motion that no table-top scene can have.
+    /// True if the simulation diverged: a number that is not finite, or a state beyond the bounds of any table-top scene.
     ///
-    /// The bounds leave ample room: the object's centre of mass falls no deeper than the ground under the table, rises no higher than
-    /// `HIGHEST`, leaves the table's middle by no more than half the ground, moves slower than `FASTEST` in the hand's frame, and
-    /// no joint is further beyond its stop than `BEYOND_STOP`.
+    /// The bounds are wide: the object's centre of mass is between the ground and `HIGHEST`, over the ground, and slower than `FASTEST` in the
+    /// hand's frame; no joint is farther than `BEYOND_STOP` beyond its stop.
     pub fn has_diverged(&self) -> bool {
         let center = self.object_center();
         let away = center.coords.xy().norm() > GROUND_SIDE / 2.0 || !(-TABLE_HEIGHT..=HIGHEST).contains(&center.z);
@@ -129,12 +128,12 @@ impl World {
         !self.is_finite() || away || fast || hand.coordinates().any(bent)
     }
 
-    /// False once anything in the world is no longer a finite number.
+    /// True while every number of the world is finite.
     pub fn is_finite(&self) -> bool {
         self.engine.is_finite()
     }
 
-    /// Steps since the world was spawned in which the engine's solver stopped before it converged; rapier does not measure it (0).
+    /// Steps since the world was spawned in which the solver did not converge; 0 for rapier, which does not measure convergence.
     pub fn unconverged_steps(&self) -> u64 {
         self.engine.unconverged_steps()
     }

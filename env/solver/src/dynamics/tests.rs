@@ -1,7 +1,7 @@
-//! Kinematics and dynamics of random trees against numerical derivatives: turns, shifts, joints that share a coordinate, driven ones.
+//! Kinematics and dynamics of random trees against numerical derivatives: revolute, prismatic, mimic and driven joints.
 
 use super::*;
-use crate::config::SolverConfig;
+use crate::config::NewtonConfig;
 use crate::kinematics::Twist;
 use crate::matrix::Factors;
 use crate::object::{Object, ObjectPart};
@@ -33,7 +33,7 @@ impl Numbers {
     }
 }
 
-/// Seven bodies on a base: two chains with a fork, one coordinate moves two joints, one coordinate is driven.
+/// Seven bodies on a base: two branches, one of which forks; one coordinate moves two joints, one is driven.
 fn model(next: &mut Numbers) -> Model {
     let mut bodies = vec![Body {
         parent: 0,
@@ -91,7 +91,7 @@ fn model(next: &mut Numbers) -> Model {
         friction: 1.0,
     };
     let scenery = Scenery { table_side: 1.0, table_thickness: 0.1, table_height: 0.7, friction: 0.5 };
-    Model::new(tree, object, scenery, SolverConfig::default()).unwrap()
+    Model::new(tree, object, scenery, NewtonConfig::default()).unwrap()
 }
 
 fn placed(model: &Model, q: &[f64]) -> Kinematics {
@@ -109,7 +109,7 @@ fn numbers(next: &mut Numbers) -> Vec<f64> {
     (0..FREE + DRIVEN).map(|_| next.next()).collect()
 }
 
-/// A bug here: a wrong axis, a forgotten ratio, a column of a body that is not above.
+/// A bug here: a wrong axis, a forgotten ratio, a column of a body that is not an ancestor.
 #[test]
 fn twists_are_the_derivatives_of_poses() {
     let mut next = Numbers(1);
@@ -131,7 +131,7 @@ fn twists_are_the_derivatives_of_poses() {
     }
 }
 
-/// Kinetic energy of all bodies by their velocities, and potential energy.
+/// Kinetic energy from the velocities of all bodies, and potential energy.
 fn energies(model: &Model, q: &[f64], rates: &[f64]) -> (f64, f64) {
     let mut kinematics = placed(model, q);
     kinematics.differentiate(model, &Vector3::zeros(), &rates[FREE..]);
@@ -155,7 +155,7 @@ fn dynamics(model: &Model, q: &[f64], rates: &[f64], accelerations: &[f64]) -> (
     (mass, dynamics.bias)
 }
 
-/// A bug here: an inertia that is moved to the wrong point, a product of inertia that is lost.
+/// A bug here: an inertia about the wrong point, a lost product of inertia.
 #[test]
 fn the_mass_matrix_gives_the_kinetic_energy() {
     let mut next = Numbers(2);
@@ -171,8 +171,8 @@ fn the_mass_matrix_gives_the_kinetic_energy() {
     }
 }
 
-/// Lagrange's equations, `d/dt dT/dv - dT/dq + dV/dq = 0`, with the derivatives taken numerically, and with a driven joint that moves and is
-/// accelerated. A bug here: a lost Coriolis term, a driven acceleration that nobody feels.
+/// Lagrange's equations, `d/dt dT/dv - dT/dq + dV/dq = 0`, by numerical derivatives, with a driven joint that moves and accelerates.
+/// A bug here: a lost Coriolis term, a driven acceleration without effect.
 #[test]
 fn bias_forces_are_those_of_lagrange() {
     let mut next = Numbers(3);

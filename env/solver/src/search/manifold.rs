@@ -1,16 +1,16 @@
-//! Which points of parry's manifold are kept: four at most, that span it.
+//! Reduction of parry's contact manifolds to at most four points that span them.
 
 use parry3d::math::Vector;
 use parry3d::query::ContactManifold;
 
-/// Points kept of a manifold: more of them add unknowns, and no support.
+/// Most points kept of a manifold: a flat contact needs no more for support, and each costs time.
 const MOST: usize = 4;
 
-/// Points nearer to each other than this are one, parry's lengths squared: 0.1 mm. Parry lists the closest points once more beside the
-/// corners that it clips.
+/// Points nearer to each other than this count as one, parry's lengths squared: 0.1 mm. Parry lists the closest points again beside the clipped
+/// corners.
 const TWIN: f32 = 1e-4;
 
-/// Indices of the points that are kept, and how many they are.
+/// Indices of the kept points, and their number.
 pub(super) fn chosen(manifold: &ContactManifold<(), ()>, reach: f32) -> ([usize; MOST], usize) {
     let points = &manifold.points;
     let twin = |i: usize| (0..i).any(|j| (points[j].local_p1 - points[i].local_p1).length_squared() < TWIN);
@@ -28,7 +28,7 @@ pub(super) fn chosen(manifold: &ContactManifold<(), ()>, reach: f32) -> ([usize;
         kept[..count].copy_from_slice(near);
         return (kept, count);
     }
-    // The deepest, the farthest from it, and the farthest on both sides of the line between these two.
+    // The deepest point, the farthest from it, and the farthest on each side of the line between these two.
     let at = |i: usize| points[i].local_p1;
     let best =
         |value: &dyn Fn(usize) -> f32| near.iter().copied().max_by(|i, j| value(*i).total_cmp(&value(*j))).unwrap_or(0);

@@ -1,13 +1,13 @@
-//! Which points of which bodies may touch within a step.
+//! The contact search: points of two bodies that may touch within a step.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `planes` | corners of a body over table and ground |
 //! | `shapes` | shapes of the hand against parts of the object and against each other, by parry |
-//! | `manifold` | which points of a manifold are kept |
+//! | `manifold` | reduction of a contact manifold to four points |
 //!
-//! Parry is asked again only after the two bodies have moved against each other by more than a set drift; until then the points that were
-//! found move with their bodies, and their distances are measured between them.
+//! The search of a pair is repeated only after its bodies have moved relative to each other by more than a set drift. Until then the candidates move
+//! with their bodies, and each step measures the distances between them.
 
 mod manifold;
 mod planes;
@@ -18,54 +18,55 @@ use parry3d::math::Vector;
 use parry3d::query::ContactManifold;
 use serde::{Deserialize, Serialize};
 
-use crate::model::{Model, OBJECT, PairKind};
+use crate::error::{FARTHEST, StateError, is_place, is_pose, is_unit, is_within};
+use crate::model::{BASE, BodyIndex, Model, OBJECT, Pair, PairKind};
 use crate::scenery::{Plane, Surface};
 
-/// A search that may find nothing looks further by this, metres, so that it need not be repeated soon.
+/// Extra range of a search between bodies, metres: one that finds nothing is repeated only after this much motion.
 const SLACK: f64 = 0.002;
 
-/// Distances in parry's f32 are taken for smaller by this, metres.
+/// Margin for the rounding of parry's f32 distances, metres: it is subtracted from clearances.
 const ROUNDING: f64 = 1e-5;
 
-/// What a point of the first body may touch.
+/// The counterpart of a candidate's point on the first body.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Opposite {
-    /// The plane of a surface, at any place.
+    /// The plane of a surface.
     Plane(Surface),
     /// A point of the other body.
     Point {
-        /// In that body's frame.
+        /// In that body's frame, metres.
         on_b: Vector3<f64>,
-        /// From the first to the second body, first body's frame.
+        /// Unit normal from the first to the second body, in the first body's frame.
         normal: Vector3<f64>,
     },
 }
 
-/// A point that may touch, kept between searches.
+/// A possible contact point, kept between searches.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct Candidate {
-    /// In the first body's frame.
+    /// Point in the first body's frame, metres.
     pub on_a: Vector3<f64>,
     pub opposite: Opposite,
-    /// Coefficient of friction without the object's own factor, which may be scaled.
+    /// Coefficient of friction, without the scale of the object's friction in this world.
     pub friction: f64,
-    /// Shapes of the hand on both sides; none for object and scenery.
+    /// Shapes of the hand on both sides; `None` for object and scenery.
     pub shapes: [Option<u16>; 2],
 }
 
-/// What the last search for a pair found.
+/// Result of the last search of a pair.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct PairCache {
-    /// Pose of the second body in the first at the last search; none where it has to be searched.
+    /// Pose of the second body in the first at the last search; `None` if the pair must be searched.
     a_from_b: Option<Isometry3<f64>>,
-    /// Distance within which that search would have found what there is, metres.
+    /// Distance within which that search was complete, metres.
     margin: f64,
-    /// Farther points do not matter in this step, metres.
+    /// Distance beyond which points are not contacts in this step, metres.
     pub reach: f64,
     pub candidates: Vec<Candidate>,
 }
 
-/// How a body's bounding sphere moves; base's frame.
+/// Motion of a body's bounding sphere; base's frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moving {
     pub center: Vector3<f64>,
@@ -73,18 +74,18 @@ pub(crate) struct Moving {
     pub omega: Vector3<f64>,
 }
 
-/// Everything that stands or moves at the beginning of a step.
+/// Poses and motion of all bodies at the beginning of a step.
 pub(crate) struct Situation<'a> {
     pub dt: f64,
-    /// By body of contact; scenery last.
+    /// By [`crate::BodyIndex`].
     pub poses: &'a [Isometry3<f64>],
-    /// Their rotations as matrices.
+    /// The rotations of `poses` as matrices.
     pub turns: &'a [Matrix3<f64>],
     pub moving: &'a [Moving],
     pub planes: &'a [Plane; 2],
 }
 
-/// The search of one world: what it found, and what it starts from.
+/// The contact search of one world: its results, and the state from which the next search starts.
 #[derive(Clone)]
 pub(crate) struct Searcher {
     pub pairs: Vec<PairCache>,
@@ -93,11 +94,26 @@ pub(crate) struct Searcher {
     manifold: ContactManifold<(), ()>,
 }
 
-/// The part of a searcher that decides what it finds next.
+/// The state of a searcher that later results depend on.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct SavedSearch {
     pairs: Vec<PairCache>,
     directions: Vec<[f32; 3]>,
+}
+
+impl SavedSearch {
+    /// Whether a searcher of `model` can be in this state.
+    ///
+    /// # Errors
+    /// [`StateError`] if it cannot.
+    pub fn check(&self, model: &Model) -> Result<(), StateError> {
+        if self.pairs.len() != model.pairs.len() || self.directions.len() != model.shapes.len() * model.parts.len() {
+            return Err(StateError::OtherModel { what: "pairs of bodies" });
+        }
+        let possible = self.pairs.iter().zip(&model.pairs).all(|(cache, pair)| cache.is_possible(model, pair))
+            && self.directions.iter().flatten().all(|x| x.abs() <= 2.0);
+        if possible { Ok(()) } else { Err(StateError::Impossible { what: "pairs of bodies" }) }
+    }
 }
 
 impl Searcher {
@@ -113,18 +129,13 @@ impl Searcher {
         SavedSearch { pairs: self.pairs.clone(), directions: self.directions.iter().map(|d| [d.x, d.y, d.z]).collect() }
     }
 
-    /// False for a state of another model.
-    pub fn fits(&self, saved: &SavedSearch) -> bool {
-        saved.pairs.len() == self.pairs.len() && saved.directions.len() == self.directions.len()
-    }
-
-    /// Takes a state that fits.
+    /// Restores a state that [`SavedSearch::check`] accepted.
     pub fn load(&mut self, saved: SavedSearch) {
         self.pairs = saved.pairs;
         self.directions = saved.directions.into_iter().map(|[x, y, z]| Vector::new(x, y, z)).collect();
     }
 
-    /// Looks at every pair; the points found are in `pairs`.
+    /// Updates the candidates of every pair.
     pub fn search(&mut self, model: &Model, now: &Situation) {
         for (index, pair) in model.pairs.iter().enumerate() {
             match pair.kind {
@@ -139,7 +150,7 @@ impl Searcher {
         let (a, b) = (&now.moving[pair.a], &now.moving[pair.b]);
         let radius = model.radius[pair.a];
         let speed = (a.velocity - b.velocity - b.omega.cross(&a.center)).norm() + (a.omega - b.omega).norm() * radius;
-        let reach = model.solver.prediction + now.dt * speed;
+        let reach = model.config.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;
         if now.planes.iter().all(|p| p.gap(&a.center) >= radius + reach) {
@@ -147,21 +158,21 @@ impl Searcher {
             return;
         }
         let a_from_b = now.poses[pair.a].inv_mul(&now.poses[pair.b]);
-        // Round bodies roll on other points.
+        // The lowest point of a round body changes as it rolls.
         let round = model.corners[pair.a].iter().any(|c| c.radius > 0.0);
         if (!round || cache.candidates.is_empty())
             && let Some(old) = &cache.a_from_b
         {
-            // Seen from the plane: how far the body's own points have moved.
+            // Displacement of the body's points relative to the plane.
             let center = Point3::from(model.center[pair.a]);
             let shift = a_from_b.inverse_transform_point(&center) - old.inverse_transform_point(&center);
             let moved = shift.norm() + turned(&a_from_b, old) * radius;
-            if moved < cache.allowed_drift(model.solver.contact_drift) {
+            if moved < cache.allowed_drift(model.config.contact_drift) {
                 return;
             }
         }
         cache.a_from_b = Some(a_from_b);
-        cache.margin = reach + 2.0 * model.solver.contact_drift;
+        cache.margin = reach + 2.0 * model.config.contact_drift;
         cache.candidates.clear();
         let clearance = self.over_scenery(model, now, index);
         self.pairs[index].nothing_within(clearance);
@@ -174,7 +185,7 @@ impl Searcher {
         let between = b.center - a.center;
         let turning = (b.omega - a.omega).norm() * radius_a.min(radius_b);
         let speed = (b.velocity - a.velocity - a.omega.cross(&between)).norm() + turning;
-        let reach = model.solver.prediction + now.dt * speed;
+        let reach = model.config.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;
         if between.norm_squared() > (radius_a + radius_b + reach).powi(2) {
@@ -185,7 +196,7 @@ impl Searcher {
         if let Some(old) = &cache.a_from_b {
             let center = Point3::from(model.center[pair.b]);
             let moved = (a_from_b * center - old * center).norm() + turned(&a_from_b, old) * radius_b;
-            if moved < cache.allowed_drift(model.solver.contact_drift) {
+            if moved < cache.allowed_drift(model.config.contact_drift) {
                 return;
             }
         }
@@ -202,28 +213,51 @@ impl Searcher {
     }
 }
 
+impl Candidate {
+    fn is_possible(&self, model: &Model, pair: &Pair) -> bool {
+        let opposite = match &self.opposite {
+            Opposite::Plane(_) => pair.b == model.scenery_body(),
+            Opposite::Point { on_b, normal } => is_place(on_b) && is_unit(normal),
+        };
+        let owned = |shape: Option<u16>, body: BodyIndex| match shape {
+            Some(shape) => model.shape_owner.get(usize::from(shape)).is_some_and(|(owner, _)| owner + BASE == body),
+            None => body == OBJECT || body == model.scenery_body(),
+        };
+        let shapes = owned(self.shapes[0], pair.a) && owned(self.shapes[1], pair.b);
+        opposite && shapes && is_place(&self.on_a) && (0.0..=FARTHEST).contains(&self.friction)
+    }
+}
+
 impl PairCache {
+    fn is_possible(&self, model: &Model, pair: &Pair) -> bool {
+        self.a_from_b.as_ref().is_none_or(is_pose)
+            // Without corners nothing is found at any distance.
+            && !self.margin.is_nan()
+            && is_within([&self.reach], FARTHEST)
+            && self.candidates.iter().all(|candidate| candidate.is_possible(model, pair))
+    }
+
     fn forget(&mut self) {
         self.a_from_b = None;
         self.candidates.clear();
     }
 
-    /// Takes note that a search without candidates would have found none at `clearance` either, metres.
+    /// Extends the margin of a search without candidates to `clearance`, metres, the distance that the bodies are known to keep.
     fn nothing_within(&mut self, clearance: f64) {
         if self.candidates.is_empty() {
             self.margin = self.margin.max(clearance - ROUNDING);
         }
     }
 
-    /// How far the bodies may move against each other, metres, before they are searched again: by `drift` at most where there are
-    /// candidates, and not so far that a point beyond the margin could come within reach.
+    /// Relative motion after which the pair is searched again, metres: at most `drift` if there are candidates, and never enough for a point
+    /// beyond the margin to come within reach.
     fn allowed_drift(&self, drift: f64) -> f64 {
         let left = self.margin - self.reach;
         if self.candidates.is_empty() { left } else { left.min(drift) }
     }
 }
 
-/// Angle between two poses, radians, for small angles.
+/// Angle between two poses, radians (small-angle approximation).
 fn turned(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     let cosine = a.rotation.coords.dot(&b.rotation.coords).abs().min(1.0);
     2.0 * (2.0 * (1.0 - cosine)).sqrt()

@@ -1,4 +1,4 @@
-//! Corners of a body over table and ground; parts of it over an edge of the table.
+//! Contact candidates with table and ground: corners over their planes, and the table as a box near its edges.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::shape::{Cuboid, Shape};
@@ -10,7 +10,7 @@ use crate::model::{BASE, BodyIndex, Corners, Model, OBJECT};
 use crate::scenery::{Plane, Surface};
 use crate::units;
 
-/// Directions in the plane in which the farthest corners are kept.
+/// Directions in the plane along which the farthest corners are kept: every 45 degrees.
 const DIRECTIONS: [[f64; 2]; 8] = [
     [1.0, 0.0],
     [FRAC_1_SQRT_2, FRAC_1_SQRT_2],
@@ -22,10 +22,11 @@ const DIRECTIONS: [[f64; 2]; 8] = [
     [FRAC_1_SQRT_2, -FRAC_1_SQRT_2],
 ];
 
-/// Shapes with this many corners or fewer keep all of them.
+/// Shapes with at most this many corners (a box) keep all of them.
 const FEW: usize = 8;
 
-/// A millimetre above the lowest corner counts as this many millimetres less far out.
+/// Weight of height against distance along a direction, dimensionless: 1 mm higher counts as 30 mm less far out, so a corner is kept only if it
+/// is nearly as low as the lowest.
 const HEIGHT_WEIGHT: f64 = 30.0;
 
 /// A plane in the frame of a body.
@@ -33,11 +34,11 @@ struct Local {
     x: Vector3<f64>,
     y: Vector3<f64>,
     up: Vector3<f64>,
-    /// Of the body's origin.
+    /// Height of the body's origin.
     gap: f64,
     at: [f64; 2],
     half: f64,
-    /// Corners deeper than this are under the table, not in it.
+    /// Corners below this height are under the table, not in it, metres.
     deepest: f64,
 }
 
@@ -62,7 +63,7 @@ impl Local {
         self.up.dot(p) + self.gap
     }
 
-    /// Whether a corner at height `z` is over the surface.
+    /// True if a corner at height `z` is over the surface, and not under the table.
     #[inline]
     fn over(&self, p: &Vector3<f64>, z: f64) -> bool {
         z > self.deepest
@@ -72,7 +73,7 @@ impl Local {
 }
 
 impl Searcher {
-    /// Collects the candidates of a pair; returns a distance to both surfaces that all other points of the body keep, metres.
+    /// Collects the candidates of a pair. Returns a lower bound of the distance of all other points of the body to both surfaces, metres.
     pub(super) fn over_scenery(&mut self, model: &Model, now: &Situation, pair: usize) -> f64 {
         let body = model.pairs[pair].a;
         let edge = over_edge(model, now, body);
@@ -107,7 +108,7 @@ impl Searcher {
         clearance
     }
 
-    /// The table as a box: its edges carry what has no corner over the table.
+    /// The table as a box: its edges support bodies that have no corner over the table.
     fn table_as_box(&mut self, model: &Model, now: &Situation, pair: usize) {
         let body = model.pairs[pair].a;
         let (side, thick) = (model.scenery.table_side / 2.0, model.scenery.table_thickness / 2.0);
@@ -144,7 +145,7 @@ impl Searcher {
     }
 }
 
-/// True where an edge of the table is within the body's bounding sphere.
+/// True if an edge of the table may be within the body's bounding sphere.
 fn over_edge(model: &Model, now: &Situation, body: BodyIndex) -> bool {
     let table = &now.planes[0];
     let (center, radius) = (&now.moving[body].center, model.radius[body]);
@@ -154,8 +155,8 @@ fn over_edge(model: &Model, now: &Situation, body: BodyIndex) -> bool {
     out.abs() < radius && below < radius
 }
 
-/// The corners that may touch the plane: all of a few; of many the lowest, and the farthest in eight directions. Returns the height of the
-/// lowest corner of all, also of one beside the surface.
+/// Visits the corners that may touch the plane: all of a shape with few corners; else the lowest, and the farthest in eight directions.
+/// Returns the height of the lowest corner, including corners beside the surface.
 fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(&Vector3<f64>)) -> f64 {
     let highest = margin + corners.radius;
     let mut least = f64::INFINITY;

@@ -1,4 +1,4 @@
-//! Shapes of the hand against parts of the object and against each other, by parry.
+//! Contact candidates between shapes of the hand and parts of the object, and between shapes of the hand, by parry.
 
 use nalgebra::{Isometry3, Point3};
 use parry3d::bounding_volume::Aabb;
@@ -13,7 +13,7 @@ use crate::model::{BASE, BodyIndex, HandShape, Model, Part};
 use crate::units;
 
 impl Searcher {
-    /// The object against a body of the hand. Returns a distance that the two keep where nothing was found, metres.
+    /// The object against a body of the hand. Returns a lower bound of their distance if nothing was found, metres.
     pub(super) fn object_and_body(
         &mut self,
         model: &Model,
@@ -75,7 +75,7 @@ impl Searcher {
         }
     }
 
-    /// Two bodies of the hand. Returns a distance that the two keep where nothing was found, metres.
+    /// Two bodies of the hand. Returns a lower bound of their distance if nothing was found, metres.
     pub(super) fn body_and_body(
         &mut self,
         model: &Model,
@@ -114,7 +114,7 @@ impl Searcher {
         clearance
     }
 
-    /// Fills the manifold of two convex shapes; false where parry knows no way.
+    /// Computes the manifold of two convex shapes. Returns false if parry does not support the pair.
     pub(super) fn contact(
         &mut self,
         first_from_second: &Pose,
@@ -130,14 +130,14 @@ impl Searcher {
     }
 }
 
-/// A box of the hand in the object's frame; lengths are parry's.
+/// Bounding box of a shape of the hand, in the object's frame; parry's lengths.
 struct PlacedBox {
     center: Vector,
     half: Vector,
-    /// Half sides of its bounds along the object's axes.
+    /// Half extents along the object's axes.
     spread: Vector,
     inverse: Pose,
-    /// Sizes of the entries of the inverse rotation, by column.
+    /// Absolute values of the inverse rotation's entries, by column.
     turn: [Vector; 3],
 }
 
@@ -151,14 +151,14 @@ impl PlacedBox {
         Self { center: pose.translation, half, spread, inverse, turn }
     }
 
-    /// Greatest distance from the bounds along an axis of the object; negative where they overlap along all of them.
+    /// Greatest separation from the bounds along an axis of the object; negative if they overlap along all of them.
     #[inline]
     fn apart_outside(&self, bounds: &Aabb) -> f32 {
         ((bounds.mins - self.center).max(self.center - bounds.maxs) - self.spread).max_element()
     }
 
-    /// Greatest distance from the bounds along an axis of the object or of the box; the box's own are looked at where those of the object do
-    /// not separate them by more than `reach`.
+    /// Greatest separation from the bounds along an axis of the object or of the box. The box's axes are tested only if the object's do not
+    /// separate them by more than `reach`.
     #[inline]
     fn apart(&self, bounds: &Aabb, reach: f32) -> f32 {
         let outside = self.apart_outside(bounds);

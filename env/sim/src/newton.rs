@@ -1,4 +1,4 @@
-//! The engine on our own solver ([`graspbox_solver`]): f64, all contacts of a step solved together.
+//! The engine `newton` ([`graspbox_solver`]) behind the interface of [`crate::engine`].
 
 mod translate;
 
@@ -12,42 +12,42 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 use translate::Translation;
 
-/// One world of our own solver.
+/// One world of the engine.
 #[derive(Clone)]
-pub(crate) struct Native {
+pub(crate) struct Newton {
     solver: solver::Solver,
     driven: Vec<f64>,
-    given: Vec<solver::Given>,
+    commands: Vec<solver::CableCommand>,
     shared: Arc<Shared>,
 }
 
-/// What an engine and its copies share.
+/// Data shared by an engine and its copies.
 struct Shared {
     hand: Arc<Hand>,
     translation: Translation,
     dt: f64,
 }
 
-impl Native {
-    /// Prepares hand and object.
+impl Newton {
+    /// Translates hand, object and scenery into the solver's model.
     ///
     /// # Errors
-    /// An object or a hand that cannot be simulated.
+    /// [`SimError::FlatPart`] or [`SimError::BadHand`].
     pub(crate) fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
         let (tree, translation) = translate::hand(&hand);
         let object = translate::object(object, config.friction.object);
         let scenery = translate::scenery(config.friction.table);
-        let model = solver::Model::new(tree, object, scenery, config.solver).map_err(|error| match error {
+        let model = solver::Model::new(tree, object, scenery, config.newton).map_err(|error| match error {
             solver::ModelError::FlatPart { part } => SimError::FlatPart { part },
             error @ solver::ModelError::BadTree { .. } => {
-                SimError::BadHand { hand: hand.name.clone(), engine: "graspbox", why: error.to_string() }
+                SimError::BadHand { hand: hand.name.clone(), engine: "newton", why: error.to_string() }
             }
         })?;
         let driven = vec![0.0; model.tree().driven];
-        let given = vec![solver::Given::default(); model.tree().cables.len()];
+        let commands = vec![solver::CableCommand::default(); model.tree().cables.len()];
         let shared = Arc::new(Shared { hand, translation, dt: config.dt });
         let solver = solver::Solver::new(Arc::new(model));
-        Ok(Self { solver, driven, given, shared })
+        Ok(Self { solver, driven, commands, shared })
     }
 
     fn part(&self, side: &solver::Side, surface: Option<solver::Surface>) -> Part {
@@ -64,7 +64,7 @@ impl Native {
         }
     }
 
-    /// One side of a contact in the words of the seam: links of one body have frames of their own.
+    /// One side of a contact in the frame of its link: links that form one body have frames of their own.
     fn side(&self, side: &solver::Side, surface: Option<solver::Surface>) -> ContactSide {
         let part = self.part(side, surface);
         let (point, normal) = (Point3::from(side.point), side.normal);
@@ -79,7 +79,7 @@ impl Native {
     }
 }
 
-impl Engine for Native {
+impl Engine for Newton {
     fn duplicate(&self) -> Box<dyn Engine> {
         Box::new(self.clone())
     }
@@ -94,14 +94,14 @@ impl Engine for Native {
 
     fn step(&mut self, input: &StepInput) {
         let hand = &self.shared.hand;
-        self.shared.translation.drive(hand, input.actuators, &mut self.driven, &mut self.given);
+        self.shared.translation.drive(hand, input.actuators, &mut self.driven, &mut self.commands);
         self.solver.step(&solver::StepInput {
             dt: self.shared.dt,
             base_from_world: input.base_from_world,
             base_from_world_after: input.base_from_world_after,
             frame: input.frame,
             driven: &self.driven,
-            cables: &self.given,
+            cables: &self.commands,
         });
     }
 
@@ -145,7 +145,7 @@ impl Engine for Native {
 
     fn contacts(&self, wanted: &dyn Fn([Part; 2]) -> bool, visit: &mut dyn FnMut(&Contact)) {
         let scenery = self.solver.model().scenery_body();
-        // What a body is, before its shape is known.
+        // The kind of a body, before its shape is known.
         let kind = |body| match body {
             solver::OBJECT => Part::Object,
             body if body == scenery => Part::Table,
@@ -184,10 +184,7 @@ impl Engine for Native {
 
     fn load(&mut self, bytes: &[u8]) -> Result<(), SimError> {
         let bad = |why: &str| SimError::BadSnapshot { why: why.into() };
-        let saved: solver::Saved = postcard::from_bytes(bytes).map_err(|_| bad("its content cannot be read"))?;
-        if !self.solver.load(saved) {
-            return Err(bad("its coordinates are not those of this hand and object"));
-        }
-        if self.solver.is_finite() { Ok(()) } else { Err(bad("one of its coordinates is not finite")) }
+        let saved: solver::SavedState = postcard::from_bytes(bytes).map_err(|_| bad("its content cannot be read"))?;
+        self.solver.load(saved).map_err(|error| bad(&error.to_string()))
     }
 }

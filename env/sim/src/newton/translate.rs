@@ -1,4 +1,4 @@
-//! Hand, object and scenery in the solver's words.
+//! Translation of hand, object and scenery into the solver's model.
 
 use crate::object::{Geometry, ObjectModel};
 use crate::scenery::{TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
@@ -6,28 +6,34 @@ use graspbox_hand::{ActuatorState, Drive, Hand, JointKind, Link, Shape, Transmis
 use graspbox_solver as solver;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-/// Where links, joints and actuators of the hand are in the solver's tree.
+/// Indices of the hand's links, joints and actuators in the solver's tree.
 pub(crate) struct Translation {
     /// Body of each link.
     body: Vec<usize>,
-    /// Each link in its body: links that hang on others by fixed joints are one body with them.
+    /// Pose of each link in its body: links that are connected by fixed joints form one body.
     pub body_from_link: Vec<Isometry3<f64>>,
-    /// For each body the link and the index in it of every shape.
+    /// For every shape of each body, its link and the index of the collider within it.
     shapes: Vec<Vec<(usize, usize)>>,
-    /// Coordinate, ratio and offset of each joint; none for a fixed one.
+    /// Coordinate, ratio and offset of each joint; `None` for a fixed one.
     pub joints: Vec<Option<(usize, f64, f64)>>,
     /// The joint of each driven coordinate.
     rigid: Vec<usize>,
 }
 
 impl Translation {
-    /// Link, and shape within it, of a body's shape.
+    /// Link of a body's shape, and the index of the collider within it.
     pub fn owner(&self, body: usize, shape: usize) -> (usize, usize) {
         self.shapes[body][shape]
     }
 
-    /// Where the actuators put the driven coordinates and the cables: tendons first, then a servo for each joint that has one.
-    pub fn drive(&self, hand: &Hand, actuators: &[ActuatorState], driven: &mut [f64], given: &mut [solver::Given]) {
+    /// Writes the driven coordinates and the cable commands of the actuators' states: tendons first, then one cable per servo-driven joint.
+    pub fn drive(
+        &self,
+        hand: &Hand,
+        actuators: &[ActuatorState],
+        driven: &mut [f64],
+        cables: &mut [solver::CableCommand],
+    ) {
         for (driven, joint) in driven.iter_mut().zip(&self.rigid) {
             *driven = hand.rigid_position(*joint, |actuator| actuators[actuator].position).unwrap_or(0.0);
         }
@@ -35,12 +41,13 @@ impl Translation {
         for (actuator, state) in hand.actuators.iter().zip(actuators) {
             match &actuator.transmission {
                 Transmission::Spool { tendon, radius } => {
-                    given[*tendon] = solver::Given { length: radius * state.position, rate: radius * state.velocity };
+                    cables[*tendon] =
+                        solver::CableCommand { length: radius * state.position, rate: radius * state.velocity };
                 }
                 Transmission::Joints { joints, drive: Drive::Servo { .. } } => {
                     for driven in joints {
                         let (length, rate) = (hand.led(driven, state.position), driven.ratio * state.velocity);
-                        given[servo] = solver::Given { length, rate };
+                        cables[servo] = solver::CableCommand { length, rate };
                         servo += 1;
                     }
                 }
@@ -49,7 +56,7 @@ impl Translation {
         }
     }
 
-    /// Positions of all coordinates, the driven ones last, with the joints of the hand at `joints` (one per joint, rad or m).
+    /// Positions of all coordinates, the driven ones last, for the joint positions `joints` (one per joint, rad or m).
     pub fn positions(&self, hand: &Hand, joints: &[f64]) -> Vec<f64> {
         let rigid = |joint: &usize| self.rigid.contains(joint);
         let free = hand.coordinates().filter(|joint| !rigid(joint)).map(|joint| joints[joint]);
@@ -57,7 +64,7 @@ impl Translation {
     }
 }
 
-/// The hand as a tree; its free coordinates are those of the hand, chain by chain.
+/// The hand as a tree; its free coordinates are in the order of the hand's, chain by chain.
 pub(crate) fn hand(hand: &Hand) -> (solver::Tree, Translation) {
     let mut tree = solver::Tree::default();
     let (rigid, free): (Vec<usize>, Vec<usize>) =
@@ -91,7 +98,7 @@ fn coordinate(hand: &Hand, joint: usize) -> solver::Coordinate {
     }
 }
 
-/// One cable per tendon, then one for each joint that a servo drives.
+/// One cable per tendon, then one per servo-driven joint.
 fn cables(hand: &Hand, coordinate_of: &[Option<(usize, f64, f64)>]) -> Vec<solver::Cable> {
     let coordinate = |joint: usize| coordinate_of[joint].map(|(c, _, _)| c);
     let arms =
@@ -119,7 +126,7 @@ fn cables(hand: &Hand, coordinate_of: &[Option<(usize, f64, f64)>]) -> Vec<solve
     tendons.chain(servos).collect()
 }
 
-/// One body per link that moves by itself.
+/// One body per group of links that fixed joints connect.
 fn bodies(
     hand: &Hand,
     tree: &mut solver::Tree,
@@ -176,7 +183,7 @@ fn add_link(
     }
 }
 
-/// Adds a link's mass; the inertia is moved to the new common centre of mass.
+/// Adds a link's mass to a body; the inertia is about the new centre of mass.
 fn add_mass(body: &mut solver::Body, link: &Link, body_from_link: &Isometry3<f64>) {
     let total = body.mass + link.mass;
     if total <= 0.0 {
@@ -195,7 +202,7 @@ fn add_mass(body: &mut solver::Body, link: &Link, body_from_link: &Isometry3<f64
     (body.mass, body.center) = (total, common);
 }
 
-/// The solver uses no other crate, so its enum is its own; this is the one place that knows both.
+/// The solver depends on no other crate of the project and has its own enum; only this function knows both.
 fn primitive(shape: &Shape) -> solver::Primitive {
     match *shape {
         Shape::Cuboid(half) => solver::Primitive::Cuboid(half),
@@ -204,7 +211,7 @@ fn primitive(shape: &Shape) -> solver::Primitive {
     }
 }
 
-/// Links of different chains may touch each other, and those that are not next to the palm may touch it.
+/// Pairs of bodies that may touch: links of different chains, and links with the palm unless they are next to it.
 fn pairs(hand: &Hand, translation: &Translation) -> Vec<(usize, usize)> {
     let links = hand.touch_links();
     let chain = |number: usize| links.iter().copied().filter(move |link| hand.chain_of_link(*link) == Some(number));

@@ -1,0 +1,102 @@
+//! A state as it is saved, and the checks of one that comes from elsewhere: a checksum tells who damaged it, not who made it.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Solver, State};
+use crate::contact::{Contact, Side};
+use crate::error::{FARTHEST, StateError, is_place, is_pose, is_unit, is_within};
+use crate::model::{BASE, Model, OBJECT};
+use crate::newton::FactoredDerivative;
+use crate::search::SavedSearch;
+
+/// Greatest velocity, m/s and rad/s, a thousand times that at which a world counts as diverged.
+const FASTEST: f64 = 3e4;
+/// Greatest coordinate of a joint, rad or m.
+const OPENED: f64 = 1e3;
+/// Greatest force, N.
+const STRONGEST: f64 = 1e9;
+/// Least and greatest factor on friction or mass.
+const FACTORS: [f64; 2] = [1e-6, 1e6];
+/// A count that leaves room for more.
+const MOST_STEPS: u64 = 1 << 53;
+
+/// A state as it is saved: with what the search for contacts and Newton's method start from.
+#[derive(Serialize, Deserialize)]
+pub struct SavedState {
+    state: State,
+    search: SavedSearch,
+    newton: FactoredDerivative,
+    contacts: Vec<Contact>,
+}
+
+impl Solver {
+    /// The state to be saved.
+    #[must_use]
+    pub fn save(&self) -> SavedState {
+        let mut contacts = Vec::new();
+        self.contacts(|_, _| true, |contact| contacts.push(*contact));
+        SavedState { state: self.state.clone(), search: self.searcher.save(), newton: self.newton.save(), contacts }
+    }
+
+    /// Takes a saved state.
+    ///
+    /// # Errors
+    /// [`StateError`] for a state of another model, or one that no world can be in; nothing changes then.
+    pub fn load(&mut self, saved: SavedState) -> Result<(), StateError> {
+        let (new, old) = (&saved.state, &self.state);
+        let fits = new.positions.len() == old.positions.len()
+            && new.rates.len() == old.rates.len()
+            && new.cable_forces.len() == old.cable_forces.len();
+        if !fits {
+            return Err(StateError::OtherModel { what: "coordinates" });
+        }
+        new.check()?;
+        saved.search.check(&self.model)?;
+        if !saved.contacts.iter().all(|contact| contact_is_possible(contact, &self.model)) {
+            return Err(StateError::Impossible { what: "contacts" });
+        }
+        self.newton.load(saved.newton)?;
+        self.searcher.load(saved.search);
+        self.state = saved.state;
+        self.loaded = saved.contacts;
+        self.sources.clear();
+        Ok(())
+    }
+}
+
+impl State {
+    fn check(&self) -> Result<(), StateError> {
+        let factor = |x: f64| (FACTORS[0]..=FACTORS[1]).contains(&x);
+        let checks = [
+            ("object's pose", is_pose(&self.base_from_object)),
+            ("object's velocity", is_within(self.linear.iter().chain(&self.angular), FASTEST)),
+            ("joint positions", is_within(&self.positions, OPENED)),
+            ("joint rates", is_within(&self.rates, FASTEST)),
+            ("cable forces", is_within(&self.cable_forces, STRONGEST)),
+            ("friction factor", factor(self.friction_factor)),
+            ("mass factor", factor(self.mass_factor)),
+            ("unconverged steps", self.unconverged_steps <= MOST_STEPS),
+        ];
+        match checks.iter().find(|(_, possible)| !possible) {
+            Some((what, _)) => Err(StateError::Impossible { what }),
+            None => Ok(()),
+        }
+    }
+}
+
+fn contact_is_possible(contact: &Contact, model: &Model) -> bool {
+    let side = |side: &Side| {
+        let known = match side.body {
+            OBJECT => true,
+            body if body == model.scenery_body() => true,
+            body => model.shapes_of.get(body - BASE).is_some_and(|shapes| usize::from(side.shape) < shapes.len()),
+        };
+        known && is_place(&side.point) && is_unit(&side.normal)
+    };
+    contact.sides.iter().all(side)
+        && is_place(&contact.point)
+        && is_unit(&contact.normal)
+        && (0.0..=FACTORS[1]).contains(&contact.friction)
+        && is_within([&contact.distance], FARTHEST)
+        && is_within([&contact.force], STRONGEST)
+}
