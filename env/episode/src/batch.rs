@@ -1,23 +1,23 @@
-//! Trials with their feasibility check: many on rayon, results in the order of the poses, whatever the number of threads; or one, traced.
+//! Trials with their feasibility check: many on rayon, with results in the order of the poses for any number of threads, or one with its trace.
 
-use crate::sample::Sample;
+use crate::observer::Observer;
 use crate::trial::{Finished, Trial, TrialConfig, TrialOutcome};
-use crate::{EpisodeError, Scene};
+use crate::{Episode, EpisodeError, Scene};
 use graspbox_hand::{GraspPose, Hand};
 use graspbox_mesh::in_range;
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// No pose puts the hand further than this from the object's origin, metres: more is a pose in millimetres.
+/// Greatest distance of a hand pose from the object's origin, metres: poses beyond it are in millimetres.
 pub const FURTHEST: f64 = 10.0;
-/// A preshape may lie beyond the hand's limits by this much: the rounding of a float32.
+/// A preshape may exceed the hand's limits by this, rad or m: the rounding of a float32.
 const ROUNDING: f64 = 1e-6;
 
-/// Least and greatest factor on an object's friction or mass: beyond them an object is another one.
+/// Least and greatest factor on an object's friction or mass, dimensionless: values beyond them are errors of the caller.
 const FACTORS: [f64; 2] = [0.01, 100.0];
 
-/// Shared between a running batch and whoever watches it.
+/// Progress of a batch, shared between the batch and its caller.
 #[derive(Debug, Default)]
 pub struct Progress {
     done: AtomicUsize,
@@ -25,17 +25,17 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Trials that are finished.
+    /// Number of finished trials.
     pub fn done(&self) -> usize {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Asks the batch to stop; it does so within a fraction of a second.
+    /// Asks the batch to stop, which it does within a fraction of a second.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// True once the batch was asked to stop.
+    /// True after a request to stop.
     pub fn stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
@@ -48,27 +48,33 @@ impl Progress {
 /// Tries every pose (`object_from_hand`) on the scene's object, in parallel on the current rayon pool.
 ///
 /// # Errors
-/// An impossible setting, pose or preshape, which is named, or [`EpisodeError::Cancelled`] when `progress` was told to stop.
+/// [`EpisodeError::OutOfRange`], [`EpisodeError::BadPose`] or [`EpisodeError::BadPreshape`], naming the value, or
+/// [`EpisodeError::Cancelled`] if `progress` was asked to stop.
 pub fn run_trials(
     scene: &Arc<Scene>,
     poses: &[GraspPose],
     config: TrialConfig,
     progress: &Progress,
 ) -> Result<Vec<TrialOutcome>, EpisodeError> {
-    run_scaled_trials(scene, poses, &vec![[1.0, 1.0]; poses.len()], config, progress)
+    let factors = vec![[1.0, 1.0]; poses.len()];
+    let finished = run_observed_trials(scene, poses, &factors, config, progress, |_| ())?;
+    Ok(finished.into_iter().map(|trial| trial.outcome).collect())
 }
 
-/// As [`run_trials`], with the object's friction and mass multiplied by the `factors` of each trial.
+/// As [`run_trials`], with the object's friction and mass multiplied by the `factors` of each trial, and an observer for each.
+///
+/// * `observer`: makes the observer of a trial from its episode before the first step.
 ///
 /// # Errors
-/// As [`run_trials`]; [`EpisodeError::OutOfRange`] for a factor outside 0.01 to 100, and where there are more or fewer factors than poses.
-pub fn run_scaled_trials(
+/// As [`run_trials`]; [`EpisodeError::OutOfRange`] also for a factor outside 0.01 to 100, and if the number of factors is not that of the poses.
+pub fn run_observed_trials<O: Observer + Send>(
     scene: &Arc<Scene>,
     poses: &[GraspPose],
     factors: &[[f64; 2]],
     config: TrialConfig,
     progress: &Progress,
-) -> Result<Vec<TrialOutcome>, EpisodeError> {
+    observer: impl Fn(&Episode) -> O + Sync,
+) -> Result<Vec<Finished<O>>, EpisodeError> {
     check_config(scene, &config)?;
     check_poses(scene.template().hand(), poses)?;
     let count = poses.len() as f64;
@@ -77,43 +83,43 @@ pub fn run_scaled_trials(
         in_range("friction factor", *friction, FACTORS[0]..=FACTORS[1], "")?;
         in_range("mass factor", *mass, FACTORS[0]..=FACTORS[1], "")?;
     }
-    let one = |(pose, factors): (&GraspPose, &[f64; 2])| -> Result<Option<TrialOutcome>, EpisodeError> {
+    let one = |(pose, factors): (&GraspPose, &[f64; 2])| -> Result<Option<Finished<O>>, EpisodeError> {
         if progress.stopped() {
             return Ok(None);
         }
-        let finished = attempt(scene, pose, *factors, config, false, progress)?;
+        let finished = attempt(scene, pose, *factors, config, false, progress, &observer)?;
         progress.step();
-        Ok(finished.map(|(outcome, _)| outcome))
+        Ok(finished)
     };
     let all = poses.par_iter().zip(factors);
-    let outcomes = all.map(one).collect::<Result<Vec<Option<TrialOutcome>>, EpisodeError>>()?;
-    let total = outcomes.len();
-    let finished: Vec<TrialOutcome> = outcomes.into_iter().flatten().collect();
+    let trials = all.map(one).collect::<Result<Vec<Option<Finished<O>>>, EpisodeError>>()?;
+    let total = trials.len();
+    let finished: Vec<Finished<O>> = trials.into_iter().flatten().collect();
     if finished.len() < total {
         return Err(EpisodeError::Cancelled { done: finished.len(), total });
     }
     Ok(finished)
 }
 
-/// One trial as [`run_trials`] runs it, with what happened every 10 ms. A pose that the open hand does not reach gives an infeasible
-/// outcome, and no sample: nothing moved.
+/// One trial as [`run_trials`] runs it, with its trace and an observer. A pose that the open hand does not reach gives an infeasible
+/// outcome without samples.
 ///
 /// # Errors
 /// As [`run_trials`].
-pub fn trace_trial(
+pub fn trace_trial<O: Observer>(
     scene: &Arc<Scene>,
     pose: &GraspPose,
     config: TrialConfig,
     progress: &Progress,
-) -> Result<(TrialOutcome, Vec<Sample>), EpisodeError> {
+    observer: impl Fn(&Episode) -> O,
+) -> Result<Finished<O>, EpisodeError> {
     check_config(scene, &config)?;
     check_poses(scene.template().hand(), std::slice::from_ref(pose))?;
-    let finished = attempt(scene, pose, [1.0, 1.0], config, true, progress)?;
-    let (outcome, trace) = finished.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })?;
-    Ok((outcome, trace.unwrap_or_default()))
+    let finished = attempt(scene, pose, [1.0, 1.0], config, true, progress, &observer)?;
+    finished.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })
 }
 
-/// Refuses settings that cannot be, or that the time step of the scene does not resolve.
+/// Checks the settings, and that the time step of the scene resolves the motion.
 ///
 /// # Errors
 /// [`EpisodeError::OutOfRange`], naming the first setting that is out of range.
@@ -122,10 +128,10 @@ fn check_config(scene: &Scene, config: &TrialConfig) -> Result<(), EpisodeError>
     config.check_time_step(scene.template().config().dt)
 }
 
-/// Refuses poses that no trial can mean.
+/// Checks that poses are near the object and preshapes within the hand's limits.
 ///
 /// # Errors
-/// [`EpisodeError::BadPose`] for a pose that is not finite or further than [`FURTHEST`] from the object, [`EpisodeError::BadPreshape`]
+/// [`EpisodeError::BadPose`] for a pose that is not finite or farther than [`FURTHEST`] from the object, [`EpisodeError::BadPreshape`]
 /// for a preshape beyond the hand's limits.
 fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
     let [low, high] = hand.preshape_limits();
@@ -143,18 +149,20 @@ fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
     Ok(())
 }
 
-/// Checks a pose and tries it; none when `progress` was told to stop.
-fn attempt(
+/// Checks the reachability of a pose and tries it; `None` if `progress` was asked to stop.
+fn attempt<O: Observer>(
     scene: &Arc<Scene>,
     pose: &GraspPose,
     factors: [f64; 2],
     config: TrialConfig,
     trace: bool,
     progress: &Progress,
-) -> Result<Option<Finished>, EpisodeError> {
+    observer: &impl Fn(&Episode) -> O,
+) -> Result<Option<Finished<O>>, EpisodeError> {
     if scene.reachable(pose, config.standoff)? {
-        Trial::scaled(scene, pose, factors, config, trace).run(&|| progress.stopped())
+        Trial::new(scene, pose, factors, config, observer, trace).run(&|| progress.stopped())
     } else {
-        Ok(Some((TrialOutcome::infeasible(config.shake.is_some()), None)))
+        let outcome = TrialOutcome::infeasible(config.shake.is_some());
+        Ok(Some(Finished { outcome, trace: Vec::new(), observer: None }))
     }
 }

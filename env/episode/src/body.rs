@@ -1,4 +1,4 @@
-//! From a mesh to what the simulation needs: a cleaned surface, convex parts, mass and inertia.
+//! From a mesh to the model that is simulated: a cleaned surface, convex parts, mass and inertia.
 
 use crate::EpisodeError;
 use graspbox_hand::Hand;
@@ -10,34 +10,33 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Density of an object without a published mass, kg/m3: our choice, since household objects are hollow
-/// or filled loosely.
+/// Density of an object without a known mass, kg/m3: a choice, since household objects are hollow or loosely filled.
 pub const DEFAULT_DENSITY: f64 = 400.0;
 
-/// An object within this of the table touches it, metres; it may tilt about a foot of this size.
+/// Tolerance of [`Body::rests_at`], metres: an object within this distance of the table touches it.
 pub const TOUCHING: f64 = 0.002;
-/// Shortest longest side of an object, metres: ten times the depth to which contacts are resolved.
+/// Least length of the longest side of an object, metres: ten times the penetration cap of contacts.
 pub const LEAST_SIDE: f64 = 0.005;
-/// Greatest shortest side of an object, as a multiple of the width of the open hand: what is larger is a file in another unit rather
-/// than a thing to grasp by its wall.
+/// Greatest length of the shortest side of an object, as a multiple of the width of the open hand. Meshes of larger objects are probably in
+/// another unit.
 pub const SPANS: f64 = 2.0;
-/// Least mass of an object, kg: a grain of rice weighs more.
+/// Least mass of an object, kg: less than a grain of rice.
 pub const LEAST_MASS: f64 = 1e-5;
-/// Greatest mass of an object, kg: several times what a hand for one arm carries.
+/// Greatest mass of an object, kg: several times the payload of a hand on one arm.
 pub const GREATEST_MASS: f64 = 25.0;
 /// Density of osmium, the densest element, kg/m3.
 pub const DENSEST: f64 = 22_590.0;
 
-/// An object as it is given.
+/// Input of [`Body::prepare`].
 #[derive(Clone, Debug)]
 pub struct ObjectSpec {
     /// Name.
     pub name: String,
     /// Surface, object frame, metres.
     pub mesh: TriMesh,
-    /// Mass, kg; [`DEFAULT_DENSITY`] fills the mesh where none is given.
+    /// Mass, kg; `None` for the mass of a solid of [`DEFAULT_DENSITY`].
     pub mass: Option<f64>,
-    /// Convex parts as points, where the maker of the object knows them better than a decomposition would.
+    /// Convex parts as points, if they are known; `None` to decompose the mesh.
     pub parts: Option<Vec<Vec<Point3<f64>>>>,
 }
 
@@ -53,27 +52,22 @@ pub struct Body {
 }
 
 impl Body {
-    /// Cleans the mesh, cuts it into convex parts (kept in the folder `cache`, if given) and weighs it.
-    ///
-    /// An open mesh bounds no solid: its mass is then spread over its convex parts, as `mass_properties().method` says.
+    /// Cleans the mesh, decomposes it into convex parts (cached in the folder `cache`, if there is one) and computes its mass properties:
+    /// [`graspbox_mesh::mass_properties`] of the enclosed volume.
     ///
     /// # Errors
-    /// A mesh that cannot be repaired or spans no volume, or an impossible mass.
+    /// [`EpisodeError::Mesh`] for a mesh that cannot be repaired or has no volume, [`EpisodeError::Sim`] for an invalid mass,
+    /// [`EpisodeError::Plan`] for a mesh that cannot be queried.
     pub fn prepare(spec: &ObjectSpec, cache: Option<&Path>) -> Result<Self, EpisodeError> {
         let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
-        let (mesh, report) = graspbox_mesh::clean(&spec.mesh, &CleanOptions::default()).map_err(mesh_error)?;
+        let (mesh, _) = graspbox_mesh::clean(&spec.mesh, &CleanOptions::default()).map_err(mesh_error)?;
         let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
         let hulls = match &spec.parts {
             Some(parts) => parts.iter().map(|points| convex_hull(points)).collect::<Result<Vec<_>, _>>(),
             None => graspbox_mesh::convex_parts(&mesh, &PartsParams::default(), cache).map(|cut| cut.parts),
         };
         let parts: Arc<[TriMesh]> = hulls.map_err(mesh_error)?.into();
-        let mass = if report.watertight {
-            graspbox_mesh::mass_properties(&mesh, mass)
-        } else {
-            graspbox_mesh::mass_properties_of_parts(&parts, mass)
-        };
-        let mass = mass.map_err(mesh_error)?;
+        let mass = graspbox_mesh::mass_properties(&mesh, mass).map_err(mesh_error)?;
         let model =
             ObjectModel::new(&Geometry::Parts(Arc::clone(&parts)), mass.mass, mass.center_of_mass, mass.inertia)
                 .map_err(|source| EpisodeError::Sim { object: spec.name.clone(), source })?;
@@ -82,13 +76,13 @@ impl Body {
         Ok(Self { name: spec.name.clone(), mesh, parts, mass, model, obstacle: Arc::new(obstacle) })
     }
 
-    /// Refuses objects whose size or mass is no matter of hands and tables: nearly always a file in another unit.
+    /// Checks that the object fits table and hand in size and mass. Nearly always, one that does not is a file in another unit.
     ///
     /// * The longest side of the bounds is between [`LEAST_SIDE`] and the table's.
     /// * The shortest side is at most [`SPANS`] times the width of the open hand.
-    /// * At least one convex part is no wider than the open hand: fingers cannot oppose each other across a wider one. So a large crate
-    ///   passes (a hand can hold its wall), and a solid block of the same size does not.
-    /// * The mass is between [`LEAST_MASS`] and [`GREATEST_MASS`], and no greater than that of bounds filled with [`DENSEST`].
+    /// * At least one convex part is no wider than the open hand: the fingers cannot oppose each other across a wider part. So a large crate
+    ///   passes (the hand can hold its wall), and a solid block of the same size does not.
+    /// * The mass is between [`LEAST_MASS`] and [`GREATEST_MASS`], and at most that of the bounds filled with [`DENSEST`].
     ///
     /// # Errors
     /// [`EpisodeError::BadSize`] or [`EpisodeError::BadMass`].
@@ -103,34 +97,34 @@ impl Body {
         if sides.min() > SPANS * span {
             return size(format!("the open hand is {span:.2} m wide"));
         }
-        // Where the bounds are narrow enough, so is a part.
+        // If the bounds are narrow enough, so is every part.
         if sides.min() > span {
             let narrowest = self.parts.iter().map(narrowest).fold(f64::INFINITY, f64::min);
             if narrowest > span {
                 return size(format!(
-                    "the open hand is {span:.2} m wide and no part of it is narrower than {narrowest:.2} m"
+                    "the open hand is {span:.2} m wide, and the object's narrowest part is {narrowest:.2} m"
                 ));
             }
         }
         if sides.max() < LEAST_SIDE {
-            return size(format!("what is smaller than {LEAST_SIDE} m cannot be simulated"));
+            return size(format!("objects smaller than {LEAST_SIDE} m cannot be simulated"));
         }
         let mass = self.mass.mass;
         let refused = |why| Err(EpisodeError::BadMass { object: self.name.clone(), mass, why });
         if !(LEAST_MASS..=GREATEST_MASS).contains(&mass) {
-            return refused(format!("objects weigh between {LEAST_MASS} and {GREATEST_MASS} kg"));
+            return refused(format!("the mass must be between {LEAST_MASS} and {GREATEST_MASS} kg"));
         }
         let most = DENSEST * sides.product();
         if mass > most {
-            return refused(format!("solid osmium of its outer dimensions would weigh {most:.3} kg"));
+            return refused(format!("its bounding box filled with osmium would weigh {most:.3} kg"));
         }
         Ok(())
     }
 
-    /// True where the object would stay at `world_from_object` by itself: it touches the table, no deeper or higher than [`TOUCHING`], and
-    /// its centre of mass is over what it stands on, give or take as much. Geometry alone decides; nothing is simulated.
+    /// True if the object would rest at `world_from_object`: its lowest point is at the height of the table, and its centre of mass is over its
+    /// support polygon, both within [`TOUCHING`]. A geometric test; nothing is simulated.
     pub fn rests_at(&self, world_from_object: &Isometry3<f64>) -> bool {
-        /// Sides of the polygon that is tested for.
+        /// Number of directions in which the support polygon is tested.
         const SIDES: u32 = 32;
         let points: Vec<Point3<f64>> = self.mesh.vertices().iter().map(|p| world_from_object * p).collect();
         let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
@@ -154,28 +148,28 @@ impl Body {
         &self.mesh
     }
 
-    /// Convex parts, each a closed hull, object frame, metres. Simulation and collision filter share them.
+    /// Convex parts, each a closed hull, object frame, metres; used by the simulation and the collision filter.
     pub fn parts(&self) -> &[TriMesh] {
         &self.parts
     }
 
-    /// The mesh and its convex parts, ready for collision queries wherever the object rests.
+    /// The mesh and its convex parts, prepared for collision queries at any pose.
     pub fn obstacle(&self) -> &Arc<Obstacle> {
         &self.obstacle
     }
 
-    /// Mass, centre of mass, inertia, and how they were found.
+    /// Mass, centre of mass, inertia, and the method by which they were computed.
     pub fn mass_properties(&self) -> &MassProperties {
         &self.mass
     }
 
-    /// What the simulation takes.
+    /// The physical model for the simulation.
     pub fn model(&self) -> &ObjectModel {
         &self.model
     }
 }
 
-/// Least extent of a convex part along the normals of its faces and the axes, metres: an upper bound of its width.
+/// Least extent of a convex part along its face normals and the axes, metres: an upper bound of its width.
 fn narrowest(part: &TriMesh) -> f64 {
     let normals = (0..part.faces().len()).filter_map(|face| part.face_area_vector(face).try_normalize(0.0));
     let axes = (0..3).map(|axis| Vector3::ith(axis, 1.0));

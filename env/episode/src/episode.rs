@@ -1,4 +1,4 @@
-//! The state machine that every driver shares: reset, advance, verdict.
+//! The state machine that all drivers share: reset, advance, verdict.
 
 use crate::EpisodeError;
 use crate::judge::{Judge, SuccessCriterion, Verdict};
@@ -17,7 +17,7 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// A fresh episode: the hand open at `world_from_hand` with `preshape`, the object at rest.
+    /// A new episode: the hand open at `world_from_hand` with `preshape`, the object at rest.
     pub fn reset(
         scene: &Arc<Scene>,
         world_from_hand: &Isometry3<f64>,
@@ -27,7 +27,7 @@ impl Episode {
         Self::reset_at(scene, world_from_hand, scene.world_from_object(), preshape, [1.0, 1.0], criterion)
     }
 
-    /// A fresh episode with the object resting at `world_from_object`, its friction and mass multiplied by `factors`.
+    /// A new episode with the object at rest at `world_from_object`, its friction and mass multiplied by `factors`.
     pub fn reset_at(
         scene: &Arc<Scene>,
         world_from_hand: &Isometry3<f64>,
@@ -42,11 +42,12 @@ impl Episode {
         Self { scene: Arc::clone(scene), world, judge }
     }
 
-    /// An episode as it stood: a snapshot of its world, and its judge.
+    /// An episode from a saved state: a snapshot of its world, and its judge.
     ///
     /// # Errors
-    /// A snapshot of another object, hand or setting.
+    /// [`EpisodeError`] for a snapshot of another object, hand or setting, or an impossible state of world or judge.
     pub fn resume(scene: &Arc<Scene>, snapshot: &[u8], judge: Judge) -> Result<Self, EpisodeError> {
+        judge.check(&scene.center_of_mass())?;
         let world = scene
             .template()
             .restore(snapshot)
@@ -54,10 +55,10 @@ impl Episode {
         Ok(Self { scene: Arc::clone(scene), world, judge })
     }
 
-    /// One time step: the hand reaches `world_from_hand`, the actuators follow their commands, the judge looks.
+    /// Advances by one time step: the hand reaches `world_from_hand`, the actuators follow their commands, the judge observes the result.
     ///
     /// # Errors
-    /// An actuator command that is not finite.
+    /// [`EpisodeError::Sim`] for an actuator command that is not finite.
     pub fn advance(
         &mut self,
         world_from_hand: &Isometry3<f64>,
@@ -69,10 +70,10 @@ impl Episode {
         Ok(())
     }
 
-    /// Lets the object come to rest, the hand staying where it is.
+    /// Lets the object come to rest while the hand does not move, for at most 3 s.
     ///
     /// # Errors
-    /// None that a hand which holds still would cause.
+    /// As [`Episode::advance`]; without commands there are none.
     pub fn rest(&mut self) -> Result<(), EpisodeError> {
         let hand = self.world.world_from_hand();
         let mut stillness = Stillness::default();
@@ -85,7 +86,7 @@ impl Episode {
         Ok(())
     }
 
-    /// Tells the judge that the object was dropped, and the height of its centre of mass at rest (m).
+    /// Tells the judge that the object is dropped; its centre of mass will rest at `resting_height`, metres.
     pub fn dropped(&mut self, resting_height: f64) {
         self.judge.dropped(&self.world, resting_height);
     }
@@ -95,7 +96,7 @@ impl Episode {
         self.judge.begin_lift(&self.world);
     }
 
-    /// What the judge says now.
+    /// The present verdict of the judge.
     pub fn verdict(&self) -> Verdict {
         self.judge.verdict(&self.world)
     }
@@ -105,12 +106,12 @@ impl Episode {
         &self.scene
     }
 
-    /// The world as it stands.
+    /// The present world.
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// The judge as it stands.
+    /// The judge.
     pub fn judge(&self) -> &Judge {
         &self.judge
     }

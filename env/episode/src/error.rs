@@ -1,55 +1,55 @@
-//! What can be wrong with a scene, a trial or a batch; each variant is a sentence about the input.
+//! Errors of scenes, trials and batches; each variant is a sentence about the input.
 
 use graspbox_mesh::OutOfRange;
 
-/// What can be wrong with a scene, a trial or a batch.
+/// An error of a scene, a trial or a batch.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EpisodeError {
-    /// The world could not be built.
+    /// The simulation refused an object, a setting or a command.
     #[error("object `{object}`: {source}")]
     Sim {
         /// Name of the object.
         object: String,
-        /// What the simulation said.
+        /// The simulation's error.
         source: graspbox_sim::SimError,
     },
-    /// The mesh could not be used.
+    /// The mesh cannot be used.
     #[error("object `{object}`: {source}")]
     Mesh {
         /// Name of the object.
         object: String,
-        /// What the mesh code said.
+        /// The mesh error.
         source: graspbox_mesh::MeshError,
     },
-    /// The planner refused.
+    /// The planner refused a mesh, a pose or a setting.
     #[error("object `{object}`: {source}")]
     Plan {
         /// Name of the object.
         object: String,
-        /// What the planner said.
+        /// The planner's error.
         source: graspbox_plan::PlanError,
     },
-    /// The hand's kinematics refuse a configuration of its own.
+    /// The hand's kinematics are not defined at its open configuration.
     #[error("hand `{hand}`: {source}")]
     Hand {
         /// Name of the hand.
         hand: String,
-        /// What the hand said.
+        /// The hand's error.
         source: graspbox_hand::HandError,
     },
-    /// A setting is out of its range.
+    /// A setting is out of range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
-    /// A preshape that the hand cannot take.
+    /// A preshape beyond the hand's limits.
     #[error(
-        "preshape[{index}] is {value} {unit}, but the hand takes {low} to {high} {unit}{}",
+        "preshape[{index}] is {value} {unit}, but the hand's range is {low} to {high} {unit}{}",
         in_degrees(*.value, *.low, *.high, .unit)
     )]
     BadPreshape {
         /// Which of the poses.
         index: usize,
-        /// What was given.
+        /// The preshape that was passed.
         value: f64,
         /// Least preshape.
         low: f64,
@@ -58,19 +58,17 @@ pub enum EpisodeError {
         /// Unit of a preshape of this hand.
         unit: &'static str,
     },
-    /// A pose that is no pose near the object.
-    #[error(
-        "poses[{index}] puts the hand {distance} m from the object's origin; give finite poses in metres, within {limit} m"
-    )]
+    /// A pose that is not finite, or far from the object.
+    #[error("poses[{index}] is {distance} m from the object's origin; give finite poses in metres, within {limit} m")]
     BadPose {
         /// Which of the poses.
         index: usize,
-        /// How far away it is, metres.
+        /// Distance of the hand frame from the object's origin, metres.
         distance: f64,
-        /// What is accepted, metres.
+        /// Greatest distance, metres.
         limit: f64,
     },
-    /// An object that is too large, or too small, for table and hand.
+    /// An object that is too large or too small for table and hand.
     #[error(
         "object `{object}` is {} m large, but {why}; {}",
         sides(.size), likely_scale(.size)
@@ -80,43 +78,60 @@ pub enum EpisodeError {
         object: String,
         /// Sides of its bounds, metres.
         size: [f64; 3],
-        /// What it does not fit.
+        /// The bound that it exceeds.
         why: String,
     },
-    /// A mass that no object for a hand has.
+    /// A mass out of range for table and hand.
     #[error("object `{object}` weighs {} kg, but {why}; give `mass=` in kilograms", digits(*.mass))]
     BadMass {
         /// Name of the object.
         object: String,
         /// Mass, kg.
         mass: f64,
-        /// What is wrong with it.
+        /// The bound that it exceeds.
         why: String,
     },
     /// The object does not come to rest on the table.
-    #[error("object `{object}` does not come to rest on the table: {why}; choose another world_from_object")]
+    #[error("object `{object}` does not come to rest on the table: {why}; give another world_from_object")]
     NoRest {
         /// Name of the object.
         object: String,
-        /// What happened instead.
+        /// The reason.
         why: &'static str,
     },
-    /// The batch was told to stop.
+    /// The batch was asked to stop.
     #[error("stopped after {done} of {total}")]
     Cancelled {
-        /// Trials, or steps, that were finished.
+        /// Number of finished trials or steps.
         done: usize,
-        /// Those that were asked for.
+        /// Number of requested trials or steps.
         total: usize,
     },
 }
 
-/// What to say of an angle that looks like one in degrees.
+impl EpisodeError {
+    /// Name of the object that cannot be used, if another one might.
+    pub fn object(&self) -> Option<&str> {
+        match self {
+            // An invalid physics setting concerns every object.
+            Self::Sim { source: graspbox_sim::SimError::OutOfRange(_), .. } => None,
+            Self::Sim { object, .. }
+            | Self::Mesh { object, .. }
+            | Self::Plan { object, .. }
+            | Self::BadSize { object, .. }
+            | Self::BadMass { object, .. }
+            | Self::NoRest { object, .. } => Some(object),
+            _ => None,
+        }
+    }
+}
+
+/// Advice for an angle that is probably in degrees.
 fn in_degrees(value: f64, low: f64, high: f64, unit: &str) -> String {
-    /// Fewer degrees than this could as well be radians.
+    /// Smaller values may be radians.
     const CLEAR: f64 = 2.0;
     let radians = value.to_radians();
-    // 90 degrees are a little more than a limit of pi/2 that was written with few digits.
+    // 90 degrees exceed a limit of pi/2 that is written with few digits.
     if unit == "rad" && value.abs() >= CLEAR && (low - 0.01..=high + 0.01).contains(&radians) {
         format!("; {value} looks like degrees: give {:.4} rad", radians.clamp(low, high))
     } else {
@@ -134,11 +149,11 @@ fn digits(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
 
-/// Which unit the file was probably in.
+/// Advice on the scale, from the probable unit of the file.
 fn likely_scale(size: &[f64; 3]) -> String {
-    /// Longest side of things that a hand grasps, metres.
+    /// Usual range of the longest side of graspable objects, metres.
     const USUAL: [f64; 2] = [0.03, 0.5];
-    /// Factors, the likeliest first, and what they mean.
+    /// Factors and their meanings, the most probable first.
     const UNITS: [(f64, &str); 7] = [
         (0.001, "a file in millimetres that was read as metres"),
         (0.01, "a file in centimetres that was read as metres"),
@@ -152,6 +167,6 @@ fn likely_scale(size: &[f64; 3]) -> String {
     let fits = |(factor, _): &&(f64, &str)| (USUAL[0]..=USUAL[1]).contains(&(longest * factor));
     match UNITS.iter().find(fits) {
         Some((factor, why)) => format!("multiply `scale=` by {factor} ({why})"),
-        None => "give a `scale=` that makes it a thing that a hand can hold".to_owned(),
+        None => "give a `scale=` that brings it to the size of a hand".to_owned(),
     }
 }

@@ -1,28 +1,28 @@
-//! The one definition of success, and the numbers that describe a grasp.
+//! The one definition of success, and the quantities that describe a grasp.
 //!
-//! The judge looks at the world after every time step. A trial asks it once, at its end; a closed-loop environment asks after every step.
+//! The judge observes the world after every time step. A trial reads its verdict once, at the end; a closed-loop environment after every step.
 
 use crate::EpisodeError;
-use graspbox_mesh::in_range;
+use graspbox_mesh::{all_within, in_range, is_pose};
 use graspbox_sim::World;
 use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// What counts as success: the object is held high, free of table and ground, and still in the hand, without a break.
+/// The criterion of success: for a time without interruption, the object is high, free of table and ground, and at rest in the hand.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SuccessCriterion {
     /// The object's centre of mass is at least this far above its resting height, metres.
     pub lift_height: f64,
-    /// All of it holds for this long, seconds.
+    /// Time for which all conditions hold, seconds.
     pub hold_time: f64,
-    /// In the hand's frame the object's centre of mass moves slower than this, measured from where it was [`REST_TIME`] before, m/s.
+    /// The object's centre of mass is slower than this in the hand's frame, as the mean over the last [`REST_TIME`], m/s.
     pub rest_speed: f64,
 }
 
-/// Time over which the speed of an object in the hand is measured, seconds. Contact points that come and go move an object at rest by a
-/// fraction of a millimetre within one step.
+/// Time over which the speed of an object in the hand is measured, seconds. Contacts that open and close move an object at rest by a fraction
+/// of a millimetre within one step.
 pub const REST_TIME: f64 = 0.1;
 
 impl Default for SuccessCriterion {
@@ -32,10 +32,10 @@ impl Default for SuccessCriterion {
 }
 
 impl SuccessCriterion {
-    /// Checks every number.
+    /// Checks every setting.
     ///
     /// # Errors
-    /// [`EpisodeError::OutOfRange`], naming the first one that is out of range.
+    /// [`EpisodeError::OutOfRange`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), EpisodeError> {
         in_range("success.lift_height", self.lift_height, 0.01..=1.0, "m")?;
         in_range("success.hold_time", self.hold_time, 0.0..=60.0, "s")?;
@@ -43,26 +43,26 @@ impl SuccessCriterion {
     }
 }
 
-/// A secure grasp moved less than this since the object left the table, metres.
+/// Greatest translation in the hand of a secure grasp since the object left the table, metres.
 pub const SECURE_SHIFT: f64 = 0.05;
-/// A secure grasp turned less than this since the object left the table, radians (15 degrees).
+/// Greatest rotation in the hand of a secure grasp since the object left the table, radians (15 degrees).
 pub const SECURE_TURN: f64 = 15.0 * std::f64::consts::PI / 180.0;
-/// The object counted as lifted, and so could be dropped, once it rose this far, metres.
+/// An object that rose by this counts as lifted, and so can be dropped, metres.
 pub const CLEAR_OF_TABLE: f64 = 0.02;
 
-/// Why a grasp failed.
+/// The kind of a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FailureKind {
     /// The hand collides with object or table at the start or on the approach.
     Infeasible,
-    /// The closed hand does not touch the object, not even while it rises.
+    /// The hand does not touch the object after it has closed, including while it rises.
     NoContact,
-    /// The hand touched the object, but it never left the table for good.
+    /// The hand touched the object, but did not lift it off the table.
     Slipped,
     /// The object was lifted, then lost.
     Dropped,
-    /// The object is held, but does not come to rest in the hand (or the simulation diverged).
+    /// The object is held, but does not come to rest in the hand, or the simulation diverged.
     Unstable,
 }
 
@@ -70,7 +70,7 @@ impl FailureKind {
     /// Every kind.
     pub const ALL: [Self; 5] = [Self::Infeasible, Self::NoContact, Self::Slipped, Self::Dropped, Self::Unstable];
 
-    /// Its name in outcomes and infos.
+    /// Name in outcomes and infos.
     pub fn name(self) -> &'static str {
         match self {
             Self::Infeasible => "infeasible",
@@ -82,41 +82,41 @@ impl FailureKind {
     }
 }
 
-/// What the judge can say at any time.
+/// The verdict of the judge at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// Held high, free and still for long enough: see [`SuccessCriterion`].
+    /// The [`SuccessCriterion`] is met.
     pub success: bool,
-    /// Success without shifting or turning in the hand since the object left the table.
+    /// Success with less than [`SECURE_SHIFT`] and [`SECURE_TURN`] in the hand since the object left the table.
     pub secure: bool,
     /// Rise of the object's centre of mass above its resting height, metres.
     pub lift: f64,
     /// Rise of the hand since lifting began, metres.
     pub hand_lift: f64,
-    /// Shift of the centre of mass in the hand's frame since the object left the table, metres.
+    /// Translation of the centre of mass in the hand's frame since the object left the table, metres.
     pub shift: f64,
-    /// Turn in the hand's frame since the object left the table, radians.
+    /// Rotation in the hand's frame since the object left the table, radians.
     pub turn: f64,
 }
 
-/// Places of a point after the steps of the last [`REST_TIME`], oldest first, metres.
+/// Positions of a point after the steps of the last [`REST_TIME`], oldest first, metres.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 struct RecentMotion(VecDeque<Point3<f64>>);
 
 impl RecentMotion {
-    /// Takes the place after a step of `dt` seconds; gives the speed from the place [`REST_TIME`] before, or from the first one, m/s.
-    fn speed(&mut self, dt: f64, place: Point3<f64>) -> f64 {
+    /// Adds the position after a step of `dt` seconds. Returns the mean speed over [`REST_TIME`], or since the first position, m/s.
+    fn speed(&mut self, dt: f64, position: Point3<f64>) -> f64 {
         let steps = (REST_TIME / dt).round().max(1.0) as usize;
-        self.0.push_back(place);
+        self.0.push_back(position);
         while self.0.len() > steps + 1 {
             self.0.pop_front();
         }
         let time = (self.0.len() - 1) as f64 * dt;
-        if time > 0.0 { (place - self.0[0]).norm() / time } else { f64::INFINITY }
+        if time > 0.0 { (position - self.0[0]).norm() / time } else { f64::INFINITY }
     }
 }
 
-/// Observes a world step by step.
+/// Observes a world step by step and judges the grasp.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Judge {
     criterion: SuccessCriterion,
@@ -124,11 +124,11 @@ pub struct Judge {
     resting_height: f64,
     /// Centre of mass in the object frame.
     center: Point3<f64>,
-    /// Of the centre of mass, in the hand's frame.
+    /// Of the centre of mass in the hand's frame.
     motion: RecentMotion,
-    /// Steps for which the success predicate has held without a break.
+    /// Steps for which all conditions of the criterion have held without interruption.
     held_steps: u64,
-    /// Pose in the hand when the object last left the scenery.
+    /// Pose of the object in the hand when it last left table or ground.
     left_table: Option<Isometry3<f64>>,
     was_on_scenery: bool,
     highest: f64,
@@ -137,7 +137,7 @@ pub struct Judge {
 }
 
 impl Judge {
-    /// Begins to judge a world in which the object rests.
+    /// Begins to judge a world in which the object is at rest.
     ///
     /// * `center`: centre of mass, object frame.
     pub fn new(world: &World, center: Point3<f64>, criterion: SuccessCriterion) -> Self {
@@ -154,12 +154,39 @@ impl Judge {
         }
     }
 
-    /// What counts as success here.
+    /// Refuses what no judge of this world can remember.
+    ///
+    /// * `center`: as for [`Judge::new`].
+    ///
+    /// # Errors
+    /// [`EpisodeError::OutOfRange`], naming the first number.
+    pub(crate) fn check(&self, center: &Point3<f64>) -> Result<(), EpisodeError> {
+        /// Farther than anything falls, metres.
+        const FARTHEST: f64 = 1e5;
+        let numbers = |point: &Point3<f64>| <[f64; 3]>::from(*point);
+        in_range("judge.resting_height", self.resting_height, -FARTHEST..=FARTHEST, "m")?;
+        for (own, of_object) in numbers(&self.center).into_iter().zip(numbers(center)) {
+            in_range("judge.center", own, of_object..=of_object, "m")?;
+        }
+        all_within("judge.motion", self.motion.0.iter().flat_map(numbers), FARTHEST, "m")?;
+        in_range("judge.held_steps", self.held_steps as f64, 0.0..=1e15, "")?;
+        if let Some(pose) = &self.left_table {
+            is_pose("judge.left_table", pose, FARTHEST)?;
+        }
+        Ok(all_within(
+            "judge.highest or judge.lift_start",
+            [self.highest, self.lift_start.unwrap_or(0.0)],
+            FARTHEST,
+            "m",
+        )?)
+    }
+
+    /// The criterion of success.
     pub fn criterion(&self) -> &SuccessCriterion {
         &self.criterion
     }
 
-    /// The object is dropped from where it is, or has been; its centre of mass comes to rest at `resting_height`, metres.
+    /// To be called when the object is dropped: from now on heights count from `resting_height` of its centre of mass, metres.
     pub fn dropped(&mut self, world: &World, resting_height: f64) {
         self.resting_height = resting_height;
         self.highest = 0.0;
@@ -171,7 +198,7 @@ impl Judge {
         self.lift_start = Some(world.world_from_hand().translation.z);
     }
 
-    /// Looks at the world after a step.
+    /// Observes the world after a step.
     pub fn observe(&mut self, world: &World) {
         let hand_from_object = world.hand_from_object();
         let rise = world.object_center().z - self.resting_height;
@@ -186,7 +213,7 @@ impl Judge {
         self.held_steps = if holds { self.held_steps + 1 } else { 0 };
     }
 
-    /// What can be said now.
+    /// The present verdict.
     pub fn verdict(&self, world: &World) -> Verdict {
         let now = world.hand_from_object();
         let (shift, turn) = match self.left_table {
@@ -208,22 +235,22 @@ impl Judge {
         }
     }
 
-    /// Time for which the object has been held high, free and still without a break, seconds.
+    /// Time for which all conditions of the criterion have held without interruption, seconds.
     pub fn held_time(&self, world: &World) -> f64 {
         self.held_steps as f64 * world.dt()
     }
 
-    /// Share of the criterion's hold time for which the object has been held, from 0; more than 1 where it is held on.
+    /// [`Judge::held_time`] as a share of the criterion's hold time; above 1 if the object is held longer.
     pub fn held_share(&self, world: &World) -> f64 {
         self.held_time(world) / self.criterion.hold_time
     }
 
-    /// True once the object has been held for the criterion's time: the one definition of success.
+    /// True once the conditions have held for the criterion's hold time: the one definition of success.
     pub fn success(&self, world: &World) -> bool {
         self.held_time(world) >= self.criterion.hold_time - 1e-9
     }
 
-    /// Height of the centre of mass of the object at rest, metres.
+    /// Height of the object's centre of mass at rest, metres.
     pub fn resting_height(&self) -> f64 {
         self.resting_height
     }
@@ -238,9 +265,9 @@ impl Judge {
         self.was_on_scenery
     }
 
-    /// Names the failure of a grasp that did not succeed.
+    /// The kind of failure of a grasp that did not succeed.
     ///
-    /// * `touches`: the hand touches the object now.
+    /// * `touches`: the hand touches the object at present.
     pub fn failure(&self, world: &World, touches: bool) -> FailureKind {
         let rise = world.object_center().z - self.resting_height;
         let held_high = touches && !self.was_on_scenery && rise >= self.criterion.lift_height;
@@ -260,7 +287,7 @@ mod tests {
 
     const DT: f64 = 0.002;
 
-    /// Speed after each of `steps` steps of a point that is at `place(time)`, m/s.
+    /// Speed after each of `steps` steps of a point at `place(time)`, m/s.
     fn speeds(steps: usize, place: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut motion = RecentMotion::default();
         (0..steps).map(|step| motion.speed(DT, Point3::new(place(step as f64 * DT), 0.0, 0.0))).collect()

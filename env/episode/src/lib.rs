@@ -1,18 +1,19 @@
-//! One state machine for every driver: a scripted trial labels data with it, an agent acts in it.
+//! One state machine for all drivers: scripted trials that label data, and agents.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`body`] | from a mesh to convex parts, mass and inertia |
-//! | [`scene`] | an object at rest on the table, ready to be cloned into episodes |
-//! | [`episode`] | the state machine: reset, advance, observe, verdict |
-//! | [`judge`] | the one definition of success, and the numbers that describe a grasp |
-//! | [`study`] | the reference study's own measures, for trials that are asked for them |
-//! | [`sample`] | what a trial records of itself, every 10 ms |
-//! | [`shake`] | how a hand shakes what it holds, along and about its axes |
+//! | [`scene`] | an object at rest on the table, from which episodes are cloned |
+//! | [`episode`] | the state machine: reset, advance, verdict |
+//! | [`judge`] | the one definition of success, and the quantities that describe a grasp |
 //! | [`trial`] | the scripted driver: close, lift, hold, shake |
-//! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one traced |
+//! | [`sample`] | the trace of a trial: one sample every 10 ms |
+//! | [`shake`] | the shake of a grasped object along and about the hand's axes |
+//! | [`observer`] | measurements that a trial does not know |
+//! | [`study`] | an observer: the measures of the reference study |
+//! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one with its trace |
 //!
-//! A block, planned for and grasped:
+//! Grasps of a block are planned and tried:
 //!
 //! ```
 //! use graspbox_episode::{Body, ObjectSpec, Progress, Scene, TrialConfig, run_trials};
@@ -41,18 +42,21 @@ pub mod body;
 pub mod episode;
 mod error;
 pub mod judge;
+pub mod observer;
 pub mod sample;
 pub mod scene;
 pub mod shake;
 pub mod study;
 pub mod trial;
 
-pub use batch::{Progress, run_scaled_trials, run_trials, trace_trial};
+pub use batch::{Progress, run_observed_trials, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;
 pub use judge::{FailureKind, Judge, SuccessCriterion, Verdict};
+pub use observer::Observer;
 pub use sample::Sample;
 pub use scene::Scene;
 pub use shake::ShakeConfig;
-pub use trial::{Trial, TrialConfig, TrialOutcome};
+pub use study::Study;
+pub use trial::{Finished, Trial, TrialConfig, TrialOutcome};

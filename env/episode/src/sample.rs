@@ -1,19 +1,22 @@
-//! What a trial records of itself.
+//! The trace of a trial.
 
 use crate::episode::Episode;
-use crate::study::distance;
-use nalgebra::Isometry3;
+use graspbox_sim::World;
+use nalgebra::{Isometry3, Point3};
 
-/// One row of a trial's trace, every 10 ms.
+/// Time between the samples of a trace, seconds.
+pub const PERIOD: f64 = 0.01;
+
+/// One row of a trial's trace.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
     /// Seconds since closing began.
     pub time: f64,
-    /// Distance between hand frame and object frame, metres.
+    /// Distance between the origin of the hand frame and the scene's base point, metres.
     pub distance: f64,
     /// Grasp frame in the world.
     pub world_from_hand: Isometry3<f64>,
-    /// Object in the world.
+    /// Object frame in the world.
     pub world_from_object: Isometry3<f64>,
     /// Positions of the hand's independent joints, rad or m.
     pub joints: Vec<f64>,
@@ -28,7 +31,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// What can be read off an episode now.
+    /// The present state of an episode.
     pub(crate) fn of(episode: &Episode) -> Self {
         let world = episode.world();
         Self {
@@ -43,4 +46,9 @@ impl Sample {
             hand_force: world.contacts().hand_force,
         }
     }
+}
+
+/// Distance between the origin of the hand frame and the point `base_point` of the object, metres.
+pub(crate) fn distance(world: &World, base_point: &Point3<f64>) -> f64 {
+    (world.hand_from_object() * base_point).coords.norm()
 }

@@ -1,4 +1,4 @@
-//! An object at rest on the table, ready to be cloned into episodes.
+//! An object at rest on the table, from which episodes are cloned.
 
 use crate::{Body, EpisodeError};
 use graspbox_hand::{ActuatorCommand, GraspPose, Hand};
@@ -8,28 +8,30 @@ use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
-/// The object is at rest below this speed, m/s, and [`REST_SPIN`], rad/s, for [`REST_STEPS`] steps.
+/// Greatest linear speed of an object at rest, m/s: a tenth of a millimetre in 0.1 s.
 const REST_SPEED: f64 = 1e-3;
+/// Greatest angular speed of an object at rest, rad/s: [`REST_SPEED`] at 5 cm.
 const REST_SPIN: f64 = 2e-2;
+/// Consecutive steps for which an object at rest stays below both speeds: 0.1 s at the default time step.
 const REST_STEPS: usize = 50;
-/// Longest time to settle, seconds. A ball that still rolls then is stopped where it is.
+/// Longest time to settle, seconds. A ball that still rolls is then stopped.
 pub(crate) const SETTLE_TIME: f64 = 3.0;
-/// The hand waits this high above the table while the object settles, metres.
+/// Height of the hand above the table while the object settles, metres: beyond any object.
 pub const OUT_OF_THE_WAY: f64 = 2.0;
 
-/// An object at rest on the table, with everything that its episodes share.
+/// An object at rest on the table, with the data that its episodes share.
 pub struct Scene {
     name: String,
     template: Template,
     world_from_object: Isometry3<f64>,
     center_of_mass: Point3<f64>,
     base_point: Point3<f64>,
-    /// For the collision filter; none for an object without a mesh.
+    /// For the collision filter; `None` for an object without a mesh.
     obstacles: Option<CollisionScene>,
 }
 
 impl Scene {
-    /// Lets `body` settle on the table from `world_from_object` (default: file +z up, centred over the table's origin).
+    /// Lets `body` settle on the table from `world_from_object` (default: +z of the mesh file up, centred over the table's origin).
     ///
     /// # Errors
     /// As [`Body::check_fits`] and [`Scene::settle`].
@@ -48,12 +50,12 @@ impl Scene {
         Ok(scene)
     }
 
-    /// An object at `world_from_object`, taken to be at rest there: nothing is simulated.
+    /// An object at `world_from_object`, assumed to be at rest: nothing is simulated.
     ///
-    /// * `base_point`: origin of the study's object frame (middle of the base), object frame, metres.
+    /// * `base_point`: see [`Scene::base_point`].
     ///
     /// # Errors
-    /// An impossible object or setting.
+    /// [`EpisodeError::Sim`] for an invalid object or setting.
     pub fn placed(
         name: &str,
         hand: Arc<Hand>,
@@ -76,10 +78,10 @@ impl Scene {
 
     /// Lets `object` settle on the table from `world_from_object`.
     ///
-    /// * `base_point`: as for [`Scene::placed`].
+    /// * `base_point`: see [`Scene::base_point`].
     ///
     /// # Errors
-    /// An impossible object or setting, or an object that leaves the table.
+    /// [`EpisodeError::Sim`] for an invalid object or setting, [`EpisodeError::NoRest`] for an object that leaves the table.
     pub fn settle(
         name: &str,
         hand: Arc<Hand>,
@@ -106,18 +108,18 @@ impl Scene {
             return Err(no_rest("the simulation diverged"));
         }
         if world.object_center().z < 0.0 {
-            return Err(no_rest("it falls off"));
+            return Err(no_rest("it falls off the table"));
         }
         scene.world_from_object = recentered(&world, &(start * scene.center_of_mass));
         Ok(scene)
     }
 
-    /// True when the open hand reaches `pose` from `standoff` metres behind without touching object or table.
+    /// True if the open hand reaches `pose` from `standoff` metres behind it without touching object or table.
     ///
-    /// An object without a mesh (a primitive of [`Scene::settle`]) is not checked: every pose passes.
+    /// Without a mesh (a primitive of [`Scene::settle`]) every pose passes.
     ///
     /// # Errors
-    /// A preshape that the hand does not take.
+    /// [`EpisodeError::Plan`] for a preshape beyond the hand's limits.
     pub fn reachable(&self, pose: &GraspPose, standoff: f64) -> Result<bool, EpisodeError> {
         self.reachable_at(pose, standoff, &self.world_from_object)
     }
@@ -139,13 +141,13 @@ impl Scene {
         Ok(found.map_err(|source| self.plan_error(source))? == Feasibility::Feasible)
     }
 
-    /// Passes `grasps` through the planner's collision filter, in parallel on the current rayon pool; where the object has no mesh, all pass.
+    /// Passes `grasps` through the planner's collision filter, in parallel on the current rayon pool; without a mesh all pass.
     ///
-    /// * `clearance`: room that the open hand must have on every side, metres.
-    /// * `standoff`: the hand comes from this far behind, metres.
+    /// * `clearance`: least distance of the open hand from object and table, metres.
+    /// * `standoff`: length of the approach, metres.
     ///
     /// # Errors
-    /// A preshape that the hand does not take, or a distance out of range.
+    /// [`EpisodeError::Plan`] for a preshape beyond the hand's limits, [`EpisodeError::OutOfRange`] for a distance out of range.
     pub fn check(&self, grasps: &[GraspPose], clearance: f64, standoff: f64) -> Result<Vec<Feasibility>, EpisodeError> {
         in_range("clearance", clearance, 0.0..=0.05, "m")?;
         in_range("standoff", standoff, 0.0..=1.0, "m")?;
@@ -156,7 +158,7 @@ impl Scene {
         found.map_err(|source| self.plan_error(source))
     }
 
-    /// Object and table as obstacles, the object at `world_from_object`; none for an object without a mesh.
+    /// Table and object as obstacles, the object at `world_from_object`; `None` for an object without a mesh.
     pub fn obstacles_at(&self, world_from_object: &Isometry3<f64>) -> Option<CollisionScene> {
         Some(self.obstacles.as_ref()?.at(world_from_object))
     }
@@ -165,10 +167,10 @@ impl Scene {
         EpisodeError::Plan { object: self.name.clone(), source }
     }
 
-    /// Plans grasps of `body` as it rests in this scene.
+    /// Plans grasps of `body` at its resting pose in this scene.
     ///
     /// # Errors
-    /// Planner settings out of range, or a mesh that cannot be cut into boxes.
+    /// [`EpisodeError::Plan`] for planner settings out of range, or a mesh that cannot be decomposed into boxes.
     pub fn plan(&self, body: &Body, params: &PlanParams) -> Result<Plan, EpisodeError> {
         let object = PlanObject {
             mesh: body.mesh(),
@@ -184,12 +186,12 @@ impl Scene {
         &self.name
     }
 
-    /// The world that episodes are cloned from.
+    /// The template of the episodes' worlds.
     pub fn template(&self) -> &Template {
         &self.template
     }
 
-    /// The object at rest.
+    /// Pose of the object at rest.
     pub fn world_from_object(&self) -> &Isometry3<f64> {
         &self.world_from_object
     }
@@ -199,20 +201,20 @@ impl Scene {
         self.center_of_mass
     }
 
-    /// Origin of the study's object frame, object frame, metres.
+    /// Middle of the object's base: the centre of the underside of its bounds at the pose that it settled from, object frame, metres.
     pub fn base_point(&self) -> Point3<f64> {
         self.base_point
     }
 }
 
-/// Watches an object come to rest on the table while the hand stands still.
+/// Detects that an object has come to rest on the table while the hand does not move.
 #[derive(Default)]
 pub(crate) struct Stillness {
     quiet: usize,
 }
 
 impl Stillness {
-    /// Looks at the world after a step; true once the object has been still for long enough.
+    /// Observes the world after a step; true once the object has been at rest for long enough.
     pub fn lasts(&mut self, world: &World) -> bool {
         let (speed, spin) = world.object_velocity_in_hand();
         let still = speed.norm() < REST_SPEED && spin.norm() < REST_SPIN;
@@ -221,7 +223,7 @@ impl Stillness {
     }
 }
 
-/// The settled pose, moved back so that a rolling object does not wander off the middle of the table.
+/// The settled pose, moved back horizontally, so a rolling object stays in the middle of the table.
 fn recentered(world: &World, start: &Point3<f64>) -> Isometry3<f64> {
     let drift: Vector3<f64> = start - world.object_center();
     Translation3::new(drift.x, drift.y, 0.0) * world.world_from_object()

@@ -1,8 +1,8 @@
-//! The shake at the end of a trial: the hand moves to and fro along, then about, each of its axes.
+//! The shake at the end of a trial: the hand oscillates along each of its axes, then about each of them.
 //!
-//! On every axis the displacement is `A e(u) sin(2 pi u)` with `u` in cycles. The envelope `e` grows over `RAMP` cycles, is 1 for
-//! [`ShakeConfig::cycles`], and fades over `RAMP` cycles again, as `sin^2(pi u / (2 RAMP))`. Position, velocity and acceleration are
-//! continuous, and the hand is back where it began when the next axis begins.
+//! On every axis the displacement is `A e(u) sin(2 pi u)` with `u` in cycles. The envelope `e` rises over `RAMP` cycles as
+//! `sin^2(pi u / (2 RAMP))`, is 1 for [`ShakeConfig::cycles`], and falls over `RAMP` cycles. Position, velocity and acceleration are
+//! continuous, and the hand is at its first pose when the next axis begins.
 
 use crate::EpisodeError;
 use graspbox_mesh::in_range;
@@ -10,34 +10,34 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Cycles over which the motion grows, and fades. Over two, the acceleration never exceeds that of the cycles between by more than 0.1 %;
-/// over one, it would by 5 %.
+/// Cycles over which the motion rises, and over which it falls. With two, the peak acceleration exceeds that at full amplitude by at most
+/// 0.1 %; with one, by 5 %.
 const RAMP: f64 = 2.0;
-/// Axes: along x, y, z, then about them.
+/// Number of axes: along x, y, z, then about them.
 const AXES: f64 = 6.0;
-/// The hand moves by at most this share of the height to which the trial lifts: it stays clear of the table.
+/// Greatest amplitude as a share of the height to which the trial lifts: the hand stays clear of the table.
 const STROKE_SHARE: f64 = 0.5;
-/// The hand turns by at most this, radians (29 degrees): an object that sticks out of it stays clear of the table, too.
+/// Greatest angle, radians (29 degrees): an object that extends from the hand stays clear of the table.
 const MAX_ANGLE: f64 = 0.5;
-/// A cycle has at least this many time steps: with fewer, finite differences miss the peaks of the acceleration.
+/// Least number of time steps per cycle: with fewer, finite differences miss the peaks of the acceleration.
 const STEPS_PER_CYCLE: f64 = 20.0;
 
-/// How a hand shakes what it holds: along and about the axes of the hand frame, one after the other. The turns are about the grasp centre.
+/// Settings of the shake: along and about the axes of the hand frame, one after the other. Rotations are about the grasp centre.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShakeConfig {
     /// Amplitude of the acceleration along each axis, m/s2.
     pub acceleration: f64,
-    /// Turning about an axis accelerates points at this distance from it with the same amplitude, metres: the amplitude of the angular
-    /// acceleration is `acceleration / lever`.
+    /// Distance from the axis of rotation at which points have the same amplitude of acceleration, metres: that of the angular acceleration is
+    /// `acceleration / lever`.
     pub lever: f64,
-    /// Cycles per second, Hz.
+    /// Frequency, Hz.
     pub frequency: f64,
-    /// Cycles at full amplitude on each axis; two cycles before them grow and two after them fade.
+    /// Cycles at full amplitude on each axis; the motion rises over two cycles before them and falls over two after them.
     pub cycles: u32,
 }
 
-/// The default is 2 g (standard gravity, 9.80665 m/s2) with strokes of 20 mm and 0.2 rad, as a robot arm can move a hand.
+/// The default is 2 g (standard gravity, 9.80665 m/s2) with amplitudes of 20 mm and 0.2 rad: motion within the reach of a robot arm.
 impl Default for ShakeConfig {
     fn default() -> Self {
         Self { acceleration: 2.0 * 9.80665, lever: 0.1, frequency: 5.0, cycles: 2 }
@@ -47,11 +47,11 @@ impl Default for ShakeConfig {
 impl ShakeConfig {
     /// Checks every setting.
     ///
-    /// * `lift_height`: how high the hand is above where it grasped, metres.
+    /// * `lift_height`: height of the hand above its grasp pose, metres.
     ///
     /// # Errors
-    /// [`EpisodeError::OutOfRange`], naming the first setting that is out of range. The least frequency, and the least lever, are those
-    /// that keep the hand clear of the table.
+    /// [`EpisodeError::OutOfRange`], naming the first setting that is out of range. The lower bounds of frequency and lever keep the hand clear
+    /// of the table.
     pub fn validate(&self, lift_height: f64) -> Result<(), EpisodeError> {
         in_range("shake.acceleration", self.acceleration, 0.1..=100.0, "m/s2")?;
         let slowest = (self.acceleration / (STROKE_SHARE * lift_height)).sqrt() / TAU;
@@ -68,17 +68,17 @@ impl ShakeConfig {
         Ok(in_range("shake.frequency", self.frequency, 0.0..=1.0 / (STEPS_PER_CYCLE * dt), "Hz")?)
     }
 
-    /// Seconds for all axes.
+    /// Duration of all axes, seconds.
     pub fn time(&self) -> f64 {
         AXES * self.cycles_per_axis() / self.frequency
     }
 
-    /// Amplitude of the motion along an axis, metres.
+    /// Amplitude of the displacement along an axis, metres.
     pub fn stroke(&self) -> f64 {
         self.acceleration / (TAU * self.frequency).powi(2)
     }
 
-    /// Where the hand is `time` seconds after shaking began, in the hand frame of that moment.
+    /// Pose of the hand `time` seconds after the shake began, relative to the hand frame at its beginning.
     ///
     /// * `center`: the grasp centre, hand frame, metres.
     pub fn offset(&self, time: f64, center: &Point3<f64>) -> Isometry3<f64> {
@@ -101,7 +101,7 @@ impl ShakeConfig {
     }
 }
 
-/// Displacement `u` cycles after an axis began, of `total`, as a share of the amplitude.
+/// Displacement after `u` of `total` cycles on an axis, as a share of the amplitude.
 fn wave(u: f64, total: f64) -> f64 {
     let ramp = (u.min(total - u) / RAMP).clamp(0.0, 1.0);
     (FRAC_PI_2 * ramp).sin().powi(2) * (TAU * u).sin()
@@ -111,8 +111,8 @@ fn wave(u: f64, total: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A bug here: a jump of position or velocity, an acceleration beyond the setting or short of it, an axis left out, a turn about another
-    /// point, or a hand that does not come back.
+    /// A bug here: a jump of position or velocity, a peak acceleration other than the setting, a missing axis, a rotation about another point,
+    /// or a hand that does not return.
     #[test]
     fn the_hand_moves_smoothly_and_as_hard_as_it_says() {
         let (shake, dt, center) = (ShakeConfig::default(), 1e-4, Point3::new(0.01, -0.02, 0.05));
@@ -147,7 +147,7 @@ mod tests {
         assert!((shake.stroke() - 0.01987).abs() < 1e-5);
     }
 
-    /// A bug here: settings that nobody can mean, or errors that do not name them.
+    /// A bug here: settings out of range that are accepted, or errors that do not name them.
     #[test]
     fn settings_are_checked() {
         let fine = ShakeConfig::default();

@@ -1,10 +1,10 @@
-//! The scripted driver: approach, close, lift, hold, and shake where it is asked to. It drives the same [`Episode`] as an agent does.
+//! The scripted driver of an [`Episode`]: close, lift, hold, and shake if the config asks for it.
 
 use crate::episode::Episode;
 use crate::judge::{FailureKind, SuccessCriterion};
-use crate::sample::Sample;
+use crate::observer::Observer;
+use crate::sample::{PERIOD, Sample};
 use crate::shake::ShakeConfig;
-use crate::study::{READ_TIME, Reading, SAMPLE_PERIOD, Study};
 use crate::{EpisodeError, Scene};
 use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_mesh::in_range;
@@ -12,13 +12,13 @@ use nalgebra::{Isometry3, Translation3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// How a trial runs.
+/// Settings of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrialConfig {
-    /// The hand approaches from this far back along its -z, metres.
+    /// Length of the approach, along the hand's z to the pose, metres.
     pub standoff: f64,
-    /// Time to close, seconds (the study lifts 1.3 s after closing begins).
+    /// Time to close, seconds.
     pub close_time: f64,
     /// Height to lift, metres.
     pub lift_height: f64,
@@ -28,11 +28,12 @@ pub struct TrialConfig {
     pub hold_time: f64,
     /// Stop as soon as success is out of reach.
     pub early_stop: bool,
-    /// Read the study's own measures as well; early stops then wait until these are read.
-    pub legacy: bool,
-    /// Shakes what was grasped at the end of a success; none: no shake.
+    /// Early stops wait for the measurements of the trial's observer. Python's name is `legacy`: its observer takes the reference study's measures.
+    #[serde(rename = "legacy")]
+    pub await_observer: bool,
+    /// The shake after a success; `None`: no shake.
     pub shake: Option<ShakeConfig>,
-    /// What counts as success.
+    /// The criterion of success.
     pub success: SuccessCriterion,
 }
 
@@ -45,7 +46,7 @@ impl Default for TrialConfig {
             lift_time: 1.0,
             hold_time: 1.0,
             early_stop: true,
-            legacy: false,
+            await_observer: false,
             shake: None,
             success: SuccessCriterion::default(),
         }
@@ -67,7 +68,7 @@ impl TrialConfig {
         self.shake.map_or(Ok(()), |shake| shake.validate(self.lift_height))
     }
 
-    /// Checks that time steps of `dt` seconds resolve every motion.
+    /// Checks that time steps of `dt` seconds resolve the motion.
     ///
     /// # Errors
     /// As [`ShakeConfig::check_time_step`].
@@ -76,39 +77,40 @@ impl TrialConfig {
     }
 }
 
-/// What came of a trial. All but the shake's measures, the time and the steps describe the end of the hold, with or without a shake.
+/// The outcome of a trial. Measures of the shake, time and steps apart, it describes the end of the hold, with or without a shake.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialOutcome {
-    /// Held high, free and still at the end.
+    /// The object is held high, free and still at the end.
     pub success: bool,
-    /// Success without shifting or turning in the hand.
+    /// Success without translation or rotation in the hand.
     pub secure: bool,
-    /// Why it failed; none for a success.
+    /// Kind of failure; `None` for a success.
     pub failure: Option<FailureKind>,
     /// Rise of the object's centre of mass at the end, metres.
     pub lift: f64,
-    /// Mean of |d distance/dt| between hand and object since lifting began, m/s; none where the study's measures were not watched.
-    pub kindness_rate: Option<f64>,
-    /// The study's success; none where an early stop cut it off.
-    pub legacy_success: Option<bool>,
-    /// The study's kindness; none where an early stop cut it off.
-    pub kindness: Option<f64>,
-    /// The object is in the hand after the shake: success, judged anew. None where the trial has no shake; false where the grasp failed
-    /// before.
+    /// Success after the shake, judged again. `None` for a trial without a shake; false if the grasp failed before it.
     pub survives_shake: Option<bool>,
-    /// Shift of the object's centre of mass in the hand's frame from before the shake to its end, metres; none where nothing was shaken.
+    /// Shift of the object's centre of mass in the hand's frame during the shake, metres; `None` if nothing was shaken.
     pub shake_shift: Option<f64>,
-    /// Simulated seconds, those of the shake included.
+    /// Simulated time including the shake, seconds.
     pub time: f64,
-    /// Steps in which the solver found no balance of forces; 0 for an engine that does not measure it.
+    /// Steps in which the solver did not converge; 0 for an engine that does not measure it.
     pub unconverged_steps: u64,
 }
 
-/// What a trial leaves: its outcome, and its trace if one was asked for.
-pub type Finished = (TrialOutcome, Option<Vec<Sample>>);
+/// A finished trial.
+#[derive(Clone, Debug)]
+pub struct Finished<O> {
+    /// Its outcome.
+    pub outcome: TrialOutcome,
+    /// Its trace if one was requested, else empty.
+    pub trace: Vec<Sample>,
+    /// Its observer; `None` if the pose was infeasible and nothing moved.
+    pub observer: Option<O>,
+}
 
 /// A trial in progress.
-pub struct Trial {
+pub struct Trial<O = ()> {
     episode: Episode,
     config: TrialConfig,
     start: Isometry3<f64>,
@@ -118,43 +120,55 @@ pub struct Trial {
     sample_every: u64,
     /// The hand touched the object at some time since lifting began.
     touched: bool,
-    /// It ended before its time, and why if it is known already.
+    /// The trial ended early, and the kind of failure if it is known already.
     over: Option<Option<FailureKind>>,
-    /// The study's measures, where they are asked for, and what they said.
-    study: Option<Study>,
-    reading: Option<Reading>,
+    observer: O,
     /// The episode after the shake.
     shaken: Option<Episode>,
     trace: Option<Vec<Sample>>,
 }
 
-/// Steps between two checks of the object.
+/// Steps between two checks of the object: 10 ms at the default time step.
 const LOOK_EVERY: u64 = 5;
-/// The object may rise relative to the hand by this much while fingers settle, metres.
+/// Steps between two checks for cancellation and divergence: 0.13 s at the default time step.
+const CHECK_EVERY: u64 = 64;
+/// The object may rise relative to the hand by this much while the fingers settle, metres.
 const CURL_RISE: f64 = 0.03;
 
-impl Trial {
-    /// Begins a trial with the hand at `pose`, and watches the study's measures; the caller has checked that pose and approach are free of collision.
-    pub fn new(scene: &Arc<Scene>, pose: &GraspPose, config: TrialConfig, trace: bool) -> Self {
-        Self::scaled(scene, pose, [1.0, 1.0], config, trace)
-    }
-
-    /// As [`Trial::new`], with the object's friction and mass multiplied by `factors`.
-    pub fn scaled(scene: &Arc<Scene>, pose: &GraspPose, factors: [f64; 2], config: TrialConfig, trace: bool) -> Self {
+impl<O: Observer> Trial<O> {
+    /// Begins a trial with the hand at `pose`; the caller has checked that pose and approach are free of collisions.
+    ///
+    /// * `factors`: factors on the object's friction and mass.
+    /// * `observer`: makes the observer from the episode before its first step.
+    pub fn new(
+        scene: &Arc<Scene>,
+        pose: &GraspPose,
+        factors: [f64; 2],
+        config: TrialConfig,
+        observer: impl FnOnce(&Episode) -> O,
+        trace: bool,
+    ) -> Self {
         let object = scene.world_from_object();
         let start = object * pose.object_from_hand;
         let episode = Episode::reset_at(scene, &start, object, pose.preshape, factors, config.success);
-        let study = Study::new(&episode);
-        Self { study: Some(study), ..Self::of(episode, &start, pose.preshape, config, trace) }
+        let observer = observer(&episode);
+        Self::of(episode, &start, pose.preshape, config, observer, trace)
     }
 
-    /// Begins a trial of a fresh episode, whose hand stands open at `start` (world) with `preshape`, without the study's measures.
-    pub fn of(episode: Episode, start: &Isometry3<f64>, preshape: f64, config: TrialConfig, trace: bool) -> Self {
+    /// Begins a trial of an episode whose hand is open at `start` (world) with `preshape`.
+    pub fn of(
+        episode: Episode,
+        start: &Isometry3<f64>,
+        preshape: f64,
+        config: TrialConfig,
+        observer: O,
+        trace: bool,
+    ) -> Self {
         let hand = Arc::clone(episode.world().hand());
         let close = hand.closed_positions(preshape).into_iter();
         let close = close.map(|target| ActuatorCommand::Position { target, speed: None }).collect();
         let trace = trace.then(Vec::new);
-        let sample_every = ((SAMPLE_PERIOD / episode.world().dt()).round() as u64).max(1);
+        let sample_every = ((PERIOD / episode.world().dt()).round() as u64).max(1);
         Self {
             episode,
             config,
@@ -164,23 +178,26 @@ impl Trial {
             sample_every,
             touched: false,
             over: None,
-            study: None,
-            reading: None,
+            observer,
             shaken: None,
             trace,
         }
     }
 
-    /// Runs to the end; `stop` is asked now and then and ends the trial when it says so (then the result is none).
+    /// Runs to the end; `None` if `stop`, which is called every 64 steps, returned true.
     ///
     /// # Errors
-    /// An actuator command that is not finite, which a finite pose never gives.
-    pub fn run(mut self, stop: &dyn Fn() -> bool) -> Result<Option<Finished>, EpisodeError> {
+    /// [`EpisodeError::Sim`] for an actuator command that is not finite, which no finite pose causes.
+    pub fn run(mut self, stop: &dyn Fn() -> bool) -> Result<Option<Finished<O>>, EpisodeError> {
         let finished = self.close(stop)? && self.lift(stop)? && self.shake(stop)?;
-        Ok(finished.then(|| (self.outcome(), self.trace)))
+        Ok(finished.then(|| Finished {
+            outcome: self.outcome(),
+            trace: self.trace.unwrap_or_default(),
+            observer: Some(self.observer),
+        }))
     }
 
-    /// Closes the hand; false if `stop` said so.
+    /// Closes the hand; false if `stop` returned true.
     ///
     /// # Errors
     /// As [`Trial::run`].
@@ -191,23 +208,21 @@ impl Trial {
         self.until(self.steps(self.config.close_time), stop)
     }
 
-    /// Lifts and holds, after [`Trial::close`]; false if `stop` said so.
+    /// Lifts and holds, after [`Trial::close`]; false if `stop` returned true.
     ///
     /// # Errors
     /// As [`Trial::run`].
     pub fn lift(&mut self, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
         self.episode.begin_lift();
-        if let Some(study) = &mut self.study {
-            study.begin_lift(self.episode.world());
-        }
+        self.observer.begin_lift(&self.episode);
         let config = self.config;
         let phases = [config.close_time, config.lift_time, config.hold_time];
         self.until(phases.iter().map(|time| self.steps(*time)).sum(), stop)
     }
 
-    /// Shakes a success where the config asks for it, after [`Trial::lift`], and holds for the hold time again; false if `stop` said so.
+    /// Shakes a success after [`Trial::lift`] if the config asks for it, and holds for the hold time again; false if `stop` returned true.
     ///
-    /// A copy of the world is shaken, so that episode and labels stay those of the end of the hold.
+    /// A copy of the episode is shaken, so episode and labels stay those of the end of the hold.
     ///
     /// # Errors
     /// As [`Trial::run`].
@@ -217,7 +232,7 @@ impl Trial {
         let (start, dt) = (episode.world().world_from_hand(), episode.world().dt());
         let center = episode.world().hand().grasp.center;
         for step in 1..=self.steps(config.time() + self.config.hold_time) {
-            if step.is_multiple_of(64) && stop() {
+            if step.is_multiple_of(CHECK_EVERY) && stop() {
                 return Ok(false);
             }
             episode.advance(&(start * config.offset(step as f64 * dt, &center)), &self.close)?;
@@ -228,7 +243,7 @@ impl Trial {
             }
             let fell = || episode.judge().on_scenery() && episode.world().contacts().links.is_empty();
             let lost = self.config.early_stop && step.is_multiple_of(LOOK_EVERY) && fell();
-            if lost || step.is_multiple_of(64) && episode.world().has_diverged() {
+            if lost || step.is_multiple_of(CHECK_EVERY) && episode.world().has_diverged() {
                 break;
             }
         }
@@ -236,12 +251,12 @@ impl Trial {
         Ok(true)
     }
 
-    /// The episode as it stands; after a shake, as it stood before.
+    /// The episode; after a shake, its state before the shake.
     pub fn episode(&self) -> &Episode {
         &self.episode
     }
 
-    /// The episode as the trial leaves it, without the shake.
+    /// The episode at the end of the trial, without the shake.
     pub fn into_episode(self) -> Episode {
         self.episode
     }
@@ -250,61 +265,56 @@ impl Trial {
         (time / self.episode.world().dt()).round() as u64
     }
 
-    /// Goes on up to step `end`, unless it is over before; false if `stop` said so.
+    /// Advances to step `end`, unless the trial ends early; false if `stop` returned true.
     fn until(&mut self, end: u64, stop: &dyn Fn() -> bool) -> Result<bool, EpisodeError> {
         let dt = self.episode.world().dt();
-        let (close, read_at) = (self.steps(self.config.close_time), self.steps(READ_TIME));
+        let close = self.steps(self.config.close_time);
         while self.step < end && self.over.is_none() {
-            if self.step.is_multiple_of(64) && stop() {
+            if self.step.is_multiple_of(CHECK_EVERY) && stop() {
                 return Ok(false);
             }
             self.step += 1;
             let target = self.target(self.step as f64 * dt);
             self.episode.advance(&target, &self.close)?;
-            if let Some(study) = &mut self.study {
-                study.observe(self.episode.world());
-            }
+            self.observer.observe(&self.episode);
             if let Some(trace) = &mut self.trace
                 && self.step.is_multiple_of(self.sample_every)
             {
                 trace.push(Sample::of(&self.episode));
             }
-            if self.step == read_at {
-                self.reading = self.study.as_ref().map(|study| study.read(&self.episode));
-            }
             let looks = self.step > close && self.step.is_multiple_of(LOOK_EVERY);
             self.touched |= looks && self.touches();
             if looks && self.ends_early() && self.out_of_reach() {
                 self.over = Some(None);
-            } else if self.step.is_multiple_of(64) && self.episode.world().has_diverged() {
+            } else if self.step.is_multiple_of(CHECK_EVERY) && self.episode.world().has_diverged() {
                 self.over = Some(Some(FailureKind::Unstable));
             }
         }
         Ok(true)
     }
 
-    /// Where the hand is to be `time` seconds after closing began: still, then up along a minimum-jerk curve, then still.
+    /// Pose of the hand `time` seconds after closing began: at rest, then up along a minimum-jerk trajectory, then at rest.
     fn target(&self, time: f64) -> Isometry3<f64> {
         let rise = self.config.lift_height * minimum_jerk((time - self.config.close_time) / self.config.lift_time);
         Translation3::new(0.0, 0.0, rise) * self.start
     }
 
     fn ends_early(&self) -> bool {
-        self.config.early_stop && (!self.config.legacy || self.reading.is_some())
+        self.config.early_stop && !(self.config.await_observer && self.observer.pending())
     }
 
     fn touches(&self) -> bool {
         !self.episode.world().contacts().links.is_empty()
     }
 
-    /// True once the object cannot be held high enough at the end any more, even if the hand meets it now and carries it up.
+    /// True if the object can no longer be high enough at the end, even if the hand carried it up from now on.
     fn out_of_reach(&self) -> bool {
         let verdict = self.episode.verdict();
         let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
         reach < self.episode.judge().criterion().lift_height
     }
 
-    /// What came of it, once it is over.
+    /// The outcome, once the trial is over.
     pub fn outcome(&self) -> TrialOutcome {
         let (world, failure) = (self.episode.world(), self.over.flatten());
         let verdict = self.episode.verdict();
@@ -323,9 +333,6 @@ impl Trial {
             secure: success && verdict.secure,
             failure: (!success).then_some(why),
             lift: verdict.lift,
-            kindness_rate: self.study.as_ref().map(|study| study.kindness_rate(world)),
-            legacy_success: self.reading.map(|reading| reading.success),
-            kindness: self.reading.map(|reading| reading.kindness),
             survives_shake: self.config.shake.map(|_| self.shaken.as_ref().is_some_and(survives)),
             shake_shift: self.shaken.as_ref().map(shift),
             time: end.time(),
@@ -334,7 +341,7 @@ impl Trial {
     }
 }
 
-/// Share of the way after the share `time` of the duration, along the smoothest start and stop: s^3 (10 - 15 s + 6 s^2).
+/// Share of the path after the share `time` of the duration, on a minimum-jerk trajectory: s^3 (10 - 15 s + 6 s^2).
 ///
 /// Source: Flash, Hogan, "The coordination of arm movements: an experimentally confirmed mathematical model", 1985.
 pub fn minimum_jerk(time: f64) -> f64 {
@@ -343,18 +350,15 @@ pub fn minimum_jerk(time: f64) -> f64 {
 }
 
 impl TrialOutcome {
-    /// The outcome of a pose that collides before anything moves.
+    /// The outcome of an infeasible pose: nothing moves.
     ///
-    /// * `shake`: the trial would have ended with one.
+    /// * `shake`: the trial has a shake.
     pub fn infeasible(shake: bool) -> Self {
         Self {
             success: false,
             secure: false,
             failure: Some(FailureKind::Infeasible),
             lift: 0.0,
-            kindness_rate: Some(0.0),
-            legacy_success: None,
-            kindness: None,
             survives_shake: shake.then_some(false),
             shake_shift: None,
             time: 0.0,
