@@ -1,4 +1,4 @@
-//! What the numbers of an action mean. All are in [-1, 1]; values beyond are clipped.
+//! The meaning of an action's entries. All are in [-1, 1]; other values are clipped.
 
 use crate::arm_controller::{ANGULAR_SPEED, Goal, LINEAR_SPEED};
 use crate::column::Column;
@@ -7,15 +7,15 @@ use crate::workspace::{DECISION_HIGH, DECISION_LOW, WORKSPACE_HIGH, WORKSPACE_LO
 use graspbox_hand::{Actuator, ActuatorCommand, Hand, JointKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// The preshape follows its target while no other actuator has closed by more than this share of its travel: a hand is shaped before it
-/// closes. Fingers whose preshape changes about an object that they hold, by however little, release it.
+/// The preshape follows its target while no other actuator has closed by more than this share of its travel: the hand is shaped before it closes.
+/// Any change of the preshape under load would release the object.
 pub const OPEN_SHARE: f64 = 5.0 / 36.0;
 
-/// A direction shorter than this, or two with a smaller sine between them, define no rotation.
+/// Least length of a direction, and least sine between two, that define a rotation.
 const DEGENERATE: f64 = 1e-3;
 
 impl Control {
-    /// Entries of an action that move the hand; the actuators' follow.
+    /// Number of entries that move the hand; those of the actuators follow.
     pub fn hand_size(self) -> usize {
         match self {
             Self::Twist | Self::DeltaPose => 6,
@@ -23,13 +23,13 @@ impl Control {
         }
     }
 
-    /// Entries of an action.
+    /// Number of entries of an action.
     pub fn size(self, hand: &Hand) -> usize {
         let actuators = if self.decides() { usize::from(hand.has_preshapes()) } else { hand.actuators.len() };
         self.hand_size() + actuators
     }
 
-    /// The columns of an action; `low` and `high` are what -1 and 1 mean.
+    /// The columns of an action; `low` and `high` are the values of -1 and 1.
     pub fn table(self, hand: &Hand) -> Vec<Column> {
         let mut columns = match self {
             Self::Twist => twist_table(),
@@ -100,12 +100,12 @@ fn actuator_column(index: usize, hand: &Hand) -> Column {
     Column::new("actuator", 1, speed, unit, format!("speed of actuator `{}`; positive closes", actuator.name))
 }
 
-/// True for the actuator whose position is the preshape.
+/// True for the actuator whose position is the preshape coordinate.
 fn is_preshape(actuator: usize, hand: &Hand) -> bool {
     hand.grasp.coordinate.is_some_and(|coordinate| coordinate.actuator == actuator)
 }
 
-/// The preshape at a share of its range, from -1 to 1; the nearest one where preshapes have names alone.
+/// The preshape at a share of its range, from -1 to 1; the nearest one if preshapes are named.
 fn preshape_at(share: f64, hand: &Hand) -> f64 {
     let [low, high] = hand.preshape_limits();
     let preshape = low + (share + 1.0) / 2.0 * (high - low);
@@ -122,10 +122,10 @@ fn three(values: &[f32], i: usize) -> Vector3<f64> {
 }
 
 impl ClosedLoop {
-    /// The goal that an action names.
+    /// The goal of an action.
     ///
-    /// * `values`: finite numbers; the first [`Control::hand_size`] count.
-    /// * `last`: the last reference, whose rotation is held if the action names none.
+    /// * `values`: finite numbers, of which the first [`Control::hand_size`] are used.
+    /// * `last`: the last reference, whose rotation is kept if the action defines none.
     pub fn goal(self, values: &[f32], last: &Isometry3<f64>) -> Goal {
         match self {
             Self::Twist => Goal::Twist(three(values, 0) * LINEAR_SPEED, three(values, 3) * ANGULAR_SPEED),
@@ -148,7 +148,7 @@ fn between(shares: &Vector3<f64>, low: [f64; 3], high: [f64; 3]) -> Vector3<f64>
     low + (shares.add_scalar(1.0) / 2.0).component_mul(&(high - low))
 }
 
-/// The hand's pose and the preshape that a decision names; none if its columns define no rotation.
+/// Pose and preshape of a decision; `None` if its columns define no rotation.
 ///
 /// * `values`: an action of [`Control::GraspPose`], finite.
 pub fn pose_and_preshape(values: &[f32], hand: &Hand) -> Option<(Isometry3<f64>, f64)> {
@@ -159,7 +159,7 @@ pub fn pose_and_preshape(values: &[f32], hand: &Hand) -> Option<(Isometry3<f64>,
     Some((pose, preshape))
 }
 
-/// The rotation whose first column points along `first`, and whose second lies in the plane of both; none if they define none.
+/// The rotation whose first column is along `first` and whose second is in the plane of both; `None` if they define none.
 fn rotation(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
     let x = first.try_normalize(DEGENERATE)?;
     let y = (second - x * x.dot(second)).try_normalize(DEGENERATE * second.norm().max(1.0))?;
@@ -167,9 +167,9 @@ fn rotation(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<UnitQuaternio
     Some(UnitQuaternion::from_rotation_matrix(&matrix))
 }
 
-/// Commands to the actuators, from the entries that follow those of the hand.
+/// Commands to the actuators from the entries after those of the hand.
 ///
-/// * `preshape`: target of the preshape coordinate, rad or m; replaced by the action's while `open`.
+/// * `preshape`: target of the preshape coordinate, rad or m; updated from the action while `open`.
 pub fn actuator_commands(hand: &Hand, values: &[f32], open: bool, preshape: &mut f64) -> Vec<ActuatorCommand> {
     let command = |((index, actuator), value): ((usize, &Actuator), &f32)| {
         let value = f64::from(*value).clamp(-1.0, 1.0);

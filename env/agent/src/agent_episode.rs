@@ -30,7 +30,7 @@ pub struct AgentEpisode {
 impl AgentEpisode {
     /// Begins an episode.
     ///
-    /// * `initial`: as [`InitialState::sample`] gives it.
+    /// * `initial`: from [`InitialState::sample`].
     pub fn new(initial: &InitialState, spec: &EnvSpec) -> Self {
         let factors = [initial.friction, initial.mass];
         let (hand, object) = (&initial.world_from_hand, &initial.world_from_object);
@@ -63,7 +63,7 @@ impl AgentEpisode {
         Self::resume(episode, Arc::clone(&initial.prepared), arm, record)
     }
 
-    /// An episode as it stood.
+    /// An episode from a saved state.
     pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, arm: ArmController, record: Record) -> Self {
         Self { episode, prepared, arm, record }
     }
@@ -72,17 +72,17 @@ impl AgentEpisode {
         &self.record
     }
 
-    /// Call it before the control periods of an action: what the info says of all of them begins anew.
+    /// Resets the parts of the info that cover all control periods of an action; call it before the first of them.
     pub(crate) fn begin_action(&mut self) {
         self.record.stopped = false;
     }
 
-    /// One control period, or the one decision; returns the reward terms, and whether the episode ended by success or loss.
+    /// Advances by one control period, or makes the decision. Returns the reward terms, and whether the episode ended by success or loss.
     ///
-    /// * `action`: finite numbers, (n,), as the control's table says.
+    /// * `action`: (n,), finite, with the columns of [`crate::Control::table`].
     ///
     /// # Errors
-    /// An actuator command that is not finite, which a finite action never gives.
+    /// [`AgentError::Episode`] for an actuator command that is not finite, which no finite action causes.
     pub fn step(&mut self, action: &[f32], spec: &EnvSpec) -> Result<(TermValues, bool), AgentError> {
         self.record.steps = self.record.steps.saturating_add(1);
         self.record.last_action.clear();
@@ -111,7 +111,7 @@ impl AgentEpisode {
             transition.stop |= self.arm.stop.active;
             match self.episode.advance(&hand, &commands) {
                 Ok(()) => self.watch_lift(),
-                // The action is finite, so the world has diverged: the tensions of its tendons are no numbers any more.
+                // The action is finite, so the world has diverged: tendon tensions are NaN.
                 Err(_) if self.episode.world().has_diverged() => break,
                 Err(error) => return Err(error.into()),
             }
@@ -133,7 +133,7 @@ impl AgentEpisode {
         Ok(transition)
     }
 
-    /// Sends the hand where `action` says and tries the grasp. The episode is over then.
+    /// Moves the hand to the pose of `action` and tries the grasp, which ends the episode.
     fn decide(&mut self, action: &[f32], spec: &EnvSpec) -> Result<Attempt, AgentError> {
         self.record.failure = Some(FailureKind::Infeasible);
         let Some((believed, preshape)) = pose_and_preshape(action, spec.hand()) else {
@@ -158,7 +158,7 @@ impl AgentEpisode {
         Ok(outcome.attempt)
     }
 
-    /// True while no actuator is closed so far that the preshape has to stay.
+    /// True while no actuator has closed so far that the preshape must not change.
     fn hand_is_open(&self) -> bool {
         let world = self.episode.world();
         let hand = world.hand();
@@ -168,7 +168,7 @@ impl AgentEpisode {
         })
     }
 
-    /// Lifting begins, for the judge, when the object first leaves the table while the hand touches it.
+    /// Tells the judge that lifting begins, when the object first leaves the table while the hand touches it.
     fn watch_lift(&mut self) {
         if !self.record.lifting && !self.episode.judge().on_scenery() && self.touches() {
             self.record.lifting = true;
@@ -181,18 +181,18 @@ impl AgentEpisode {
         !self.episode.world().contacts().links.is_empty()
     }
 
-    /// The object is off the table, or out of the workspace.
+    /// True if the object is off the table or out of the workspace.
     fn lost(&self) -> bool {
         let center = self.episode.world().object_center();
         center.z < LOST_HEIGHT || center.coords.xy().norm() > LOST_DISTANCE
     }
 
-    /// What observations and infos are read from.
+    /// The view from which observations and infos are read.
     pub fn view<'a>(&'a self, spec: &'a EnvSpec) -> View<'a> {
         View::new(&self.episode, &self.prepared, &self.arm, &self.record, &spec.flags)
     }
 
-    /// The state machine inside.
+    /// The state machine.
     pub fn episode(&self) -> &Episode {
         &self.episode
     }
@@ -232,10 +232,10 @@ impl AgentEpisode {
         &self.record.viewpoint
     }
 
-    /// Where everything is now.
+    /// Present poses of all bodies, for rendering.
     ///
     /// # Errors
-    /// A mesh that cannot be rendered.
+    /// [`AgentError::NotRenderable`] for a mesh that cannot be rendered.
     pub fn scene_pose(&self) -> Result<ScenePose<'_>, AgentError> {
         let object = self.prepared.model()?;
         let color = object_color(self.prepared.body().name());

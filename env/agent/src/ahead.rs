@@ -1,8 +1,8 @@
-//! Work that is done ahead of its need, on one thread of its own.
+//! Background preparation on one thread.
 //!
-//! Nobody depends on it: what is not done in time is done by whoever needs it, with the same result. A thread that needs what is being
-//! done waits for it, and what a thread is doing for itself is not begun a second time. The thread starts with the first job of a process
-//! and does not exist in a forked child, where nothing is done ahead.
+//! Nothing depends on it: a thread that needs a result which is not ready computes it itself, with the same result. If the background thread is
+//! working on that result, the other thread waits; work that another thread has begun is not started again. The background thread starts with
+//! the first job of a process; forked children do not have it, and prepare nothing in the background.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;
@@ -10,14 +10,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Most jobs that wait; further ones are left to those who need them.
+/// Most queued jobs; further ones are dropped, and done when they are needed.
 const MOST_QUEUED: usize = 1024;
 /// Stack of the thread, bytes: hull and tree code recurses.
 const STACK: usize = 8 << 20;
 
-/// A thread for work ahead, and who works on what.
+/// The background thread, and the keys that threads are working on.
 pub struct Ahead {
-    /// The process that started the thread, and a pool of one thread: loops that run in parallel elsewhere stay on it.
+    /// The process that started the thread, and a pool of one thread, on which nested parallel loops stay.
     pool: Mutex<Option<(u32, ThreadPool)>>,
     queued: Arc<AtomicUsize>,
     workers: Arc<Workers>,
@@ -25,20 +25,20 @@ pub struct Ahead {
 
 #[derive(Default)]
 struct Workers {
-    /// By the key of the work.
+    /// Work in progress by key.
     at: Mutex<BTreeMap<usize, Working>>,
     changed: Condvar,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Working {
-    /// The thread of [`Ahead`].
+    /// The background thread works on it.
     ahead: bool,
-    /// Threads that do it for themselves.
+    /// Number of other threads that work on it.
     claims: usize,
 }
 
-/// Somebody's work on a key; it ends when this is dropped.
+/// Work in progress on a key; it ends when this is dropped.
 pub struct Claim<'a> {
     workers: &'a Workers,
     key: usize,
@@ -47,11 +47,11 @@ pub struct Claim<'a> {
 
 impl Workers {
     fn lock(&self) -> MutexGuard<'_, BTreeMap<usize, Working>> {
-        // Nothing inside the lock can leave the map half changed.
+        // A poisoned lock is harmless: no change inside it is partial.
         self.at.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Work on `key` for oneself, once the thread ahead is not at it.
+    /// Claims `key` for the calling thread; waits while the background thread works on it.
     fn claim(&self, key: usize) -> Claim<'_> {
         let mut at = self.lock();
         while at.get(&key).is_some_and(|working| working.ahead) {
@@ -61,7 +61,7 @@ impl Workers {
         Claim { workers: self, key, ahead: false }
     }
 
-    /// Work on `key` ahead, unless somebody is at it.
+    /// Claims `key` for the background thread, unless another thread works on it.
     fn begin(&self, key: usize) -> Option<Claim<'_>> {
         let mut at = self.lock();
         if at.contains_key(&key) {
@@ -96,19 +96,19 @@ impl Default for Ahead {
 }
 
 impl Ahead {
-    /// Work on `key` for oneself; waits while the thread ahead is at it.
+    /// Claims `key` for the calling thread; waits while the background thread works on it.
     ///
-    /// Two threads may claim the same key: a thread that works in parallel may be given another's task meanwhile, and would wait for itself.
+    /// Two threads may claim the same key: a rayon worker may run another worker's task in the meantime, and would wait for itself.
     pub fn claim(&self, key: usize) -> Claim<'_> {
         self.workers.claim(key)
     }
 
-    /// Does `job`, some time, unless somebody works on `key` by then, or too much waits already. A job that panics is dropped.
+    /// Queues `job`, unless the queue is full. It is skipped if another thread works on `key` by then; a job that panics is dropped.
     pub fn spawn(&self, key: usize, job: impl FnOnce() + Send + 'static) {
         let mut pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner);
         if pool.is_none() {
             let builder = ThreadPoolBuilder::new().num_threads(1).stack_size(STACK);
-            // Without a thread everything is done when it is needed.
+            // Without the thread, everything is done when it is needed.
             *pool =
                 builder.thread_name(|_| "graspbox-ahead".into()).build().ok().map(|pool| (std::process::id(), pool));
         }
@@ -121,7 +121,7 @@ impl Ahead {
         pool.spawn(move || {
             queued.fetch_sub(1, Ordering::AcqRel);
             if let Some(claim) = workers.begin(key) {
-                // Nobody waits for a result; whoever needs it meets the same panic.
+                // No thread waits for the result; the one that needs it meets the same panic.
                 drop(catch_unwind(AssertUnwindSafe(job)));
                 drop(claim);
             }
@@ -135,7 +135,7 @@ impl Drop for Ahead {
         if let Some((process, pool)) = pool
             && process != std::process::id()
         {
-            // Dropping a pool would wake its thread, which lives in the parent only.
+            // Dropping the pool would wake its thread, which exists in the parent only.
             std::mem::forget(pool);
         }
     }

@@ -1,15 +1,16 @@
-//! Moves the hand towards its goal within limits of speed and acceleration.
+//! Motion of the hand towards its goal within limits of speed and acceleration.
 //!
-//! A jump of velocity would accelerate what the hand holds by hundreds of m/s2. A goal pose is approached along a line in one
-//! control period, with the speed of that line fed forward: a goal that moves smoothly is followed without lag.
+//! A jump of velocity would accelerate a held object by hundreds of m/s2. A goal pose is approached along a line within one control period, with
+//! the speed of that line as feedforward, so a smoothly moving goal is followed without lag.
 
 use crate::control::CONTROL_PERIOD;
 use crate::guard::{Brake, Guard, ProtectiveStop, TABLE_CLEARANCE};
+use graspbox_mesh::range::{OutOfRange, all_within, is_pose};
 use graspbox_sim::HandLoad;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Greatest speed of the grasp frame, m/s: a brisk arm.
+/// Greatest speed of the grasp frame, m/s: that of a fast arm.
 pub const LINEAR_SPEED: f64 = 0.5;
 /// Greatest acceleration of the grasp frame, m/s2.
 pub const LINEAR_ACCELERATION: f64 = 5.0;
@@ -17,9 +18,9 @@ pub const LINEAR_ACCELERATION: f64 = 5.0;
 pub const ANGULAR_SPEED: f64 = 2.0;
 /// Greatest angular acceleration, rad/s2.
 pub const ANGULAR_ACCELERATION: f64 = 20.0;
-/// Speed towards a goal for each metre (radian) of distance, 1/s, as far as braking allows.
+/// Speed towards a goal per distance, 1/s, unless braking requires less.
 const GAIN: f64 = 20.0;
-/// The reference of `delta_pose` never runs further ahead of the hand than this, metres and radians: two steps at full speed.
+/// Greatest distance of the reference of `delta_pose` from the hand, metres and radians: two steps at full speed.
 const LEASH: [f64; 2] = [0.05, 0.2];
 
 /// The command of one control period.
@@ -27,13 +28,13 @@ const LEASH: [f64; 2] = [0.05, 0.2];
 pub enum Goal {
     /// A velocity in the hand's axes, m/s and rad/s.
     Twist(Vector3<f64>, Vector3<f64>),
-    /// A step from the last reference, in the hand's axes.
+    /// A displacement from the last reference, in the hand's axes.
     Delta(Isometry3<f64>),
     /// A pose of the hand in the world.
     Pose(Isometry3<f64>),
 }
 
-/// How the hand moves in one control period.
+/// The motion of the hand in one control period.
 #[derive(Clone, Copy, Debug)]
 pub enum Motion {
     /// A velocity in the hand's axes, m/s and rad/s.
@@ -42,25 +43,25 @@ pub enum Motion {
     Track(Isometry3<f64>, Isometry3<f64>),
 }
 
-/// The hand as its arm knows it.
+/// The controller of the arm, with its estimate of the hand's pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArmController {
-    /// Where the arm believes the hand is.
+    /// Estimated pose of the hand.
     pose: Isometry3<f64>,
-    /// World axes, m/s.
+    /// Linear velocity, world axes, m/s.
     linear: Vector3<f64>,
-    /// World axes, rad/s.
+    /// Angular velocity, world axes, rad/s.
     angular: Vector3<f64>,
-    /// Where the last goal was.
+    /// The last goal pose.
     reference: Isometry3<f64>,
-    /// The true hand in the believed one: an error of calibration.
+    /// The true hand in the estimated one: a calibration error.
     error: Isometry3<f64>,
     /// The protective stop.
     pub stop: ProtectiveStop,
 }
 
 impl ArmController {
-    /// A hand at rest, truly at `world_from_hand`; the arm believes it `error` away.
+    /// A hand at rest at `world_from_hand`; `error` is its pose in the estimated one.
     pub fn new(world_from_hand: &Isometry3<f64>, error: &Isometry3<f64>) -> Self {
         let pose = world_from_hand * error.inverse();
         Self {
@@ -73,7 +74,25 @@ impl ArmController {
         }
     }
 
-    /// Moves the hand at once to where the arm believes `pose` is; returns its true pose in the world.
+    /// Refuses what no arm can be in.
+    ///
+    /// # Errors
+    /// [`OutOfRange`], naming the first number.
+    pub(crate) fn check(&self) -> Result<(), OutOfRange> {
+        /// Farther than any arm reaches, metres.
+        const FARTHEST: f64 = 1e3;
+        /// Far above its limits of speed, which the protective stop and the table may exceed, m/s and rad/s.
+        const FASTEST: f64 = 1e3;
+        for (field, pose) in [("arm.pose", &self.pose), ("arm.reference", &self.reference), ("arm.error", &self.error)]
+        {
+            is_pose(field, pose, FARTHEST)?;
+        }
+        all_within("arm.linear", self.linear.iter().copied(), FASTEST, "m/s")?;
+        all_within("arm.angular", self.angular.iter().copied(), FASTEST, "rad/s")?;
+        self.stop.check()
+    }
+
+    /// Moves the hand at once to the estimated pose `pose`. Returns its true pose in the world.
     pub fn teleport(&mut self, pose: &Isometry3<f64>) -> Isometry3<f64> {
         self.pose = *pose;
         self.reference = *pose;
@@ -85,23 +104,23 @@ impl ArmController {
         *self = Self::new(world_from_hand, &self.error);
     }
 
-    /// Where the arm believes the hand is, in the world.
+    /// Estimated pose of the hand in the world.
     pub fn believed(&self) -> &Isometry3<f64> {
         &self.pose
     }
 
-    /// Where the hand is, in the world.
+    /// True pose of the hand in the world.
     pub fn world_from_hand(&self) -> Isometry3<f64> {
         self.pose * self.error
     }
 
-    /// Linear (m/s) and angular (rad/s) velocity in the hand's axes, as the arm believes.
+    /// Estimated linear (m/s) and angular (rad/s) velocity, hand axes.
     pub fn velocity(&self) -> (Vector3<f64>, Vector3<f64>) {
         let turn = self.pose.rotation.inverse();
         (turn * self.linear, turn * self.angular)
     }
 
-    /// Takes a goal for the coming control period.
+    /// Sets the goal of the next control period.
     pub fn begin(&mut self, goal: &Goal) -> Motion {
         match goal {
             Goal::Twist(linear, angular) => {
@@ -125,7 +144,7 @@ impl ArmController {
         }
     }
 
-    /// The reference, no further from the hand than the leash allows.
+    /// The reference, limited to [`LEASH`] from the hand.
     fn leashed(&self) -> Isometry3<f64> {
         let ahead = self.reference.translation.vector - self.pose.translation.vector;
         let turn = (self.reference.rotation * self.pose.rotation.inverse()).scaled_axis();
@@ -136,9 +155,9 @@ impl ArmController {
         )
     }
 
-    /// One time step of `dt` seconds, at `time` seconds after the control period began; returns where the hand is then.
+    /// Advances by one time step of `dt` seconds, at `time` seconds after the control period began. Returns the true pose of the hand.
     ///
-    /// * `load`: what pressed on the hand in the last step.
+    /// * `load`: contact load on the hand in the last step.
     pub fn advance(&mut self, motion: &Motion, time: f64, dt: f64, guard: &Guard, load: &HandLoad) -> Isometry3<f64> {
         let truth = self.world_from_hand();
         let (linear, angular) = self.wanted(motion, time, dt);
@@ -147,7 +166,7 @@ impl ArmController {
         self.angular += capped(&(angular - self.angular), ANGULAR_ACCELERATION * dt);
         self.stop.limit(&mut self.linear, &mut self.angular, dt);
         let brake = Brake { deceleration: LINEAR_ACCELERATION, dt };
-        // The walls are for the true hand, which a turn moves more than the believed one.
+        // The limits hold for the true hand, which a rotation moves more than the estimated one.
         let lever = self.angular.cross(&(self.pose.rotation * self.error.translation.vector));
         let mut linear = self.linear + lever;
         guard.limit(&truth, &mut linear, &self.angular, &brake);
@@ -156,7 +175,7 @@ impl ArmController {
             Translation3::from(self.pose.translation.vector + self.linear * dt),
             turned(&self.pose.rotation, &(self.angular * dt)),
         );
-        // What the linearised limit leaves: fractions of a micrometre.
+        // Corrects the error of the linearized limit: fractions of a micrometre.
         let sunk = TABLE_CLEARANCE - guard.lowest(&self.world_from_hand());
         if sunk > 0.0 {
             self.pose.translation.vector.z += sunk;
@@ -186,7 +205,7 @@ impl ArmController {
     }
 }
 
-/// Velocity towards a goal at `distance`: in proportion, but never faster than one can brake.
+/// Velocity towards a goal at `distance`: proportional, but never faster than braking allows.
 fn approach(distance: &Vector3<f64>, brake: &Brake) -> Vector3<f64> {
     let length = distance.norm();
     if length == 0.0 {
@@ -195,13 +214,13 @@ fn approach(distance: &Vector3<f64>, brake: &Brake) -> Vector3<f64> {
     distance * (brake.speed(length).min(GAIN * length) / length)
 }
 
-/// `vector`, no longer than `length`.
+/// `vector`, limited to `length`.
 pub(crate) fn capped(vector: &Vector3<f64>, length: f64) -> Vector3<f64> {
     let norm = vector.norm();
     if norm > length { vector * (length / norm) } else { *vector }
 }
 
-/// `rotation` turned by `turn` (world axes), of unit length again.
+/// `rotation` rotated by `turn` (world axes), normalized.
 fn turned(rotation: &UnitQuaternion<f64>, turn: &Vector3<f64>) -> UnitQuaternion<f64> {
     if *turn == Vector3::zeros() {
         return *rotation;

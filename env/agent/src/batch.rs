@@ -28,7 +28,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// No rows, with room for `rows`.
+    /// An empty batch with capacity for `rows`.
     pub fn new(spec: &EnvSpec, rows: usize) -> Self {
         Self {
             envs: Vec::with_capacity(rows),
@@ -91,7 +91,7 @@ impl Batch {
         self.envs.is_empty()
     }
 
-    /// The entry `name` of the infos; none if there is no such entry.
+    /// The entry `name` of the infos; `None` if there is no such entry.
     pub fn info(&self, name: &str) -> Option<&InfoArray> {
         INFO.iter().position(|row| row.name == name).and_then(|index| self.info.get(index))
     }

@@ -1,9 +1,9 @@
-//! One row of a table of numbers: some neighbouring entries of an observation or an action.
+//! One row of a table of columns: adjacent entries of an observation or an action.
 
 use serde::Serialize;
 use std::borrow::Cow;
 
-/// Neighbouring entries of a vector that mean one thing.
+/// Adjacent entries of a vector with one meaning.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Column {
     /// Name.
@@ -16,7 +16,7 @@ pub struct Column {
     pub high: f64,
     /// Unit; `1` for a number without one.
     pub unit: &'static str,
-    /// What it means.
+    /// Its meaning.
     pub meaning: String,
     /// True if no sensor of a real robot measures it.
     pub privileged: bool,
@@ -35,7 +35,7 @@ impl Column {
     }
 }
 
-/// Number of entries of all columns together.
+/// Total number of entries of all columns.
 pub fn total_size(columns: &[Column]) -> usize {
     columns.iter().map(|column| column.size).sum()
 }

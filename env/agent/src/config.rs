@@ -8,23 +8,23 @@ use graspbox_mesh::in_range;
 use graspbox_vision::CamerasConfig;
 use serde::{Deserialize, Serialize};
 
-/// A step lasts at most this many control periods: 5 s.
+/// Most control periods of a step: 5 s.
 const MOST_FRAME_SKIP: f64 = 100.0;
 
-/// When an environment whose episode is over begins the next one.
+/// When an environment begins the next episode after the end of one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Autoreset {
     /// At the next step, which then ignores the action.
     #[default]
     NextStep,
-    /// At once; the last observation and info of the ended episode come back separately.
+    /// At once; the last observation and info of the ended episode are returned separately.
     SameStep,
     /// Only when it is reset.
     Disabled,
 }
 
-/// What varies from episode to episode beside object and initial poses; every range at its neutral value is off.
+/// Domain randomization beside objects and initial poses; ranges at their neutral values are off.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Randomization {
@@ -40,9 +40,9 @@ pub struct Randomization {
     pub hand_rotation: f64,
     /// Greatest shift of a camera along each of its axes, metres.
     pub camera_position: f64,
-    /// Greatest turn of a camera about each of its axes, radians.
+    /// Greatest rotation of a camera about each of its axes, radians.
     pub camera_rotation: f64,
-    /// Variation of the light, in [0, 1]: at 1 the lamp turns by up to 0.7 rad and grows or fades by half.
+    /// Variation of the light, in [0, 1]: at 1 the lamp rotates by up to 0.7 rad, and its strength changes by up to half.
     pub light: f64,
 }
 
@@ -63,7 +63,7 @@ impl Default for Randomization {
 
 impl Randomization {
     /// The preset `"standard"`: friction within 30 %, mass within 25 %, a hand calibrated to 5 mm and 1.7 degrees, cameras to
-    /// 1 cm and 1.1 degrees, another light.
+    /// 1 cm and 1.1 degrees, and varied light.
     pub fn standard() -> Self {
         Self {
             friction: [0.7, 1.3],
@@ -82,23 +82,23 @@ impl Randomization {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AgentConfig {
-    /// What an action means.
+    /// Control mode: the meaning of an action.
     pub control: Control,
-    /// When an environment whose episode is over begins the next one.
+    /// When an environment begins the next episode after the end of one.
     pub autoreset: Autoreset,
-    /// Control periods that a step lasts: its action holds for all of them.
+    /// Number of control periods of a step; its action applies to all of them.
     pub frame_skip: u32,
-    /// An episode is cut off after this many steps; none: never.
+    /// Number of steps after which an episode is truncated; `None`: never.
     pub max_episode_steps: Option<u32>,
     /// Observations, in this order.
     pub observations: Vec<Observation>,
-    /// What varies.
+    /// Domain randomization.
     pub randomization: Randomization,
     /// Cameras and images.
     pub cameras: CamerasConfig,
-    /// What counts as success, in every control mode.
+    /// The criterion of success in every control mode.
     pub success: SuccessCriterion,
-    /// The trial that follows a decision; closed-loop control has none. Its own `success` is left as it is: see [`AgentConfig::success`].
+    /// The trial after a decision; closed-loop control has none. [`AgentConfig::success`] replaces its own `success`.
     pub trial: TrialConfig,
 }
 
@@ -138,9 +138,10 @@ impl Randomization {
 }
 
 impl AgentConfig {
-    /// The trial that follows a decision, judged by [`AgentConfig::success`].
+    /// The trial that follows a decision, judged by [`AgentConfig::success`]. It has no observer: a trial that would await one runs to its end.
     pub fn trial(&self) -> TrialConfig {
-        TrialConfig { success: self.success, ..self.trial }
+        let early_stop = self.trial.early_stop && !self.trial.await_observer;
+        TrialConfig { success: self.success, early_stop, ..self.trial }
     }
 
     /// Checks every setting.

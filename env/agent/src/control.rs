@@ -6,18 +6,18 @@ use serde::{Deserialize, Serialize};
 /// Seconds between two actions: 20 Hz.
 pub const CONTROL_PERIOD: f64 = 0.05;
 
-/// How an action moves the hand.
+/// Control modes: how an action moves the hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Control {
     /// A velocity in the hand's axes.
     #[default]
     Twist,
-    /// A step in the hand's axes, added up by the arm.
+    /// A displacement in the hand's axes, which the arm accumulates.
     DeltaPose,
     /// A pose in the world.
     TargetPose,
-    /// One decision per episode: a pose in the world and a preshape, which a trial then tries.
+    /// One decision per episode: a pose in the world and a preshape, followed by a trial.
     GraspPose,
 }
 
@@ -36,7 +36,7 @@ impl Control {
     /// Every mode of closed-loop control.
     pub const CLOSED_LOOP: [Self; 3] = [Self::Twist, Self::DeltaPose, Self::TargetPose];
 
-    /// The closed-loop mode; none if an episode is one decision.
+    /// The closed-loop mode; `None` if an episode is one decision.
     pub fn closed_loop(self) -> Option<ClosedLoop> {
         match self {
             Self::Twist => Some(ClosedLoop::Twist),
@@ -62,7 +62,7 @@ impl Control {
     }
 }
 
-/// Physics steps in a control period of [`CONTROL_PERIOD`].
+/// Number of physics steps in a control period of [`CONTROL_PERIOD`].
 ///
 /// * `dt`: physics time step, seconds.
 ///

@@ -1,4 +1,4 @@
-//! One decision per episode: the hand is sent to a pose, and a trial follows there.
+//! One decision per episode: the hand moves to a pose, and a trial follows.
 
 use crate::AgentError;
 use crate::env_spec::EnvSpec;
@@ -10,9 +10,9 @@ use graspbox_episode::{Episode, FailureKind};
 use graspbox_hand::GraspPose;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// An object about to be grasped, as it rests.
+/// The state before a decision: an object at rest.
 pub struct Decision<'a> {
-    /// What all environments share.
+    /// Data shared by all environments.
     pub spec: &'a EnvSpec,
     /// The object.
     pub prepared: &'a Prepared,
@@ -20,31 +20,31 @@ pub struct Decision<'a> {
     pub first_center: &'a Point3<f64>,
     /// Factors on its friction and mass.
     pub factors: [f64; 2],
-    /// Where it is.
+    /// Its pose.
     pub world_from_object: Isometry3<f64>,
 }
 
-/// What a decision led to.
+/// Outcome of a decision.
 pub struct Outcome {
     /// The episode at its end.
     pub episode: Episode,
-    /// What the reward terms depend on.
+    /// Inputs of the reward terms.
     pub attempt: Attempt,
-    /// Why the grasp failed; none for a success.
+    /// Kind of failure; `None` for a success.
     pub failure: Option<FailureKind>,
     /// The hand touched the object.
     pub touched: bool,
-    /// The object was in the hand after the shake; false where the trial has none.
+    /// The object was in the hand after the shake; false without a shake.
     pub survives_shake: bool,
 }
 
 impl Decision<'_> {
-    /// Tries a grasp: the hand opens at `world_from_hand` with `preshape`, closes, lifts, holds and, where the trial says so, shakes.
+    /// Tries a grasp: from open at `world_from_hand` with `preshape` the hand closes, lifts, holds and, if the trial has a shake, shakes.
     ///
     /// * `episode`: the episode before the decision.
     ///
     /// # Errors
-    /// A preshape or an actuator command that the hand does not take, which a finite action never gives.
+    /// [`AgentError`] for an invalid preshape or actuator command, which no finite action causes.
     pub fn attempt(
         &self,
         episode: &Episode,
@@ -63,7 +63,7 @@ impl Decision<'_> {
         Ok(Outcome { episode, attempt, failure, touched: false, survives_shake: false })
     }
 
-    /// * `before`: potentials before the hand closes, of which the nearness counts.
+    /// * `before`: potentials before the hand closes; only the nearness is used.
     fn trial(
         &self,
         episode: Episode,
@@ -71,7 +71,7 @@ impl Decision<'_> {
         preshape: f64,
         before: &Potentials,
     ) -> Result<Outcome, AgentError> {
-        let mut trial = Trial::of(episode, world_from_hand, preshape, self.spec.config.trial(), false);
+        let mut trial = Trial::of(episode, world_from_hand, preshape, self.spec.config.trial(), (), false);
         trial.close(&|| false)?;
         let closed = self.potentials(trial.episode());
         trial.lift(&|| false)?;
@@ -96,7 +96,7 @@ impl Decision<'_> {
         })
     }
 
-    /// True if no part of the hand can touch the object, neither while the hand closes nor while it rises: there is nothing to simulate.
+    /// True if no part of the hand can reach the object while it closes and rises: nothing is simulated then.
     fn out_of_reach(&self, episode: &Episode) -> bool {
         let world = episode.world();
         let center = world.world_from_object() * self.prepared.bounds_center();

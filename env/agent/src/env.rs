@@ -1,4 +1,4 @@
-//! One environment: its random stream, its episode, what its last step returned.
+//! One environment: its random stream, its episode, and the result of its last step.
 
 use crate::AgentError;
 use crate::agent_episode::AgentEpisode;
@@ -13,8 +13,8 @@ use crate::reward::TERM_COUNT;
 use crate::saved_state::SavedState;
 use crate::step_result::StepResult;
 
-/// Episodes whose objects are prepared in the background. Each environment asks in the order of its episodes, so that those of the next
-/// ones come first; more than one, because environments whose episodes end together would need as many objects at once.
+/// Number of next episodes whose objects are prepared in the background, in their order. It is more than one, since environments whose episodes end
+/// together need as many objects at once.
 const EPISODES_AHEAD: usize = 3;
 
 /// One environment.
@@ -28,12 +28,12 @@ pub struct Env {
 }
 
 impl Env {
-    /// Begins a new episode; a seed begins the stream anew.
+    /// Begins a new episode; a seed restarts the stream.
     ///
     /// * `env`: index of the environment, for errors.
     ///
     /// # Errors
-    /// A first reset without a seed, an option out of place, or an object that cannot be prepared.
+    /// [`AgentError`] for a first reset without a seed, an invalid option, or an object that cannot be prepared.
     pub fn reset(
         &mut self,
         spec: &EnvSpec,
@@ -47,13 +47,13 @@ impl Env {
             Err(error) => {
                 // Everything stays as it was, with one exception: the next reset samples another object, so that one that cannot be
                 // used does not block the environment for good.
-                if seed.is_none() && options.object.is_none() && error.is_of_an_object() {
+                if seed.is_none() && options.object.is_none() && error.object().is_some() {
                     self.stream = Some(stream);
                 }
                 return Err(error);
             }
         };
-        // Where each episode gets a seed of its own, the stream does not tell which object comes next.
+        // If each episode has its own seed, the stream does not determine the next object.
         if seed.is_none() || spec.config.autoreset != Autoreset::Disabled {
             let mut later = stream.clone();
             for _ in 0..EPISODES_AHEAD {
@@ -69,33 +69,33 @@ impl Env {
         Ok(())
     }
 
-    /// The stream with which a reset would begin; none without a seed before the first.
+    /// The stream with which a reset would begin; `None` for a first reset without a seed.
     fn stream_of(&self, seed: Option<u64>) -> Option<RandomStream> {
         seed.map(RandomStream::new).or_else(|| self.stream.clone())
     }
 
-    /// What a reset would need of its object, where that can be told.
+    /// The preparation that a reset would need, if it is known.
     pub fn need(&self, spec: &EnvSpec, seed: Option<u64>, options: &ResetOptions) -> Option<Need> {
         InitialState::need(spec, &self.stream_of(seed)?, options).ok()
     }
 
-    /// True if the next step ignores its action: after the end of an episode, unless the next one has begun already.
+    /// True if the next step ignores its action and resets: after the end of an episode, unless the next one has already begun.
     pub fn resets_next(&self, spec: &EnvSpec) -> bool {
         self.done && spec.config.autoreset != Autoreset::Disabled
     }
 
-    /// Whether there is anything to observe.
+    /// Checks that there is an episode to observe.
     ///
     /// # Errors
-    /// No episode yet.
+    /// [`AgentError::NotReset`] without an episode.
     pub fn ready_to_observe(&self, env: usize) -> Result<(), AgentError> {
         self.episode.as_ref().map(|_| ()).ok_or(AgentError::NotReset { env })
     }
 
-    /// Whether a step can be taken.
+    /// Checks that a step is possible.
     ///
     /// # Errors
-    /// No episode yet, or one that is over and is not reset by itself.
+    /// [`AgentError::NotReset`] without an episode, [`AgentError::Over`] after the end of one without autoreset.
     pub fn ready(&self, spec: &EnvSpec, env: usize) -> Result<(), AgentError> {
         self.ready_to_observe(env)?;
         if self.done && spec.config.autoreset == Autoreset::Disabled {
@@ -104,7 +104,7 @@ impl Env {
         Ok(())
     }
 
-    /// One step of the environment, autoreset included; `action` was checked.
+    /// Advances the environment by one step, including autoreset; the caller has checked `action`.
     ///
     /// # Errors
     /// As [`Env::ready`] and [`Env::reset`].
@@ -152,12 +152,12 @@ impl Env {
         Ok(())
     }
 
-    /// What the last step or reset returned.
+    /// The result of the last step or reset.
     pub fn result(&self) -> &StepResult {
         &self.result
     }
 
-    /// What the last step of the previous episode returned, if a new one began in the same step.
+    /// The last result of the previous episode, if a new one began in the same step.
     pub fn last(&self) -> Option<&StepResult> {
         self.last.as_ref()
     }
@@ -167,10 +167,10 @@ impl Env {
         self.episode.as_ref()
     }
 
-    /// Everything that the future of this environment depends on, as bytes.
+    /// The complete state of this environment as bytes.
     ///
     /// # Errors
-    /// No episode yet, or a world that cannot be written.
+    /// [`AgentError::NotReset`] without an episode, or an error for a world that cannot be written.
     pub fn save(&self, spec: &EnvSpec, env: usize) -> Result<Vec<u8>, AgentError> {
         let (Some(episode), Some(stream)) = (&self.episode, &self.stream) else {
             return Err(AgentError::NotReset { env });
@@ -183,10 +183,10 @@ impl Env {
         state.encode()
     }
 
-    /// Takes up a state that [`Env::save`] gave; from there the same actions lead to the same bits.
+    /// Restores a state from [`Env::save`]; the same actions then give the same bits.
     ///
     /// # Errors
-    /// Bytes of another version, damaged ones, or ones of other objects, another hand, other physics, cameras or another control mode.
+    /// [`AgentError::BadState`] for damaged bytes, or those of another version, object set, hand, physics, cameras or control mode.
     pub fn restore(&mut self, spec: &EnvSpec, bytes: &[u8]) -> Result<(), AgentError> {
         let state = SavedState::decode(bytes)?;
         let episode = state.episode(spec)?;
@@ -212,7 +212,7 @@ fn begin(
     stream: &mut RandomStream,
     options: &ResetOptions,
 ) -> Result<(AgentEpisode, StepResult), AgentError> {
-    // An error is found again below, after the stream has moved on: the next reset samples another object.
+    // An error occurs again below, after the stream has advanced: the next reset then samples another object.
     drop(InitialState::need(spec, stream, options).and_then(|need| spec.objects.ensure(&need)));
     let episode = AgentEpisode::new(&InitialState::sample(spec, stream, options)?, spec);
     let mut result = StepResult { reset: true, ..StepResult::default() };

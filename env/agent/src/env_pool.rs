@@ -1,4 +1,4 @@
-//! All environments in one call, on the current rayon pool.
+//! A pool of environments, stepped together on the current rayon pool.
 
 use crate::AgentError;
 use crate::batch::Batch;
@@ -10,6 +10,8 @@ use crate::reset_options::ResetOptions;
 use crate::row_check::check_rows;
 use graspbox_episode::EpisodeError;
 use graspbox_mesh::in_range;
+use graspbox_vision::PictureConfig;
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -19,13 +21,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Most environments in a pool. `tests/rust/footprint.rs` bounds the memory of one world.
 pub const MOST_ENVS: usize = 65_536;
 
-/// Environments side by side; a single one is a pool of one.
+/// A pool of environments; a single environment is a pool of one.
 pub struct EnvPool {
     spec: EnvSpec,
     envs: Vec<Mutex<Env>>,
-    /// Environments that were sent off and not received yet.
+    /// Environments with a pending step, sent and not received yet.
     away: Vec<AtomicBool>,
-    /// Set to call back what was sent off; the next ones that are sent get a flag of their own.
+    /// Cancels pending steps; steps that are sent later get another flag.
     recall: Mutex<Arc<AtomicBool>>,
 }
 
@@ -35,12 +37,23 @@ pub fn panic_text(payload: &(dyn Any + Send)) -> String {
     text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message").to_owned()
 }
 
-/// What a step of several environments returned.
+/// A camera and its pose in every environment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraPoses {
+    /// Its name.
+    pub name: String,
+    /// Rows of the matrix that takes a camera-frame point to homogeneous image positions.
+    pub intrinsics: [f64; 9],
+    /// One pose per environment.
+    pub world_from_camera: Vec<Isometry3<f64>>,
+}
+
+/// Results of a step of several environments.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stepped {
     /// One row per environment.
     pub now: Batch,
-    /// The last results of episodes that ended and were followed by the next one in this step; one row each.
+    /// Last results of episodes that ended in this step and were followed by the next one; one row each.
     pub last: Batch,
 }
 
@@ -48,8 +61,8 @@ impl EnvPool {
     /// Makes `count` environments that sample from `objects`; each needs a reset before its first step.
     ///
     /// # Errors
-    /// No environment or more than [`MOST_ENVS`], a setting out of range, a hand that cannot be simulated, or
-    /// [`AgentError::WrongSize`] for a row of an observation.
+    /// [`AgentError::OutOfRange`] for no environment, more than [`MOST_ENVS`] or a setting out of range; an error for a hand that cannot be
+    /// simulated; [`AgentError::WrongSize`] for a row of an observation.
     pub fn new(objects: Arc<Objects>, config: AgentConfig, count: usize) -> Result<Self, AgentError> {
         in_range("num_envs", count as f64, 1.0..=MOST_ENVS as f64, "")?;
         Self::with_spec(EnvSpec::new(objects, config)?, count)
@@ -65,7 +78,7 @@ impl EnvPool {
         })
     }
 
-    /// What every environment shares.
+    /// Data shared by all environments.
     pub fn spec(&self) -> &EnvSpec {
         &self.spec
     }
@@ -83,7 +96,7 @@ impl EnvPool {
     /// Exclusive access to environment `env`.
     ///
     /// # Errors
-    /// An index that does not exist, or an environment that was sent off.
+    /// [`AgentError::NoSuchEnv`], or [`AgentError::Busy`] for an environment with a pending step.
     pub fn env(&self, env: usize) -> Result<MutexGuard<'_, Env>, AgentError> {
         let count = self.envs.len();
         let away = self.away.get(env).ok_or(AgentError::NoSuchEnv { env, count })?;
@@ -94,7 +107,7 @@ impl EnvPool {
     }
 
     fn lock(&self, env: usize) -> MutexGuard<'_, Env> {
-        // An environment changes as a whole at the end of a reset; a step that panicked leaves a world that a reset replaces.
+        // A poisoned lock is harmless: a reset replaces the environment as a whole at its end.
         self.envs[env].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -105,20 +118,20 @@ impl EnvPool {
         }
     }
 
-    /// Runs `work` on every environment that it reaches before `stop` is set; the others stay as they are.
+    /// Runs `work` on every environment until `stop` is set; the others are unchanged.
     fn each<F>(&self, stop: &AtomicBool, work: F) -> Result<(), AgentError>
     where
         F: Fn(usize, &mut Env) -> Result<(), AgentError> + Sync,
     {
         if let [env] = self.envs.as_slice() {
-            // On the present thread: to change it takes longer than a short step.
+            // On the calling thread: a change of threads takes longer than a short step.
             let mut env = env.lock().unwrap_or_else(PoisonError::into_inner);
             if stop.load(Ordering::Acquire) {
                 return Err(EpisodeError::Cancelled { done: 0, total: 1 }.into());
             }
             return work(0, &mut env);
         }
-        // One by one: a step in contact takes several times as long as one in the air.
+        // One by one: a step in contact takes several times as long as one without.
         let results: Vec<Option<Result<(), AgentError>>> = (0..self.len())
             .into_par_iter()
             .with_max_len(1)
@@ -135,13 +148,13 @@ impl EnvPool {
         Ok(())
     }
 
-    /// Begins new episodes where `mask` says so (everywhere without one); all rows come back.
+    /// Begins new episodes in the environments of `mask` (in all without one). Returns all rows.
     ///
-    /// * `seeds`: one per environment; none continues its stream.
+    /// * `seeds`: one per environment; `None` continues its stream.
     ///
     /// # Errors
-    /// Lists of another length, an environment's first reset without a seed, an option out of place, or an object that cannot be
-    /// prepared; the error of the first environment is given.
+    /// The error of the first environment that fails: lists of another length, a first reset without a seed, an invalid option, or an object that
+    /// cannot be prepared.
     pub fn reset(
         &self,
         seeds: &[Option<u64>],
@@ -156,7 +169,7 @@ impl EnvPool {
     /// * `options`: one for all environments, or one per environment.
     ///
     /// # Errors
-    /// As [`EnvPool::reset`], and [`EpisodeError::Cancelled`] if some environments were left as they were.
+    /// As [`EnvPool::reset`], and [`EpisodeError::Cancelled`] if some environments were not reached.
     pub fn reset_until(
         &self,
         stop: &AtomicBool,
@@ -184,24 +197,24 @@ impl EnvPool {
         Ok(self.now())
     }
 
-    /// Makes what environments need, each object once: those that begin together with the same object would each make it.
+    /// Prepares the objects of several environments, each object once.
     fn ensure(&self, stop: &AtomicBool, needs: impl Iterator<Item = Need>) {
         let mut needs: Vec<Need> = needs.collect();
         needs.sort_by_key(|need| need.object);
         needs.par_chunk_by(|a, b| a.object == b.object).for_each(|needs| {
             for need in needs.iter().take_while(|_| !stop.load(Ordering::Acquire)) {
-                // An error is found again, and reported, by the reset of the environment.
+                // An error occurs again, and is reported, in the reset of the environment.
                 drop(self.spec.objects.ensure(need));
             }
         });
     }
 
-    /// One step of every environment.
+    /// Steps every environment.
     ///
     /// * `actions`: one row per environment, in [-1, 1]; the row of an environment that begins an episode instead is ignored.
     ///
     /// # Errors
-    /// A list of another length, a number that is not finite, or an environment that cannot step: then nothing was moved.
+    /// [`AgentError`] for a list of another length, a number that is not finite, or an environment that cannot step; all are then unchanged.
     pub fn step(&self, actions: &[f32]) -> Result<Stepped, AgentError> {
         self.step_until(&AtomicBool::new(false), actions)
     }
@@ -209,7 +222,7 @@ impl EnvPool {
     /// As [`EnvPool::step`], until `stop` is set.
     ///
     /// # Errors
-    /// As [`EnvPool::step`], and [`EpisodeError::Cancelled`] if some environments were left as they were.
+    /// As [`EnvPool::step`], and [`EpisodeError::Cancelled`] if some environments were not reached.
     pub fn step_until(&self, stop: &AtomicBool, actions: &[f32]) -> Result<Stepped, AgentError> {
         self.all_here()?;
         let envs: Vec<usize> = (0..self.len()).collect();
@@ -219,11 +232,11 @@ impl EnvPool {
         Ok(self.stepped())
     }
 
-    /// Sends environments off to step on the current rayon pool; `done` is called for each, in the order in which they finish, and
-    /// nobody can use one until it is reported by [`EnvPool::arrived`].
+    /// Starts steps of environments on the current rayon pool. `done` is called for each when it finishes; the environment is busy until
+    /// [`EnvPool::arrived`].
     ///
     /// # Errors
-    /// As [`EnvPool::step`], or an environment that is still away. Errors of a step, panics included, reach `done`.
+    /// As [`EnvPool::step`], or [`AgentError::Busy`]. Errors of a step, including panics, reach `done`.
     pub fn send<F>(self: &Arc<Self>, envs: &[usize], actions: &[f32], done: F) -> Result<(), AgentError>
     where
         F: Fn(usize, Result<Stepped, AgentError>) + Clone + Send + 'static,
@@ -242,9 +255,9 @@ impl EnvPool {
         Ok(())
     }
 
-    /// Runs `work` for each of `envs` on the current rayon pool, unless they are called back before.
+    /// Runs `work` for each of `envs` on the current rayon pool, unless it is cancelled before it starts.
     ///
-    /// * `work`: gets the pool, the place in `envs`, and the index of the environment.
+    /// * `work`: gets the pool, the index in `envs`, and the index of the environment.
     fn dispatch<F, W>(self: &Arc<Self>, envs: &[usize], done: F, work: W)
     where
         F: Fn(usize, Result<Stepped, AgentError>) + Clone + Send + 'static,
@@ -259,7 +272,7 @@ impl EnvPool {
                 if recalled.load(Ordering::Acquire) {
                     return pool.arrived(env);
                 }
-                // Nobody waits for this task: a panic would end the process, and silence would leave the receiver waiting.
+                // No thread joins this task: a panic would end the process, and silence would leave the receiver waiting.
                 let result = catch_unwind(AssertUnwindSafe(|| work(&pool, row, env))).unwrap_or_else(|payload| {
                     let why = panic_text(payload.as_ref());
                     Err(AgentError::Broken { env, why })
@@ -273,25 +286,25 @@ impl EnvPool {
         self.recall.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Calls back environments that were sent off: those that have not begun to step stay as they are and are here again soon, without
-    /// a call of `done`; the others arrive as usual.
+    /// Cancels pending steps: environments that have not begun to step are unchanged and soon free again, without a call of `done`; the others
+    /// finish as usual.
     pub fn call_back(&self) {
         std::mem::take(&mut *self.recall()).store(true, Ordering::Release);
     }
 
-    /// Number of environments that were sent off and not received yet.
+    /// Number of environments with a pending step.
     pub fn away(&self) -> usize {
         self.away.iter().filter(|away| away.load(Ordering::Acquire)).count()
     }
 
-    /// An environment that was sent off is here again: it can be stepped, reset or observed.
+    /// Marks the step of an environment as received: it can be stepped, reset or observed again.
     pub fn arrived(&self, env: usize) {
         if let Some(away) = self.away.get(env) {
             away.store(false, Ordering::Release);
         }
     }
 
-    /// The results of every environment as it stands.
+    /// The present results of every environment.
     pub fn now(&self) -> Batch {
         let mut batch = Batch::new(&self.spec, self.len());
         for env in 0..self.len() {
@@ -321,7 +334,7 @@ impl EnvPool {
         }
     }
 
-    /// Restores a state that [`Env::save`] gave; returns the results of environment `env` as it stands then.
+    /// Restores a state from [`Env::save`]. Returns the results of environment `index` in that state.
     ///
     /// # Errors
     /// As [`EnvPool::env`] and [`Env::restore`].
@@ -336,7 +349,7 @@ impl EnvPool {
         if found == expected { Ok(()) } else { Err(AgentError::BadLength { what, found, expected }) }
     }
 
-    /// Everything that can be wrong with a step, before anything moves.
+    /// Checks all inputs of a step before anything moves.
     fn check(&self, envs: &[usize], actions: &[f32]) -> Result<(), AgentError> {
         let size = self.spec.action;
         if actions.len() != envs.len() * size {
@@ -363,3 +376,44 @@ impl EnvPool {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::panic)]
 mod tests;
+
+impl EnvPool {
+    /// Pictures (n, H, W, 3) of the present state of environments `envs`.
+    ///
+    /// # Errors
+    /// As [`EnvPool::env`], [`AgentError::NotReset`], or an error for an object that cannot be rendered.
+    pub fn pictures(&self, envs: &[usize], picture: &PictureConfig) -> Result<Vec<u8>, AgentError> {
+        let made = envs.par_iter().map(|&env| {
+            let locked = self.env(env)?;
+            let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
+            Ok(self.spec().observer.picture(&episode.scene_pose()?, &episode.viewpoint().light, picture)?)
+        });
+        let made: Vec<_> = made.collect();
+        Ok(made.into_iter().collect::<Result<Vec<_>, AgentError>>()?.concat())
+    }
+
+    /// The present pose of every camera, in the order of the config.
+    ///
+    /// # Errors
+    /// [`AgentError::NotReset`] or [`AgentError::Busy`].
+    pub fn cameras(&self) -> Result<Vec<CameraPoses>, AgentError> {
+        let observer = &self.spec().observer;
+        let mut poses = vec![Vec::with_capacity(self.len()); observer.mounted_cameras().len()];
+        for env in 0..self.len() {
+            let locked = self.env(env)?;
+            let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
+            let hand = episode.episode().world().world_from_hand();
+            for (poses, camera) in poses.iter_mut().zip(observer.cameras(episode.viewpoint(), &hand)?) {
+                poses.push(*camera.world_from_camera());
+            }
+        }
+        let cameras = observer.config().cameras.iter().zip(observer.mounted_cameras()).zip(poses);
+        Ok(cameras
+            .map(|((camera, lens), world_from_camera)| CameraPoses {
+                name: camera.name.clone(),
+                intrinsics: lens.intrinsics().matrix(),
+                world_from_camera,
+            })
+            .collect())
+    }
+}

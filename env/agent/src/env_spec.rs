@@ -1,4 +1,4 @@
-//! What all environments of a pool share; nothing of it changes.
+//! Immutable data shared by all environments of a pool.
 
 use crate::AgentError;
 use crate::config::AgentConfig;
@@ -15,27 +15,27 @@ use std::sync::Arc;
 /// Clearance around the open hand when an episode begins, metres.
 const START_CLEARANCE: f64 = 0.01;
 
-/// What all environments of a pool share; nothing of it changes.
+/// Immutable data shared by all environments of a pool.
 pub struct EnvSpec {
     /// The settings.
     pub config: AgentConfig,
     /// The objects.
     pub objects: Arc<Objects>,
-    /// What keeps the hand off the table.
+    /// Limits of commands, which keep the hand off the table.
     pub guard: Guard,
-    /// The observations that the config asks for, in its order.
+    /// The observations of the config, in its order.
     pub observations: Vec<ObservationSpec>,
     /// Renders the images.
     pub observer: Observer,
     /// Physics steps between two actions; 0 if an episode is one decision.
     pub substeps: u32,
-    /// Entries of an action.
+    /// Number of entries of an action.
     pub action: usize,
     /// The open hand at its least preshape, with which episodes begin by default.
     pub open: OpenHand,
-    /// No part of the hand is ever further from the grasp frame than this, metres.
+    /// Greatest distance of any part of the hand from the grasp frame, metres.
     pub reach: f64,
-    /// For each link, the place of its contact flag: the links of [`Hand::touch_links`], then the palm.
+    /// For each link, the index of its contact flag: the links of [`Hand::touch_links`], then the palm.
     pub flags: Vec<usize>,
 }
 
@@ -43,8 +43,8 @@ impl EnvSpec {
     /// Checks a config against objects and hand.
     ///
     /// # Errors
-    /// A setting out of range, a time step that does not divide the control period, [`AgentError::NothingToObserve`], or a hand whose
-    /// kinematics fail.
+    /// [`AgentError`] for a setting out of range, a time step that does not divide the control period, an observation of sensors that the hand does
+    /// not have, or a hand whose kinematics fail.
     pub fn new(objects: Arc<Objects>, config: AgentConfig) -> Result<Self, AgentError> {
         config.validate()?;
         if config.control.decides() {
@@ -77,11 +77,11 @@ impl EnvSpec {
     }
 }
 
-/// Distance from the grasp frame that no part of a hand exceeds in any configuration, metres: the sum of the distances from joint to
-/// joint, the travels of slides, and the furthest shape.
+/// Upper bound of the distance of any part of a hand from the grasp frame in any configuration, metres: the sum of the distances from joint to
+/// joint, the travels of prismatic joints, and the size of the farthest shape.
 ///
 /// # Errors
-/// A hand whose kinematics fail.
+/// [`AgentError::BadHand`] for a hand whose kinematics fail.
 fn reach(hand: &Hand) -> Result<f64, AgentError> {
     let bad = |source| AgentError::BadHand { source };
     let open = hand.open_configuration(hand.preshape_limits()[0]);
@@ -111,12 +111,12 @@ fn reach(hand: &Hand) -> Result<f64, AgentError> {
 /// The open hand at `preshape`, with its clearance at the beginning of an episode.
 ///
 /// # Errors
-/// A preshape that the hand does not take.
+/// [`AgentError::Unusable`] for a preshape beyond the hand's limits.
 pub fn open_hand(hand: &Hand, preshape: f64) -> Result<OpenHand, AgentError> {
     OpenHand::new(hand, preshape, START_CLEARANCE, 0.0).map_err(|source| AgentError::Unusable { source })
 }
 
-/// Links on the way from the base to `link` that joints move, from the root.
+/// Moving links between the base and `link`, from the root.
 fn carriers(hand: &Hand, link: usize) -> Vec<usize> {
     let mut found = Vec::new();
     let mut at = hand.carrier(link);
@@ -128,7 +128,7 @@ fn carriers(hand: &Hand, link: usize) -> Vec<usize> {
     found
 }
 
-/// Place of every link's contact flag; those of links without a flag of their own do not matter, since they have no collision shapes.
+/// Index of every link's contact flag; links without a flag of their own have no collision shapes.
 fn flags(hand: &Hand) -> Vec<usize> {
     let own = hand.touch_links();
     let palm = own.len();

@@ -8,21 +8,21 @@ use graspbox_mesh::OutOfRange;
 pub enum AgentError {
     /// Two criteria of success.
     #[error(
-        "`trial.success` differs from `success`; an environment is judged by `success` alone, so leave the trial's as it is"
+        "`trial.success` differs from `success`; environments use `success` only, so leave `trial.success` at its default"
     )]
     TwoCriteria,
-    /// A setting is out of its range.
+    /// A setting is out of range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
     /// A time step that does not divide the control period.
     #[error("`physics.dt` is {dt}, but it must be a whole fraction of the control period of {period} s")]
     BadTimeStep {
-        /// What was given, seconds.
+        /// The time step that was passed, seconds.
         dt: f64,
         /// The control period, seconds.
         period: f64,
     },
-    /// An observation is asked for twice.
+    /// An observation is requested twice.
     #[error("the observation `{name}` is named twice; name it once")]
     Twice {
         /// Its name.
@@ -41,16 +41,16 @@ pub enum AgentError {
     NotRenderable {
         /// Name of the object.
         object: String,
-        /// What the renderer said.
+        /// The renderer's error.
         source: graspbox_camera::CameraError,
     },
-    /// There is nothing to grasp.
+    /// There are no objects.
     #[error("the list of objects is empty; give at least one")]
     NoObjects,
     /// There is no object of that index.
     #[error("there is no object {index}: there are {count}, counted from 0")]
     NoSuchObject {
-        /// What was given.
+        /// The index that was passed.
         index: usize,
         /// How many there are.
         count: usize,
@@ -58,30 +58,30 @@ pub enum AgentError {
     /// There is no object of that name.
     #[error("there is no object {name:?} in this set")]
     UnknownObject {
-        /// What was given.
+        /// The name that was passed.
         name: String,
     },
     /// The hand's kinematics fail.
     #[error("the hand cannot be used: {source}")]
     BadHand {
-        /// What the hand said.
+        /// The hand's error.
         source: graspbox_hand::HandError,
     },
-    /// The hand has no collision shapes that can be used.
+    /// The hand has no usable collision shapes.
     #[error("the hand cannot be used: {source}")]
     Unusable {
-        /// What the planner said.
+        /// The planner's error.
         source: graspbox_plan::PlanError,
     },
-    /// An option of a reset is wrong.
+    /// An option of a reset is invalid.
     #[error("reset option `{option}`: {why}")]
     BadOption {
         /// Name of the option.
         option: &'static str,
-        /// What is wrong, and what would be accepted.
+        /// What is wrong, and what is accepted.
         why: String,
     },
-    /// No room for the open hand over the object.
+    /// There is no room for the open hand over the object.
     #[error(
         "object `{object}` leaves no room for the open hand inside the workspace; use a smaller object or give world_from_hand"
     )]
@@ -89,12 +89,12 @@ pub enum AgentError {
         /// Name of the object.
         object: String,
     },
-    /// An action is wrong.
+    /// An action is invalid.
     #[error("the action of environment {env} {why}; nothing was moved")]
     BadAction {
         /// Index of the environment.
         env: usize,
-        /// What is wrong.
+        /// The reason.
         why: String,
     },
     /// An array has the wrong length.
@@ -104,13 +104,13 @@ pub enum AgentError {
         what: &'static str,
         /// Its length.
         found: usize,
-        /// The right one.
+        /// The expected length.
         expected: usize,
     },
     /// There is no environment of that index.
     #[error("there is no environment {env}: there are {count}, counted from 0")]
     NoSuchEnv {
-        /// What was given.
+        /// The index that was passed.
         env: usize,
         /// How many there are.
         count: usize,
@@ -127,36 +127,38 @@ pub enum AgentError {
         /// Index of the environment.
         env: usize,
     },
-    /// The episode is over, and nothing resets it by itself.
+    /// The episode is over, and the environment has no autoreset.
     #[error("the episode of environment {env} is over; reset the environment before the next step")]
     Over {
         /// Index of the environment.
         env: usize,
     },
-    /// An environment is still on its way.
+    /// An environment has a pending step.
     #[error("environment {env} is still stepping; receive its result first")]
     Busy {
         /// Index of the environment.
         env: usize,
     },
     /// A step of one environment panicked.
-    #[error("environment {env} broke down ({why}); this is an error of graspbox: report it, and reset the environment")]
+    #[error(
+        "a step of environment {env} panicked ({why}); this is an error of graspbox: report it, and reset the environment"
+    )]
     Broken {
         /// Index of the environment.
         env: usize,
-        /// What the panic said.
+        /// The message of the panic.
         why: String,
     },
     /// A reader of an observation does not fit its row.
     #[error(
-        "the row of `{column}` has {expected} entries, but its reader gives {found}; this is an error of graspbox: report it"
+        "the row of `{column}` has {expected} entries, but its reader writes {found}; this is an error of graspbox: report it"
     )]
     WrongSize {
         /// Name of the column.
         column: String,
-        /// Entries that the reader gave.
+        /// Number of entries that the reader wrote.
         found: usize,
-        /// Entries that the row says.
+        /// Number of entries of the row.
         expected: usize,
     },
     /// An object's description is incomplete or contradictory.
@@ -164,22 +166,30 @@ pub enum AgentError {
     BadObject {
         /// Name of the object.
         object: String,
-        /// What is wrong, and what would be accepted.
+        /// What is wrong, and what is accepted.
         why: String,
     },
-    /// Environments were called back before they stepped.
-    #[error("{count} environments are awaited, but only {away} are on their way; the others were called back")]
-    CalledBack {
-        /// Environments that are awaited.
+    /// Steps were cancelled before they began.
+    #[error("{count} environments are awaited, but only {pending} steps are pending; the others were cancelled")]
+    Cancelled {
+        /// Number of environments that are awaited.
         count: usize,
-        /// Environments on their way.
-        away: usize,
+        /// Number of pending steps.
+        pending: usize,
     },
     /// A saved state does not fit.
     #[error("the state cannot be restored: {why}")]
     BadState {
         /// The reason.
         why: String,
+    },
+    /// An object from a file cannot be used.
+    #[error("`{}`: {source}", path.display())]
+    InFile {
+        /// The file.
+        path: std::path::PathBuf,
+        /// The reason.
+        source: Box<AgentError>,
     },
     /// The object, its scene or its trial.
     #[error(transparent)]
@@ -190,7 +200,7 @@ pub enum AgentError {
 }
 
 impl AgentError {
-    /// The same error where the first environment of a pool has the number `first` elsewhere.
+    /// The same error with indices of environments counted from `first`.
     #[must_use]
     pub fn counted_from(mut self, first: usize) -> Self {
         if let Self::BadAction { env, .. }
@@ -206,21 +216,15 @@ impl AgentError {
         self
     }
 
-    /// True if this object cannot be used but another one might.
-    pub fn is_of_an_object(&self) -> bool {
-        use graspbox_episode::EpisodeError;
+    /// Name of the object that cannot be used, if another one might.
+    pub fn object(&self) -> Option<&str> {
         match self {
-            Self::Episode(error) => matches!(
-                error,
-                EpisodeError::Sim { .. }
-                    | EpisodeError::Mesh { .. }
-                    | EpisodeError::Plan { .. }
-                    | EpisodeError::NoRest { .. }
-                    | EpisodeError::BadSize { .. }
-                    | EpisodeError::BadMass { .. }
-            ),
-            Self::NoRoom { .. } | Self::NotRenderable { .. } => true,
-            _ => false,
+            Self::Episode(error) => error.object(),
+            Self::Vision(graspbox_vision::VisionError::Mesh { object, .. })
+            | Self::NoRoom { object }
+            | Self::NotRenderable { object, .. } => Some(object),
+            Self::InFile { source, .. } => source.object(),
+            _ => None,
         }
     }
 }

@@ -1,13 +1,14 @@
-//! How well the present contacts hold the object: the epsilon quality of `graspbox_plan::wrench`, in [0, 1].
+//! Grasp quality of the present contacts: the epsilon of `graspbox_plan::wrench`, in [0, 1].
 
 use graspbox_hand::Hand;
 use graspbox_plan::{Directions, WrenchSpace};
 use graspbox_sim::HandContact;
 use nalgebra::Point3;
 
-/// The least support over the axes' directions, in [0, 1]: 0 without force closure. Each chain of the hand presses with one unit of normal force, and the palm counts as one.
+/// Least support over the axes' directions, in [0, 1]: 0 without force closure. Each chain of the hand presses with one unit of normal force;
+/// the palm counts as a chain.
 ///
-/// * `contacts`: as [`graspbox_sim::World::hand_contacts`] gives them; only those with the object count.
+/// * `contacts`: from [`graspbox_sim::World::hand_contacts`]; only those with the object count.
 /// * `center`: centre of mass of the object, hand frame.
 pub fn epsilon(hand: &Hand, contacts: &[HandContact], center: &Point3<f64>) -> f64 {
     let palm = hand.chain_count();

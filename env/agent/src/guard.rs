@@ -1,41 +1,42 @@
-//! Limits of every command: the palm stays off the table and inside the workspace, and crushes nothing in its way.
+//! Limits of every command: the palm stays off the table and inside the workspace, and does not crush obstacles.
 //!
-//! The hand's root moves with infinite force in the simulation. A real arm brakes before its own geometry meets the table, and
-//! stops when the force at its wrist passes a limit; so does this one.
+//! The simulated root of the hand moves with unlimited force. Like a real arm, this one brakes before its geometry meets the table, and stops if the
+//! force at its wrist exceeds a limit.
 
 use crate::AgentError;
 use crate::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_hand::{Hand, Shape};
+use graspbox_mesh::range::{OutOfRange, all_within};
 use graspbox_sim::HandLoad;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Room that stays between the palm's shell and the table, metres.
+/// Least distance between the palm's shell and the table, metres.
 pub const TABLE_CLEARANCE: f64 = 0.002;
-/// Net contact force above which the hand moves no further against it, N: a heavy object weighs 15 N, and collaborative arms stop at
+/// Net contact force at which the hand stops moving against it, N: a heavy object weighs 15 N, and collaborative arms stop at
 /// 60 to 140 N.
 pub const STOP_FORCE: f64 = 60.0;
-/// The hand backs off, and the stop holds, until the force has fallen to this share of [`STOP_FORCE`].
+/// Share of [`STOP_FORCE`] below which the stop is released; until then the hand backs off.
 const RELAXED: f64 = 0.8;
-/// A force of this many times [`STOP_FORCE`] stops the hand at once; smaller ones are filtered first, since a knock is not a crush.
+/// Multiple of [`STOP_FORCE`] that stops the hand at once; smaller forces are filtered first, since a brief impact does no harm.
 const AT_ONCE: f64 = 2.5;
 /// Time constant of the force sensor's filter, seconds.
 const FORCE_TIME: f64 = 0.02;
 /// Greatest speed at which a stopped hand backs off, m/s.
 const BACK_OFF: f64 = 0.1;
-/// How fast it takes up that speed, m/s2: more than the arm's own acceleration, which may pull the other way.
+/// Acceleration while backing off, m/s2: more than the arm's own, which may act in the other direction.
 const BACK_OFF_ACCELERATION: f64 = 10.0;
-/// Greatest deceleration of the protective stop, m/s2 and rad/s2: ten times the arm's, as in a collision. The world is
-/// simulated in the hand's frame, where more of it would shake what lies on the table.
+/// Greatest deceleration of the protective stop, m/s2 and rad/s2: ten times the arm's, as in a collision. The world is simulated in the hand's
+/// frame, in which more would shake objects on the table.
 const STOP_DECELERATION: [f64; 2] = [50.0, 200.0];
 
-/// Shapes that the root carries, as points in the hand frame with a rounding, metres.
+/// Shapes of the hand's base, as points in the hand frame with a radius, metres.
 #[derive(Clone, Debug)]
 pub struct Guard {
     corners: Vec<(Point3<f64>, f64)>,
 }
 
 impl Guard {
-    /// Takes the shapes of a hand's base.
+    /// Collects the shapes of a hand's base.
     ///
     /// # Errors
     /// [`AgentError::BadHand`] for a hand whose kinematics fail.
@@ -68,7 +69,7 @@ impl Guard {
         heights.fold(f64::INFINITY, f64::min)
     }
 
-    /// Limits a velocity (m/s and rad/s, world axes) to one from which the hand can still stop before table and walls.
+    /// Limits a velocity (m/s and rad/s, world axes) to one from which the hand can stop before the table and the borders of the workspace.
     pub fn limit(&self, pose: &Isometry3<f64>, linear: &mut Vector3<f64>, angular: &Vector3<f64>, brake: &Brake) {
         for axis in 0..3 {
             let at = pose.translation.vector[axis];
@@ -90,43 +91,43 @@ impl Guard {
 /// Braking with a constant deceleration in discrete steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Brake {
-    /// m/s2 or rad/s2.
+    /// Deceleration, m/s2 or rad/s2.
     pub deceleration: f64,
-    /// Seconds.
+    /// Time step, seconds.
     pub dt: f64,
 }
 
 impl Brake {
-    /// Greatest speed from which the hand can stop within `distance`; 0 for a negative one.
+    /// Greatest speed from which the hand can stop within `distance`; 0 for a negative distance.
     pub fn speed(&self, distance: f64) -> f64 {
         if distance <= 0.0 {
             return 0.0;
         }
-        // Moving at v this step and less by deceleration * dt at each further one covers v dt / 2 + v^2 / (2 deceleration).
+        // Speed v in this step, and less by deceleration * dt in each later one, covers v dt / 2 + v^2 / (2 deceleration).
         let half = self.dt / 2.0;
         let speed = self.deceleration * ((half * half + 2.0 * distance / self.deceleration).sqrt() - half);
         speed.min(distance / self.dt)
     }
 }
 
-/// The protective stop: watches the force on the hand and takes away motion against it.
+/// The protective stop: monitors the force on the hand and removes motion against it.
 ///
-/// It holds until the force has relaxed and the command no longer points against it: otherwise a persistent command would hammer on
-/// whatever is in the way.
+/// It holds until the force has fallen and the command no longer points against it: otherwise a persistent command would hit the obstacle
+/// repeatedly.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ProtectiveStop {
     /// Filtered net force on the hand, world axes, N.
     force: Vector3<f64>,
-    /// From the hand to where it acts, world axes, metres.
+    /// Vector from the hand to its point of application, world axes, metres.
     arm: Vector3<f64>,
-    /// Direction of the force that stopped the hand, world.
+    /// Direction of the force that stopped the hand, world axes.
     away: Vector3<f64>,
     /// True while motion is blocked.
     pub active: bool,
 }
 
 impl ProtectiveStop {
-    /// Takes the load of the last step of `dt` seconds, and the velocity that is wanted now (world axes).
+    /// Updates the stop with the load of the last step of `dt` seconds and the commanded velocity (world axes).
     pub fn feel(
         &mut self,
         load: &HandLoad,
@@ -154,12 +155,23 @@ impl ProtectiveStop {
         }
     }
 
+    /// Refuses what no stop can be in.
+    ///
+    /// # Errors
+    /// [`OutOfRange`], naming the first number.
+    pub(crate) fn check(&self) -> Result<(), OutOfRange> {
+        all_within("arm.stop.force", self.force.iter().copied(), 1e9, "N")?;
+        all_within("arm.stop.arm", self.arm.iter().copied(), 1e3, "m")?;
+        // A direction, to rounding.
+        all_within("arm.stop.away", self.away.iter().copied(), 1.001, "")
+    }
+
     /// Filtered net force on the hand, N.
     pub fn force(&self) -> f64 {
         self.force.norm()
     }
 
-    /// Takes motion against the force out of a velocity (world axes) while the stop is active.
+    /// Removes motion against the force from a velocity (world axes) while the stop is active.
     pub fn limit(&self, linear: &mut Vector3<f64>, angular: &mut Vector3<f64>, dt: f64) {
         if !self.active {
             return;

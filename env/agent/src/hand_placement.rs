@@ -1,4 +1,4 @@
-//! Where the hand begins: as asked, or as sampled and raised out of the object.
+//! The initial pose of the hand: as requested, or sampled and raised out of the object.
 
 use crate::AgentError;
 use crate::env_spec::{EnvSpec, open_hand};
@@ -9,34 +9,34 @@ use graspbox_plan::{CollisionScene, OpenHand};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
-/// Before a decision the hand waits this much further from the table's middle, metres.
+/// Extra distance of the hand from the table's middle before a decision, metres.
 pub const WAITING_DISTANCE: f64 = 0.35;
-/// It is tipped by this about the world's x axis then, from above the middle towards +y, radians (50 degrees).
+/// Rotation of the waiting hand about the world's x axis, from above the middle towards +y, radians (50 degrees).
 pub const WAITING_ANGLE: f64 = 0.873;
-/// Before a decision the hand waits no further away along any axis, metres.
+/// Greatest coordinate of the waiting hand along any axis, metres.
 const FURTHEST: f64 = 1.0;
-/// The hand is raised by this much at a time while it collides with the object, metres.
+/// Step by which the hand is raised while it collides with the object, metres.
 const RAISE: f64 = 0.05;
-/// More raises than this would leave the workspace.
+/// Most raises: more would leave the workspace.
 const MOST_RAISES: usize = 10;
 
-/// What the hand has to keep clear of.
+/// The obstacles of the hand's initial pose.
 pub struct HandPlacement<'a> {
-    /// What all environments share.
+    /// Data shared by all environments.
     pub spec: &'a EnvSpec,
     /// Name of the object.
     pub object: &'a str,
-    /// Object and table; none if nothing is in the way.
+    /// Object and table; `None` without obstacles.
     pub obstacles: Option<CollisionScene>,
-    /// Where the object is.
+    /// Pose of the object.
     pub world_from_object: &'a Isometry3<f64>,
 }
 
 impl HandPlacement<'_> {
-    /// The open hand as it was asked for, or as sampled and raised out of the object.
+    /// Pose of the open hand: as requested, or sampled and raised out of the object.
     ///
     /// # Errors
-    /// A given pose out of the workspace or in collision, or no room for the hand.
+    /// [`AgentError::BadOption`] for a requested pose out of the workspace or in collision, [`AgentError::NoRoom`] otherwise.
     pub fn place(
         &self,
         samples: &InitialSamples,

@@ -5,9 +5,9 @@ use crate::view::View;
 use graspbox_episode::FailureKind;
 use serde::Serialize;
 
-/// How an entry is read, and its type.
+/// Type and reader of an entry.
 pub enum Reader {
-    /// A truth value.
+    /// A boolean.
     Flag(fn(&View<'_>) -> bool),
     /// A number.
     Number(fn(&View<'_>) -> f64),
@@ -31,13 +31,13 @@ pub enum Names {
 pub struct InfoRow {
     /// Name.
     pub name: &'static str,
-    /// Unit; empty for what has none.
+    /// Unit; empty without one.
     pub unit: &'static str,
-    /// What it means.
+    /// Its meaning.
     pub meaning: &'static str,
     /// True if only decisions have it.
     pub decision_only: bool,
-    /// How it is read.
+    /// Its reader.
     pub read: Reader,
 }
 
@@ -122,7 +122,7 @@ pub const INFO: &[InfoRow] = &[
     },
 ];
 
-/// The kind of failure if the episode ended now; none for a success, and before the first step.
+/// The kind of failure if the episode ended now; `None` for a success, and before the first step.
 fn failure(view: &View<'_>) -> Option<FailureKind> {
     if view.record.steps == 0 || view.record.success || view.record.failure.is_some() {
         view.record.failure
@@ -148,7 +148,7 @@ fn failure_code(kind: FailureKind) -> i64 {
 /// A value of an entry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InfoValue {
-    /// A truth value.
+    /// A boolean.
     Flag(bool),
     /// A number.
     Number(f64),
@@ -177,7 +177,7 @@ pub fn read_info(view: &View<'_>) -> Info {
 /// An entry of many environments.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InfoArray {
-    /// Truth values.
+    /// Booleans.
     Flags(Vec<bool>),
     /// Numbers.
     Numbers(Vec<f64>),
@@ -186,7 +186,7 @@ pub enum InfoArray {
 }
 
 impl InfoArray {
-    /// An array for a row of [`INFO`], with room for `rows` values.
+    /// An empty array for a row of [`INFO`], with capacity for `rows` values.
     pub fn with_capacity(row: &InfoRow, rows: usize) -> Self {
         match row.read {
             Reader::Flag(_) => Self::Flags(Vec::with_capacity(rows)),
@@ -195,7 +195,7 @@ impl InfoArray {
         }
     }
 
-    /// Adds a value of the same type; those of another are left out.
+    /// Adds a value of the same type; others are ignored.
     pub fn push(&mut self, value: InfoValue) {
         match (self, value) {
             (Self::Flags(values), InfoValue::Flag(value)) => values.push(value),
@@ -205,7 +205,7 @@ impl InfoArray {
         }
     }
 
-    /// Adds the values of another array of the same type; those of another type are left out.
+    /// Adds the values of another array of the same type; others are ignored.
     pub fn append(&mut self, other: &mut Self) {
         match (self, other) {
             (Self::Flags(values), Self::Flags(more)) => values.append(more),
@@ -221,13 +221,13 @@ impl InfoArray {
 pub struct InfoTableRow {
     /// Name.
     pub name: &'static str,
-    /// `bool`, `float64`, `int64`, or `str`, whose arrays hold indices into names.
+    /// `bool`, `float64`, `int64`, or `str`, whose arrays contain indices into names.
     pub dtype: &'static str,
-    /// Which names; none for other types.
+    /// Its names; `None` for other types.
     pub names: Option<Names>,
-    /// Unit; empty for what has none.
+    /// Unit; empty without one.
     pub unit: &'static str,
-    /// What it means.
+    /// Its meaning.
     pub meaning: &'static str,
 }
 

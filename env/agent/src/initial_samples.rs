@@ -1,13 +1,13 @@
-//! The random numbers of an initial state. Every initial state takes the same number of samples, so that an option or a randomization
-//! changes nothing but what it names.
+//! The random numbers of an initial state. Every initial state takes the same number of samples, so an option or a randomization changes no other
+//! value.
 
 use crate::random_stream::RandomStream;
 use nalgebra::Vector3;
 use std::f64::consts::PI;
 
-/// The object lies within this of the table's middle in x and y, metres.
+/// Greatest distance of the object from the table's middle in x and in y, metres.
 pub const OBJECT_SPREAD: f64 = 0.05;
-/// The hand begins within this of the table's middle in x and y, metres.
+/// Greatest initial distance of the hand from the table's middle in x and in y, metres.
 pub const HAND_SPREAD: f64 = 0.10;
 /// Least and greatest height of the grasp frame at the beginning, metres.
 pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
@@ -18,13 +18,13 @@ pub const HAND_TILT: f64 = 0.2;
 pub struct InitialSamples {
     /// Index of the object.
     pub object: usize,
-    /// Uniform in [0, 1): which resting pose.
+    /// Uniform in [0, 1): the resting pose.
     pub resting: f64,
-    /// x, y (m) and turn about the vertical (rad) of the object.
+    /// x, y (m) and rotation about the vertical (rad) of the object.
     pub place: [f64; 3],
     /// x, y, z of the hand, metres.
     pub hand: [f64; 3],
-    /// Turn of the hand about the vertical, radians.
+    /// Rotation of the hand about the vertical, radians.
     pub yaw: f64,
     /// Direction and angle of its tilt, radians.
     pub tilt: [f64; 2],

@@ -1,11 +1,10 @@
-//! How an episode begins: sampled from the environment's stream, or as asked.
+//! The initial state of an episode: sampled from the environment's stream, or set by options.
 //!
-//! Sampled, uniformly unless said otherwise: the object; its resting pose, with the probability that a dropped object ends in it; its
-//! turn about the vertical and its place within 5 cm of the table's middle. The hand is open, its grasp frame within 10 cm of the
-//! middle and 0.15 to 0.30 m above the table, its palm facing down with a tilt of up to 0.2 rad, turned about the vertical by any
-//! angle; if it collides with the object it is raised in steps of 5 cm. Before a decision it waits 0.35 m higher and all of that
-//! tipped to the side by 50 degrees about the table's middle: its palm faces the object, which it hides neither from the camera in
-//! front nor from one overhead.
+//! Sampled, uniformly unless stated otherwise: the object; its resting pose, with the probability that a dropped object ends in it; its rotation
+//! about the vertical, and its position within 5 cm of the table's middle. The hand is open, its grasp frame within 10 cm of the middle and
+//! 0.15 to 0.30 m above the table, its palm facing down with a tilt of up to 0.2 rad, at any rotation about the vertical; if it collides with
+//! the object, it is raised in steps of 5 cm. Before a decision it waits 0.35 m higher, with the whole pose rotated by 50 degrees to the side
+//! about the table's middle: its palm faces the object, and it hides the object neither from the camera in front nor from one overhead.
 
 use crate::AgentError;
 use crate::env_spec::EnvSpec;
@@ -23,12 +22,12 @@ use graspbox_vision::viewpoint::Variation;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
-/// An object is dropped from no higher than this, metres.
+/// Greatest height from which an object is dropped, metres.
 const HIGHEST: f64 = 1.0;
-/// A given object pose may reach this far into the table, metres.
+/// Greatest depth of a requested object pose in the table, metres.
 const SUNK: f64 = 1e-3;
 
-/// How an episode begins.
+/// The initial state of an episode.
 pub struct InitialState {
     /// Index of the object.
     pub object: usize,
@@ -36,13 +35,13 @@ pub struct InitialState {
     pub resting: usize,
     /// The object.
     pub prepared: Arc<Prepared>,
-    /// If the object is dropped at a given pose: the height of its centre of mass once it rests, metres.
+    /// Height of the object's centre of mass at rest, metres, if the object is dropped from a requested pose.
     pub dropped: Option<f64>,
-    /// The object as it rests.
+    /// The object at rest.
     pub scene: Arc<Scene>,
-    /// Where it is.
+    /// Pose of the object.
     pub world_from_object: Isometry3<f64>,
-    /// Where the hand is.
+    /// Pose of the hand.
     pub world_from_hand: Isometry3<f64>,
     /// Preshape, as one number.
     pub preshape: f64,
@@ -50,17 +49,17 @@ pub struct InitialState {
     pub friction: f64,
     /// Factor on the object's mass.
     pub mass: f64,
-    /// The true hand in the hand that the arm knows.
+    /// The true hand in the arm's estimate of it.
     pub hand_error: Isometry3<f64>,
     /// Cameras and light.
     pub viewpoint: Viewpoint,
 }
 
 impl InitialState {
-    /// What the initial state that [`InitialState::sample`] would give needs of its object; the stream stays where it is.
+    /// The preparation that the initial state of [`InitialState::sample`] would need; the stream is unchanged.
     ///
     /// # Errors
-    /// The name of an object that does not exist.
+    /// [`AgentError::UnknownObject`] or [`AgentError::NoSuchObject`].
     pub fn need(spec: &EnvSpec, stream: &RandomStream, options: &ResetOptions) -> Result<Need, AgentError> {
         let samples = InitialSamples::new(&mut stream.clone(), spec.objects.len());
         Ok(Need {
@@ -70,10 +69,10 @@ impl InitialState {
         })
     }
 
-    /// Samples an initial state; what `options` gives is taken from there.
+    /// Samples an initial state; `options` replace sampled values.
     ///
     /// # Errors
-    /// An option out of place, or an object that cannot be prepared.
+    /// [`AgentError::BadOption`], or an error of an object that cannot be prepared.
     pub fn sample(spec: &EnvSpec, stream: &mut RandomStream, options: &ResetOptions) -> Result<Self, AgentError> {
         let vary = &spec.config.randomization;
         let samples = InitialSamples::new(stream, spec.objects.len());
@@ -121,7 +120,7 @@ impl InitialState {
     }
 }
 
-/// Cameras and light: poses that the options give are taken as they are, the rest varies.
+/// Cameras and light: poses from the options are not varied, the others are.
 fn sample_viewpoint(spec: &EnvSpec, options: &ResetOptions, seed: u64) -> Result<Viewpoint, AgentError> {
     let vary = &spec.config.randomization;
     let variation =
@@ -192,7 +191,7 @@ fn checked_preshape(spec: &EnvSpec, options: &ResetOptions) -> Result<f64, Agent
     }
 }
 
-/// Where the object lies, or is dropped.
+/// The pose at which the object rests, or from which it is dropped.
 fn place_object(
     spec: &EnvSpec,
     prepared: &Prepared,
@@ -226,8 +225,7 @@ fn place_object(
     Ok(pose)
 }
 
-/// Where an object that is dropped at `world_from_object` comes to rest if no hand is there, and the height of its centre of mass then,
-/// metres.
+/// The scene of an object dropped from `world_from_object` without a hand, and the height of its centre of mass at rest, metres.
 fn settled(
     scene: &Arc<Scene>,
     world_from_object: &Isometry3<f64>,
@@ -248,7 +246,7 @@ fn settled(
     Ok((world.world_from_object(), center.z))
 }
 
-/// A move on the table: x, y (m), turn about the vertical (rad).
+/// A motion on the table: x, y (m), rotation about the vertical (rad).
 fn planar(x: f64, y: f64, turn: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(x, y, 0.0), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn))
 }

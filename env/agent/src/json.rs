@@ -1,22 +1,22 @@
-//! Configs as JSON: reading one names the field that is wrong, its value and what to give instead.
+//! Configs from JSON; errors name the invalid field, its value and the accepted ones.
 //!
-//! serde says what it expected; [`serde_path_to_error`] says where. The value is looked up in the text itself.
+//! serde reports the expected type, and [`serde_path_to_error`] its path; the value is looked up in the JSON.
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_path_to_error::{Path, Segment};
 
-/// Longest value that an error repeats, characters.
+/// Greatest length of a value in an error, characters.
 const SHOWN: usize = 60;
-/// Names less alike than this (Jaro-Winkler) are not suggested.
+/// Least similarity (Jaro-Winkler) of a suggested name.
 const ALIKE: f64 = 0.75;
 
-/// What is wrong with a config, as a sentence that names the field.
+/// An invalid config: a sentence that names the field.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct BadConfig(String);
 
-/// A config from its JSON text; errors call it `what`.
+/// A config from its JSON text; errors name it `what`.
 ///
 /// # Errors
 /// `TrialConfig.lift_height is 'x' (str); give a number`.
@@ -25,7 +25,7 @@ pub fn config<T: DeserializeOwned>(text: &str, what: &str) -> Result<T, BadConfi
     config_of(&value, what)
 }
 
-/// As [`config`], from JSON that was read already.
+/// As [`config`], from parsed JSON.
 ///
 /// # Errors
 /// As [`config`].
@@ -34,7 +34,7 @@ pub fn config_of<T: DeserializeOwned>(value: &Value, what: &str) -> Result<T, Ba
         .map_err(|error| BadConfig(complaint(what, value, error.path(), &error.inner().to_string())))
 }
 
-/// The sentence for what serde says of the value at `path`.
+/// The sentence for serde's error about the value at `path`.
 fn complaint(what: &str, root: &Value, path: &Path, said: &str) -> String {
     let (mut name, mut value, mut parent) = (what.to_owned(), Some(root), what.to_owned());
     for segment in path {
@@ -67,7 +67,7 @@ fn complaint(what: &str, root: &Value, path: &Path, said: &str) -> String {
     }
 }
 
-/// The name in backticks that follows `start`, and those that serde lists after it.
+/// The name in backticks after `start`, and the names that serde lists after it.
 fn named<'a>(said: &'a str, start: &str) -> Option<(&'a str, Vec<&'a str>)> {
     let mut quoted = said.strip_prefix(start)?.split('`');
     let name = quoted.next()?;
@@ -91,7 +91,7 @@ fn choice(names: &[&str]) -> String {
     }
 }
 
-/// A value as Python writes it, cut at [`SHOWN`] characters, with its type.
+/// A value in Python's notation, truncated to [`SHOWN`] characters, with its type.
 fn python(value: &Value) -> String {
     let (text, kind) = match value {
         Value::Null => return "None".to_owned(),
@@ -108,7 +108,7 @@ fn python(value: &Value) -> String {
     }
 }
 
-/// What serde expected, in the words of a user.
+/// The type that serde expected, in words for a user.
 fn wanted(expected: &str) -> String {
     let length = |rest: &str| rest.split(|c: char| !c.is_ascii_digit()).find_map(|n| n.parse::<usize>().ok());
     match expected {

@@ -1,42 +1,41 @@
-//! The environment: many of them side by side, each an [`Episode`](graspbox_episode::Episode) driven by actions at 20 Hz.
+//! The environment: pools of environments, each an [`Episode`](graspbox_episode::Episode) driven by actions at 20 Hz.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`control`] | control modes, and the control period |
 //! | [`workspace`] | boxes and distances of the workspace |
 //! | [`config`] | settings: control, endings, observations, randomization |
-//! | [`source`] | where an object comes from |
-//! | [`objects`] | objects that are prepared ahead or at their first use, and shared by every environment |
-//! | [`ahead`] | a thread for work ahead of its need |
+//! | [`source`] | the source of an object: memory, file, family |
+//! | [`objects`] | objects, prepared in the background or at first use, and shared by all environments |
+//! | [`ahead`] | the background thread |
 //! | [`random_stream`] | the random stream of one environment |
-//! | [`mod@column`] | one row of a table of numbers |
-//! | [`action`] | what the numbers of an action mean |
-//! | [`arm_controller`] | moves the hand within its limits |
-//! | [`guard`] | keeps the hand off the table and stops it if it presses too hard |
-//! | [`view`] | what observations and infos are read from |
-//! | [`observation`] | observations, from rows ([`observation_row`]) of what is sensed ([`sensed`]) and simulated ([`simulated`]) |
-//! | [`json`] | reads configs, and names the field that is wrong |
+//! | [`mod@column`] | one row of a table of columns |
+//! | [`action`] | the meaning of an action's entries |
+//! | [`arm_controller`] | motion of the hand within limits |
+//! | [`guard`] | distance from the table, and the protective stop |
+//! | [`view`] | the state of an episode, from which observations and infos are read |
+//! | [`observation`] | observations, from rows ([`observation_row`]) of sensed ([`sensed`]) and simulated ([`simulated`]) quantities |
+//! | [`json`] | configs from JSON, with errors that name the field |
 //! | [`info`] | the info of a step, from one row per entry |
-//! | [`grasp_quality`] | force closure of the present contacts: epsilon |
+//! | [`grasp_quality`] | epsilon of the present contacts |
 //! | [`potentials`], [`reward`] | bounded potentials, and the named reward terms |
-//! | [`env_spec`] | what all environments of a pool share |
-//! | `row_check` | reads every observation once when environments are made |
+//! | [`env_spec`] | data shared by all environments of a pool |
+//! | `row_check` | a check of every observation when environments are made |
 //! | [`reset_options`] | options of a reset |
-//! | [`initial_state`] | how an episode begins ([`initial_samples`], [`hand_placement`]) |
-//! | [`record`] | what an episode remembers beside its world |
+//! | [`initial_state`] | the initial state of an episode ([`initial_samples`], [`hand_placement`]) |
+//! | [`record`] | the saved state of an episode beside world, judge and arm |
 //! | [`decision`] | one decision per episode: the trial at a pose |
 //! | [`agent_episode`] | one episode under an agent |
-//! | [`step_result`] | what a step or a reset of one environment returns |
+//! | [`step_result`] | the result of a step or a reset of one environment |
 //! | [`saved_state`] | an environment as bytes |
 //! | [`mod@env`] | one environment: its stream, its episode, its results |
 //! | [`batch`] | results of many environments, as flat arrays |
-//! | [`env_pool`] | all environments in one call |
-//! | [`pool_views`] | pictures and cameras of the environments of a pool |
-//! | [`tables`] | the tables of everything that environments take and return |
-//! | `error` | every way an input can be wrong, one sentence each |
+//! | [`env_pool`] | all environments in one call; their pictures and cameras |
+//! | [`tables`] | the tables of all inputs and outputs of environments |
+//! | `error` | errors, one sentence each |
 //!
-//! Every random number depends on the environment's own stream alone, so results depend neither on the number of environments
-//! nor on the number of threads.
+//! Every random number depends only on the environment's own stream, so results depend neither on the number of environments nor on the number
+//! of threads.
 
 pub mod action;
 pub mod agent_episode;
@@ -61,7 +60,6 @@ pub mod json;
 pub mod objects;
 pub mod observation;
 pub mod observation_row;
-pub mod pool_views;
 pub mod potentials;
 pub mod random_stream;
 pub mod record;

@@ -1,9 +1,9 @@
-//! Objects that are prepared ahead or at their first use, and shared by every environment that samples from them.
+//! Objects, prepared in the background or at first use, and shared by all environments that sample from them.
 //!
-//! Preparing an object (reading, convex parts, mass), settling it in a resting pose and making its levels of detail take up to a second; the
-//! result depends on the object alone. It is kept in a cache, and removing it costs time, never a different result. No lock is held while
-//! an object is prepared: threads that need the same one at the same time do the work twice and keep the first. What the next episodes of
-//! an environment need is prepared in the background ([`crate::ahead`]).
+//! Preparing an object (reading, convex parts, mass), settling it in a resting pose and computing its levels of detail take up to a second. The
+//! result depends only on the object; it is cached, and its removal costs time but never changes a result. No lock is held while an object is
+//! prepared: threads that need the same one at the same time both prepare it, and the first result is kept. Objects of an environment's next
+//! episodes are prepared in the background ([`crate::ahead`]).
 
 use crate::AgentError;
 use crate::ahead::Ahead;
@@ -20,42 +20,42 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Objects in the cache; one takes 1 to 4 MB with its resting poses. Larger sets prepare an object again in many resets.
+/// Most objects in the cache, of 1 to 4 MB each with their resting poses. Larger sets prepare objects again in many resets.
 const KEPT: usize = 512;
-/// Resting poses less probable than this are left out, unless none is more probable.
+/// Least probability of a resting pose; if none reaches it, the most probable one is kept.
 const LEAST_PROBABILITY: f64 = 0.05;
-/// Resting poses that are kept for an object, the most probable ones.
+/// Most resting poses of an object: the most probable ones are kept.
 const MOST_POSES: usize = 6;
 
-/// Which resting pose.
+/// Choice of a resting pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RestingChoice {
-    /// That at this share of the summed probabilities, in [0, 1).
+    /// The pose at this share of the cumulative probability, in [0, 1).
     Share(f64),
-    /// That with this index.
+    /// The pose with this index.
     Index(usize),
 }
 
-/// What an episode needs of its object.
+/// The preparation that an episode needs of its object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Need {
     /// Index of the object.
     pub object: usize,
     /// Its resting pose.
     pub resting: RestingChoice,
-    /// Its model for the renderer is needed too.
+    /// Its render model is needed too.
     pub model: bool,
 }
 
-/// An object ready for episodes, with its resting poses.
+/// A prepared object with its resting poses.
 pub struct Prepared {
     body: Body,
     resting_poses: Vec<RestingPose>,
-    /// Middle and half sides of the bounds along the object's axes, metres.
+    /// Middle and half extents of the bounds along the object's axes, metres.
     bounds: [Point3<f64>; 2],
-    /// Its model for the renderer, made at its first use.
+    /// Its render model, built at first use.
     model: OnceLock<Model>,
-    /// Where convex parts and levels of detail are kept.
+    /// Cache folder of convex parts and levels of detail.
     cache: Option<PathBuf>,
 }
 
@@ -63,12 +63,12 @@ pub struct Prepared {
 struct RestingPose {
     world_from_object: Isometry3<f64>,
     probability: f64,
-    /// None where the object does not come to rest.
+    /// `None` inside if the object does not come to rest.
     scene: OnceLock<Option<Arc<Scene>>>,
 }
 
 impl Prepared {
-    /// Prepares an object; convex parts and levels of detail are kept in the folder `cache`, if given.
+    /// Prepares an object; convex parts and levels of detail are cached in the folder `cache`, if there is one.
     ///
     /// # Errors
     /// As [`Body::prepare`], or a mesh without a resting pose.
@@ -94,15 +94,15 @@ impl Prepared {
         })
     }
 
-    /// The object itself.
+    /// The object.
     pub fn body(&self) -> &Body {
         &self.body
     }
 
-    /// The object as the renderer takes it, made at its first use.
+    /// The object's render model, built at first use.
     ///
     /// # Errors
-    /// A mesh that cannot be rendered.
+    /// [`AgentError::NotRenderable`].
     pub fn model(&self) -> Result<&Model, AgentError> {
         if let Some(model) = self.model.get() {
             return Ok(model);
@@ -117,7 +117,7 @@ impl Prepared {
         self.resting_poses.iter().map(|resting| resting.probability)
     }
 
-    /// Index of the resting pose that is chosen.
+    /// Index of the chosen resting pose.
     pub fn resting(&self, choice: RestingChoice) -> usize {
         match choice {
             RestingChoice::Share(share) => weighted(share, self.probabilities()),
@@ -130,7 +130,7 @@ impl Prepared {
         self.bounds[0]
     }
 
-    /// Half sides of the bounds along the object's axes, metres.
+    /// Half extents of the bounds along the object's axes, metres.
     pub fn half_extents(&self) -> nalgebra::Vector3<f64> {
         self.bounds[1].coords
     }
@@ -149,13 +149,13 @@ pub struct Objects {
 
 #[derive(Default)]
 struct Cache {
-    /// When each object was last used, and the object.
+    /// Time of last use of each object, and the object.
     kept: BTreeMap<usize, (u64, Arc<Prepared>)>,
     clock: u64,
 }
 
 impl Objects {
-    /// Takes a list of objects; convex parts and levels of detail are kept in the folder `cache`, if given.
+    /// A set of objects; convex parts and levels of detail are cached in the folder `cache`, if there is one.
     ///
     /// # Errors
     /// [`AgentError::NoObjects`] for an empty list.
@@ -194,7 +194,7 @@ impl Objects {
         self.sources.iter().map(Source::name)
     }
 
-    /// Where object `index` comes from.
+    /// Source of object `index`.
     pub fn source(&self, index: usize) -> Option<&Source> {
         self.sources.get(index)
     }
@@ -204,7 +204,7 @@ impl Objects {
         &self.hand
     }
 
-    /// The models of the hand, made at their first use.
+    /// The render models of the hand, built at first use.
     pub fn visual_models(&self) -> Arc<OnceLock<VisualModels>> {
         Arc::clone(&self.visual_models)
     }
@@ -223,14 +223,18 @@ impl Objects {
             return Ok(found);
         }
         let source = self.sources.get(index).ok_or(AgentError::NoSuchObject { index, count: self.sources.len() })?;
-        let made = Arc::new(Prepared::new(&source.read()?, self.cache.as_deref())?);
+        let make = || Prepared::new(&source.read()?, self.cache.as_deref());
+        let made = Arc::new(make().map_err(|error| source.in_file(error))?);
+        if let Some(caveat) = made.body.mass_properties().method.caveat() {
+            tracing::warn!("{source}: {caveat}");
+        }
         Ok(self.cache_lock().keep(index, made))
     }
 
-    /// Makes what an episode needs, now, unless it is there; waits where it is being made in the background.
+    /// Prepares what an episode needs, unless it is ready; waits if the background thread is preparing it.
     ///
     /// # Errors
-    /// As [`Objects::prepared`]. Whatever else is wrong with the object is found when it is used.
+    /// As [`Objects::prepared`]. Other errors of the object occur when it is used.
     pub fn ensure(&self, need: &Need) -> Result<(), AgentError> {
         if self.is_ready(need) {
             return Ok(());
@@ -239,7 +243,7 @@ impl Objects {
         self.make(need)
     }
 
-    /// Makes what an episode will need in the background, unless it is there.
+    /// Prepares what an episode will need in the background, unless it is ready.
     pub fn ensure_ahead(self: &Arc<Self>, need: Need) {
         if self.is_ready(&need) {
             return;
@@ -247,13 +251,13 @@ impl Objects {
         let objects = Arc::downgrade(self);
         self.ahead.spawn(need.object, move || {
             if let Some(objects) = objects.upgrade() {
-                // An error is found again, and reported, by the episode that uses the object.
+                // An error occurs again, and is reported, in the episode that uses the object.
                 drop(objects.make(&need));
             }
         });
     }
 
-    /// Makes an object ready for every episode: in all its resting poses, and with its model if that is asked for.
+    /// Prepares an object for all episodes: all its resting poses, and its render model if `model`.
     ///
     /// # Errors
     /// As [`Objects::prepared`], [`Objects::scene`] and [`Prepared::model`].
@@ -269,7 +273,7 @@ impl Objects {
         Ok(())
     }
 
-    /// Whether an episode would find what it needs.
+    /// True if everything that an episode needs is ready.
     pub fn is_ready(&self, need: &Need) -> bool {
         let Some(prepared) = self.cache_lock().take(need.object) else { return false };
         let resting = prepared.resting_poses.get(prepared.resting(need.resting));
@@ -321,12 +325,12 @@ impl Objects {
     }
 
     fn cache_lock(&self) -> std::sync::MutexGuard<'_, Cache> {
-        // Nothing inside the lock can leave the cache half changed.
+        // A poisoned lock is harmless: no change inside it is partial.
         self.prepared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// The index at `share` of the summed weights.
+/// The index at `share` of the cumulative weights.
 fn weighted(share: f64, weights: impl ExactSizeIterator<Item = f64> + Clone) -> usize {
     let last = weights.len().saturating_sub(1);
     let mut left = share * weights.clone().sum::<f64>();
@@ -347,7 +351,7 @@ impl Cache {
         Some(Arc::clone(object))
     }
 
-    /// Keeps `made`, unless another thread was faster, and makes room.
+    /// Stores `made`, unless another thread was faster, and evicts old objects.
     fn keep(&mut self, index: usize, made: Arc<Prepared>) -> Arc<Prepared> {
         self.clock += 1;
         let kept = Arc::clone(&self.kept.entry(index).or_insert((self.clock, made)).1);

@@ -1,4 +1,4 @@
-//! Observations: vectors by name, each a list of rows that say what its columns mean and how they are read.
+//! Observations: vectors by name, each a list of rows with the meaning and reader of its columns.
 
 use crate::AgentError;
 use crate::column::{Column, total_size};
@@ -10,15 +10,15 @@ use crate::view::View;
 use graspbox_hand::Hand;
 use serde::{Deserialize, Serialize};
 
-/// What can be observed.
+/// The vector observations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Observation {
-    /// What a real arm and hand sense of themselves.
+    /// Proprioception of a real arm and hand.
     Proprio,
     /// Forces on the tactile sensors.
     Tactile,
-    /// Everything, the object's pose included: privileged.
+    /// The complete state, including the object's pose: privileged.
     State,
 }
 
@@ -26,7 +26,7 @@ impl Observation {
     /// Every observation of this crate.
     pub const ALL: [Self; 3] = [Self::Proprio, Self::Tactile, Self::State];
 
-    /// Its name in configs and dictionaries.
+    /// Name in configs and dictionaries.
     pub fn name(self) -> &'static str {
         match self {
             Self::Proprio => "proprio",
@@ -37,7 +37,7 @@ impl Observation {
 
     /// Its rows, in order.
     ///
-    /// * `control`: the state holds the last action; before a decision it describes the object alone.
+    /// * `control`: in closed-loop control, the state includes the last action; before a decision it describes the object only.
     fn readings(self, hand: &Hand, control: Control) -> Vec<Reading> {
         let table = |rows: &'static [Row]| {
             // A hand without a preshape coordinate has no such row.
@@ -62,7 +62,7 @@ impl Observation {
         self.readings(hand, control).iter().map(|reading| reading.column(hand, control)).collect()
     }
 
-    /// True if a hand has anything to say in it: one without tactile sensors has no tactile observation.
+    /// True if the hand has columns in it: a hand without tactile sensors has no tactile observation.
     pub fn exists(self, hand: &Hand, control: Control) -> bool {
         total_size(&self.table(hand, control)) > 0
     }
@@ -73,9 +73,9 @@ impl Observation {
     }
 }
 
-/// An observation of one pool: its columns, and how they are read.
+/// An observation of one pool: its columns and their readers.
 pub struct ObservationSpec {
-    /// Which.
+    /// The observation.
     pub observation: Observation,
     /// The columns, in order.
     pub columns: Vec<Column>,
@@ -99,7 +99,7 @@ impl ObservationSpec {
     /// Appends the observation.
     ///
     /// # Errors
-    /// [`AgentError::WrongSize`] for a row whose reader gives another number of entries than the row says.
+    /// [`AgentError::WrongSize`] for a reader whose number of entries differs from its row.
     pub fn read(&self, view: &View<'_>, out: &mut Vec<f32>) -> Result<(), AgentError> {
         out.reserve(self.size);
         self.readings.iter().zip(&self.columns).try_for_each(|(reading, column)| reading.read(column, view, out))

@@ -1,4 +1,4 @@
-//! One row of a table of observations, and where its reader writes.
+//! One row of a table of observations, and the buffer of its reader.
 
 use crate::AgentError;
 use crate::column::Column;
@@ -6,7 +6,7 @@ use crate::control::Control;
 use crate::view::View;
 use graspbox_hand::{Hand, JointKind};
 
-/// A row: some neighbouring entries of an observation, and how they are read.
+/// A row: adjacent entries of an observation, and their reader.
 pub struct Row {
     /// Name.
     pub name: &'static str,
@@ -16,11 +16,11 @@ pub struct Row {
     pub bounds: fn(&Hand) -> [f64; 2],
     /// Unit; `1` for a number without one.
     pub unit: fn(&Hand) -> &'static str,
-    /// What it means.
+    /// Its meaning.
     pub meaning: &'static str,
     /// True if no sensor of a real robot measures it.
     pub privileged: bool,
-    /// Writes exactly as many numbers as the size says.
+    /// Writes exactly `size` numbers.
     pub read: fn(&View<'_>, &mut Entries<'_>),
 }
 
@@ -28,7 +28,7 @@ pub struct Row {
 pub enum Size {
     /// The same for every hand.
     Fixed(usize),
-    /// One per actuator but the preshape's.
+    /// One per actuator except the preshape's.
     Actuators,
     /// One for a hand with a preshape coordinate, else none.
     Preshape,
@@ -54,7 +54,7 @@ impl Size {
     }
 }
 
-/// Where a reader writes: every number is clipped to the bounds of its row.
+/// Buffer of a reader; every number is clipped to the bounds of its row.
 pub struct Entries<'a> {
     out: &'a mut Vec<f32>,
     low: f32,
@@ -62,7 +62,7 @@ pub struct Entries<'a> {
 }
 
 impl Row {
-    /// What the row is for a hand and a control mode.
+    /// The column of the row for a hand and a control mode.
     pub fn column(&self, hand: &Hand, control: Control) -> Column {
         let [low, high] = (self.bounds)(hand);
         Column {
@@ -78,28 +78,28 @@ impl Row {
 
     /// Appends the numbers of this row.
     ///
-    /// * `column`: what [`Row::column`] gave.
+    /// * `column`: from [`Row::column`].
     ///
     /// # Errors
-    /// [`AgentError::WrongSize`] if the reader gave another number of entries than the row says.
+    /// [`AgentError::WrongSize`] if the reader's number of entries differs from the row.
     pub fn read(&self, column: &Column, view: &View<'_>, out: &mut Vec<f32>) -> Result<(), AgentError> {
         read_column(column, view, out, self.read)
     }
 }
 
-/// What a row of an observation is read from: one of the tables, or a group of joints.
+/// A row of an observation: from one of the tables, or a group of joints.
 pub enum Reading {
     /// A row of a table.
     Row(&'static Row),
-    /// The positions of a group of joints, by its index in the hand.
+    /// Positions of a group of joints, by its index in the hand.
     Joints(usize),
 }
 
-/// Room beyond the joint limits that an observation shows, rad and m: stops are soft.
+/// Margin of an observation beyond the joint limits, rad and m: stops are soft.
 const BEYOND_LIMITS: [f64; 2] = [0.5, 0.02];
 
 impl Reading {
-    /// What the row is for a hand and a control mode.
+    /// The column of the row for a hand and a control mode.
     pub fn column(&self, hand: &Hand, control: Control) -> Column {
         let group = match self {
             Self::Row(row) => return row.column(hand, control),
@@ -150,10 +150,10 @@ fn read_column(
 }
 
 impl Entries<'_> {
-    /// Appends numbers; what is not a number becomes the least value.
+    /// Appends numbers; NaN becomes the least value.
     pub fn put(&mut self, values: impl IntoIterator<Item = f64>) {
         let (low, high) = (self.low, self.high);
-        // `max` takes the bound if the value is not a number.
+        // `max` returns the bound for NaN.
         self.out.extend(values.into_iter().map(|value| (value as f32).max(low).min(high)));
     }
 }

@@ -9,11 +9,11 @@ use graspbox_sim::HandContact;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Distance at which reaching begins to pay, metres.
+/// Distance at which the reaching potential begins, metres.
 pub(crate) const REACH: f64 = 0.4;
-/// The object's core: its bounds, shrunk to this share.
+/// Scale of the object's core relative to its bounds.
 const CORE: f64 = 0.5;
-/// Sideways motion of the object beyond this costs no more, metres.
+/// Sideways motion of the object beyond which the cost is constant, metres.
 pub(crate) const PUSHED: f64 = 0.2;
 
 /// Potentials of the shaping terms, each in [0, 1].
@@ -21,7 +21,7 @@ pub(crate) const PUSHED: f64 = 0.2;
 pub struct Potentials {
     /// Nearness of the grasp centre.
     pub reach: f64,
-    /// Fingers that touch, and how they oppose.
+    /// Touching fingers, and their opposition.
     pub contact: f64,
     /// Epsilon quality.
     pub closure: f64,
@@ -29,14 +29,20 @@ pub struct Potentials {
     pub lift: f64,
     /// Share of the hold time.
     pub hold: f64,
-    /// Share of the sideways motion that counts.
+    /// Sideways motion of the object, as a share of `PUSHED`.
     pub push: f64,
-    /// Motion in the hand since the object left the table, as a share of what a secure grasp allows.
+    /// Motion in the hand since the object left the table, as a share of the limit of a secure grasp.
     pub slip: f64,
 }
 
 impl Potentials {
-    /// The potentials of an episode as it stands.
+    /// All of them.
+    pub(crate) fn all(&self) -> [f64; 7] {
+        let Self { reach, contact, closure, lift, hold, push, slip } = *self;
+        [reach, contact, closure, lift, hold, push, slip]
+    }
+
+    /// The present potentials of an episode.
     ///
     /// * `first_center`: the object's centre of mass when the episode began, world.
     pub fn of(episode: &Episode, prepared: &Prepared, first_center: &Point3<f64>) -> Self {
@@ -66,7 +72,7 @@ impl Potentials {
     }
 }
 
-/// Mean of the share of fingers that press on the object, and of how far two parts of the hand oppose each other.
+/// Mean of the share of fingers that press on the object and of the greatest opposition of two parts of the hand.
 fn opposition(hand: &Hand, contacts: &[HandContact]) -> f64 {
     let palm = hand.chain_count();
     let mut presses = vec![Vector3::zeros(); palm + 1];

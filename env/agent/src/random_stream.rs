@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug)]
 pub struct RandomStream(ChaCha8Rng);
 
-/// Where a stream stands.
+/// The position of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RandomStreamState {
     seed: [u8; 32],
@@ -22,13 +22,13 @@ impl RandomStream {
         Self(ChaCha8Rng::seed_from_u64(seed))
     }
 
-    /// Where the stream stands.
+    /// The position of the stream.
     pub fn state(&self) -> RandomStreamState {
         let position = self.0.get_word_pos();
         RandomStreamState { seed: self.0.get_seed(), position: [position as u64, (position >> 64) as u64] }
     }
 
-    /// The stream as it stood.
+    /// The stream at a saved position; a position beyond its end, after 2^68 words, wraps around.
     pub fn resume(state: &RandomStreamState) -> Self {
         let mut stream = ChaCha8Rng::from_seed(state.seed);
         stream.set_word_pos(u128::from(state.position[0]) | u128::from(state.position[1]) << 64);
@@ -55,7 +55,7 @@ impl RandomStream {
         self.sample_range(-size, size)
     }
 
-    /// An index below `count`, each equally likely; 0 for a count of 0.
+    /// A uniform index below `count`; 0 for a count of 0.
     pub fn sample_index(&mut self, count: usize) -> usize {
         ((self.sample_unit() * count as f64) as usize).min(count.saturating_sub(1))
     }

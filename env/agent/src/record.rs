@@ -1,19 +1,21 @@
-//! What an episode remembers beside its world, its judge and its arm; part of every saved state.
+//! The state of an episode beside its world, judge and arm; part of every saved state.
 
 use crate::potentials::Potentials;
 use graspbox_episode::FailureKind;
+use graspbox_hand::Hand;
+use graspbox_mesh::range::{OutOfRange, all_within, in_range, is_pose};
 use graspbox_vision::Viewpoint;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-/// What an episode remembers beside its world, its judge and its arm.
+/// The state of an episode beside its world, judge and arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// Index of the object.
     pub object: usize,
     /// Index of its resting pose.
     pub resting: usize,
-    /// The object was dropped at a given pose instead.
+    /// The object was dropped from a requested pose instead.
     pub dropped: bool,
     /// Factor on the object's friction.
     pub friction: f64,
@@ -33,7 +35,7 @@ pub struct Record {
     pub lifting: bool,
     /// The grasp succeeded.
     pub success: bool,
-    /// The kind of failure, if it is known before the judge is asked.
+    /// The kind of failure, if it is known without the judge.
     pub failure: Option<FailureKind>,
     /// The object was in the hand after the shake of a trial.
     pub survives_shake: bool,
@@ -43,4 +45,23 @@ pub struct Record {
     pub potentials: Potentials,
     /// Cameras and light.
     pub viewpoint: Viewpoint,
+}
+
+impl Record {
+    /// Refuses what no episode with this hand can remember.
+    ///
+    /// # Errors
+    /// [`OutOfRange`], naming the first number.
+    pub(crate) fn check(&self, hand: &Hand) -> Result<(), OutOfRange> {
+        /// Farther than anything falls, metres.
+        const FARTHEST: f64 = 1e5;
+        in_range("record.friction", self.friction, 1e-3..=1e3, "")?;
+        in_range("record.mass", self.mass, 1e-3..=1e3, "")?;
+        all_within("record.first_center", self.first_center.iter().copied(), FARTHEST, "m")?;
+        all_within("record.last_action", self.last_action.iter().map(|a| f64::from(*a)), 1.0, "")?;
+        let [low, high] = hand.preshape_limits();
+        in_range("record.preshape", self.preshape, low..=high, hand.preshape_unit())?;
+        self.potentials.all().into_iter().try_for_each(|x| in_range("record.potentials", x, 0.0..=1.0, ""))?;
+        self.viewpoint.parent_from_camera.iter().try_for_each(|pose| is_pose("record.viewpoint", pose, FARTHEST))
+    }
 }

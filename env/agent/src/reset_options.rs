@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Which object.
+/// Choice of an object.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "give the index or the name of an object")]
 pub enum ObjectChoice {
@@ -16,7 +16,7 @@ pub enum ObjectChoice {
     Name(String),
 }
 
-/// What of an initial state is given; the rest is sampled. Matrices are rows, homogeneous.
+/// Values of an initial state that are set; the others are sampled. Matrices are homogeneous, as lists of rows.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ResetOptions {
@@ -24,9 +24,9 @@ pub struct ResetOptions {
     pub object: Option<ObjectChoice>,
     /// Its resting pose: an index, the most probable first.
     pub resting: Option<usize>,
-    /// Its place: x, y (m) and turn about the vertical (rad) of the resting pose.
+    /// Its place: x, y (m) and rotation about the vertical (rad) of the resting pose.
     pub place: Option<[f64; 3]>,
-    /// Its pose; it is dropped there.
+    /// Its pose, from which it is dropped.
     pub world_from_object: Option<[[f64; 4]; 4]>,
     /// The hand's pose.
     pub world_from_hand: Option<[[f64; 4]; 4]>,
@@ -36,7 +36,7 @@ pub struct ResetOptions {
     pub friction: Option<f64>,
     /// Factor on the object's mass.
     pub mass: Option<f64>,
-    /// Poses of cameras by name, in the frame of what carries them.
+    /// Poses of cameras by name, in the frames of their mounts.
     pub cameras: BTreeMap<String, [[f64; 4]; 4]>,
 }
 
@@ -51,7 +51,7 @@ pub(crate) fn finite(value: f64, option: &'static str) -> Result<f64, AgentError
     if value.is_finite() { Ok(value) } else { Err(bad_option(option, "give finite numbers")) }
 }
 
-/// A factor that is given, or sampled.
+/// A factor that is set, or else the sampled one.
 pub(crate) fn factor(given: Option<f64>, sampled: f64, option: &'static str) -> Result<f64, AgentError> {
     let factor = given.unwrap_or(sampled);
     let [low, high] = FACTORS;

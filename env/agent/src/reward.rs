@@ -1,9 +1,8 @@
-//! Named reward terms; their weights are the caller's.
+//! Named reward terms; the caller weights them.
 //!
-//! Shaping terms are differences of bounded potentials: their sum over an episode depends on its first and last state only, so going
-//! back and forth gains nothing, and the optimal policy stays optimal (Ng, Harada, Russell, "Policy invariance under reward
-//! transformations", 1999; with a discount of 1). In a decision, where an episode is one step from afar, a shaping term is the
-//! potential itself. A new term is a new row of [`TERMS`].
+//! Shaping terms are differences of bounded potentials: their sum over an episode depends only on its first and last state, so oscillation gains
+//! nothing, and the optimal policy stays optimal (Ng, Harada, Russell, "Policy invariance under reward transformations", 1999; with a
+//! discount of 1). In a decision, an episode of one step, a shaping term is the potential itself. A new term is a new row of [`TERMS`].
 
 use crate::arm_controller::{ANGULAR_SPEED, ArmController, LINEAR_SPEED};
 use crate::control::Control;
@@ -17,7 +16,7 @@ pub struct Definition<T> {
     pub low: f64,
     /// Greatest value.
     pub high: f64,
-    /// What it means.
+    /// Its meaning.
     pub meaning: fn() -> String,
     /// The value.
     pub value: fn(&T) -> f64,
@@ -29,11 +28,11 @@ pub struct Term {
     pub name: &'static str,
     /// In a step of closed-loop control.
     pub step: Definition<Transition>,
-    /// In a decision; none if it is always 0 there.
+    /// In a decision; `None` if it is always 0 there.
     pub decision: Option<Definition<Attempt>>,
 }
 
-/// What the terms of a step of closed-loop control depend on.
+/// Inputs of the terms in a step of closed-loop control.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Transition {
     /// Potentials before the step.
@@ -44,7 +43,7 @@ pub struct Transition {
     pub success: bool,
     /// The grasp succeeded, and is secure.
     pub secure: bool,
-    /// The object is lost for good.
+    /// The object is lost.
     pub lost: bool,
     /// The hand touched table or ground.
     pub table: bool,
@@ -54,10 +53,10 @@ pub struct Transition {
     pub effort: f64,
 }
 
-/// What the terms of a decision depend on.
+/// Inputs of the terms in a decision.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Attempt {
-    /// Nearness before the hand closed; contact, closure and push when it had closed; lift, hold and slip at the end.
+    /// Nearness before the hand closes; contact, closure and push after it has closed; lift, hold and slip at the end.
     pub potentials: Potentials,
     /// The grasp succeeded.
     pub success: bool,
@@ -245,11 +244,11 @@ pub struct TermRow {
     pub low: f64,
     /// Greatest value in a step.
     pub high: f64,
-    /// What it means.
+    /// Its meaning.
     pub meaning: String,
 }
 
-/// The terms of a kind of control; those that are always 0 are left out.
+/// The terms of a control mode, without those that are always 0.
 pub fn term_table(control: Control) -> Vec<TermRow> {
     fn row<T>(name: &'static str, term: &Definition<T>) -> TermRow {
         TermRow { name, low: term.low, high: term.high, meaning: (term.meaning)() }

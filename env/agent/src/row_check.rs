@@ -1,4 +1,4 @@
-//! Reads every row of the observations once, so that a row whose size is wrong is an error when environments are made.
+//! Reads every observation once when environments are made, to report rows of a wrong size early.
 
 use crate::AgentError;
 use crate::agent_episode::AgentEpisode;
@@ -12,7 +12,7 @@ use graspbox_vision::Viewpoint;
 use nalgebra::{Isometry3, Point3};
 use std::sync::Arc;
 
-/// Half side of the cube that is observed, metres.
+/// Half side of the observed cube, metres.
 const HALF: f64 = 0.025;
 /// Its mass, kg.
 const MASS: f64 = 0.1;
@@ -20,8 +20,8 @@ const MASS: f64 = 0.1;
 /// Reads every observation of `spec` for a cube on the table under the open hand, before any object of the pool is prepared.
 ///
 /// # Errors
-/// [`AgentError::WrongSize`] for a row whose reader gives another number of entries than the row says; a hand or a physics setting
-/// that cannot be simulated.
+/// [`AgentError::WrongSize`] for a reader whose number of entries differs from its row; other errors for a hand or a physics setting that cannot
+/// be simulated.
 pub(crate) fn check_rows(spec: &EnvSpec) -> Result<(), AgentError> {
     let episode = AgentEpisode::new(&cube(spec)?, spec);
     let view = episode.view(spec);
@@ -29,7 +29,7 @@ pub(crate) fn check_rows(spec: &EnvSpec) -> Result<(), AgentError> {
     spec.observations.iter().try_for_each(|observation| observation.read(&view, &mut out))
 }
 
-/// A cube on the table, the hand high above it; nothing is simulated.
+/// A cube on the table with the hand high above it; nothing is simulated.
 fn cube(spec: &EnvSpec) -> Result<InitialState, AgentError> {
     let name = "the cube for the first observation";
     let side = |i: usize, axis: usize| if i >> axis & 1 == 0 { -HALF } else { HALF };

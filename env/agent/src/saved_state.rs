@@ -1,4 +1,4 @@
-//! A saved state: everything that the future of an environment depends on, as bytes.
+//! A saved state: the complete state of an environment as bytes.
 //!
 //! Eight bytes that change with the layout, a BLAKE3 checksum, and the content in postcard's encoding.
 
@@ -11,11 +11,11 @@ use crate::random_stream::RandomStreamState;
 use crate::record::Record;
 use crate::reward::TermValues;
 use graspbox_episode::{Episode, EpisodeError, Judge};
-use graspbox_mesh::checksum;
+use graspbox_mesh::{all_within, checksum};
 use graspbox_vision::Mount;
 use serde::{Deserialize, Serialize};
 
-/// Leads every saved state; the number changes with the layout.
+/// First bytes of every saved state; the last one changes with the layout.
 const MAGIC: &[u8; 8] = b"gbagenta";
 
 /// The content of a saved state.
@@ -23,7 +23,7 @@ const MAGIC: &[u8; 8] = b"gbagenta";
 pub struct SavedState {
     control: Control,
     frame_skip: u32,
-    /// Names of the cameras, and what carries them.
+    /// Names and mounts of the cameras.
     cameras: Vec<(String, Mount)>,
     object: String,
     /// The random stream.
@@ -47,10 +47,10 @@ fn bad(why: impl Into<String>) -> AgentError {
 }
 
 impl SavedState {
-    /// The state of an episode; `done` and what the last step returned are still to be filled in.
+    /// The state of an episode; the caller fills in `done` and the result of the last step.
     ///
     /// # Errors
-    /// A world that cannot be written.
+    /// An error for a world that cannot be written.
     pub fn of(episode: &AgentEpisode, stream: RandomStreamState, spec: &EnvSpec) -> Result<Self, AgentError> {
         let object = episode.prepared().body().name().to_owned();
         let sim_error = |source| EpisodeError::Sim { object: object.clone(), source };
@@ -74,7 +74,7 @@ impl SavedState {
     /// As bytes.
     ///
     /// # Errors
-    /// Content that cannot be encoded.
+    /// [`AgentError::BadState`] for content that cannot be encoded.
     pub fn encode(&self) -> Result<Vec<u8>, AgentError> {
         let body = postcard::to_allocvec(self).map_err(|error| bad(error.to_string()))?;
         Ok(checksum::seal(MAGIC, &body))
@@ -83,13 +83,13 @@ impl SavedState {
     /// From bytes.
     ///
     /// # Errors
-    /// Bytes of another version, or damaged ones.
+    /// [`AgentError::BadState`] for damaged bytes, or those of another version.
     pub fn decode(bytes: &[u8]) -> Result<Self, AgentError> {
         let body = checksum::open(MAGIC, bytes).map_err(|error| bad(error.to_string()))?;
         postcard::from_bytes(body).map_err(|_| bad("its content cannot be read"))
     }
 
-    /// Whether the state belongs to environments of `spec`.
+    /// Checks that the state belongs to environments of `spec`.
     fn fits(&self, spec: &EnvSpec) -> Result<(), AgentError> {
         let index = self.record.object;
         if spec.objects.names().nth(index) != Some(&self.object) {
@@ -115,19 +115,34 @@ impl SavedState {
         Ok(())
     }
 
+    /// Refuses numbers that no environment of `spec` saves: the checksum tells that a state was damaged, not who made it.
+    fn check(&self, spec: &EnvSpec) -> Result<(), AgentError> {
+        let checked = || {
+            self.arm.check()?;
+            self.record.check(spec.hand())?;
+            all_within("terms", self.terms.iter().map(|term| f64::from(*term)), 1e6, "")
+        };
+        checked().map_err(|error| bad(error.to_string()))?;
+        self.record.viewpoint.light.check().map_err(|error| bad(error.to_string()))
+    }
+
     /// The episode of the state.
     ///
     /// # Errors
-    /// A state of other objects, another hand, other physics, cameras, or another control mode.
+    /// [`AgentError::BadState`] for a state of other objects, hand, physics, cameras or control mode.
     pub fn episode(&self, spec: &EnvSpec) -> Result<AgentEpisode, AgentError> {
         self.fits(spec)?;
+        self.check(spec)?;
         let record = &self.record;
         let prepared = spec.objects.prepared(record.object)?;
         let (resting, scene) = spec.objects.scene(&prepared, record.resting)?;
         if resting != record.resting {
             return Err(bad("the object no longer rests in that pose"));
         }
-        let episode = Episode::resume(&scene, &self.world, self.judge.clone())?;
+        let episode = Episode::resume(&scene, &self.world, self.judge.clone()).map_err(|error| match error {
+            EpisodeError::OutOfRange(error) => bad(error.to_string()),
+            other => other.into(),
+        })?;
         Ok(AgentEpisode::resume(episode, prepared, self.arm.clone(), record.clone()))
     }
 }

@@ -1,13 +1,13 @@
-//! Rows of what a real arm and hand sense. A new column is a new row.
+//! Rows of quantities that a real arm and hand sense. A new column is a new row.
 
 use crate::observation_row::{Row, Size};
 use crate::view::{position, rotation_columns};
 use graspbox_hand::{Actuator, Hand, JointKind};
 
-/// Greatest force that a tactile sensor shows, N: a fingertip at full tension presses with 5 to 14 N.
+/// Greatest force in a tactile observation, N: a fingertip at full tension presses with 5 to 14 N.
 pub const TACTILE_LIMIT: f64 = 20.0;
 
-/// What the arm senses of itself.
+/// Proprioception of the arm.
 pub const ARM: &[Row] = &[
     Row {
         name: "hand_position",
@@ -47,7 +47,7 @@ pub const ARM: &[Row] = &[
     },
 ];
 
-/// What the encoders and sensors of the actuators show.
+/// Encoders and load sensors of the actuators.
 pub const ACTUATORS: &[Row] = &[
     Row {
         name: "actuator",
@@ -110,7 +110,7 @@ pub const TACTILE: &[Row] = &[Row {
     read: |view, out| out.put(view.world().tactile().force),
 }];
 
-/// The actuators but the preshape's.
+/// The actuators except the preshape's.
 fn each(hand: &Hand) -> impl Iterator<Item = &Actuator> {
     hand.grasp_actuators().map(|index| &hand.actuators[index])
 }

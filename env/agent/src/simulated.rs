@@ -1,4 +1,4 @@
-//! Rows of what the simulation knows of hand and object. A new column is a new row.
+//! Rows of quantities that only the simulation knows. A new column is a new row.
 
 use crate::observation_row::{Row, Size};
 use crate::view::{position, rotation_columns};
@@ -44,7 +44,7 @@ const MASS: Row = Row {
     read: |view, out| out.put([view.world().object_mass()]),
 };
 
-/// The object as it rests before a decision.
+/// The object at rest before a decision.
 pub const RESTING: &[Row] = &[
     OBJECT_POSITION,
     OBJECT_ROTATION,
@@ -70,7 +70,7 @@ pub const RESTING: &[Row] = &[
     MASS,
 ];
 
-/// What the simulation knows of hand and object.
+/// Hand and object in closed-loop control.
 pub const SIMULATED: &[Row] = &[
     OBJECT_POSITION,
     OBJECT_ROTATION,

@@ -1,4 +1,4 @@
-//! Where an object comes from, and how Python describes it.
+//! The source of an object, and its description from Python.
 
 use crate::AgentError;
 use graspbox_episode::{EpisodeError, ObjectSpec};
@@ -6,10 +6,11 @@ use graspbox_mesh::LoadOptions;
 use graspbox_objects::{Family, generate};
 use nalgebra::Point3;
 use serde::Deserialize;
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Where an object comes from.
+/// The source of an object.
 #[derive(Clone, Debug)]
 pub enum Source {
     /// An object in memory.
@@ -20,7 +21,7 @@ pub enum Source {
         name: String,
         /// The file.
         path: PathBuf,
-        /// Metres in one unit of the file.
+        /// Metres per unit of the file.
         scale: f64,
         /// Mass, kg.
         mass: Option<f64>,
@@ -49,7 +50,15 @@ impl Source {
         }
     }
 
-    /// Reads or makes the object.
+    /// The error with the object's file, if it has one.
+    pub fn in_file(&self, error: AgentError) -> AgentError {
+        match self {
+            Self::File { path, .. } => AgentError::InFile { path: path.clone(), source: Box::new(error) },
+            _ => error,
+        }
+    }
+
+    /// Reads or generates the object.
     ///
     /// # Errors
     /// A file that cannot be read, or a mesh that cannot be used.
@@ -76,7 +85,17 @@ impl Source {
     }
 }
 
-/// An object that is read or made at its first use, as `graspbox.object_sets.ObjectSpec` describes it.
+impl fmt::Display for Source {
+    /// The file if there is one, else the name.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File { path, .. } => write!(f, "`{}`", path.display()),
+            Self::Given(_) | Self::Procedural { .. } => write!(f, "object `{}`", self.name()),
+        }
+    }
+}
+
+/// Description of an object that is read or generated at first use: `graspbox.object_sets.ObjectSpec`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectDescription {
@@ -91,7 +110,7 @@ pub struct ObjectDescription {
     /// Seed of a procedural object.
     #[serde(default)]
     pub seed: Option<u64>,
-    /// Metres in one unit of the file; factor on the size of a procedural object.
+    /// Metres per unit of the file; factor on the size of a procedural object.
     #[serde(default = "unscaled")]
     pub scale: f64,
     /// Mass, kg.

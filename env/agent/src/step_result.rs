@@ -1,4 +1,4 @@
-//! What a step or a reset of one environment returns.
+//! The result of a step or a reset of one environment.
 
 use crate::AgentError;
 use crate::agent_episode::AgentEpisode;
@@ -7,7 +7,7 @@ use crate::info::{Info, read_info};
 use crate::reward::TermValues;
 use graspbox_vision::Pixels;
 
-/// What a step or a reset of one environment returns; [`Batch`](crate::Batch) turns many of them into arrays.
+/// The result of a step or a reset of one environment; [`Batch`](crate::Batch) collects many of them in arrays.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepResult {
     /// All observations, one after another.
@@ -27,10 +27,10 @@ pub struct StepResult {
 }
 
 impl StepResult {
-    /// Fills observations, images and info from an episode as it stands; keeps the rest.
+    /// Fills observations, images and info from the present state of an episode; keeps the rest.
     ///
     /// # Errors
-    /// A mesh that cannot be rendered, or an observation whose reader does not fit its row.
+    /// [`AgentError`] for a mesh that cannot be rendered, or an observation whose reader does not fit its row.
     pub fn observe(&mut self, episode: &AgentEpisode, spec: &EnvSpec) -> Result<(), AgentError> {
         let view = episode.view(spec);
         self.info = read_info(&view);

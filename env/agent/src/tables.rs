@@ -1,4 +1,4 @@
-//! The tables of everything that environments take and return. Spaces, infos and documentation are made from them.
+//! The tables of all inputs and outputs of environments, from which spaces, infos and documentation are made.
 
 use crate::column::Column;
 use crate::config::Randomization;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// Columns of each observation, by its name.
 pub type ObservationTables = BTreeMap<&'static str, Vec<Column>>;
 
-/// What environments with one decision per episode take and return.
+/// Inputs and outputs of environments with one decision per episode.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DecisionTables {
     /// Columns of an action.
@@ -30,12 +30,12 @@ pub struct DecisionTables {
     pub info: Vec<InfoTableRow>,
 }
 
-/// What the environments of a hand take and return.
+/// Inputs and outputs of the environments of a hand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tables {
     /// Columns of an action, by the name of the control mode.
     pub actions: BTreeMap<&'static str, Vec<Column>>,
-    /// Columns of the observations, by the name of the control mode: the state holds the last action.
+    /// Columns of the observations, by the name of the control mode: the state includes the last action.
     pub observations: BTreeMap<&'static str, ObservationTables>,
     /// With one decision per episode.
     pub decision: DecisionTables,
@@ -51,7 +51,7 @@ pub struct Tables {
     pub failures: Vec<&'static str>,
     /// Seconds between two actions.
     pub control_period: f64,
-    /// Corners of the box that the grasp frame stays in, world frame, metres.
+    /// Corners of the box in which the grasp frame stays, world frame, metres.
     pub workspace: [[f64; 3]; 2],
     /// Net contact force above which the protective stop holds the hand, N.
     pub stop_force: f64,
@@ -105,10 +105,10 @@ fn observations(hand: &Hand, control: Control) -> ObservationTables {
     there.map(|o| (o.name(), o.table(hand, control))).collect()
 }
 
-/// The rows of the images that `cameras` asks for.
+/// The rows of the images of `cameras`.
 ///
 /// # Errors
-/// An image that is unknown or named twice, a camera that cannot be, or voxels that cannot be.
+/// [`VisionError`] for an image that is unknown or named twice, an invalid camera, or invalid voxel settings.
 pub fn image_tables(hand: &Arc<Hand>, cameras: CamerasConfig) -> Result<Vec<ImageTable>, VisionError> {
     Ok(Observer::new(Arc::clone(hand), cameras, Arc::default())?.tables().to_vec())
 }

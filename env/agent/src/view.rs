@@ -1,4 +1,4 @@
-//! What observations and infos are read from: an episode as it stands.
+//! The present state of an episode, from which observations and infos are read.
 
 use crate::arm_controller::ArmController;
 use crate::objects::Prepared;
@@ -7,7 +7,7 @@ use graspbox_episode::{Episode, Judge, Verdict};
 use graspbox_sim::World;
 use nalgebra::{Isometry3, Point3, UnitQuaternion};
 
-/// An episode as it stands, with what several readers need computed once.
+/// The present state of an episode; quantities that several readers need are computed once.
 pub struct View<'a> {
     /// The state machine.
     pub episode: &'a Episode,
@@ -15,18 +15,18 @@ pub struct View<'a> {
     pub prepared: &'a Prepared,
     /// The arm.
     pub arm: &'a ArmController,
-    /// What the episode remembers.
+    /// The record of the episode.
     pub record: &'a Record,
-    /// Place of the contact flag of each link.
+    /// Index of the contact flag of each link.
     pub flags: &'a [usize],
-    /// The judge's verdict now.
+    /// The present verdict of the judge.
     pub verdict: Verdict,
-    /// Links of the hand that touch the object, ascending, each once.
+    /// Links of the hand that touch the object, ascending, without duplicates.
     pub touching: Vec<usize>,
 }
 
 impl<'a> View<'a> {
-    /// Looks at an episode.
+    /// A view of an episode.
     pub fn new(
         episode: &'a Episode,
         prepared: &'a Prepared,

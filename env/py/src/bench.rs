@@ -1,4 +1,4 @@
-//! Work that is too short to be timed through Python.
+//! Timings of operations that are too short to be timed through Python.
 
 use crate::convert::{Array, array, seed as checked};
 use crate::episode::Scene;
@@ -14,7 +14,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Seconds of each of `repeats` runs of `work`.
+/// Duration of each of `repeats` runs of `work`, seconds.
 fn time(repeats: usize, mut work: impl FnMut()) -> Vec<f64> {
     let mut seconds = Vec::with_capacity(repeats);
     for _ in 0..repeats {

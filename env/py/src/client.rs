@@ -5,7 +5,7 @@ use crate::frames::{to_python, write};
 use bytes::Bytes;
 use graspbox_server::client::greet;
 use graspbox_server::client_socket::{Incoming, Socket};
-use graspbox_server::{Client as Core, ClientError, ClientOptions, Encoder, decode, segment};
+use graspbox_server::{Client as Core, ClientError, ClientOptions, CodecError, Encoder, decode, segment};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use std::fs::File;
@@ -16,12 +16,13 @@ impl From<ClientError> for CoreError {
     fn from(error: ClientError) -> Self {
         match error {
             ClientError::Unreachable { .. } | ClientError::SessionLost { .. } => Self::Connection(error.to_string()),
+            ClientError::Certificates(error) => error.into(),
             _ => Self::Config(error.to_string()),
         }
     }
 }
 
-/// A session on a server; calls of several threads are taken one after the other.
+/// A session on a server; concurrent calls run one after the other.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct Client {
     core: Mutex<Core>,
@@ -31,7 +32,7 @@ pub struct Client {
 
 #[pymethods]
 impl Client {
-    /// Connects; `grace` seconds is how long to take up the session again after a lost connection.
+    /// Connects; after a lost connection the client tries to resume the session for `grace` seconds.
     #[new]
     #[pyo3(signature = (url, *, token, ca, grace))]
     fn new(py: Python<'_>, url: &str, token: Option<String>, ca: Option<String>, grace: f64) -> PyResult<Self> {
@@ -47,7 +48,7 @@ impl Client {
     #[getter]
     fn hello<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let frame = self.lock().hello().clone();
-        to_python(py, &decode(&frame).map_err(|error| CoreError::Internal(error.to_string()))?, None)
+        to_python(py, &decode(&frame).map_err(|error| self.foreign(&error))?, None)
     }
 
     /// Sends a command with its fields; returns its number.
@@ -63,7 +64,7 @@ impl Client {
         Ok(sent.map_err(CoreError::from)?)
     }
 
-    /// Waits for the answer to a command; a signal is an exception, and the answer may still be waited for.
+    /// Waits for the answer to a command. A signal raises its exception; the answer can still be awaited afterwards.
     fn wait<'py>(&self, py: Python<'py>, id: u64) -> PyResult<Bound<'py, PyAny>> {
         loop {
             py.check_signals()?;
@@ -78,7 +79,7 @@ impl Client {
         let Some(frame) = py.detach(|| self.lock().poll(id)).map_err(CoreError::from)? else {
             return Ok(None);
         };
-        let value = decode(&frame).map_err(|error| CoreError::Internal(error.to_string()))?;
+        let value = decode(&frame).map_err(|error| self.foreign(&error))?;
         to_python(py, &value, self.segment.get()).map(Some)
     }
 
@@ -95,12 +96,12 @@ impl Client {
         Ok(())
     }
 
-    /// Nobody waits for the answer to a command any more.
+    /// Discards the answer to a command.
     fn forget(&self, id: u64) {
         self.lock().forget(id);
     }
 
-    /// Breaks the connection off, as a network would: for tests.
+    /// Breaks the connection, as a network failure would: for tests.
     #[pyo3(name = "_break_off")]
     fn break_off(&self) {
         self.lock().break_off();
@@ -108,6 +109,11 @@ impl Client {
 }
 
 impl Client {
+    /// The error of a frame that is none of this protocol.
+    fn foreign(&self, error: &CodecError) -> CoreError {
+        ClientError::Protocol { url: self.lock().url().to_owned(), why: error.to_string() }.into()
+    }
+
     fn lock(&self) -> MutexGuard<'_, Core> {
         self.core.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,4 +1,4 @@
-//! Configs cross as JSON of the core's serde structs; `graspbox.configs` mirrors them, and a test holds the two together.
+//! Configs cross as JSON of the core's serde structs; `graspbox.configs` mirrors them, and a test compares both.
 
 use crate::convert::{config, json};
 use crate::errors::CoreError;
@@ -7,12 +7,11 @@ use graspbox_episode::{ShakeConfig, SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_perception::{CropConfig, DepthNoise, HandGridConfig, ProposalConfig};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
-use graspbox_sim::config::SolverConfig;
-use graspbox_sim::{Friction, PhysicsConfig, RapierConfig};
+use graspbox_sim::{Friction, NewtonConfig, PhysicsConfig, RapierConfig};
 use graspbox_vision::{CameraConfig, CamerasConfig, PictureConfig};
 use pyo3::prelude::*;
 
-/// Reads the JSON of the config `name` as the core does, and writes it again with every field.
+/// Parses the JSON of the config `name`, and writes it again with all fields.
 ///
 /// # Errors
 /// `ConfigError` for an unknown name or field, or a value of the wrong type.
@@ -37,7 +36,7 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "FrictionConfig" => json(&config::<Friction>(text, name)?),
         "Randomization" => json(&config::<Randomization>(text, name)?),
         "RapierConfig" => json(&config::<RapierConfig>(text, name)?),
-        "SolverConfig" => json(&config::<SolverConfig>(text, name)?),
+        "NewtonConfig" => json(&config::<NewtonConfig>(text, name)?),
         "PhysicsConfig" => json(&config::<PhysicsConfig>(text, name)?),
         "ShakeConfig" => json(&config::<ShakeConfig>(text, name)?),
         "SuccessCriterion" => json(&config::<SuccessCriterion>(text, name)?),

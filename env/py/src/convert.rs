@@ -1,6 +1,6 @@
-//! Arrays between numpy and the core, with every check of a shape or a number; configs are read by [`graspbox_agent::json`].
+//! Conversion of arrays between numpy and the core, with all checks of shapes and numbers; [`graspbox_agent::json`] parses configs.
 //!
-//! Arrays that come in must be C-contiguous float64; `graspbox`'s public functions see to that. Arrays that go out are fresh.
+//! Input arrays must be C-contiguous float64, which the public functions of `graspbox` ensure. Output arrays are new.
 
 use crate::errors::CoreError;
 use graspbox_hand::rigid_motion;
@@ -10,12 +10,12 @@ use pyo3::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// A fresh array, as it goes out.
+/// An output array.
 pub type Array<'py, T> = Bound<'py, PyArrayDyn<T>>;
-/// A float64 array of any shape, as it comes in.
+/// An input array of float64, of any shape.
 pub type Floats<'py> = PyReadonlyArrayDyn<'py, f64>;
 
-/// A config from its JSON text; errors call it `what`.
+/// A config from its JSON text; errors name it `what`.
 ///
 /// # Errors
 /// As [`graspbox_agent::json::config`].
@@ -106,14 +106,14 @@ pub fn isometry(array: &Floats<'_>, what: &str) -> Result<Isometry3<f64>, CoreEr
     rigid(values(array, what, &[Some(4), Some(4)])?, what)
 }
 
-/// Rigid motions, shape (n, 4, 4).
+/// Rigid transforms, shape (n, 4, 4).
 pub fn isometries(array: &Floats<'_>, what: &str) -> Result<Vec<Isometry3<f64>>, CoreError> {
     let values = values(array, what, &[None, Some(4), Some(4)])?;
     let name = |i| format!("{what}[{i}]");
     values.chunks_exact(16).enumerate().map(|(i, m)| rigid(m, &name(i))).collect()
 }
 
-/// Which of `poses` (n, 4, 4) the core takes for rigid motions: flags (n,).
+/// Which of `poses` (n, 4, 4) are rigid motions: flags (n,).
 #[pyfunction]
 pub fn is_rigid<'py>(py: Python<'py>, poses: Floats<'_>) -> PyResult<Array<'py, bool>> {
     let (matrices, _) = entries(&poses, "poses", &[None, Some(4), Some(4)])?.as_chunks::<16>();
@@ -134,7 +134,7 @@ fn rows(pose: &Isometry3<f64>) -> [f64; 16] {
     std::array::from_fn(|i| matrix[(i / 4, i % 4)])
 }
 
-/// A fresh array of the given shape; `values` in C order.
+/// A new array of the given shape; `values` in C order.
 pub fn array<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Array<'py, T>> {
     PyArray1::from_vec(py, values).reshape(shape.to_vec())
 }
@@ -153,7 +153,7 @@ pub fn matrices<'py>(
     array(py, poses.flat_map(|p| rows(&p)).collect(), &[count, 4, 4])
 }
 
-/// (n, N), one row an item.
+/// (n, N), one row per item.
 pub fn table<'py, T: Element, const N: usize>(
     py: Python<'py>,
     items: impl ExactSizeIterator<Item = [T; N]>,

@@ -10,7 +10,7 @@ use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// A batch as arrays by name; observations go into the arrays of `out` where it has them.
+/// A batch as arrays by name; observations are written into the arrays of `out` if it has them.
 pub fn arrays<'py>(
     py: Python<'py>,
     spec: &EnvSpec,
@@ -76,7 +76,7 @@ fn filled<'py, T: Element + Copy>(
     Ok(given)
 }
 
-/// Puts images as arrays by name into `dict`; into the arrays of `out` where it has them.
+/// Adds images as arrays by name to `dict`; they are written into the arrays of `out` if it has them.
 fn images<'py>(
     py: Python<'py>,
     spec: &EnvSpec,

@@ -1,4 +1,4 @@
-//! `graspbox._core.EnvPool`: many environments in one call; `Objects`: what they sample from.
+//! `graspbox._core.EnvPool`: many environments in one call; `Objects`: the objects that they sample.
 
 use crate::convert::{Array, config, entries, json};
 use crate::env_arrays::arrays;
@@ -7,6 +7,8 @@ use crate::gil::{awaited, detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::Mesh;
 use graspbox_agent::env_pool::Stepped;
+use graspbox_agent::initial_samples::InitialSamples;
+use graspbox_agent::random_stream::RandomStream;
 use graspbox_agent::{self as agent, AgentConfig, AgentError, Batch, ObjectDescription, ResetOptions, Source, Tables};
 use graspbox_sim::PhysicsConfig;
 use numpy::PyReadonlyArrayDyn;
@@ -18,7 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// float32 arrays, as they come in.
+/// An input array of float32.
 type Singles<'py> = PyReadonlyArrayDyn<'py, f32>;
 
 #[derive(FromPyObject)]
@@ -27,7 +29,7 @@ enum Given<'py> {
     Json(String),
 }
 
-/// A handle on objects that environments share; each is prepared at its first use.
+/// A handle on objects that environments share; each is prepared at first use.
 #[pyclass(frozen, weakref, module = "graspbox._core")]
 pub struct Objects(Arc<agent::Objects>);
 
@@ -56,7 +58,7 @@ impl Objects {
         self.0.len()
     }
 
-    /// Prepares objects in every resting pose now, with their models for the renderer if `model` is true.
+    /// Prepares objects in all resting poses, with their render models if `model` is true.
     fn prepare(
         &self,
         py: Python<'_>,
@@ -80,10 +82,10 @@ impl Objects {
     }
 }
 
-/// An environment that comes back, with the results of its step.
+/// A received environment, with the results of its step.
 type Arrival = (usize, Result<Stepped, CoreError>);
 
-/// Environments side by side.
+/// A pool of environments.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct EnvPool {
     pub(crate) core: Arc<agent::EnvPool>,
@@ -92,7 +94,7 @@ pub struct EnvPool {
     arrivals: Mutex<Receiver<Arrival>>,
 }
 
-/// What a call returns: arrays of every environment; and of the ended episodes, if any ended and was followed by the next in the call.
+/// Results of a call: arrays of every environment, and of the ended episodes if any ended and was followed by the next in the call.
 type Rows<'py> = (Bound<'py, PyDict>, Option<Bound<'py, PyDict>>);
 
 #[pymethods]
@@ -143,7 +145,7 @@ impl EnvPool {
         arrays(py, self.core.spec(), batch, out)
     }
 
-    /// One step of every environment; `actions` is (num_envs, action) float32.
+    /// Steps every environment; `actions` is (num_envs, action) float32.
     #[pyo3(signature = (actions, out=None))]
     fn step<'py>(
         &self,
@@ -158,22 +160,22 @@ impl EnvPool {
         self.rows(py, stepped, out)
     }
 
-    /// Sends environments off to step; `recv` returns them in the order in which they arrive.
+    /// Starts steps of environments; `recv` returns them in the order in which they finish.
     fn send(&self, py: Python<'_>, actions: Singles<'_>, envs: Vec<usize>) -> PyResult<()> {
         let actions = self.actions(&actions, envs.len())?;
         let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let core = Arc::clone(&self.core);
         detached(py, self.num_threads, move || {
             core.send(&envs, &actions, move |env, result| {
-                // Nobody listens any more once the pool has been dropped.
+                // There is no receiver once the pool has been dropped.
                 drop(sender.send((env, result.map_err(CoreError::from))));
             })
         })
     }
 
-    /// The next `count` environments that arrive, as [`EnvPool::step`] returns them; the array `env` says which they are.
+    /// The next `count` environments that finish, in the format of [`EnvPool::step`]; the array `env` contains their indices.
     ///
-    /// A signal calls back environments that have not begun to step; they stay as they are.
+    /// A signal cancels steps that have not begun; their environments are unchanged.
     #[pyo3(signature = (count))]
     fn recv<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Rows<'py>> {
         let away = self.core.away();
@@ -182,7 +184,7 @@ impl EnvPool {
         }
         let mut arrived = Vec::with_capacity(count);
         if let Err(error) = self.gather(py, &mut arrived, count) {
-            // Those that arrived before are kept for the next call.
+            // Environments that have finished already are kept for the next call.
             let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
             for (env, stepped) in arrived {
                 drop(sender.send((env, Ok(stepped))));
@@ -199,26 +201,26 @@ impl EnvPool {
         self.rows(py, Stepped { now, last }, None)
     }
 
-    /// Every environment as it stands.
+    /// The present results of every environment.
     fn now<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         arrays(py, self.core.spec(), self.core.now(), None)
     }
 
-    /// Everything that the future of an environment depends on.
+    /// The complete state of an environment.
     fn get_state<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyBytes>> {
         let core = Arc::clone(&self.core);
         let bytes = detached(py, self.num_threads, move || core.env(env)?.save(core.spec(), env))?;
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Restores a state that `get_state` gave; arrays of that environment alone.
+    /// Restores a state from `get_state`. Returns the arrays of that environment only.
     fn set_state<'py>(&self, py: Python<'py>, env: usize, state: &[u8]) -> PyResult<Bound<'py, PyDict>> {
         let (core, state) = (Arc::clone(&self.core), state.to_vec());
         let batch = detached(py, self.num_threads, move || core.restore(env, &state))?;
         arrays(py, self.core.spec(), batch, None)
     }
 
-    /// Object (world_from_object), hand (world_from_hand) and the hand as the arm knows it, (num_envs, 4, 4) each.
+    /// Object (world_from_object), hand (world_from_hand) and the arm's estimate of the hand, (num_envs, 4, 4) each.
     fn poses<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py, f64>; 3]> {
         let mut poses = [const { Vec::new() }; 3];
         for env in 0..self.core.len() {
@@ -238,7 +240,7 @@ impl EnvPool {
     }
 }
 
-/// A flag for one call, and what sets it after a signal: environments that the call has not reached by then stay as they are.
+/// A flag for one call, and the function that sets it after a signal: environments that the call has not reached by then are unchanged.
 fn stopper() -> (Arc<AtomicBool>, impl FnOnce()) {
     let flag = Arc::new(AtomicBool::new(false));
     let set = Arc::clone(&flag);
@@ -252,7 +254,7 @@ impl Drop for EnvPool {
 }
 
 impl EnvPool {
-    /// Waits until `count` environments have arrived; a signal calls back those that have not begun to step.
+    /// Waits until `count` environments have finished; a signal cancels steps that have not begun.
     fn gather(&self, py: Python<'_>, arrived: &mut Vec<(usize, Stepped)>, count: usize) -> PyResult<()> {
         while arrived.len() < count {
             match awaited(py, &self.arrivals) {
@@ -262,10 +264,10 @@ impl EnvPool {
                     return Err(error.into());
                 }
                 Ok(None) => {
-                    // Those that arrived still count as away. Another thread may have called back what this one waits for.
+                    // Received environments still count as pending. Another thread may have cancelled the steps that this one awaits.
                     let away = self.core.away();
                     if away < count {
-                        return Err(CoreError::from(AgentError::CalledBack { count, away }).into());
+                        return Err(CoreError::from(AgentError::Cancelled { count, pending: away }).into());
                     }
                 }
                 Err(signal) => {
@@ -289,8 +291,14 @@ impl EnvPool {
     }
 }
 
-/// The tables of everything that the environments of a hand take and return, as JSON.
+/// The tables of all inputs and outputs of the environments of a hand, as JSON.
 #[pyfunction]
 pub fn agent_tables(hand: &Hand) -> PyResult<String> {
     Ok(json(&Tables::new(&hand.0))?)
+}
+
+/// Indices of the objects, below `count`, that environments sample at a reset with each of the seeds.
+#[pyfunction]
+pub fn sampled_objects(seeds: Vec<u64>, count: usize) -> Vec<usize> {
+    seeds.into_iter().map(|seed| InitialSamples::new(&mut RandomStream::new(seed), count).object).collect()
 }

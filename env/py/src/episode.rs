@@ -5,8 +5,10 @@ use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
+use graspbox_episode::study::Measures;
 use graspbox_episode::{
-    FailureKind, Progress, Sample, Scene as Core, TrialConfig, TrialOutcome, run_scaled_trials, trace_trial,
+    FailureKind, Finished, Progress, Sample, Scene as Core, Study, TrialConfig, TrialOutcome, run_observed_trials,
+    trace_trial,
 };
 use graspbox_hand::GraspPose;
 use graspbox_plan::Feasibility;
@@ -42,7 +44,7 @@ fn grasps(poses: &Floats<'_>, preshape: &Floats<'_>) -> Result<Vec<GraspPose>, C
 
 #[pymethods]
 impl Scene {
-    /// Prepares the mesh (convex parts are kept in `cache`) and lets it settle; `physics` is JSON.
+    /// Prepares the mesh (convex parts are cached in `cache`) and lets it settle; `physics` is JSON.
     #[new]
     #[pyo3(signature = (mesh, hand, physics, world_from_object, cache))]
     fn new(
@@ -87,10 +89,9 @@ impl Scene {
         array(py, vec![center.x, center.y, center.z], &[3])
     }
 
-    /// What the engine takes for the object: convex parts as points (n, 3) each, mass (kg), centre of mass (3,), inertia about it
-    /// (3, 3); object frame.
+    /// The physical model of the object: convex parts as points (n, 3) each, mass (kg), centre of mass (3,), inertia about it (3, 3); object frame.
     fn body<'py>(&self, py: Python<'py>) -> PyResult<BodyArrays<'py>> {
-        // Prepared when the scene was: no folder is asked for its parts again.
+        // Prepared together with the scene: the cache is not read again.
         let body = self.mesh.body(None)?;
         let parts = body.parts().iter().map(|hull| table(py, hull.vertices().iter().map(|p| [p.x, p.y, p.z])));
         let properties = body.mass_properties();
@@ -103,7 +104,7 @@ impl Scene {
         ))
     }
 
-    /// Whether the open hand reaches each pose from `standoff` metres behind, with `clearance` metres to spare on every side: flags (n,).
+    /// Feasibility of each pose for the open hand, with an approach of `standoff` metres and `clearance` metres to all obstacles: flags (n,).
     #[pyo3(signature = (poses, preshape, clearance, standoff, num_threads))]
     fn check<'py>(
         &self,
@@ -138,16 +139,16 @@ impl Scene {
         let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
         let progress = Arc::new(Progress::default());
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
-        let outcomes = interruptible(
+        let trials = interruptible(
             py,
             num_threads,
             move || progress.stop(),
-            move || run_scaled_trials(&scene, &grasps, &factors, config, &watched),
+            move || run_observed_trials(&scene, &grasps, &factors, config, &watched, Study::new),
         )?;
-        outcome_arrays(py, &outcomes)
+        outcome_arrays(py, &trials)
     }
 
-    /// Runs one trial and returns its outcome and what happened every 10 ms (nothing, where the pose is infeasible); arrays by name.
+    /// Runs one trial. Returns its outcome and its trace, a sample every 10 ms (none if the pose is infeasible); arrays by name.
     fn trace<'py>(
         &self,
         py: Python<'py>,
@@ -159,16 +160,20 @@ impl Scene {
         let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
         let progress = Arc::new(Progress::default());
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
-        let (outcome, samples) =
-            interruptible(py, None, move || progress.stop(), move || trace_trial(&scene, &pose, config, &watched))?;
-        let hand = self.core.template().hand();
-        Ok((outcome_arrays(py, &[outcome])?, sample_arrays(py, &samples, hand)?))
+        let trial = interruptible(
+            py,
+            None,
+            move || progress.stop(),
+            move || trace_trial(&scene, &pose, config, &watched, Study::new),
+        )?;
+        let samples = sample_arrays(py, &trial.trace, self.core.template().hand())?;
+        Ok((outcome_arrays(py, &[trial])?, samples))
     }
 }
 
-/// Poses that were planned for `start` do not fit an object that fell over from there.
+/// Warns if the object fell over from `start`: poses that were planned for `start` no longer fit.
 fn warn_of_toppling(scene: &Core, start: &Isometry3<f64>) {
-    /// Settling tilts an object that was set down well by less than this, radians (6 degrees).
+    /// Greatest tilt of an object that settles without falling over, radians (6 degrees).
     const TILT: f64 = 0.1;
     let moved = scene.world_from_object().rotation * start.rotation.inverse();
     let tilt = (moved * Vector3::z()).angle(&Vector3::z());
@@ -183,16 +188,22 @@ fn warn_of_toppling(scene: &Core, start: &Isometry3<f64>) {
     }
 }
 
-fn outcome_arrays<'py>(py: Python<'py>, outcomes: &[TrialOutcome]) -> PyResult<Bound<'py, PyDict>> {
-    let n = &[outcomes.len()];
+/// Outcomes and the study's measures as arrays (n,) by name.
+fn outcome_arrays<'py>(py: Python<'py>, trials: &[Finished<Study>]) -> PyResult<Bound<'py, PyDict>> {
+    let n = &[trials.len()];
+    let outcomes: Vec<TrialOutcome> = trials.iter().map(|trial| trial.outcome.clone()).collect();
+    let measures: Vec<Measures> =
+        trials.iter().map(|trial| trial.observer.as_ref().map_or_else(Measures::default, Study::measures)).collect();
     let numbers = |get: fn(&TrialOutcome) -> f64| array(py, outcomes.iter().map(get).collect(), n);
     let flags = |get: fn(&TrialOutcome) -> bool| array(py, outcomes.iter().map(get).collect::<Vec<bool>>(), n);
+    let measured = |get: fn(&Measures) -> f64| array(py, measures.iter().map(get).collect(), n);
+    let legacy: Vec<bool> = measures.iter().map(|m| m.reading.is_some_and(|reading| reading.success)).collect();
     let dict = PyDict::new(py);
     dict.set_item("success", flags(|o| o.success)?)?;
     dict.set_item("secure", flags(|o| o.secure)?)?;
-    dict.set_item("legacy_success", flags(|o| o.legacy_success.unwrap_or(false))?)?;
-    dict.set_item("kindness", numbers(|o| o.kindness.unwrap_or(f64::NAN))?)?;
-    dict.set_item("kindness_rate", numbers(|o| o.kindness_rate.unwrap_or(f64::NAN))?)?;
+    dict.set_item("legacy_success", array(py, legacy, n)?)?;
+    dict.set_item("kindness", measured(|m| m.reading.map_or(f64::NAN, |reading| reading.kindness))?)?;
+    dict.set_item("kindness_rate", measured(|m| m.kindness_rate)?)?;
     dict.set_item("survives_shake", flags(|o| o.survives_shake.unwrap_or(false))?)?;
     dict.set_item("shake_shift", numbers(|o| o.shake_shift.unwrap_or(f64::NAN))?)?;
     dict.set_item("lift", numbers(|o| o.lift)?)?;

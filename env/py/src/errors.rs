@@ -1,6 +1,6 @@
-//! The one place where errors of the core become Python exceptions.
+//! Mapping of the core's errors to Python exceptions.
 //!
-//! The classes themselves live in `graspbox.errors`, because Rust cannot give an exception two bases.
+//! The classes are defined in `graspbox.errors`, since Rust cannot give an exception two bases.
 
 use graspbox_agent::AgentError;
 use graspbox_agent::json::BadConfig;
@@ -24,18 +24,18 @@ pub enum CoreError {
     /// A configuration value or an argument is invalid.
     #[error("{0}")]
     Config(String),
-    /// A file could not be read or written.
+    /// A file cannot be read or written.
     #[error("{source}: {path}")]
     File {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The mesh or its file is wrong.
+    /// The mesh or its file is invalid.
     #[error("{0}")]
     Mesh(String),
-    /// A hand's files are wrong.
+    /// A hand's files are invalid.
     #[error("{0}")]
     Hand(String),
     /// Nothing can be planned for this object or hand.
@@ -47,16 +47,24 @@ pub enum CoreError {
     /// A server cannot be reached, or the session on it is lost.
     #[error("{0}")]
     Connection(String),
+    /// An object cannot be used; another one might.
+    #[error("{error}")]
+    Object {
+        /// Its name.
+        name: String,
+        /// The reason.
+        error: Box<CoreError>,
+    },
     /// The call was stopped by a signal.
     #[error("the call was interrupted")]
     Interrupted,
-    /// A defect of graspbox itself.
+    /// A defect of graspbox.
     #[error("internal error, please report it together with the input: {0}")]
     Internal(String),
 }
 
 impl CoreError {
-    /// Name of the class in `graspbox.errors` (or of Python's own, of an interruption).
+    /// Name of the class in `graspbox.errors` (for an interruption, Python's own).
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Config(_) => "ConfigError",
@@ -66,6 +74,7 @@ impl CoreError {
             Self::Plan(_) => "PlanError",
             Self::Simulation(_) => "SimulationError",
             Self::Connection(_) => "ConnectionLostError",
+            Self::Object { error, .. } => error.kind(),
             Self::Interrupted => "KeyboardInterrupt",
             Self::Internal(_) => "InternalError",
         }
@@ -79,14 +88,24 @@ impl CoreError {
         }
     }
 
-    /// The same error with its subject named first; errors of files name them already.
+    /// The same error with its subject first; errors of files name the file already.
     pub fn about(self, what: &str) -> Self {
         let named = |text: String| format!("{what}: {text}");
         match self {
             Self::Config(text) => Self::Config(named(text)),
             Self::Mesh(text) => Self::Mesh(named(text)),
             Self::Plan(text) => Self::Plan(named(text)),
+            Self::Simulation(text) => Self::Simulation(named(text)),
+            Self::Object { name, error } => Self::Object { name, error: Box::new(error.about(what)) },
             other => other,
+        }
+    }
+
+    /// The same error as an error of an object.
+    fn of_object(self, name: Option<String>) -> Self {
+        match name {
+            Some(name) if !matches!(self, Self::Object { .. }) => Self::Object { name, error: Box::new(self) },
+            _ => self,
         }
     }
 }
@@ -162,7 +181,8 @@ impl From<CameraError> for CoreError {
 
 impl From<EpisodeError> for CoreError {
     fn from(error: EpisodeError) -> Self {
-        match error {
+        let object = error.object().map(str::to_owned);
+        let found = match error {
             EpisodeError::OutOfRange(_) | EpisodeError::BadPreshape { .. } | EpisodeError::BadPose { .. } => {
                 Self::Config(error.to_string())
             }
@@ -173,7 +193,8 @@ impl From<EpisodeError> for CoreError {
             EpisodeError::Plan { object, source } => Self::from(source).about(&format!("object `{object}`")),
             EpisodeError::Sim { source: source @ SimError::OutOfRange(_), .. } => source.into(),
             _ => Self::Simulation(error.to_string()),
-        }
+        };
+        found.of_object(object)
     }
 }
 
@@ -188,8 +209,10 @@ impl From<VisionError> for CoreError {
 
 impl From<AgentError> for CoreError {
     fn from(error: AgentError) -> Self {
-        match error {
+        let object = error.object().map(str::to_owned);
+        let found = match error {
             AgentError::Episode(source) => source.into(),
+            AgentError::InFile { path, source } => Self::from(*source).about(&format!("`{}`", path.display())),
             AgentError::Vision(source) => source.into(),
             AgentError::Broken { .. } | AgentError::WrongSize { .. } => Self::Internal(error.to_string()),
             AgentError::BadHand { source } => source.into(),
@@ -197,7 +220,8 @@ impl From<AgentError> for CoreError {
             AgentError::NotRenderable { object, source } => Self::from(source).about(&format!("object `{object}`")),
             AgentError::NoRoom { .. } => Self::Simulation(error.to_string()),
             _ => Self::Config(error.to_string()),
-        }
+        };
+        found.of_object(object)
     }
 }
 
@@ -216,13 +240,18 @@ fn exception(py: Python<'_>, error: CoreError) -> PyResult<PyErr> {
         CoreError::File { path, source } => {
             let class = class(py, "FileError")?;
             match source.raw_os_error() {
-                // `OSError(errno, text, filename)` fills the attributes that callers look at.
+                // `OSError(errno, text, filename)` sets the attributes `errno` and `filename`.
                 Some(code) => {
                     let text = py.import("os")?.call_method1("strerror", (code,))?.unbind();
                     PyErr::from_type(class, (code, text, path))
                 }
                 None => PyErr::from_type(class, message),
             }
+        }
+        CoreError::Object { name, error } => {
+            let raised = exception(py, *error)?;
+            raised.value(py).setattr("object", name)?;
+            raised
         }
         other => PyErr::from_type(class(py, other.kind())?, message),
     })

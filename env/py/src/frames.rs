@@ -11,15 +11,15 @@ use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyT
 use std::fs::File;
 use std::io;
 
-/// Deepest nesting of what is written.
+/// Greatest nesting of a value.
 const MAX_DEPTH: usize = graspbox_server::value::MAX_DEPTH;
 
 /// A value as a Python object.
 ///
-/// * `shared`: where arrays in shared memory lie.
+/// * `shared`: the shared memory that contains arrays.
 ///
 /// # Errors
-/// Memory that is not there.
+/// `ConnectionLostError` for shared memory that is missing.
 pub fn to_python<'py>(py: Python<'py>, value: &Value<'_>, shared: Option<&File>) -> PyResult<Bound<'py, PyAny>> {
     Ok(match value {
         Value::Nil => py.None().into_bound(py),
@@ -44,7 +44,7 @@ pub fn to_python<'py>(py: Python<'py>, value: &Value<'_>, shared: Option<&File>)
     })
 }
 
-/// A fresh array whose bytes `fill` writes.
+/// A new array whose bytes `fill` writes.
 fn fresh<'py, T: Element + Pod>(
     py: Python<'py>,
     shape: &[usize],
@@ -66,7 +66,7 @@ fn typed<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     match dtype {
         Dtype::Bool => {
-            // A byte that is neither 0 nor 1 is no bool, so each is looked at.
+            // Bytes other than 0 and 1 are invalid as bool, so each is checked.
             let mut bytes = vec![0; shape.iter().product()];
             fill(&mut bytes)?;
             Ok(array::<bool>(py, bytes.iter().map(|byte| *byte != 0).collect(), shape)?.into_any())
@@ -127,7 +127,8 @@ pub fn write(frame: &mut Encoder, value: &Bound<'_, PyAny>, what: &str, depth: u
     } else if let Ok(dict) = value.cast::<PyDict>() {
         frame.map(dict.len());
         for (key, item) in dict {
-            let key = key.cast::<PyString>().map_err(|_| CoreError::Config(format!("a key of {what} is no text")))?;
+            let key =
+                key.cast::<PyString>().map_err(|_| CoreError::Config(format!("a key of {what} is not a string")))?;
             let key = key.to_cow()?.into_owned();
             frame.text(&key);
             write(frame, &item, &format!("{what}.{key}"), depth + 1)?;
@@ -167,7 +168,7 @@ fn write_array(frame: &mut Encoder, found: &Bound<'_, PyUntypedArray>, what: &st
     Ok(())
 }
 
-/// What follows "an array" in a sentence.
+/// The part of a sentence after "an array".
 fn tail(sentence: &str) -> &str {
     sentence.strip_prefix("an array ").unwrap_or(sentence)
 }

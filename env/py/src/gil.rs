@@ -1,4 +1,4 @@
-//! The one place that releases the GIL.
+//! The only module that releases the GIL.
 //!
 //! Work runs on a rayon pool of this process while the calling thread waits and checks for signals every `PATIENCE`. On
 //! Ctrl-C it asks the work to stop, waits for `GRACE`, and abandons the work if it has not returned.
@@ -14,7 +14,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between two checks for signals; a tenth of the promised second.
+/// Time between two checks for signals: a tenth of the documented second.
 const PATIENCE: Duration = Duration::from_millis(100);
 /// Time that cancelled work has to return before it is abandoned.
 const GRACE: Duration = Duration::from_millis(500);
@@ -75,13 +75,13 @@ fn pool(count: usize) -> Result<Arc<ThreadPool>, CoreError> {
             .map(Arc::new)
             .map_err(|error| CoreError::Internal(format!("cannot start {count} threads: {error}")))
     };
-    // Never wait for the lock: a fork may have copied it while it was held.
+    // Do not wait for the lock: a fork may have copied it while it was held.
     let Ok(mut pools) = POOLS.try_lock() else {
         return build();
     };
     let pid = std::process::id();
     while let Some(key) = pools.keys().copied().find(|key| key.0 != pid) {
-        // Dropping a pool would wake its threads, which live in the parent only.
+        // Dropping the pool would wake its threads, which exist in the parent only.
         std::mem::forget(pools.remove(&key));
     }
     if let Some(pool) = pools.get(&(pid, count)) {
@@ -100,7 +100,7 @@ fn wait<T: Send>(
 ) -> PyResult<Result<T, CoreError>> {
     let lost = || CoreError::Internal("the worker ended without a result".into());
     loop {
-        // The receiver goes in and out by value, because it cannot be shared with another thread.
+        // The receiver is moved in and out, since it cannot be shared with another thread.
         let (answer, receiver) = py.detach(move || (results.recv_timeout(PATIENCE), results));
         results = receiver;
         match answer {
@@ -118,10 +118,10 @@ fn wait<T: Send>(
 
 /// Runs `work` on a pool of `num_threads` threads without the GIL; rayon inside `work` stays on that pool.
 ///
-/// `stop` is called when a signal arrives: it should make `work` return soon.
+/// * `stop`: called after a signal; it should make `work` return soon.
 ///
 /// # Errors
-/// What `work` returns, mapped by [`CoreError`]; `InternalError` for a panic; the signal handler's exception after a signal.
+/// The error of `work`, mapped by [`CoreError`]; `InternalError` for a panic; the signal handler's exception after a signal.
 pub fn interruptible<T, E, F>(py: Python<'_>, num_threads: Option<usize>, stop: impl FnOnce(), work: F) -> PyResult<T>
 where
     T: Send + 'static,
@@ -132,7 +132,7 @@ where
     pool(thread_count(num_threads)?)?.spawn(move || {
         let result = catch_unwind(AssertUnwindSafe(|| work().map_err(Into::into)))
             .unwrap_or_else(|payload| Err(CoreError::Internal(panic_text(payload.as_ref()))));
-        // Nobody listens any more after an interruption.
+        // After an interruption there is no receiver.
         drop(sender.send(result));
     });
     let result = wait(py, results, stop);
@@ -140,7 +140,7 @@ where
     Ok(result??)
 }
 
-/// As [`interruptible`], for work that cannot be asked to stop: after a signal it is abandoned.
+/// As [`interruptible`], for work that cannot be stopped: after a signal it is abandoned.
 ///
 /// # Errors
 /// As [`interruptible`].
@@ -153,10 +153,10 @@ where
     interruptible(py, num_threads, || (), work)
 }
 
-/// The next of what other threads send, waited for without the GIL for at most `PATIENCE`; none if nothing came.
+/// Waits without the GIL for the next value from other threads, for at most `PATIENCE`; `None` if none came.
 ///
 /// # Errors
-/// The signal handler's exception after a signal, also while results keep coming; an internal error if nobody can send any more.
+/// The signal handler's exception after a signal, even while results arrive; an internal error if no sender is left.
 pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResult<Option<T>> {
     py.check_signals()?;
     let answer = py.detach(|| {
@@ -172,7 +172,7 @@ pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResul
     }
 }
 
-/// The number of threads that calls use: `requested`, or by default.
+/// The number of threads that calls use: `requested`, or the default.
 #[pyfunction]
 #[pyo3(signature = (requested=None))]
 pub fn num_threads(#[pyo3(from_py_with = threads)] requested: Option<usize>) -> PyResult<usize> {

@@ -12,9 +12,9 @@ use std::hash::{Hash, Hasher};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Poses (n, 4, 4), half extents (n, 3), which are pads (n,), and joints (n,).
+/// Poses (n, 4, 4), half extents (n, 3), pad flags (n,), and joints (n,).
 type Shapes<'py> = (Array<'py, f64>, Array<'py, f64>, Array<'py, bool>, Array<'py, i64>);
-/// Frames (j, 4, 4), chains (j,), and which are revolute (j,).
+/// Frames (j, 4, 4), chains (j,), and revolute flags (j,).
 type JointFrames<'py> = (Array<'py, f64>, Array<'py, i64>, Array<'py, bool>);
 
 /// A handle on a hand, with the text of its two files, by which it is pickled and compared.
@@ -104,7 +104,7 @@ impl Hand {
         self.0.coordinates().map(|joint| self.0.joints[joint].name.as_str()).collect()
     }
 
-    /// Index of the chain that each independent joint belongs to.
+    /// Index of the chain of each independent joint.
     #[getter]
     fn joint_chains(&self) -> Vec<usize> {
         let chain = |joint: usize| self.0.chain_of_link(self.0.joints[joint].child);
@@ -130,7 +130,7 @@ impl Hand {
         self.0.tendons.iter().map(|tendon| tendon.name.as_str()).collect()
     }
 
-    /// Speed at which a trial closes each actuator but the preshape's, rad/s or m/s; 0 for one that does not close.
+    /// Speed at which a trial closes each actuator except the preshape's, rad/s or m/s; 0 for one that does not close.
     #[getter]
     fn closing_speeds(&self) -> Vec<f64> {
         let hand = &self.0;
@@ -155,7 +155,7 @@ impl Hand {
         self.0.preshapes().iter().map(|named| (named.name.as_str(), named.value)).collect()
     }
 
-    /// Where the hand closes with `preshape`, (3,), metres: above the point of the palm where its chains meet, at the depth of the grasp centre.
+    /// Closing centre with `preshape`, (3,), metres: above the point of the palm where its chains meet, at the depth of the grasp centre.
     fn closing_center<'py>(&self, py: Python<'py>, preshape: f64) -> PyResult<Array<'py, f64>> {
         let on_palm = closing_center(&self.0, preshape).map_err(CoreError::from)?;
         array(py, vec![on_palm.x, on_palm.y, self.0.grasp.center.z], &[3])
@@ -168,15 +168,15 @@ impl Hand {
         array(py, positions, &[count])
     }
 
-    /// Positions (c,) of the independent joints of the hand closed by a share of their way, 0 to 1, rad or m.
+    /// Positions (c,) of the independent joints of the hand closed by a share of their travel, 0 to 1, rad or m.
     fn closed<'py>(&self, py: Python<'py>, preshape: f64, share: f64) -> PyResult<Array<'py, f64>> {
         let positions = self.0.closed_configuration(preshape, share);
         let count = positions.len();
         array(py, positions, &[count])
     }
 
-    /// Collision shapes as boxes with the independent joints at `positions` (c,): `hand_from_shape` (n, 4, 4), half extents (n, 3), which
-    /// are pads (n,), and the row of [`Hand::joint_frames`] of the joint that carries each, -1 for the palm (n,).
+    /// Collision shapes as boxes with the independent joints at `positions` (c,): `hand_from_shape` (n, 4, 4), half extents (n, 3), pad flags (n,),
+    /// and the row of [`Hand::joint_frames`] of the joint that moves each, -1 for the palm (n,).
     fn shapes<'py>(&self, py: Python<'py>, positions: Floats<'_>) -> PyResult<Shapes<'py>> {
         let positions = vector(&positions, "positions")?;
         let shapes = self.0.shapes_at(&positions).map_err(CoreError::from)?;
@@ -195,8 +195,8 @@ impl Hand {
         ))
     }
 
-    /// Frames of all joints that move, chain by chain from root to tip, with the independent ones at `positions` (c,): hand_from_joint
-    /// (j, 4, 4) whose x axis is the joint's axis, the index of the chain of each (j,), and which are revolute (j,).
+    /// Frames of all moving joints, chain by chain from root to tip, with the independent ones at `positions` (c,): hand_from_joint (j, 4, 4),
+    /// whose x axis is the joint's axis, the index of the chain of each (j,), and revolute flags (j,).
     fn joint_frames<'py>(&self, py: Python<'py>, positions: Floats<'_>) -> PyResult<JointFrames<'py>> {
         let links = self.0.hand_from_links(&vector(&positions, "positions")?).map_err(CoreError::from)?;
         let frame = |joint: usize| {

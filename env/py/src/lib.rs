@@ -1,27 +1,27 @@
 //! The only crate that knows Python: arrays, paths and configs cross, nothing else.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
-//! | [`mod@bench`] | timings of work that is too short to be timed through Python |
+//! | [`mod@bench`] | timings of operations that are too short to be timed through Python |
 //! | [`config`] | the configs that cross |
 //! | [`mod@client`] | a session on a server |
-//! | [`convert`] | arrays, with every check of a shape or a number |
+//! | [`convert`] | arrays, with all checks of shapes and numbers |
 //! | [`mod@render`] | pictures of any meshes and a hand, from any camera |
 //! | [`errors`] | one error type, and the Python exception of each error |
 //! | [`log`] | log events of the core, for Python's `logging` |
 //! | [`vision`] | images of environments and objects, pictures, cameras |
 //! | [`frames`] | values of frames as Python objects, and back |
-//! | [`gil`] | releases the GIL, keeps panics inside, listens for Ctrl-C, owns the thread pools |
+//! | [`gil`] | releases the GIL, catches panics, checks for Ctrl-C, owns the thread pools |
 //! | [`episode`] | an object at rest, and trials on it |
 //! | [`hand`] | the handle on a hand |
 //! | [`mesh`] | the handle on a mesh |
 //! | [`mod@perception`] | from depth images to candidate grasps, and voxels around the hand |
-//! | [`mod@policy_server`] | a policy for clients on other machines |
+//! | [`mod@policy_server`] | a server of a policy |
 //! | [`plan`] | box trees and plans |
 //! | [`objects`] | objects by family and seed |
 //! | [`env_arrays`] | results of environments as arrays by name |
 //! | [`env_pool`] | many environments in one call |
-//! | [`mod@server`] | environments for clients on other machines |
+//! | [`mod@server`] | a server of environments |
 //! | [`mod@scene_images`] | images of many resting objects, and voxels from many depth images |
 //! | [`voxel`] | voxels, and their files |
 //!
@@ -65,7 +65,7 @@ mod _core {
     #[pymodule_export]
     use crate::convert::is_rigid;
     #[pymodule_export]
-    use crate::env_pool::{EnvPool, Objects, agent_tables};
+    use crate::env_pool::{EnvPool, Objects, agent_tables, sampled_objects};
     #[pymodule_export]
     use crate::episode::Scene;
     #[pymodule_export]

@@ -1,6 +1,6 @@
 //! Log events of the core, for Python's `logging` (logger `graspbox`).
 //!
-//! Threads of the pool only note an event; the thread that made the call hands the notes to Python once it has the GIL again.
+//! Pool threads only collect events; the calling thread passes them to Python once it has the GIL again.
 
 use pyo3::prelude::*;
 use std::collections::VecDeque;
@@ -12,7 +12,7 @@ use tracing::span::{Attributes, Id, Record};
 use tracing::subscriber::Subscriber;
 use tracing::{Event, Level, Metadata};
 
-/// Events kept between two calls; the oldest go first.
+/// Most events between two calls; the oldest are dropped.
 const KEPT: usize = 256;
 /// Attempts to take the lock before an event is dropped: a fork may have copied it while it was held.
 const ATTEMPTS: usize = 1000;
@@ -82,12 +82,12 @@ fn note(level: u8, text: String) {
     }
 }
 
-/// Collects the events of this process from now on; another subscriber that is there already stays.
+/// Collects the events of this process from now on, unless another subscriber exists.
 pub fn install() {
     drop(tracing::subscriber::set_global_default(Collector));
 }
 
-/// Hands the collected events to Python's `logging`. A failing handler is reported as unraisable: the call that it follows has worked.
+/// Passes the collected events to Python's `logging`. An exception of a handler is reported as unraisable, since the call itself succeeded.
 pub fn emit(py: Python<'_>) {
     if !ANY.swap(false, Ordering::AcqRel) {
         return;

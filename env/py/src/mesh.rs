@@ -6,8 +6,8 @@ use crate::gil::detached;
 use graspbox_camera::Model;
 use graspbox_episode::{Body, DEFAULT_DENSITY, ObjectSpec};
 use graspbox_mesh::{
-    CleanOptions, LoadOptions, Mass, MassProperties, RestingOptions, TriMesh, check_watertight, clean, convex_hull,
-    load, mass_properties, resting_poses, sample_surface,
+    CleanOptions, LoadOptions, Mass, MassProperties, MeshError, RestingOptions, TriMesh, check_watertight, clean,
+    convex_hull, load, mass_properties, resting_poses, sample_surface,
 };
 use nalgebra::Point3;
 use numpy::PyReadonlyArrayDyn;
@@ -19,13 +19,15 @@ use std::sync::{Arc, OnceLock};
 
 /// Most samples of one call: more would not fit into memory beside their arrays.
 const MAX_SAMPLES: usize = 20_000_000;
-/// A mesh of more faces is cleaned and prepared for so long that a user is warned.
+/// Number of faces above which the user is warned that preparation takes long.
 const LARGE_MESH: usize = 300_000;
 
-/// What every holder of a mesh shares.
+/// Data shared by all handles on a mesh.
 pub struct MeshData {
-    /// The object as it was given.
+    /// The object as it was passed.
     pub spec: ObjectSpec,
+    /// The file that it was read from, for errors.
+    file: Option<PathBuf>,
     properties: MassProperties,
     body: OnceLock<Arc<Body>>,
     render_model: OnceLock<Model>,
@@ -33,17 +35,52 @@ pub struct MeshData {
 }
 
 impl MeshData {
-    /// Takes an object and weighs it.
+    /// Computes the mass properties of a cleaned object.
     ///
     /// # Errors
-    /// For a flat mesh or an impossible mass.
+    /// `MeshError` for a flat mesh, `ConfigError` for an invalid mass.
     pub fn new(spec: ObjectSpec) -> Result<Self, CoreError> {
-        let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
-        let properties = mass_properties(&spec.mesh, mass)?;
-        Ok(Self { spec, properties, body: OnceLock::new(), render_model: OnceLock::new(), surface: OnceLock::new() })
+        let properties = weigh(&spec.mesh, spec.mass)?;
+        Ok(Self::with(spec, properties, None))
     }
 
-    /// The object as the simulation takes it, prepared at its first use; convex parts are kept in the folder `cache`.
+    /// Computes the mass properties of an object after the cleaning of [`Body::prepare`].
+    fn cleaned(
+        mut spec: ObjectSpec,
+        cleaning: Option<&CleanOptions>,
+        file: Option<PathBuf>,
+    ) -> Result<Self, MeshError> {
+        let standard = CleanOptions::default();
+        if let Some(options) = cleaning {
+            spec.mesh = clean(&spec.mesh, options)?.0;
+        }
+        spec.mesh.check_extent()?;
+        let as_simulated = cleaning.is_some_and(|options| options.orient && options.weld == standard.weld);
+        let properties = if as_simulated {
+            weigh(&spec.mesh, spec.mass)
+        } else {
+            weigh(&clean(&spec.mesh, &standard)?.0, spec.mass)
+        };
+        let data = Self::with(spec, properties?, file);
+        if let Some(caveat) = data.properties.method.caveat() {
+            tracing::warn!(target: "graspbox", "{}: {caveat}", data.described());
+        }
+        Ok(data)
+    }
+
+    fn with(spec: ObjectSpec, properties: MassProperties, file: Option<PathBuf>) -> Self {
+        Self { spec, file, properties, body: OnceLock::new(), render_model: OnceLock::new(), surface: OnceLock::new() }
+    }
+
+    /// The file if there is one, else the name.
+    fn described(&self) -> String {
+        match &self.file {
+            Some(file) => format!("`{}`", file.display()),
+            None => format!("object `{}`", self.spec.name),
+        }
+    }
+
+    /// The object for the simulation, prepared at first use; convex parts are cached in the folder `cache`.
     ///
     /// # Errors
     /// As [`Body::prepare`].
@@ -51,12 +88,15 @@ impl MeshData {
         if let Some(body) = self.body.get() {
             return Ok(Arc::clone(body));
         }
-        let body = Arc::new(Body::prepare(&self.spec, cache)?);
+        let prepared = Body::prepare(&self.spec, cache).map_err(CoreError::from);
+        let body = Arc::new(match &self.file {
+            Some(_) => prepared.map_err(|error| error.about(&self.described()))?,
+            None => prepared?,
+        });
         Ok(Arc::clone(self.body.get_or_init(|| body)))
     }
 
-    /// The mesh as the renderer takes it in full detail, prepared at its first use. Levels of detail cost more than a
-    /// picture, and those of a million faces half a minute.
+    /// The render model in full detail, prepared at first use. Levels of detail take longer than a picture, and half a minute for a million faces.
     ///
     /// # Errors
     /// As [`Model::without_levels`].
@@ -68,7 +108,7 @@ impl MeshData {
         Ok(self.surface.get_or_init(|| made))
     }
 
-    /// The mesh as the renderer takes it, prepared at its first use.
+    /// The render model with levels of detail, prepared at first use.
     ///
     /// # Errors
     /// As [`Model::new`].
@@ -81,12 +121,16 @@ impl MeshData {
     }
 }
 
-/// A triangle mesh with a name and a mass, held in Rust: metres, kilograms, the frame of its file. Immutable; copies share it, and
-/// it is pickled by its arrays.
+fn weigh(mesh: &TriMesh, mass: Option<f64>) -> Result<MassProperties, MeshError> {
+    mass_properties(mesh, mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms))
+}
+
+/// A triangle mesh with a name and a mass in Rust memory: metres, kilograms, the frame of its file. Immutable; copies share it, and pickles
+/// contain its arrays.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct Mesh(pub Arc<MeshData>);
 
-/// What a pickle keeps: the arguments of the constructor.
+/// Contents of a pickle: the arguments of the constructor.
 type State<'py> = (Array<'py, f64>, Array<'py, u32>, String, Option<f64>, Option<String>, Option<Vec<Array<'py, f64>>>);
 
 fn cleaning_options(json: Option<&str>) -> Result<Option<CleanOptions>, CoreError> {
@@ -94,28 +138,21 @@ fn cleaning_options(json: Option<&str>) -> Result<Option<CleanOptions>, CoreErro
 }
 
 impl Mesh {
-    /// Cleans a mesh, with a Python warning before a large one, and weighs it; errors name the file at `path`.
+    /// Cleans a mesh, with a Python warning before a large one, and computes its mass properties; errors and log events name its file.
     fn cleaned(
         py: Python<'_>,
-        mesh: TriMesh,
+        spec: ObjectSpec,
         cleaning: Option<CleanOptions>,
-        path: Option<PathBuf>,
-        spec: impl FnOnce(TriMesh) -> ObjectSpec + Send + 'static,
+        file: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let named = move |error| match &path {
-            Some(path) => CoreError::in_file(error, path),
-            None => error.into(),
-        };
-        if mesh.faces().len() > LARGE_MESH {
-            warn_large(py, mesh.faces().len())?;
+        if spec.mesh.faces().len() > LARGE_MESH {
+            warn_large(py, spec.mesh.faces().len())?;
         }
         let data = detached(py, None, move || {
-            let mesh = match &cleaning {
-                Some(options) => clean(&mesh, options).map_err(named)?.0,
-                None => mesh,
-            };
-            mesh.check_extent()?;
-            MeshData::new(spec(mesh))
+            MeshData::cleaned(spec, cleaning.as_ref(), file.clone()).map_err(|error| match &file {
+                Some(file) => CoreError::in_file(error, file),
+                None => error.into(),
+            })
         })?;
         Ok(Self(Arc::new(data)))
     }
@@ -126,13 +163,13 @@ fn warn_large(py: Python<'_>, faces: usize) -> PyResult<()> {
         "the mesh has {faces} faces: cleaning it and preparing it for simulation take tens of seconds to minutes; \
          graspable objects need {LARGE_MESH} at most"
     );
-    // The caller of the public function that called this.
+    // Level 2: the caller of the public function.
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(text)?, 2)
 }
 
 #[pymethods]
 impl Mesh {
-    /// Takes vertices (n, 3) and faces (m, 3); `cleaning` is JSON, `parts` the vertices of convex parts, each (k, 3).
+    /// A mesh from vertices (n, 3) and faces (m, 3); `cleaning` is JSON, `parts` are the vertices of convex parts, each (k, 3).
     #[new]
     #[pyo3(signature = (vertices, faces, name, mass, cleaning, parts))]
     fn new(
@@ -149,7 +186,7 @@ impl Mesh {
         let parts = parts.map(|parts| parts.iter().enumerate().map(part).collect()).transpose()?;
         let cleaning = cleaning_options(cleaning)?;
         let mesh = TriMesh::new(vertices, faces).map_err(CoreError::from)?;
-        Self::cleaned(py, mesh, cleaning, None, move |mesh| ObjectSpec { name, mesh, mass, parts })
+        Self::cleaned(py, ObjectSpec { name, mesh, mass, parts }, cleaning, None)
     }
 
     /// Reads a file; `options` and `cleaning` are JSON.
@@ -168,7 +205,7 @@ impl Mesh {
         let file = path.clone();
         let read = move || load(&file, &options).map_err(|error| CoreError::in_file(error, &file));
         let mesh = detached(py, None, read)?;
-        Self::cleaned(py, mesh, cleaning, Some(path), move |mesh| ObjectSpec { name, mesh, mass, parts: None })
+        Self::cleaned(py, ObjectSpec { name, mesh, mass, parts: None }, cleaning, Some(path))
     }
 
     fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<State<'py>> {
@@ -192,13 +229,13 @@ impl Mesh {
         &self.0.spec.name
     }
 
-    /// Vertices (n, 3), metres: a fresh copy.
+    /// Vertices (n, 3), metres: a new copy.
     #[getter]
     fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         table(py, self.0.spec.mesh.vertices().iter().map(|p| [p.x, p.y, p.z]))
     }
 
-    /// Faces (m, 3) as indices of vertices, counter-clockwise seen from outside: a fresh copy.
+    /// Faces (m, 3) as indices of vertices, counter-clockwise from outside: a new copy.
     #[getter]
     fn faces<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, u32>> {
         table(py, self.0.spec.mesh.faces().iter().copied())
@@ -217,13 +254,13 @@ impl Mesh {
         self.0.spec.mesh.area()
     }
 
-    /// Volume, m3: of the mesh if it is closed, else of its convex hull.
+    /// Enclosed volume, m3; that of the convex hull if the mesh encloses hardly any.
     #[getter]
     fn volume(&self) -> f64 {
         self.0.properties.volume
     }
 
-    /// Mass, kg: as given, else the volume times 400 kg/m3.
+    /// Mass, kg: as passed, else the volume times 400 kg/m3.
     #[getter]
     fn mass(&self) -> f64 {
         self.0.properties.mass
@@ -242,7 +279,7 @@ impl Mesh {
         array(py, row_major(&self.0.properties.inertia).to_vec(), &[3, 3])
     }
 
-    /// Whether every edge has exactly two faces, which agree on a side.
+    /// True if every edge has exactly two faces with consistent orientation.
     #[getter]
     fn watertight(&self) -> bool {
         check_watertight(&self.0.spec.mesh).is_ok()
@@ -250,7 +287,7 @@ impl Mesh {
 
     /// Points (n, 3) and outward unit normals (n, 3) of the surface, uniform by area.
     ///
-    /// `count` is at most 20 million. Same mesh, count and seed: same samples.
+    /// `count` is at most 20 million. The same mesh, count and seed give the same samples.
     fn sample<'py>(&self, py: Python<'py>, count: i128, seed: i128) -> PyResult<(Array<'py, f64>, Array<'py, f64>)> {
         let samples = usize::try_from(count).ok().filter(|n| *n <= MAX_SAMPLES);
         let bad = || CoreError::Config(format!("count is {count}; give 0 to {MAX_SAMPLES} samples"));

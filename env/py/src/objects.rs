@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// The family of that name.
 ///
 /// # Errors
-/// A name that no family has.
+/// `ConfigError` for an unknown name.
 pub fn family(name: &str) -> Result<Family, CoreError> {
     name.parse().map_err(|error: graspbox_objects::UnknownFamily| CoreError::Config(error.to_string()))
 }

@@ -19,7 +19,7 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Bytes of any shape, as they come in.
+/// An input array of bytes, of any shape.
 type Bytes<'py> = PyReadonlyArrayDyn<'py, u8>;
 
 /// Names of the channels of crops, and of those around the hand.
@@ -28,7 +28,7 @@ pub fn channel_names() -> (Vec<&'static str>, Vec<&'static str>) {
     (CHANNEL_NAMES.to_vec(), HAND_CHANNEL_NAMES.to_vec())
 }
 
-/// An error unless `found` things called `what` are as many as `wanted`.
+/// Checks that the length `found` of `what` is `wanted`.
 fn same(what: &str, found: usize, wanted: usize) -> Result<(), CoreError> {
     if found == wanted {
         return Ok(());
@@ -36,7 +36,7 @@ fn same(what: &str, found: usize, wanted: usize) -> Result<(), CoreError> {
     Err(CoreError::Config(format!("{what} has length {found}; give {wanted}, one for each")))
 }
 
-/// What a camera with noise gives for rendered depth images (n, H, W): uint16 millimetres, 0 where it measures nothing.
+/// Adds the noise of a camera to rendered depth images (n, H, W): uint16 millimetres, 0 for no depth.
 #[pyfunction]
 #[pyo3(signature = (depth, intrinsics, seeds, noise, num_threads))]
 pub fn add_depth_noise<'py>(
@@ -108,7 +108,7 @@ pub fn crops<'py>(
     Ok(dict)
 }
 
-/// The share of each voxel of n crops that an object fills: (n, N, N, N) uint8. Crop i holds mesh `mesh_of[i]` at `crop_from_object[i]`.
+/// Share of each voxel of n crops that an object fills: (n, N, N, N) uint8. Crop i contains mesh `mesh_of[i]` at `crop_from_object[i]`.
 #[pyfunction]
 #[pyo3(signature = (meshes, mesh_of, crop_from_object, crop, num_threads))]
 pub fn solids<'py>(
@@ -194,7 +194,7 @@ impl HandGrid {
         array(py, all, &[count])
     }
 
-    /// What the fingers sweep with each preshape, (p, X, Y, Z) uint8: 255 where they are at first, 64 where they come last, 0 elsewhere.
+    /// Swept volume of the fingers with each preshape, (p, X, Y, Z) uint8: 255 at the open fingers, 64 at their last positions, 0 elsewhere.
     #[getter]
     fn swept<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, u8>> {
         let count = self.core.preshapes().len();
@@ -234,7 +234,7 @@ impl HandGrid {
         Ok(dict)
     }
 
-    /// Whether the open hand reaches each pose (n, 4, 4), and how many chains meet the object as they close: flags and counts (n,).
+    /// Feasibility of each pose (n, 4, 4) for the open hand, and the number of chains that meet the object as they close: flags and counts (n,).
     #[pyo3(signature = (occupancy, crop, points, poses, preshape, num_threads))]
     #[expect(clippy::too_many_arguments, reason = "every array crosses by itself")]
     fn meets<'py>(

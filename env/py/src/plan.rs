@@ -15,7 +15,7 @@ use pyo3::types::PyDict;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Cuts a mesh into boxes; `params` is JSON. Arrays by name, one row a node of the tree, depth first.
+/// Decomposes a mesh into boxes; `params` is JSON. Arrays by name, one row per node of the tree, depth first.
 #[pyfunction]
 pub fn decompose<'py>(py: Python<'py>, mesh: &Mesh, params: &str) -> PyResult<Bound<'py, PyDict>> {
     let params: DecomposeParams = config(params, "DecomposeConfig")?;
@@ -37,8 +37,8 @@ fn tree_arrays<'py>(py: Python<'py>, tree: &BoxTree) -> PyResult<Bound<'py, PyDi
     Ok(dict)
 }
 
-/// Plans grasps; `params` is JSON. Arrays by name, one row a candidate: feasible ones first, in ranking order. With `features`, also what
-/// the ranking read off each (NaN where a pose is not feasible).
+/// Plans grasps; `params` is JSON. Arrays by name, one row per candidate: feasible ones first, best first. With `features`, also the features of
+/// the ranking (NaN for poses that are not feasible).
 #[pyfunction]
 #[pyo3(signature = (mesh, hand, params, world_from_object, cache, num_threads, features))]
 #[allow(clippy::too_many_arguments)]

@@ -1,4 +1,4 @@
-//! `graspbox._core.PolicyServer`: a policy for clients on other machines.
+//! `graspbox._core.PolicyServer`: a server of a policy.
 
 use crate::convert::config;
 use crate::errors::CoreError;
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 /// Time between two checks for signals.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// A server of a policy that runs; requests come out of `next_jobs`.
+/// A running server of a policy; `next_jobs` returns its requests.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct PolicyServer(Core);
 
@@ -27,7 +27,7 @@ impl PolicyServer {
         Ok(Self(py.detach(|| Core::start(&config, &metadata)).map_err(CoreError::from)?))
     }
 
-    /// Host and port that it listens at.
+    /// Host and port on which it listens.
     #[getter]
     fn address(&self) -> (String, u16) {
         (self.0.address().ip().to_string(), self.0.address().port())
@@ -47,14 +47,14 @@ impl PolicyServer {
         }
     }
 
-    /// Numbers of the connections that ended since this was called last.
+    /// Numbers of the connections that ended since the last call.
     fn gone(&self) -> Vec<u64> {
         self.0.gone()
     }
 
-    /// Counts a batch of decisions.
-    fn decided(&self, count: usize, seconds: f64) {
-        self.0.decided(count, seconds);
+    /// Counts a decision.
+    fn decided(&self, seconds: f64) {
+        self.0.decided(seconds);
     }
 
     /// Its counters, in the text format of OpenMetrics.
@@ -62,14 +62,21 @@ impl PolicyServer {
         self.0.metrics()
     }
 
-    /// No connection begins any more.
+    /// No connection begins any more, and no request of HTTP.
     fn drain(&self) {
         self.0.drain();
     }
 
-    /// Ends all connections; requests that wait are answered first with `patient`, within 10 s.
-    fn stop(&self, py: Python<'_>, patient: bool) {
-        py.detach(|| self.0.stop(|| patient));
+    /// True while a request has come in whose answer has not been written.
+    #[getter]
+    fn busy(&self) -> bool {
+        self.0.is_busy()
+    }
+
+    /// Ends all connections, also those that wait for an answer.
+    fn stop(&self, py: Python<'_>) {
+        py.detach(|| self.0.stop());
+        crate::log::emit(py);
     }
 }
 
@@ -79,7 +86,7 @@ pub struct PolicyJob {
     /// Number of its connection; 0 for a POST.
     #[pyo3(get)]
     connection: u64,
-    /// Whether it came as JSON.
+    /// True if it came as JSON.
     #[pyo3(get)]
     json: bool,
     since: Instant,
@@ -105,7 +112,7 @@ impl PolicyJob {
         to_python(py, &value, None)
     }
 
-    /// Seconds since it came.
+    /// Seconds since it arrived.
     #[getter]
     fn age(&self) -> f64 {
         self.since.elapsed().as_secs_f64()
@@ -124,9 +131,9 @@ impl PolicyJob {
         self.reply(Ok(text.as_bytes().to_vec()));
     }
 
-    /// Tells the client why there is no decision: `kind` is the name of a class in `graspbox.errors`.
+    /// Sends the client an error instead of a decision; `kind` is the name of a class in `graspbox.errors`.
     fn refuse(&self, kind: String, message: String) {
-        self.reply(Err(Fault { kind, field: String::new(), message }));
+        self.reply(Err(Fault { kind, message, ..Fault::default() }));
     }
 }
 

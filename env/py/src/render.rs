@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// What [`render`] takes beside meshes, hand and camera.
+/// Settings of [`render`] beside meshes, hand and camera.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RenderConfig {
@@ -20,7 +20,7 @@ struct RenderConfig {
     image_size: [u32; 2],
     /// Samples along each side of a pixel, 1 to 8.
     samples: u32,
-    /// Least and greatest depth that is seen, metres.
+    /// Clipping depths, metres.
     near: f64,
     far: f64,
     light: Light,
@@ -101,7 +101,7 @@ fn solids(
         .collect())
 }
 
-/// The hand's models, and where its links are in the world.
+/// The hand's models, and the poses of its links in the world.
 fn posed((hand, world_from_hand, positions): Posed) -> Result<(VisualModels, Vec<Isometry3<f64>>), CoreError> {
     let frame = isometry(&world_from_hand, "world_from_hand")?;
     let links = hand.0.hand_from_links(&vector(&positions, "positions")?)?;

@@ -1,4 +1,4 @@
-//! Images of many objects where they rest, and voxels from many depth images: one call, all threads.
+//! Images of many objects at rest, and voxels from many depth images: one call on all threads.
 
 use crate::convert::{Array, Floats, array, config, entries, isometries, matrices};
 use crate::errors::CoreError;
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// What [`render_scenes`] takes beside objects and cameras.
+/// Settings of [`render_scenes`] beside objects and cameras.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SceneImagesConfig {
@@ -24,7 +24,7 @@ struct SceneImagesConfig {
     image_size: [u32; 2],
     /// Vertical field of view, radians.
     fov: f64,
-    /// Least and greatest depth that is seen, metres.
+    /// Clipping depths, metres.
     near: f64,
     far: f64,
     rgb: bool,
@@ -36,7 +36,7 @@ struct SceneImagesConfig {
 /// One image for each of n scenes: an object of `meshes` by its index, at `world_from_object` (n, 4, 4), seen from `world_from_camera`
 /// (n, 4, 4).
 ///
-/// `depth` (n, H, W) float32, and `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 where asked for.
+/// `depth` (n, H, W) float32, and `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 if requested.
 #[pyfunction]
 #[pyo3(signature = (meshes, mesh_of, world_from_object, world_from_camera, config, num_threads))]
 pub fn render_scenes<'py>(
@@ -90,7 +90,7 @@ pub fn render_scenes<'py>(
     Ok(dict)
 }
 
-/// Where the cameras of a plan (JSON) stand around `target`: `world_from_camera` (count, 4, 4).
+/// Poses of the cameras of a plan (JSON) around `target`: `world_from_camera` (count, 4, 4).
 #[pyfunction]
 pub fn camera_poses<'py>(
     py: Python<'py>,
@@ -106,7 +106,7 @@ pub fn camera_poses<'py>(
     matrices(py, cameras.iter().map(|camera| *camera.world_from_camera()))
 }
 
-/// What the depth images (n, V, H, W) of n scenes tell of a cube of voxels in each: (n, N, N, N) uint8, 0 unseen, 1 free, 2 occupied.
+/// Fuses the depth images (n, V, H, W) of n scenes into a cube of voxels each: (n, N, N, N) uint8, 0 unseen, 1 free, 2 occupied.
 ///
 /// `frame_from_camera` (n V, 4, 4) poses the cameras in the frames of the cubes; `intrinsics` is (3, 3), `origin` (3,).
 #[pyfunction]

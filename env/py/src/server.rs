@@ -1,8 +1,9 @@
-//! `graspbox._core.Server`: environments for clients on other machines.
+//! `graspbox._core.Server`: a server of environments.
 
 use crate::convert::config;
 use crate::env_pool::EnvPool;
 use crate::errors::CoreError;
+use graspbox_server::pem::PemError;
 use graspbox_server::server::Server as Core;
 use graspbox_server::{Fault, Made, MakeJob, ServerConfig, ServerError};
 use pyo3::prelude::*;
@@ -14,26 +15,44 @@ const PATIENCE: Duration = Duration::from_millis(100);
 
 impl From<ServerError> for CoreError {
     fn from(error: ServerError) -> Self {
-        Self::Config(error.to_string())
+        match error {
+            ServerError::Pem(error) => error.into(),
+            other => Self::Config(other.to_string()),
+        }
     }
 }
 
-/// What a client is told of an error of environments.
+impl From<PemError> for CoreError {
+    fn from(error: PemError) -> Self {
+        match error {
+            PemError::Unreadable { path, source } => Self::File { path: path.into(), source },
+            PemError::Wrong { .. } => Self::Config(error.to_string()),
+        }
+    }
+}
+
+/// The message to a client about an error of environments.
 fn fault(error: graspbox_agent::AgentError) -> Fault {
     let error = CoreError::from(error);
     match error {
         CoreError::Interrupted => Fault::interrupted(),
-        other => Fault { kind: other.kind().to_owned(), field: String::new(), message: other.to_string() },
+        other => {
+            let object = match &other {
+                CoreError::Object { name, .. } => name.clone(),
+                _ => String::new(),
+            };
+            Fault { kind: other.kind().to_owned(), message: other.to_string(), object, ..Fault::default() }
+        }
     }
 }
 
-/// A server that runs; requests for environments come out of `next_job`.
+/// A running server; `next_job` returns its requests for environments.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct Server(Core);
 
 #[pymethods]
 impl Server {
-    /// Starts a server; `settings` and `offer` (what the first frame tells beside protocol and limits) are JSON.
+    /// Starts a server; `settings` and `offer` (contents of the first frame beside protocol and limits) are JSON.
     #[new]
     fn new(py: Python<'_>, settings: &str, offer: &str) -> PyResult<Self> {
         let config: ServerConfig = config(settings, "ServerConfig")?;
@@ -41,7 +60,7 @@ impl Server {
         Ok(Self(py.detach(|| Core::start(config, &offer, fault)).map_err(CoreError::from)?))
     }
 
-    /// Host and port that it listens at.
+    /// Host and port on which it listens.
     #[getter]
     fn address(&self) -> (String, u16) {
         (self.0.address().ip().to_string(), self.0.address().port())
@@ -66,20 +85,21 @@ impl Server {
         self.0.metrics()
     }
 
-    /// No session begins any more.
+    /// Refuses new sessions.
     fn drain(&self) {
         self.0.drain();
     }
 
-    /// True while commands run.
+    /// True while commands run or wait, environments are on their way, or answers have not been written.
     #[getter]
     fn busy(&self) -> bool {
         self.0.is_busy()
     }
 
-    /// Ends all sessions; running commands are waited for with `patient`, 10 s at most.
-    fn stop(&self, py: Python<'_>, patient: bool) {
-        py.detach(|| self.0.stop(|| patient));
+    /// Ends all sessions, also those that are busy.
+    fn stop(&self, py: Python<'_>) {
+        py.detach(|| self.0.stop());
+        crate::log::emit(py);
     }
 }
 
@@ -94,7 +114,7 @@ pub struct Job {
 
 #[pymethods]
 impl Job {
-    /// Hands over the environments; `picture` (None: they are not rendered) and `description` are JSON.
+    /// Passes the environments to the client; `picture` (None: they are not rendered) and `description` are JSON.
     fn accept(&self, pool: &EnvPool, weights: Vec<f64>, picture: Option<&str>, description: &str) -> PyResult<()> {
         let picture = picture.map(|text| config(text, "PictureConfig")).transpose()?;
         let description = config(description, "the description")?;
@@ -103,9 +123,9 @@ impl Job {
         Ok(())
     }
 
-    /// Tells the client why there are none: `kind` is the name of a class in `graspbox.errors`.
+    /// Sends the client an error instead; `kind` is the name of a class in `graspbox.errors`.
     fn refuse(&self, kind: String, field: String, message: String) {
-        self.answer(Err(Fault { kind, field, message }));
+        self.answer(Err(Fault { kind, field, message, ..Fault::default() }));
     }
 }
 

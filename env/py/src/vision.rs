@@ -33,7 +33,7 @@ pub fn image_tables(hand: &Hand, cameras: &str) -> PyResult<String> {
     Ok(json(&image_tables_of(&hand.0, config).map_err(CoreError::from)?)?)
 }
 
-/// Pictures (n, H, W, 3) uint8 of environments `envs` as they stand; `picture` is JSON.
+/// Pictures (n, H, W, 3) uint8 of the present state of environments `envs`; `picture` is JSON.
 #[pyfunction]
 #[pyo3(signature = (pool, envs, picture))]
 pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture: &str) -> PyResult<Array<'py, u8>> {
@@ -44,7 +44,7 @@ pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture:
     array(py, pixels, &[count, height, width, 3])
 }
 
-/// By the camera's name: its intrinsics (3, 3), and where it is now in every environment, `world_from_camera` (num_envs, 4, 4).
+/// By the camera's name: its intrinsics (3, 3), and its present pose in every environment, `world_from_camera` (num_envs, 4, 4).
 #[pyfunction]
 pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &EnvPool) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
@@ -64,7 +64,7 @@ pub(crate) fn lens(matrix: &Floats, height: u32, width: u32) -> Result<Intrinsic
     Ok(Intrinsics { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5] })
 }
 
-/// What [`views`] takes beside mesh and poses.
+/// Settings of [`views`] beside mesh and poses.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ViewsConfig {
@@ -83,7 +83,7 @@ struct ViewsConfig {
 
 /// Renders an object from many sides.
 ///
-/// `depth` (n, H, W) float32, `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 where asked for, `intrinsics` (3, 3),
+/// `depth` (n, H, W) float32, `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 if requested, `intrinsics` (3, 3),
 /// `world_from_camera` and `camera_from_object` (n, 4, 4).
 #[pyfunction]
 #[pyo3(signature = (mesh, config, world_from_object, target, num_threads))]
@@ -109,7 +109,7 @@ pub fn views<'py>(
         let around = graspbox_camera::views(&config.plan, lens, target, count, config.seed)?;
         let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
         let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
-        // Without levels of detail nothing has to be prepared, and none that are there are used.
+        // Without levels of detail there is nothing to prepare, and existing ones are not used.
         let (object, detail) = match config.levels {
             true => (data.render_model()?, Detail::Auto),
             false => (data.surface()?, Detail::Full),
@@ -141,7 +141,7 @@ pub fn views<'py>(
     Ok(dict)
 }
 
-/// What depth images (n, H, W) tell of a cube of voxels: (N, N, N) uint8, 0 unseen, 1 free, 2 occupied.
+/// Fuses depth images (n, H, W) into a cube of voxels: (N, N, N) uint8, 0 unseen, 1 free, 2 occupied.
 ///
 /// `frame_from_camera` (n, 4, 4) poses the cameras in the frame of the cube; `intrinsics` is (3, 3).
 #[pyfunction]
@@ -176,7 +176,7 @@ pub fn occupancy<'py>(
     array(py, cells, &[resolution; 3])
 }
 
-/// Times the images of `observer` (JSON) in an environment as it stands, on one thread; seconds (repeats,).
+/// Times the images of `observer` (JSON) of the present state of an environment, on one thread; seconds (repeats,).
 #[pyfunction]
 #[pyo3(name = "_time_images")]
 pub fn time_images<'py>(
@@ -204,7 +204,7 @@ pub fn time_images<'py>(
     array(py, seconds, &[repeats])
 }
 
-/// An object where it rests.
+/// An object at rest.
 pub(crate) fn still<'a>(
     data: &MeshData,
     object: &'a Model,

@@ -24,7 +24,7 @@ fn arrays(py: Python<'_>, grid: VoxelGrid) -> PyResult<Arrays<'_>> {
     ))
 }
 
-/// Voxelises a mesh; also how inside was told from outside, for a solid.
+/// Voxelizes a mesh. Also returns the method that separated inside from outside, for a solid.
 #[pyfunction]
 pub fn voxelize<'py>(
     py: Python<'py>,

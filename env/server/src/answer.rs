@@ -44,8 +44,9 @@ pub fn error(id: Option<u64>, fault: &Fault) -> Vec<u8> {
         None => frame.nil(),
     }
     frame.text("error");
-    frame.map(3);
-    for (name, text) in [("type", &fault.kind), ("field", &fault.field), ("message", &fault.message)] {
+    frame.map(4);
+    let Fault { kind, field, message, object } = fault;
+    for (name, text) in [("type", kind), ("field", field), ("message", message), ("object", object)] {
         frame.text(name);
         frame.text(text);
     }

@@ -1,8 +1,9 @@
 //! A client's WebSocket: blocking, with a bound on each wait.
 
+use crate::config::SESSION_OVER;
+use crate::pem::{self, PemError};
 use bytes::Bytes;
-use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, ServerName};
+use rustls::pki_types::ServerName;
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -11,7 +12,7 @@ use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::http::header::AUTHORIZATION;
 use tungstenite::http::{HeaderValue, Uri};
-use tungstenite::protocol::WebSocketConfig;
+use tungstenite::protocol::{CloseFrame, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
 /// Longest wait of one call.
@@ -66,13 +67,14 @@ pub enum ClientError {
         /// Its answer.
         why: String,
     },
-    /// The certificates to trust cannot be read.
-    #[error("{path}: it holds no certificates in PEM: {why}")]
-    Certificates {
-        /// The file.
-        path: String,
-        /// What is wrong.
-        why: String,
+    /// The certificates to trust cannot be used.
+    #[error(transparent)]
+    Certificates(#[from] PemError),
+    /// A token that no server has.
+    #[error("the token for {url} has characters that no header can hold; it must be printable ASCII, on one line")]
+    Token {
+        /// The address of the server.
+        url: String,
     },
     /// An answer that is none.
     #[error("the server {url} does not speak this protocol: {why}")]
@@ -165,8 +167,10 @@ impl Socket {
         }
         let mut request = url.into_client_request().map_err(|error| bad(&error.to_string()))?;
         if let Some(token) = &options.token {
-            let value = HeaderValue::from_str(&format!("Bearer {token}"));
-            let value = value.map_err(|_| bad("the token has characters that no header can hold"))?;
+            let wrong = || ClientError::Token { url: url.to_owned() };
+            let value = HeaderValue::from_str(&format!("Bearer {token}")).ok();
+            // A header may hold other bytes than ASCII, but a server of ours has no such token.
+            let value = value.filter(|value| value.to_str().is_ok()).ok_or_else(wrong)?;
             request.headers_mut().insert(AUTHORIZATION, value);
         }
         let failed = |why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
@@ -233,6 +237,21 @@ impl Socket {
         found
     }
 
+    /// What it means that the other side closes: the end of the session, where the server says so; a proxy that goes away ends none.
+    fn closed(&self, frame: Option<CloseFrame>) -> ClientError {
+        let url = self.url.clone();
+        match frame {
+            Some(frame) if u16::from(frame.code) == SESSION_OVER => {
+                ClientError::SessionLost { url, why: frame.reason.to_string() }
+            }
+            Some(frame) => {
+                let why = format!("the connection was closed ({} {})", u16::from(frame.code), frame.reason);
+                ClientError::Unreachable { url, why: why.replace(" )", ")") }
+            }
+            None => ClientError::Unreachable { url, why: "the connection was closed".to_owned() },
+        }
+    }
+
     /// The next that comes in; none where reading would wait for too long.
     fn next(&mut self) -> Result<Option<Incoming>, ClientError> {
         loop {
@@ -243,11 +262,7 @@ impl Socket {
             match read {
                 Ok(Message::Binary(frame)) => return Ok(Some(Incoming::Frame(frame))),
                 Ok(Message::Text(text)) => return Ok(Some(Incoming::Text(text.to_string()))),
-                Ok(Message::Close(frame)) => {
-                    let why = frame.map(|frame| frame.reason.to_string()).filter(|why| !why.is_empty());
-                    let why = why.unwrap_or_else(|| "it closed the connection".to_owned());
-                    return Err(ClientError::SessionLost { url: self.url.clone(), why });
-                }
+                Ok(Message::Close(frame)) => return Err(self.closed(frame)),
                 Ok(_) => {}
                 Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
                     return Ok(None);
@@ -278,14 +293,8 @@ fn tls(
 ) -> Result<StreamOwned<ClientConnection, TcpStream>, ClientError> {
     let mut roots = RootCertStore { roots: webpki_roots::TLS_SERVER_ROOTS.to_vec() };
     if let Some(path) = &options.ca {
-        let bad = |why: String| ClientError::Certificates { path: path.clone(), why };
-        let found = CertificateDer::pem_file_iter(path).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-        let found = found.map_err(|error| bad(error.to_string()))?;
-        if found.is_empty() {
-            return Err(bad("it is empty".to_owned()));
-        }
-        for certificate in found {
-            roots.add(certificate).map_err(|error| bad(error.to_string()))?;
+        for certificate in pem::certificates(path)? {
+            roots.add(certificate).map_err(|error| pem::wrong(path, error))?;
         }
     }
     let failed = |why: String| ClientError::Unreachable { url: url.to_owned(), why };

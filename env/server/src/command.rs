@@ -1,11 +1,25 @@
 //! The commands of a client: one row of [`COMMANDS`] each.
 
-use crate::asked::Asked;
 use crate::fault::Fault;
 use crate::fields::{Fields, items, json, natural};
 use crate::value::Value;
 use graspbox_agent::ResetOptions;
 use graspbox_agent::json::{config, config_of};
+
+/// Requests of a client for its session, beside the environments themselves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Asked {
+    /// Number of environments.
+    pub num_envs: usize,
+    /// Depth images as uint16 millimetres.
+    pub millimetres: bool,
+    /// Number that the first environment has for the client, in errors.
+    pub first: usize,
+    /// Large arrays through shared memory.
+    pub shm: bool,
+    /// How long the session waits for a lost connection, seconds.
+    pub grace: f64,
+}
 
 /// Fields that every command may have.
 const COMMON: [&str; 4] = ["id", "command", "seen", "shm"];
@@ -185,6 +199,10 @@ fn make(fields: &Fields<'_, '_>) -> Result<Command, Fault> {
             request.insert(name.to_owned(), json(value, name)?);
         }
     }
+    if fields.get("keywords").is_some_and(|keywords| !matches!(keywords, Value::Map(_))) {
+        return Err(Fault::config("keywords", "the field 'keywords' is of another type; give a map"));
+    }
+    fields.flag("vector")?;
     let millimetres = match fields.get("depth").map(|_| fields.text("depth")).transpose()? {
         None | Some("float32") => false,
         Some("uint16") => true,
@@ -193,8 +211,9 @@ fn make(fields: &Fields<'_, '_>) -> Result<Command, Fault> {
             return Err(Fault::config("depth", message));
         }
     };
-    let first = fields.natural("first_env")?.unwrap_or_default() as usize;
-    let asked = Asked { millimetres, first, grace: fields.number("grace")?, shm: fields.flag("share")? };
+    let count = |name, default| Ok(fields.natural(name)?.map_or(default, |n| usize::try_from(n).unwrap_or(usize::MAX)));
+    let (num_envs, first) = (count("num_envs", 1)?, count("first_env", 0)?);
+    let asked = Asked { num_envs, millimetres, first, grace: fields.number("grace")?, shm: fields.flag("share")? };
     Ok(Command::Make { request: request.into(), asked })
 }
 

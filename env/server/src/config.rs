@@ -10,8 +10,8 @@ pub const WRITE_TIMEOUT: u64 = 30;
 pub const PING: u64 = 20;
 /// Pings to a client that has no environments; after that its connection ends.
 pub const MAX_UNUSED: usize = 3;
-/// Seconds in which running calls end when a server is told to stop.
-pub const DRAIN: u64 = 10;
+/// Code with which a WebSocket is closed whose session is over; after any other the client may take its session up again.
+pub const SESSION_OVER: u16 = 4000;
 /// Most commands of a session that wait; after that its connection is not read until one is done.
 pub const MAX_WAITING: usize = 64;
 /// Most answers of a session that wait to be acknowledged; a client that comes back has sent no more commands than may wait.

@@ -2,14 +2,15 @@
 
 use crate::answer;
 use crate::command::{Command, Request};
-use crate::config::{MAX_UNUSED, PING, WRITE_TIMEOUT};
+use crate::config::{MAX_UNUSED, PING, SESSION_OVER, WRITE_TIMEOUT};
 use crate::decode::decode;
 use crate::fault::Fault;
 use crate::session::Session;
 use crate::session_state::Outgoing;
 use crate::sessions::Sessions;
-use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
+use axum::extract::ws::{CloseFrame, Message, WebSocket};
 use bytes::Bytes;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -21,20 +22,23 @@ struct Connection {
     sessions: Arc<Sessions>,
     session: Arc<Session>,
     number: u64,
+    /// Address of the client.
+    peer: SocketAddr,
     sender: UnboundedSender<Outgoing>,
 }
 
 /// Serves a client until its connection ends.
 ///
+/// * `peer`: its address.
 /// * `hello`: the first frame.
-pub async fn serve(mut socket: WebSocket, sessions: Arc<Sessions>, hello: Bytes) {
+pub async fn serve(mut socket: WebSocket, peer: SocketAddr, sessions: Arc<Sessions>, hello: Bytes) {
     let (sender, outgoing) = unbounded_channel();
-    let Ok(session) = sessions.blank() else {
+    let Ok(session) = sessions.blank(peer) else {
         return;
     };
     let number = sessions.number();
     session.attach((number, sender.clone()), 0, None);
-    let mut connection = Connection { sessions, session, number, sender };
+    let mut connection = Connection { sessions, session, number, peer, sender };
     let written = timeout(Duration::from_secs(WRITE_TIMEOUT), socket.send(Message::Binary(hello))).await;
     if matches!(written, Ok(Ok(()))) {
         connection.exchange(&mut socket, outgoing).await;
@@ -62,7 +66,7 @@ impl Connection {
                         self.session.wrote(bytes);
                     }
                     Some(Outgoing::Close(why)) => {
-                        let frame = CloseFrame { code: close_code::AWAY, reason: why.into() };
+                        let frame = CloseFrame { code: SESSION_OVER, reason: why.into() };
                         write(socket, Message::Close(Some(frame))).await;
                         return;
                     }
@@ -118,11 +122,12 @@ impl Connection {
     fn resume(&mut self, id: u64, session: u64, secret: u64, received: u64) {
         let found = self.sessions.find(session, secret).and_then(|found| {
             let lost = "the session has dropped answers that this client has not received";
-            let lost = || Fault { kind: "ConnectionLostError".into(), field: "received".into(), message: lost.into() };
+            let lost = || Fault { kind: "ConnectionLostError".to_owned(), ..Fault::config("received", lost) };
             found.attach((self.number, self.sender.clone()), received, Some(id)).map(|()| found).ok_or_else(lost)
         });
         match found {
             Ok(found) => {
+                tracing::info!("session {session} is taken up again, by {}", self.peer);
                 // The session of before has no client any more, as if its connection had been lost.
                 let before = std::mem::replace(&mut self.session, found);
                 if !Arc::ptr_eq(&before, &self.session) && before.detach(self.number) {

@@ -1,8 +1,7 @@
 //! The environments of a session, and what a command does with them. Nothing here waits for a client.
 
 use crate::answer::{self, Layout};
-use crate::asked::Asked;
-use crate::command::{Command, Seeds};
+use crate::command::{Asked, Command, Seeds};
 use crate::fault::{Classify, Fault};
 use crate::segment::Segment;
 use graspbox_agent::env_pool::Stepped;

@@ -1,5 +1,7 @@
 //! Ways in which a server cannot start.
 
+use crate::pem::PemError;
+
 /// A server that cannot start.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -13,15 +15,10 @@ pub enum ServerError {
         source: std::io::Error,
     },
     /// A file of TLS cannot be used.
-    #[error("{path}: {why}")]
-    Tls {
-        /// The file.
-        path: String,
-        /// What is wrong.
-        why: String,
-    },
+    #[error(transparent)]
+    Pem(#[from] PemError),
     /// Certificate without key, or the other way round.
-    #[error("TLS needs both a certificate and its key; give both `tls_cert` and `tls_key`")]
+    #[error("TLS needs both a certificate and its key; give both tls_cert and tls_key (--tls-cert, --tls-key)")]
     HalfTls,
     /// A setting out of its range.
     #[error(transparent)]

@@ -2,8 +2,8 @@
 
 use graspbox_agent::AgentError;
 
-/// An error as it goes over the wire: `{type, field, message}`.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+/// An error as it goes over the wire: `{type, field, message, object}`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct Fault {
     /// Name of the class in `graspbox.errors`; `KeyboardInterrupt` for a call that was cancelled.
@@ -12,6 +12,8 @@ pub struct Fault {
     pub field: String,
     /// The sentence of the local error.
     pub message: String,
+    /// Name of the object that cannot be used, where another one might; empty for every other error.
+    pub object: String,
 }
 
 /// Turns an error of environments into what a client is told; the names of Python's classes are not known here.
@@ -20,19 +22,19 @@ pub type Classify = fn(AgentError) -> Fault;
 impl Fault {
     /// An argument that is wrong.
     pub fn config(field: impl Into<String>, message: impl Into<String>) -> Self {
-        Self { kind: "ConfigError".to_owned(), field: field.into(), message: message.into() }
+        Self { kind: "ConfigError".to_owned(), field: field.into(), message: message.into(), ..Self::default() }
     }
 
     /// A defect of the server.
     pub fn internal(message: impl Into<String>) -> Self {
         let message =
             format!("internal error of the server, please report it together with the input: {}", message.into());
-        Self { kind: "InternalError".to_owned(), field: String::new(), message }
+        Self { kind: "InternalError".to_owned(), message, ..Self::default() }
     }
 
     /// A call that was cancelled.
     pub fn interrupted() -> Self {
         let message = "the call was cancelled; environments that it had not reached are as they were".to_owned();
-        Self { kind: "KeyboardInterrupt".to_owned(), field: String::new(), message }
+        Self { kind: "KeyboardInterrupt".to_owned(), message, ..Self::default() }
     }
 }

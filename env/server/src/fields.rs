@@ -187,8 +187,9 @@ fn float(value: &Value<'_>) -> Option<f64> {
 /// Anything else.
 pub fn natural(value: &Value<'_>, name: &str) -> Result<u64, Fault> {
     match value {
-        Value::Integer(number) => u64::try_from(*number)
-            .map_err(|_| Fault::config(name, format!("{name} is {number}; give an integer in [0, 2^64)"))),
+        Value::Integer(number) => u64::try_from(*number).map_err(|_| {
+            Fault::config(name, format!("{name} is {number} (int); give an integer that is not negative"))
+        }),
         _ => Err(wrong(name, "an integer that is not negative")),
     }
 }

@@ -5,6 +5,7 @@ use crate::environment::Made;
 use crate::fault::{Classify, Fault};
 use crate::metrics::Metrics;
 use rayon::ThreadPool;
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -67,11 +68,11 @@ impl Hub {
         self.running.fetch_sub(1, Ordering::AcqRel);
     }
 
-    /// Takes `count` environments off those that are left.
+    /// Takes `count` environments off those that are left, for the client at `peer`.
     ///
     /// # Errors
     /// More than are left.
-    pub fn lease(self: &Arc<Self>, count: usize) -> Result<Lease, Fault> {
+    pub fn lease(self: &Arc<Self>, count: usize, peer: SocketAddr) -> Result<Lease, Fault> {
         let most = self.config.max_envs;
         let taken = self.envs.fetch_update(Ordering::AcqRel, Ordering::Acquire, |taken| {
             taken.checked_add(count).filter(|sum| *sum <= most)
@@ -83,7 +84,7 @@ impl Hub {
                 Ok(Lease { hub: Arc::clone(self), count })
             }
             Err(taken) => {
-                self.metrics.refuse("environments");
+                self.metrics.refuse("environments", &peer);
                 let message = format!(
                     "num_envs is {count}; this server has {} of {most} environments left; give at most as many",
                     most.saturating_sub(taken)

@@ -4,14 +4,14 @@
 //! |---|---|
 //! | [`value`], [`mod@decode`], [`encode`] | the codec: values, reading within bounds, writing |
 //! | [`fault`] | what a client is told of an error |
-//! | [`fields`], [`command`], [`asked`] | commands of a client, one row each |
+//! | [`fields`], [`command`] | commands of a client, one row each |
 //! | [`answer`] | results of environments as frames |
 //! | [`environment`] | the environments of a session, and what a command does with them |
 //! | [`hub`] | what all sessions share: settings, counters, threads, how many environments are left |
 //! | [`session`], [`session_state`], `session_making`, [`sessions`] | a client's commands in order, and its answers until they have arrived |
 //! | [`connection`] | one WebSocket: reads, writes, pings |
 //! | [`segment`] | memory that server and client of one machine share |
-//! | [`gate`] | who may come in |
+//! | [`gate`], [`pem`] | who may come in; certificates and keys |
 //! | [`listener`] | accepts connections, with TLS or without |
 //! | [`server`] | starts, drains, ends |
 //! | [`policy_server`] | a server of a policy: observations in, decisions out |
@@ -19,10 +19,9 @@
 //! | [`config`], [`error`], [`metrics`] | settings and bounds, what keeps a server from starting, what it counts |
 //!
 //! Frames are handled by threads of tokio, and so are short commands; all others run on a rayon pool. Python makes environments
-//! ([`hub::MakeJob`]) and is called for nothing else. `docs/server.md` specifies the protocol.
+//! ([`hub::MakeJob`]) and is called for nothing else. `docs/reference/protocol.md` specifies the protocol.
 
 pub mod answer;
-pub mod asked;
 pub mod client;
 pub mod client_socket;
 pub mod command;
@@ -38,6 +37,7 @@ pub mod gate;
 pub mod hub;
 pub mod listener;
 pub mod metrics;
+pub mod pem;
 pub mod policy_server;
 pub mod segment;
 pub mod server;

@@ -3,12 +3,11 @@
 use crate::config::{HANDSHAKE, ServerConfig};
 use crate::error::ServerError;
 use crate::metrics::Metrics;
-use axum::Router;
+use crate::pem;
+use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -32,17 +31,12 @@ pub fn tls(config: &ServerConfig) -> Result<Option<TlsAcceptor>, ServerError> {
         (None, None) => return Ok(None),
         _ => return Err(ServerError::HalfTls),
     };
-    let wrong = |path: &str, why: String| ServerError::Tls { path: path.to_owned(), why };
-    let chain = CertificateDer::pem_file_iter(cert)
-        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
-        .map_err(|error| wrong(cert, format!("it holds no certificate chain in PEM: {error}")))?;
-    let private = PrivateKeyDer::from_pem_file(key)
-        .map_err(|error| wrong(key, format!("it holds no private key in PEM: {error}")))?;
+    let (chain, private) = (pem::certificates(cert)?, pem::private_key(key)?);
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let made = rustls::ServerConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
         .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, private))
-        .map_err(|error| wrong(cert, format!("it cannot be used with {key}: {error}")))?;
+        .map_err(|error| pem::wrong(cert, format!("it cannot be used with {key}: {error}")))?;
     Ok(Some(TlsAcceptor::from(Arc::new(made))))
 }
 
@@ -67,17 +61,18 @@ where
 {
     let slots = Arc::new(Semaphore::new(most));
     loop {
-        let Ok((stream, _)) = listener.accept().await else {
+        let Ok((stream, peer)) = listener.accept().await else {
             // No file is left for another connection, or the client is gone already.
             sleep(Duration::from_millis(20)).await;
             continue;
         };
         let metrics = metrics();
         let Ok(slot) = Arc::clone(&slots).try_acquire_owned() else {
-            metrics.refuse("connections");
+            metrics.refuse("connections", &peer);
             continue;
         };
-        let (tls, router) = (tls.clone(), router.clone());
+        // Handlers name the address in what they log.
+        let (tls, router) = (tls.clone(), router.clone().layer(Extension(peer)));
         tokio::spawn(async move {
             metrics.connections.inc();
             serve(stream, tls, router).await;

@@ -6,6 +6,29 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::registry::Registry;
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Media type of [`Metrics::text`].
+pub const OPENMETRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+/// Time between two lines of the log about refusals for the same reason.
+const LOG_PAUSE: Duration = Duration::from_secs(1);
+
+/// What the log says of a reason.
+fn told(reason: &str) -> &str {
+    match reason {
+        "token" => "it does not know the token",
+        "origin" => "a browser page of its origin may not connect (--origin)",
+        "connections" => "there are too many connections",
+        "sessions" => "all sessions are in use (--max-sessions)",
+        "environments" => "it asks for more environments than are left (--max-envs)",
+        "queue" => "too many requests wait for a decision",
+        "stopping" => "the server is stopping",
+        other => other,
+    }
+}
 
 /// Labels of a counter: one name.
 type Named = Family<[(&'static str, &'static str); 1], Counter>;
@@ -13,6 +36,8 @@ type Named = Family<[(&'static str, &'static str); 1], Counter>;
 /// What a server counts.
 pub struct Metrics {
     registry: Registry,
+    /// When a refusal was logged last, and how many were not since then, by reason.
+    logged: Mutex<BTreeMap<&'static str, (Option<Instant>, u64)>>,
     /// Open connections.
     pub connections: Gauge,
     /// Sessions with environments, or of policies.
@@ -31,7 +56,7 @@ pub struct Metrics {
     pub faults: Counter,
     /// Seconds that a step of all environments of a session took.
     pub step_seconds: Histogram,
-    /// Seconds that a decision of a policy took, from the first request of a batch.
+    /// Seconds that a decision of a policy took.
     pub decision_seconds: Histogram,
 }
 
@@ -52,6 +77,7 @@ impl Default for Metrics {
             step_seconds: buckets(),
             decision_seconds: buckets(),
             registry: Registry::default(),
+            logged: Mutex::default(),
         };
         registry.register("connections", "Open connections", metrics.connections.clone());
         registry.register("sessions", "Sessions", metrics.sessions.clone());
@@ -62,15 +88,28 @@ impl Default for Metrics {
         registry.register("refusals", "Connections and commands refused, by reason", metrics.refusals.clone());
         registry.register("faults", "Commands that ended in an error", metrics.faults.clone());
         registry.register("step_seconds", "Seconds per step of a session", metrics.step_seconds.clone());
-        registry.register("decision_seconds", "Seconds per batch of decisions", metrics.decision_seconds.clone());
+        registry.register("decision_seconds", "Seconds per decision", metrics.decision_seconds.clone());
         Self { registry, ..metrics }
     }
 }
 
 impl Metrics {
-    /// Counts a refusal.
-    pub fn refuse(&self, reason: &'static str) {
+    /// Counts and logs a refusal; of a flood of them one per second is logged for each reason.
+    ///
+    /// * `whom`: the address, or the session.
+    pub fn refuse(&self, reason: &'static str, whom: &dyn Display) {
         self.refusals.get_or_create(&[("reason", reason)]).inc();
+        let mut logged = self.logged.lock().unwrap_or_else(PoisonError::into_inner);
+        let (last, unlogged) = logged.entry(reason).or_default();
+        if last.is_some_and(|last| last.elapsed() < LOG_PAUSE) {
+            *unlogged += 1;
+            return;
+        }
+        match std::mem::take(unlogged) {
+            0 => tracing::warn!("{whom} is refused: {}", told(reason)),
+            more => tracing::warn!("{whom} is refused, after {more} others: {}", told(reason)),
+        }
+        *last = Some(Instant::now());
     }
 
     /// All of it in the text format of OpenMetrics.

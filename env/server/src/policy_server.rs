@@ -3,15 +3,14 @@
 //! Decisions are made by whoever takes [`PolicyJob`]s from the queue. Connections wait for them without a thread, and go on
 //! answering pings.
 
-use crate::config::{DRAIN, PING, SPARE_CONNECTIONS, ServerConfig, WRITE_TIMEOUT};
+use crate::config::{PING, SPARE_CONNECTIONS, ServerConfig, WRITE_TIMEOUT};
 use crate::encode::Encoder;
 use crate::error::ServerError;
 use crate::fault::Fault;
 use crate::gate::Gate;
 use crate::listener;
 use crate::metrics::Metrics;
-use crate::server::{check, io_runtime, refused};
-use axum::Router;
+use crate::server::{check, counters, io_runtime, refused};
 use axum::body::{Body, to_bytes};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{DefaultBodyLimit, State};
@@ -19,10 +18,11 @@ use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use axum::{Extension, Router};
 use bytes::Bytes;
 use std::collections::VecDeque;
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
@@ -67,6 +67,9 @@ impl PolicyJob {
     }
 }
 
+/// The answer to a request, once there is one; an error where the request is dropped.
+type Reply = oneshot::Receiver<Result<Vec<u8>, Fault>>;
+
 /// What connections and deciders share.
 struct Desk {
     gate: Gate,
@@ -77,6 +80,8 @@ struct Desk {
     draining: AtomicBool,
     connections: AtomicU64,
     queue: Mutex<VecDeque<PolicyJob>>,
+    /// Requests that have come in and whose answers have not been written.
+    unanswered: AtomicUsize,
     /// Connections that ended since they were last asked for.
     gone: Mutex<Vec<u64>>,
     arrived: Condvar,
@@ -87,7 +92,7 @@ impl Desk {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn submit(&self, form: Form, body: Bytes, connection: u64) -> oneshot::Receiver<Result<Vec<u8>, Fault>> {
+    fn submit(&self, form: Form, body: Bytes, connection: u64) -> Reply {
         let (reply, result) = oneshot::channel();
         self.metrics.received.inc_by(body.len() as u64);
         let mut queue = self.queue();
@@ -95,7 +100,7 @@ impl Desk {
             queue.push_back(PolicyJob { form, body, connection, since: Instant::now(), reply: Some(reply) });
             self.arrived.notify_one();
         } else {
-            self.metrics.refuse("queue");
+            self.metrics.refuse("queue", &format_args!("connection {connection}"));
         }
         result
     }
@@ -103,6 +108,22 @@ impl Desk {
     /// The answer to a request that was not answered.
     fn lost() -> Fault {
         Fault::config("", "this server has too many requests, or is stopping; try again later")
+    }
+}
+
+/// A request from the time when it comes in until its answer is written, or its client is gone.
+struct Unanswered(Arc<Desk>);
+
+impl Unanswered {
+    fn new(desk: &Arc<Desk>) -> Self {
+        desk.unanswered.fetch_add(1, Ordering::AcqRel);
+        Self(Arc::clone(desk))
+    }
+}
+
+impl Drop for Unanswered {
+    fn drop(&mut self) {
+        self.0.unanswered.fetch_sub(1, Ordering::AcqRel);
     }
 }
 
@@ -137,6 +158,7 @@ impl PolicyServer {
             draining: AtomicBool::new(false),
             connections: AtomicU64::new(1),
             queue: Mutex::default(),
+            unanswered: AtomicUsize::new(0),
             gone: Mutex::default(),
             arrived: Condvar::new(),
         });
@@ -173,9 +195,9 @@ impl PolicyServer {
         std::mem::take(&mut *self.desk.gone.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Counts a batch of decisions.
-    pub fn decided(&self, count: usize, seconds: f64) {
-        self.desk.metrics.steps.inc_by(count as u64);
+    /// Counts a decision.
+    pub fn decided(&self, seconds: f64) {
+        self.desk.metrics.steps.inc();
         self.desk.metrics.decision_seconds.observe(seconds);
     }
 
@@ -184,18 +206,19 @@ impl PolicyServer {
         self.desk.metrics.text()
     }
 
-    /// No connection begins any more.
+    /// No connection begins any more, and no request of HTTP.
     pub fn drain(&self) {
         self.desk.draining.store(true, Ordering::Release);
     }
 
-    /// Waits until no request waits, for at most [`DRAIN`] seconds and while `patient` says so, and ends everything.
-    pub fn stop(&self, patient: impl Fn() -> bool) {
+    /// True while a request has come in whose answer has not been written.
+    pub fn is_busy(&self) -> bool {
+        self.desk.unanswered.load(Ordering::Acquire) > 0
+    }
+
+    /// Ends everything, also requests that wait; who wants to wait for them asks [`PolicyServer::is_busy`] after [`PolicyServer::drain`].
+    pub fn stop(&self) {
         self.drain();
-        let started = Instant::now();
-        while !self.desk.queue().is_empty() && started.elapsed().as_secs() < DRAIN && patient() {
-            std::thread::sleep(Duration::from_millis(10));
-        }
         self.desk.queue().clear();
         if let Some(runtime) = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take() {
             std::thread::sleep(Duration::from_millis(50));
@@ -206,7 +229,7 @@ impl PolicyServer {
 
 impl Drop for PolicyServer {
     fn drop(&mut self) {
-        self.stop(|| false);
+        self.stop();
     }
 }
 
@@ -236,19 +259,27 @@ async fn health(State(desk): State<Arc<Desk>>) -> (StatusCode, &'static str) {
     }
 }
 
-async fn count(State(desk): State<Arc<Desk>>, headers: HeaderMap) -> Response {
+async fn count(State(desk): State<Arc<Desk>>, Extension(peer): Extension<SocketAddr>, headers: HeaderMap) -> Response {
     match desk.gate.admits(&headers) {
-        Ok(()) => desk.metrics.text().into_response(),
-        Err(reason) => refused(&desk.metrics, reason),
+        Ok(()) => counters(&desk.metrics),
+        Err(reason) => refused(&desk.metrics, reason, peer),
     }
 }
 
 /// POST: JSON in, JSON out.
 ///
 /// The body is read by us: an extractor would read it before anybody has shown the token, and wait for its end for ever.
-async fn decide(State(desk): State<Arc<Desk>>, headers: HeaderMap, body: Body) -> Response {
+async fn decide(
+    State(desk): State<Arc<Desk>>,
+    Extension(peer): Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Body,
+) -> Response {
     if let Err(reason) = desk.gate.admits(&headers) {
-        return refused(&desk.metrics, reason);
+        return refused(&desk.metrics, reason, peer);
+    }
+    if desk.draining.load(Ordering::Acquire) {
+        return json(StatusCode::SERVICE_UNAVAILABLE, told(&Desk::lost()));
     }
     // A page of another origin could send a plain form without asking.
     if headers.get(CONTENT_TYPE).is_none_or(|kind| !kind.as_bytes().starts_with(b"application/json")) {
@@ -258,6 +289,7 @@ async fn decide(State(desk): State<Arc<Desk>>, headers: HeaderMap, body: Body) -
     let Ok(Ok(body)) = read else {
         return (StatusCode::PAYLOAD_TOO_LARGE, "the body is too large, or comes too slowly\n").into_response();
     };
+    let unanswered = Unanswered::new(&desk);
     let result = desk.submit(Form::Json, body, 0).await;
     let (status, bytes) = match result {
         Ok(Ok(bytes)) => (StatusCode::OK, bytes),
@@ -272,8 +304,12 @@ async fn decide(State(desk): State<Arc<Desk>>, headers: HeaderMap, body: Body) -
         Err(_) => (StatusCode::SERVICE_UNAVAILABLE, told(&Desk::lost())),
     };
     desk.metrics.sent.inc_by(bytes.len() as u64);
-    let response = Response::builder().status(status).header(CONTENT_TYPE, "application/json").body(Body::from(bytes));
-    response.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
+    drop(unanswered);
+    json(status, bytes)
+}
+
+fn json(status: StatusCode, body: Vec<u8>) -> Response {
+    (status, [(CONTENT_TYPE, "application/json")], body).into_response()
 }
 
 fn told(fault: &Fault) -> Vec<u8> {
@@ -281,13 +317,18 @@ fn told(fault: &Fault) -> Vec<u8> {
     serde_json::json!({ "error": error }).to_string().into_bytes()
 }
 
-async fn connect(State(desk): State<Arc<Desk>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+async fn connect(
+    State(desk): State<Arc<Desk>>,
+    Extension(peer): Extension<SocketAddr>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     if let Err(reason) = desk.gate.admits(&headers) {
-        return refused(&desk.metrics, reason);
+        return refused(&desk.metrics, reason, peer);
     }
     let free = !desk.draining.load(Ordering::Acquire);
     let Some(slot) = Arc::clone(&desk.slots).try_acquire_owned().ok().filter(|_| free) else {
-        desk.metrics.refuse("sessions");
+        desk.metrics.refuse(if free { "sessions" } else { "stopping" }, &peer);
         return (StatusCode::SERVICE_UNAVAILABLE, "this server takes no more clients; try again later\n")
             .into_response();
     };
@@ -295,7 +336,9 @@ async fn connect(State(desk): State<Arc<Desk>>, headers: HeaderMap, upgrade: Web
     upgrade.max_message_size(most).max_frame_size(most).protocols(["graspbox"]).on_upgrade(move |socket| async move {
         desk.metrics.sessions.inc();
         let number = desk.connections.fetch_add(1, Ordering::Relaxed);
+        tracing::info!("connection {number} begins, of {peer}");
         serve(socket, &desk, number).await;
+        tracing::info!("connection {number} ends");
         desk.gone.lock().unwrap_or_else(PoisonError::into_inner).push(number);
         desk.metrics.sessions.dec();
         drop(slot);
@@ -307,21 +350,21 @@ async fn write(socket: &mut WebSocket, message: Message) -> bool {
 }
 
 /// Serves a client: one request after the other; pings are answered meanwhile.
-async fn serve(mut socket: WebSocket, desk: &Desk, number: u64) {
+async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
     if !write(&mut socket, Message::Binary(desk.metadata.clone())).await {
         return;
     }
-    let mut behind: VecDeque<Bytes> = VecDeque::new();
-    let mut deciding: Option<oneshot::Receiver<Result<Vec<u8>, Fault>>> = None;
+    let mut behind: VecDeque<(Bytes, Unanswered)> = VecDeque::new();
+    let mut deciding: Option<(Reply, Unanswered)> = None;
     let mut pings = interval(Duration::from_secs(PING));
     pings.reset();
     loop {
         if deciding.is_none() {
-            deciding = behind.pop_front().map(|frame| desk.submit(Form::Frame, frame, number));
+            deciding = behind.pop_front().map(|(frame, own)| (desk.submit(Form::Frame, frame, number), own));
         }
         tokio::select! {
             result = decision(&mut deciding) => {
-                deciding = None;
+                let unanswered = deciding.take();
                 let message = match result {
                     Ok(frame) => Message::Binary(frame.into()),
                     Err(fault) => {
@@ -332,9 +375,10 @@ async fn serve(mut socket: WebSocket, desk: &Desk, number: u64) {
                 if !write(&mut socket, message).await {
                     return;
                 }
+                drop(unanswered);
             }
             message = socket.recv(), if behind.len() < MAX_BEHIND => match message {
-                Some(Ok(Message::Binary(frame))) => behind.push_back(frame),
+                Some(Ok(Message::Binary(frame))) => behind.push_back((frame, Unanswered::new(desk))),
                 Some(Ok(Message::Text(_))) => {
                     let wrong = "observations are binary frames of msgpack; this frame is text";
                     if !write(&mut socket, Message::Text(wrong.into())).await {
@@ -352,9 +396,9 @@ async fn serve(mut socket: WebSocket, desk: &Desk, number: u64) {
 }
 
 /// The decision that is awaited; never, where none is.
-async fn decision(deciding: &mut Option<oneshot::Receiver<Result<Vec<u8>, Fault>>>) -> Result<Vec<u8>, Fault> {
+async fn decision(deciding: &mut Option<(Reply, Unanswered)>) -> Result<Vec<u8>, Fault> {
     match deciding {
-        Some(result) => result.await.unwrap_or_else(|_| Err(Desk::lost())),
+        Some((reply, _)) => reply.await.unwrap_or_else(|_| Err(Desk::lost())),
         None => std::future::pending().await,
     }
 }

@@ -1,7 +1,7 @@
 //! A server of environments: starts, drains, ends.
 
 use crate::command::COMMANDS;
-use crate::config::{DRAIN, MAX_WAITING, SPARE_CONNECTIONS, ServerConfig};
+use crate::config::{MAX_WAITING, SPARE_CONNECTIONS, ServerConfig};
 use crate::connection;
 use crate::encode::Encoder;
 use crate::error::ServerError;
@@ -9,15 +9,16 @@ use crate::fault::Classify;
 use crate::gate::Gate;
 use crate::hub::{Hub, MakeJob};
 use crate::listener;
-use crate::metrics::Metrics;
+use crate::metrics::{Metrics, OPENMETRICS};
 use crate::sessions::Sessions;
 use crate::value::{MAX_DEPTH, MAX_VALUES};
-use axum::Router;
 use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
+use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use axum::{Extension, Router};
 use bytes::Bytes;
 use graspbox_mesh::in_range;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -120,18 +121,14 @@ impl Server {
         self.sessions.hub.draining.store(true, Ordering::Release);
     }
 
-    /// True while commands run.
+    /// True while commands run or wait, environments are on their way, or answers have not been written.
     pub fn is_busy(&self) -> bool {
         self.sessions.are_busy()
     }
 
-    /// Waits until running commands have ended, for at most [`DRAIN`] seconds and while `patient` says so, and ends everything.
-    pub fn stop(&self, patient: impl Fn() -> bool) {
+    /// Ends everything, also commands that run; who wants to wait for them asks [`Server::is_busy`] after [`Server::drain`].
+    pub fn stop(&self) {
         self.drain();
-        let started = Instant::now();
-        while self.is_busy() && started.elapsed().as_secs() < DRAIN && patient() {
-            std::thread::sleep(Duration::from_millis(10));
-        }
         self.sessions.end_all("the server is stopping");
         let runtime = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(runtime) = runtime {
@@ -144,7 +141,7 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        self.stop(|| false);
+        self.stop();
     }
 }
 
@@ -229,16 +226,22 @@ async fn health(State(door): State<Door>) -> (StatusCode, &'static str) {
     }
 }
 
-async fn metrics(State(door): State<Door>, headers: HeaderMap) -> Response {
+async fn metrics(State(door): State<Door>, Extension(peer): Extension<SocketAddr>, headers: HeaderMap) -> Response {
+    let metrics = &door.sessions.hub.metrics;
     match door.gate.admits(&headers) {
-        Ok(()) => door.sessions.hub.metrics.text().into_response(),
-        Err(reason) => refused(&door.sessions.hub.metrics, reason),
+        Ok(()) => counters(metrics),
+        Err(reason) => refused(metrics, reason, peer),
     }
 }
 
+/// The page of counters.
+pub fn counters(metrics: &Metrics) -> Response {
+    ([(CONTENT_TYPE, OPENMETRICS)], metrics.text()).into_response()
+}
+
 /// Refuses a request for a reason that [`Gate::admits`] gave.
-pub fn refused(metrics: &Metrics, reason: &'static str) -> Response {
-    metrics.refuse(reason);
+pub fn refused(metrics: &Metrics, reason: &'static str, peer: SocketAddr) -> Response {
+    metrics.refuse(reason, &peer);
     match reason {
         "token" => (StatusCode::UNAUTHORIZED, "give the token of this server: Authorization: Bearer TOKEN\n"),
         _ => (StatusCode::FORBIDDEN, "this server does not take browser pages of this origin\n"),
@@ -246,12 +249,17 @@ pub fn refused(metrics: &Metrics, reason: &'static str) -> Response {
     .into_response()
 }
 
-async fn connect(State(door): State<Door>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+async fn connect(
+    State(door): State<Door>,
+    Extension(peer): Extension<SocketAddr>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     if let Err(reason) = door.gate.admits(&headers) {
-        return refused(&door.sessions.hub.metrics, reason);
+        return refused(&door.sessions.hub.metrics, reason, peer);
     }
     let Ok(slot) = Arc::clone(&door.slots).try_acquire_owned() else {
-        door.sessions.hub.metrics.refuse("connections");
+        door.sessions.hub.metrics.refuse("connections", &peer);
         return (StatusCode::SERVICE_UNAVAILABLE, "this server has too many connections; try again later\n")
             .into_response();
     };
@@ -260,7 +268,7 @@ async fn connect(State(door): State<Door>, headers: HeaderMap, upgrade: WebSocke
     upgrade.on_upgrade(move |socket| async move {
         let metrics = Arc::clone(&door.sessions.hub.metrics);
         metrics.connections.inc();
-        connection::serve(socket, door.sessions, door.hello).await;
+        connection::serve(socket, peer, door.sessions, door.hello).await;
         metrics.connections.dec();
         drop(slot);
     })

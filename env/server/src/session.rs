@@ -11,6 +11,7 @@ use crate::hub::Hub;
 use crate::session_state::{Job, Outgoing, State, acknowledge, cancel, end, nothing_made};
 use bytes::Bytes;
 use graspbox_agent::panic_text;
+use std::net::SocketAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -21,15 +22,17 @@ use tokio::sync::mpsc::UnboundedSender;
 pub struct Session {
     /// Its number.
     pub id: u64,
+    /// Address of the client that began it.
+    pub peer: SocketAddr,
     pub(crate) hub: Arc<Hub>,
     state: Mutex<State>,
 }
 
 impl Session {
     /// A session without environments; `secret` is what a client must know to take it up again.
-    pub fn new(id: u64, secret: u64, hub: Arc<Hub>) -> Arc<Self> {
+    pub fn new(id: u64, secret: u64, peer: SocketAddr, hub: Arc<Hub>) -> Arc<Self> {
         let state = State { secret, used: Some(Instant::now()), ..State::default() };
-        Arc::new(Self { id, hub, state: Mutex::new(state) })
+        Arc::new(Self { id, peer, hub, state: Mutex::new(state) })
     }
 
     pub(crate) fn lock(&self) -> MutexGuard<'_, State> {
@@ -77,7 +80,11 @@ impl Session {
         state.connection = None;
         state.unsent = 0;
         state.lost = Some(Instant::now());
-        state.ended || state.grace.is_zero()
+        let over = state.ended || state.grace.is_zero();
+        if !over {
+            tracing::info!("session {} waits for its client, whose connection is lost", self.id);
+        }
+        over
     }
 
     /// True if `secret` takes up this session.
@@ -98,9 +105,11 @@ impl Session {
         self.lock().lease.is_some()
     }
 
-    /// True while a command runs.
+    /// True while a command runs or waits, environments are on their way, or answers have not been written.
     pub fn is_busy(&self) -> bool {
-        self.lock().running.is_some()
+        let state = self.lock();
+        let away = state.environment.as_ref().is_some_and(|environment| environment.pool.away() > 0);
+        state.running.is_some() || !state.waiting.is_empty() || away || state.unsent > 0
     }
 
     /// True if its time without a client, or without a command, is over.
@@ -150,7 +159,7 @@ impl Session {
     }
 
     /// Begins the next commands, as far as they can begin.
-    fn advance(self: &Arc<Self>) {
+    pub(crate) fn advance(self: &Arc<Self>) {
         loop {
             let job = self.next(&mut self.lock());
             let Some(job) = job else {
@@ -252,7 +261,7 @@ impl Session {
             Command::Cancel => self.answer(state, Some(id), Ok(answer::begin(id, 0, 0).into_bytes())),
             Command::Close => {
                 self.answer(state, Some(id), Ok(answer::begin(id, 0, 0).into_bytes()));
-                end(state, "closed");
+                self.close(state, "its client has closed it");
             }
             Command::Make { request, asked } => self.make(state, id, request, asked),
             command => match state.environment.clone() {
@@ -323,6 +332,13 @@ impl Session {
 
     /// Ends the session; its environments are gone once the command that runs has ended.
     pub fn end(&self, why: &'static str) {
-        end(&mut self.lock(), why);
+        self.close(&mut self.lock(), why);
+    }
+
+    fn close(&self, state: &mut State, why: &'static str) {
+        if !state.ended && state.lease.is_some() {
+            tracing::info!("session {} ends: {why}", self.id);
+        }
+        end(state, why);
     }
 }

@@ -1,7 +1,7 @@
 //! How the environments of a session are made: bounds first, then Python, then the answer.
 
 use crate::answer;
-use crate::asked::Asked;
+use crate::command::Asked;
 use crate::environment::{Environment, Made};
 use crate::fault::Fault;
 use crate::hub::MakeJob;
@@ -24,12 +24,11 @@ impl Session {
             let message = "this session has environments already; open another connection for more";
             return self.answer(state, Some(id), Err(Fault::config("command", message)));
         }
-        let count = request.get("num_envs").map_or(Some(1), serde_json::Value::as_u64);
-        let count = count.and_then(|count| usize::try_from(count).ok()).unwrap_or(0);
+        let count = asked.num_envs;
         if let Err(error) = in_range("num_envs", count as f64, 1.0..=MOST_ENVS as f64, "") {
             return self.answer(state, Some(id), Err(Fault::config("num_envs", error.to_string())));
         }
-        match self.hub.lease(count) {
+        match self.hub.lease(count, self.peer) {
             Ok(lease) => state.lease = Some(lease),
             Err(fault) => return self.answer(state, Some(id), Err(fault)),
         }
@@ -79,6 +78,7 @@ impl Session {
             Some(name) => frame.text(name),
             None => frame.nil(),
         }
+        tracing::info!("session {} begins, of {}: {} environments", self.id, self.peer, environment.pool.len());
         self.lock().environment = Some(Arc::new(environment));
         Ok(frame.into_bytes())
     }

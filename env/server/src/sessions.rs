@@ -5,6 +5,7 @@ use crate::fault::Fault;
 use crate::hub::Hub;
 use crate::session::Session;
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -32,12 +33,12 @@ impl Sessions {
         self.next.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// A session that is not counted yet: its client has made nothing.
+    /// A session that is not counted yet: its client, at the address `peer`, has made nothing.
     ///
     /// # Errors
     /// A system without random numbers.
-    pub fn blank(&self) -> Result<Arc<Session>, Fault> {
-        Ok(Session::new(self.number(), random()?, Arc::clone(&self.hub)))
+    pub fn blank(&self, peer: SocketAddr) -> Result<Arc<Session>, Fault> {
+        Ok(Session::new(self.number(), random()?, peer, Arc::clone(&self.hub)))
     }
 
     /// Counts a session that is about to make environments.
@@ -49,7 +50,7 @@ impl Sessions {
         let most = self.hub.config.max_sessions;
         // A session whose environments could not be made takes no place.
         if all.values().filter(|other| other.is_made()).count() >= most {
-            self.hub.metrics.refuse("sessions");
+            self.hub.metrics.refuse("sessions", &session.peer);
             return Err(Fault::config("", format!("all {most} sessions of this server are in use; try again later")));
         }
         all.insert(session.id, Arc::clone(session));
@@ -64,7 +65,7 @@ impl Sessions {
         let found = self.lock().get(&id).filter(|session| session.knows(secret)).cloned();
         found.ok_or_else(|| {
             let message = "there is no session of this number and secret; it may have ended: make environments again";
-            Fault { kind: "ConnectionLostError".to_owned(), field: "session".to_owned(), message: message.to_owned() }
+            Fault { kind: "ConnectionLostError".to_owned(), ..Fault::config("session", message) }
         })
     }
 
@@ -74,13 +75,17 @@ impl Sessions {
         self.lock().remove(&session.id);
     }
 
-    /// Ends the sessions whose time is over.
+    /// Ends the sessions whose time is over, and lets the others go on: environments that are called back come back in silence, and a
+    /// command may wait for them.
     pub fn reap(&self) {
         let idle = Duration::from_secs_f64(self.hub.config.idle_timeout);
-        let over: Vec<_> = self.lock().values().filter(|session| session.is_over(idle)).cloned().collect();
-        for session in over {
-            tracing::info!("session {} ends: it was not used, or its client did not come back", session.id);
-            self.end(&session, "the session was not used for too long");
+        let all: Vec<_> = self.lock().values().cloned().collect();
+        for session in all {
+            if session.is_over(idle) {
+                self.end(&session, "the session was not used for too long");
+            } else {
+                session.advance();
+            }
         }
     }
 

@@ -1,4 +1,4 @@
-//! An odd row is refused when a pool is made; a panic in a step that was sent off is an error of its environment.
+//! An inconsistent row is refused when a pool is made; a panic in a pending step is an error of its environment.
 
 use super::*;
 use crate::control::Control;
@@ -28,7 +28,7 @@ const fn two_numbers(size: Size) -> Row {
     }
 }
 
-/// A reader that gives another number of entries than its row says is an error when environments are made, not at a reset.
+/// A reader whose number of entries differs from its row is an error when environments are made, not at a reset.
 #[test]
 fn a_reader_that_does_not_fit_its_row_is_refused() {
     static ROWS: [Row; 3] = [two_numbers(Size::Fixed(2)), two_numbers(Size::Fixed(1)), two_numbers(Size::Actuators)];
@@ -41,7 +41,7 @@ fn a_reader_that_does_not_fit_its_row_is_refused() {
                 Ok(pool) => {
                     assert!(fits);
                     let batch = pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
-                    assert_eq!(batch.observations.last().unwrap(), &[0.5, 0.0], "what is no number is the least value");
+                    assert_eq!(batch.observations.last().unwrap(), &[0.5, 0.0], "NaN becomes the least value");
                 }
                 Err(AgentError::WrongSize { column, found: 2, .. }) if column == "odd" => assert!(!fits),
                 Err(other) => panic!("{other}"),
@@ -50,7 +50,7 @@ fn a_reader_that_does_not_fit_its_row_is_refused() {
     }
 }
 
-/// A panic in a step that was sent off is an error of that environment alone, and a reset makes it usable again.
+/// A panic in a pending step is an error of that environment only, and a reset makes it usable again.
 #[test]
 fn a_panic_of_a_sent_environment_is_its_error() {
     let pool = Arc::new(EnvPool::new(ball(), AgentConfig::default(), 2).unwrap());

@@ -1,0 +1,55 @@
+//! Certificates and keys in PEM files.
+
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use std::fmt::Display;
+use std::io;
+
+/// A PEM file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum PemError {
+    /// It cannot be read.
+    #[error("{path}: {source}")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It holds something else.
+    #[error("{path}: {why}")]
+    Wrong {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        why: String,
+    },
+}
+
+fn read(path: &str) -> Result<Vec<u8>, PemError> {
+    std::fs::read(path).map_err(|source| PemError::Unreadable { path: path.to_owned(), source })
+}
+
+/// An error about what a file holds.
+pub fn wrong(path: &str, why: impl Display) -> PemError {
+    PemError::Wrong { path: path.to_owned(), why: why.to_string() }
+}
+
+/// The certificates of a file, at least one.
+///
+/// # Errors
+/// A file that cannot be read, or holds no certificate.
+pub fn certificates(path: &str) -> Result<Vec<CertificateDer<'static>>, PemError> {
+    let found = CertificateDer::pem_slice_iter(&read(path)?).collect::<Result<Vec<_>, _>>();
+    let found = found.map_err(|error| wrong(path, format!("it is no file of certificates in PEM: {error}")))?;
+    if found.is_empty() { Err(wrong(path, "it holds no certificate in PEM")) } else { Ok(found) }
+}
+
+/// The first private key of a file.
+///
+/// # Errors
+/// A file that cannot be read, or holds no key.
+pub fn private_key(path: &str) -> Result<PrivateKeyDer<'static>, PemError> {
+    PrivateKeyDer::from_pem_slice(&read(path)?)
+        .map_err(|error| wrong(path, format!("it holds no private key in PEM: {error}")))
+}
