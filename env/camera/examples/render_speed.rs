@@ -1,4 +1,4 @@
-//! Prints frames a second on one thread (by the median frame): a hand of boxes and cylinders over an object on a table.
+//! Prints frames per second on one thread (from the median frame) for a hand of boxes and cylinders over an object on a table.
 //!
 //! `cargo run --release -p graspbox-camera --example render_speed -- MESH.stl`
 
@@ -11,7 +11,7 @@ use std::time::Instant;
 
 const OBJECT: u8 = 2;
 
-/// A solid of the hand, and world_from_model.
+/// A solid of the hand and its `world_from_model`.
 type Part = (Model, Isometry3<f64>);
 
 fn main() -> Result<(), Box<dyn Error>> {

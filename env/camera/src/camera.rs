@@ -103,7 +103,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Default near clipping depth, metres: a palm camera comes that close. [`Camera::with_range`] changes it.
+    /// Default near clipping depth, metres: the least distance of a palm camera. [`Camera::with_range`] changes it.
     pub const NEAR: f64 = 0.01;
     /// Default far clipping depth, metres.
     pub const FAR: f64 = 10.0;
@@ -121,7 +121,7 @@ impl Camera {
     /// A camera at `eye` (world) with `target` in the middle of its view and `up` pointing to the upper border.
     ///
     /// # Errors
-    /// Those of [`Camera::new`]; [`CameraError::BadLookAt`] where eye and target coincide (within 1 um), or `up` is nearly
+    /// Those of [`Camera::new`]; [`CameraError::BadLookAt`] if eye and target coincide (within 1 um), or if `up` is nearly
     /// parallel to the viewing direction.
     pub fn look_at(
         intrinsics: Intrinsics,
@@ -138,7 +138,7 @@ impl Camera {
         Self::new(intrinsics, Isometry3::from_parts(eye.into(), rotation))
     }
 
-    /// The same camera seeing depths from `near` to `far`: `1e-4 <= near < far <= 1e4` metres.
+    /// The same camera with a depth range from `near` to `far`: `1e-4 <= near < far <= 1e4` metres.
     ///
     /// # Errors
     /// [`CameraError::OutOfRange`].
@@ -157,7 +157,7 @@ impl Camera {
         Ok(Self { world_from_camera, ..self })
     }
 
-    /// The same camera with other intrinsics, which the caller keeps within bounds.
+    /// The same camera with other intrinsics; the caller ensures that they are valid.
     pub(crate) fn with_intrinsics(self, intrinsics: Intrinsics) -> Self {
         Self { intrinsics, ..self }
     }
@@ -211,7 +211,7 @@ impl Camera {
 
 /// Checks that a pose is a finite rigid motion within 10 km; the error names its owner.
 pub(crate) fn check_pose(pose: &Isometry3<f64>, what: impl FnOnce() -> String) -> Result<(), CameraError> {
-    // Comparisons that a NaN fails.
+    // NaN fails these comparisons.
     let rigid = (pose.rotation.coords.norm() - 1.0).abs() <= 1e-6;
     if rigid && pose.translation.vector.iter().all(|x| x.abs() <= FARTHEST) {
         return Ok(());

@@ -6,7 +6,7 @@ use graspbox_mesh::{MeshError, OutOfRange};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraError {
-    /// A parameter lies outside its range.
+    /// A parameter is out of range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
     /// A pose is not a finite rigid motion within 10 km.
@@ -18,7 +18,7 @@ pub enum CameraError {
     /// Eye, target and up do not define a view.
     #[error("the camera cannot look from eye to target with this up: {reason}")]
     BadLookAt {
-        /// What is wrong.
+        /// The reason.
         reason: &'static str,
     },
     /// The scene has more instances than the renderer supports.

@@ -6,11 +6,11 @@ use crate::{Camera, Intrinsics};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     pub(crate) camera: Option<Camera>,
-    /// (H, W): metres along the optical axis (not along the ray); 0 where nothing was seen.
+    /// (H, W): metres along the optical axis (not along the ray); 0 for background.
     pub depth: Vec<f32>,
-    /// (H, W, 3): red, green, blue; empty unless asked for.
+    /// (H, W, 3): red, green, blue; empty unless requested.
     pub rgb: Vec<u8>,
-    /// (H, W): the label of the instance seen; 0 for background; empty unless asked for.
+    /// (H, W): the label of the visible instance, 0 for background; empty unless requested.
     pub segmentation: Vec<u8>,
 }
 
@@ -28,7 +28,7 @@ impl Frame {
         self.camera.as_ref().map_or([0, 0], |c| size(c.intrinsics()))
     }
 
-    /// (H, W, 3): the point seen by each pixel in the camera's frame, metres; zeros where nothing was seen.
+    /// (H, W, 3): the visible point at each pixel in the camera's frame, metres; zeros for background.
     pub fn points(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
         let [width, _] = self.size();
         let slope = |at: usize, center: f64, focal: f64| ((at as f64 + 0.5 - center) / focal) as f32;

@@ -1,24 +1,24 @@
-//! A software renderer: images of triangle meshes from pinhole cameras, on the CPU alone.
+//! A software renderer: images of triangle meshes from pinhole cameras, on CPUs.
 //!
-//! Own code: GPU renderers need a GPU or a display, and their images differ between drivers; experiments have to be reproducible on
-//! machines with CPU cores alone.
+//! Own code: GPU renderers need a GPU or a display, and their images differ between drivers; experiments must be reproducible on machines
+//! without a GPU.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`camera`] | pinhole cameras: intrinsics, pose, range; project and unproject |
-//! | [`model`] | geometry to render, with levels of detail whose errors are known |
+//! | [`model`] | geometry to render, with levels of detail of known error |
 //! | [`shapes`] | meshes of boxes, cylinders and balls |
 //! | [`scene`] | instances of models, and the light |
-//! | [`renderer`] | [`Renderer`]: a scene and a camera to a [`Frame`]; many of them on rayon |
+//! | [`renderer`] | [`Renderer`]: from a scene and a camera to a [`Frame`]; batches on rayon |
 //! | [`frame`](mod@frame) | depth, rgb, segmentation; points |
 //! | [`views`](mod@views) | cameras around an object |
-//! | [`occupancy`](mod@occupancy) | depth images fused into voxels: occupied, free, unseen |
+//! | [`occupancy`](mod@occupancy) | fusion of depth images into voxels: occupied, free, unseen |
 //! | `rasterize`, `raster` | transform, cull, clip; then scanlines into an inverse-depth buffer |
 //! | `shade`, `shadow` | colour of each pixel, and the shadow map |
-//! | [`error`] | every way an input can be wrong, one sentence each |
+//! | [`error`] | errors, one sentence each |
 //!
 //! Camera frame: +z forward, +x right, +y down (OpenCV's). Pixel (u, v) has its centre at (u + 0.5, v + 0.5); row 0 is the upper one.
-//! Metres; world +z is up. At [`Detail::Full`] depth is what casting a ray through each pixel's centre would give.
+//! Metres; world +z is up. At [`Detail::Full`] depth equals that of a ray cast through each pixel's centre.
 //! Images have the same bits on any number of threads.
 //!
 //! A ball seen from 1 m away: the middle pixel shows its nearest point.

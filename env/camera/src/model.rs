@@ -7,30 +7,28 @@ use graspbox_mesh::{TriMesh, check_watertight, decimate_levels, in_range};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
 
-/// Faces below which a mesh is cheap enough as it is.
+/// Number of faces up to which a mesh gets no levels of detail.
 const FEW_FACES: usize = 12;
-/// Faces of the levels below the full mesh.
+/// Numbers of faces of the levels below the full mesh.
 const LEVELS: [usize; 10] = [8192, 4096, 2048, 1024, 512, 256, 128, 64, 28, 12];
 /// Error that [`Detail::Auto`] allows, in pixel footprints at the nearest point of the model's bounds.
 pub(crate) const PIXEL_SHARE: f64 = 0.5;
 
-/// Which level of a model is rendered.
+/// The level of detail of a model to render.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Detail {
-    /// The coarsest level whose error is at most half a pixel: half of z / f, z the least depth of the model's
-    /// bounding box.
+    /// The coarsest level whose error is at most half a pixel: half of z / f, with z the least depth of the model's bounding box.
     #[default]
     Auto,
-    /// The mesh as it was given.
+    /// The full mesh.
     Full,
 }
 
 /// A mesh prepared for rendering; built once, shared by any number of renderers and threads.
 ///
-/// A level's error is its Hausdorff distance from the full mesh as [`graspbox_mesh::decimate_levels`] measures it, by 10,000 samples on
-/// either surface. Every point that a camera sees on a level lies as near to the true surface, and every point of the true
-/// surface as near to the level; the error of the depth itself is larger by 1 / cos of the angle at which the ray meets the surface,
-/// and unbounded at silhouettes only, which move by less than a pixel.
+/// A level's error is its Hausdorff distance from the full mesh, measured by [`graspbox_mesh::decimate_levels`] with 10,000 samples on either
+/// surface: every point of one surface is within that distance of the other. The error of the depth is larger by 1 / cos of the angle of
+/// incidence, and unbounded only at silhouettes, which move by less than a pixel.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// From the full mesh to the coarsest.
@@ -50,14 +48,14 @@ pub(crate) struct Level {
     pub(crate) normals: Vec<Vector3<f32>>,
     /// For each face, the normals of its corners.
     pub(crate) corners: Vec<[u32; 3]>,
-    /// Metres.
+    /// Distance from the full mesh, metres.
     error: f64,
 }
 
 impl Model {
-    /// Takes a mesh (metres, any frame) and makes its levels of detail: about 0.2 s for 16,000 faces.
+    /// Prepares a mesh (metres, any frame) and its levels of detail: about 0.2 s for 16,000 faces.
     ///
-    /// Back faces of a closed mesh are culled; an open mesh, or one with a part turned inside out, is rendered two-sided.
+    /// Back faces of a closed mesh are culled; an open mesh, or one with an inverted part, is rendered two-sided.
     ///
     /// # Errors
     /// [`CameraError::OutOfRange`] for a mesh that reaches farther than 10 km from its origin.
@@ -65,7 +63,7 @@ impl Model {
         Self::cached(mesh, None)
     }
 
-    /// As [`Model::new`], with the levels of detail kept in the folder `cache`, if given: see [`graspbox_mesh::cache`].
+    /// As [`Model::new`], with the levels of detail cached in the folder `cache`, if there is one: see [`graspbox_mesh::cache`].
     ///
     /// # Errors
     /// Those of [`Model::new`].
@@ -136,7 +134,7 @@ impl Level {
     }
 }
 
-/// Closed, and every connected part outward: then what is seen from outside is a front side.
+/// True if the mesh is closed and every connected part faces outward: then only front faces are visible from outside.
 fn is_solid(mesh: &TriMesh) -> bool {
     if check_watertight(mesh).is_err() {
         return false;

@@ -3,7 +3,7 @@
 use graspbox_mesh::TriMesh;
 use nalgebra::Vector3;
 
-/// Faces that meet at a smaller angle than this one's cosine says (52 degrees) are shaded as one surface: a chamfer's 45 degrees are.
+/// Cosine of the crease angle (52 degrees): faces that meet at a smaller angle, such as a chamfer's 45 degrees, are shaded as one surface.
 const CREASE_COSINE: f64 = 0.616;
 
 /// Unit normals, and for each face the indices of its corners' normals.

@@ -1,16 +1,16 @@
-//! Depth images fused into voxels: occupied, free or unseen.
+//! Fusion of depth images into voxels: occupied, free or unseen.
 //!
-//! Each voxel is judged by its centre, in each view by the pixel that the centre falls on. With z the depth of the centre, d the depth
-//! measured there and h the side of a voxel:
+//! Each voxel is classified by its centre and, in each view, the pixel to which the centre projects. With z the depth of the centre, d the depth at
+//! that pixel and h the side of a voxel, it is
 //!
-//! 1. occupied, where in some view `|z - d| <= h / 2`, or where a pixel's own point lies in the voxel;
-//! 2. else free, where in some view `z < d - h / 2`, or where the pixel saw nothing up to the far clipping depth;
+//! 1. occupied, if in some view `|z - d| <= h / 2`, or the point of some pixel is in the voxel;
+//! 2. else free, if in some view `z < d - h / 2`, or the pixel is empty up to the far clipping depth;
 //! 3. else unseen: behind a surface, or outside every image or its depth range.
 //!
 //! Occupied takes precedence over free, because a view at a grazing angle has long rays through the voxels of a surface. Details thinner
 //! than a pixel may be missed, and a surface is misplaced by as much as its depth changes within half a pixel.
 //!
-//! Most voxels are far in front of what is seen, or far behind it: `blocks` tells so for many of them at once.
+//! Most voxels are far in front of the visible surfaces, or far behind them: `blocks` classifies many of them at once.
 
 mod blocks;
 
@@ -27,7 +27,7 @@ pub enum Occupancy {
     /// No view covers it.
     #[default]
     Unseen = 0,
-    /// A view looks through it.
+    /// A view passes through it.
     Free = 1,
     /// A view sees a surface in it.
     Occupied = 2,
@@ -43,7 +43,7 @@ pub struct DepthView<'a> {
 }
 
 impl<'a> DepthView<'a> {
-    /// The depth image of `frame`; `None` before anything was rendered.
+    /// The depth image of `frame`; `None` for a frame without an image.
     #[must_use]
     pub fn of(frame: &'a Frame) -> Option<Self> {
         let camera = *frame.camera()?;
@@ -61,7 +61,7 @@ impl<'a> DepthView<'a> {
 
 /// Fuses `views` into the voxels of `grid`; states in the order of [`VoxelFrame::index`].
 ///
-/// * `world_from_grid`: the frame that the grid is given in; the object's, the hand's or the world's own.
+/// * `world_from_grid`: pose of the grid's frame (the object's, the hand's or the world's).
 /// * `nothing_is_free`: whether a pixel without depth means free space up to the far clipping depth, as in rendered images; otherwise the
 ///   pixel is ignored, as for a sensor with missing pixels.
 ///
@@ -125,7 +125,7 @@ fn mark_points(grid: &VoxelFrame, grid_from_camera: &Isometry3<f64>, view: &Dept
     }
 }
 
-/// Compares each centre with the depth of the pixel that it projects to.
+/// Compares the depth of each centre with that of its pixel.
 fn judge_centers(
     grid: &VoxelFrame,
     camera_from_grid: &Isometry3<f64>,
@@ -158,7 +158,7 @@ fn judge_centers(
     }
 }
 
-/// Judges the centres `first`, `first + step` and so on, camera's frame.
+/// Classifies the centres `first`, `first + step` and so on, camera's frame.
 fn judge_row(
     first: Vector3<f64>,
     step: Vector3<f64>,

@@ -1,8 +1,8 @@
 //! Scanline rasterization into a nearness buffer.
 //!
-//! Nearness is 1/z for a perspective camera and -z for an orthographic one: both are linear over the image of a plane, and the greater
-//! value hides the smaller. Where an edge crosses a row depends on the edge alone, so that neighbouring faces
-//! neither leave a gap nor share a pixel.
+//! Nearness is 1/z for a perspective camera and -z for an orthographic one: both are linear over the image of a plane, and the greater value
+//! hides the smaller. The point at which an edge crosses a row depends on the edge alone, so neighbouring faces neither leave a gap nor
+//! share a pixel.
 
 /// A projected corner: column, row, nearness.
 pub(crate) type Corner = [f64; 3];
@@ -14,11 +14,11 @@ pub(crate) struct Raster {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) nearness: Vec<f32>,
-    /// Id of the triangle at each pixel; 0 for none. Empty when no ids are kept.
+    /// Id of the triangle at each pixel; 0 for none. Empty if no ids are kept.
     pub(crate) ids: Vec<u32>,
 }
 
-/// How quantities change over a triangle's image.
+/// Gradients of quantities over a triangle's image.
 pub(crate) struct Gradient {
     edges: [[f64; 2]; 2],
     per_area: f64,
@@ -32,13 +32,13 @@ impl Gradient {
         [b * cy - c * by, c * bx - b * cx]
     }
 
-    /// Whether the image is about a pixel, or a sliver whose gradients drown in rounding.
+    /// True if the image is about a pixel, or a sliver whose gradients are dominated by rounding.
     pub(crate) fn is_small(&self) -> bool {
         self.per_area.abs() > 1.0 / SMALL
     }
 }
 
-/// Twice the signed area of the image: positive when the corners run clockwise as seen (rows grow downward).
+/// Twice the signed area of the image: positive if the corners are clockwise in the image (rows grow downward).
 pub(crate) fn twice_area([a, b, c]: &[Corner; 3]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
 }
@@ -59,16 +59,16 @@ impl Raster {
         }
     }
 
-    /// Whether a pixel's centre lies within the bounds of a triangle: of a fine mesh's many do not reach any.
+    /// True if the bounds of a triangle contain a pixel's centre; many triangles of a fine mesh contain none.
     #[inline]
     pub(crate) fn may_cover(&self, corners: &[Corner; 3]) -> bool {
         let crosses = |[from, to]: [f64; 2], size: usize| pixel_from(from, size) < pixel_from(to, size);
         crosses(range(corners, 0), self.width) && crosses(range(corners, 1), self.height)
     }
 
-    /// Rasterises a triangle with a depth test; with `IDS`, writes `id`.
+    /// Rasterizes a triangle with a depth test; with `IDS`, writes `id`.
     ///
-    /// Returns its gradient, or `None` where it is seen edge-on.
+    /// Returns its gradient, or `None` if it is edge-on.
     pub(crate) fn triangle<const IDS: bool>(&mut self, corners: &[Corner; 3], area: f64, id: u32) -> Option<Gradient> {
         if area == 0.0 {
             return None;
@@ -90,7 +90,7 @@ impl Raster {
         let [dx, dy] = gradient.of([a[2], b[2], c[2]]);
         let plane = Plane { origin: *a, dx, dy, range: range(corners, 2) };
         let long = Edge::new(&top, &low);
-        // Which side of the long edge the middle corner lies on.
+        // The side of the long edge on which the middle corner is.
         let mid_right = (mid[0] - top[0]) * (low[1] - top[1]) > (low[0] - top[0]) * (mid[1] - top[1]);
         let knee = pixel_from(mid[1], self.height);
         for (from, to, short) in [(first, knee, Edge::new(&top, &mid)), (knee, end, Edge::new(&mid, &low))] {
@@ -135,7 +135,7 @@ struct Plane {
     range: [f64; 2],
 }
 
-/// Nearness along a span: `base + slope * (k - from)`, reckoned from its smaller end so that rounding stays relative to each value.
+/// Nearness along a span: `base + slope * (k - from)`, computed from its smaller end to keep rounding relative to each value.
 struct Ramp {
     base: f32,
     slope: f32,
@@ -148,7 +148,7 @@ impl Plane {
         let from = if self.dx < 0.0 { stop - 1 } else { start };
         let base = self.origin[2] + self.dx * (from as f64 + 0.5 - self.origin[0]) + self.dy * (y - self.origin[1]);
         Ramp {
-            // Rounding of slivers must not leave the triangle.
+            // Rounding must not take slivers out of the triangle's range.
             base: clamp(base, self.range[0], self.range[1]) as f32,
             slope: self.dx as f32,
             from: (from - start) as i32,
@@ -176,7 +176,7 @@ impl Edge {
     }
 }
 
-/// The first pixel whose centre is not before `x` (a centre at `x` itself may be either side's, but always the same), in [0, size].
+/// The first pixel whose centre is not before `x`, in [0, size]; a centre exactly at `x` always falls on the same side.
 #[inline]
 fn pixel_from(x: f64, size: usize) -> usize {
     /// Adding this rounds to the nearest whole number and leaves it in the lowest bits: much faster than a checked conversion.
@@ -192,7 +192,7 @@ fn range([a, b, c]: &[Corner; 3], axis: usize) -> [f64; 2] {
     [if c < low { c } else { low }, if c > high { c } else { high }]
 }
 
-/// Two instructions; `low` for NaN.
+/// `x` within the bounds in two instructions; `low` for NaN.
 #[inline]
 fn clamp(x: f64, low: f64, high: f64) -> f64 {
     let x = if x > low { x } else { low };

@@ -5,14 +5,14 @@ use crate::raster::{Corner, Gradient, Raster, twice_area};
 use crate::{Camera, Detail, Instance, Intrinsics, Model};
 use nalgebra::{Isometry3, Point3};
 
-/// A view of the scene: of a camera, or of the lamp.
+/// A view of the scene, from a camera or the lamp.
 pub(crate) struct View {
     pub(crate) view_from_world: Isometry3<f64>,
     pub(crate) projection: Projection,
     pub(crate) detail: Detail,
 }
 
-/// How a point of the view's frame (z forward, x right, y down) projects onto the raster.
+/// Projection from the view's frame (z forward, x right, y down) onto the raster.
 pub(crate) enum Projection {
     Pinhole { intrinsics: Intrinsics, near: f64, far: f64 },
     Parallel { pixels_per_metre: f64, origin: [f64; 2] },
@@ -44,7 +44,7 @@ impl Projection {
         let Self::Pinhole { intrinsics: k, near, far } = self else {
             return true;
         };
-        // Farther than its radius beyond a plane through the camera and a border of the image.
+        // Farther than its radius outside a plane through the camera and a border of the image.
         let beyond = |x: f64, focal: f64, axis: f64, size: u32| {
             let to_left = -(x * focal + axis * center.z) / focal.hypot(axis);
             let other = f64::from(size) - axis;
@@ -55,7 +55,7 @@ impl Projection {
         in_depth && !beyond(center.x, k.fx, k.cx, k.width) && !beyond(center.y, k.fy, k.cy, k.height)
     }
 
-    /// The error that a level may have whose bounds begin at depth `z`, metres.
+    /// Greatest error of a level whose bounds begin at depth `z`, metres.
     fn tolerance(&self, z: f64) -> f64 {
         match self {
             Self::Pinhole { intrinsics: k, near, .. } => PIXEL_SHARE * z.max(*near) / k.fx.max(k.fy),
@@ -87,7 +87,7 @@ impl View {
     }
 }
 
-/// Which sides of a closed model are culled.
+/// Sides of a closed model that are culled.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Cull {
     Back,
@@ -100,9 +100,9 @@ pub(crate) struct Piece<'a> {
     pub(crate) face: usize,
     pub(crate) corners: &'a [Corner; 3],
     pub(crate) gradient: Gradient,
-    /// For each of `corners`, its weights on the face's own; `None` where they are the same.
+    /// For each of `corners`, its weights on the face's corners; `None` if they are the same.
     pub(crate) weights: Option<&'a [[f64; 3]; 3]>,
-    /// Whether its back is seen.
+    /// True if its back is visible.
     pub(crate) back: bool,
 }
 
@@ -113,7 +113,7 @@ pub(crate) struct Scratch {
     corners: Vec<Corner>,
 }
 
-/// Rasterises `instance`; `sink` is called for each triangle and returns the id of the next one. The first id is `id`.
+/// Rasterizes `instance`; `sink` is called for each triangle and returns the id of the next one. The first id is `id`.
 pub(crate) fn rasterize<const IDS: bool>(
     raster: &mut Raster,
     scratch: &mut Scratch,
@@ -133,7 +133,7 @@ pub(crate) fn rasterize<const IDS: bool>(
     let level = view.level(model, &view_from_model);
     let rotation = view_from_model.rotation.to_rotation_matrix();
     let placed = level.vertices.iter().map(|p| rotation * p + view_from_model.translation.vector);
-    // Beyond the near plane nothing needs clipping, and the camera is outside.
+    // If all of it is beyond the near plane, nothing needs clipping, and the camera is outside.
     let ahead = center.z - radius > view.projection.near();
     let hidden = if model.is_closed() && ahead { Some(cull) } else { None };
     let mut pen = Pen { raster, level, hidden, id, sink };
@@ -194,7 +194,7 @@ impl<Sink: FnMut(&Piece) -> u32> Pen<'_, Sink> {
 
 /// The part of a triangle with `z >= near`, as weights on its corners: a polygon of 0, 3 or 4.
 ///
-/// A cut is reckoned from the corner that is kept, so that the neighbour across the edge finds the same point.
+/// A cut is computed from the kept corner, so the neighbour across the edge gets the same point.
 fn clip(points: &[Point3<f64>; 3], near: f64) -> ([[f64; 3]; 4], usize) {
     let (mut polygon, mut count) = ([[0.0; 3]; 4], 0);
     let mut add = |weights: [f64; 3]| {

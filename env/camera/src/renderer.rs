@@ -11,7 +11,7 @@ use graspbox_mesh::in_range;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// What is rendered in addition to depth.
+/// Channels to render in addition to depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Channels {
     /// Colours.
@@ -29,14 +29,14 @@ pub struct Job<'a> {
     pub camera: Camera,
     /// The light; it affects colours only.
     pub light: Light,
-    /// What is rendered in addition to depth.
+    /// Channels to render in addition to depth.
     pub channels: Channels,
 }
 
 /// Renders many jobs on the current rayon pool; frames in the order of the jobs, the same bits on any number of threads.
 ///
 /// # Errors
-/// Those of [`Renderer::render_into`], for the first job at fault.
+/// Those of [`Renderer::render_into`], for the first job with an error.
 pub fn render_batch(jobs: &[Job], detail: Detail) -> Result<Vec<Frame>, CameraError> {
     let results: Vec<_> = jobs
         .par_iter()
@@ -48,7 +48,7 @@ pub fn render_batch(jobs: &[Job], detail: Detail) -> Result<Vec<Frame>, CameraEr
     results.into_iter().collect()
 }
 
-/// Buffers for rendering one image after the other. Earlier images have no influence.
+/// Buffers for rendering images one after the other. Earlier images have no influence.
 pub struct Renderer {
     detail: Detail,
     raster: Raster,
@@ -170,7 +170,7 @@ impl Renderer {
         Ok(sums.iter().flat_map(|c| [c.x, c.y, c.z].map(|x| shown(x * share))).collect())
     }
 
-    /// Depth, and the instance at each pixel if wanted.
+    /// Depth, and the instance at each pixel if requested.
     fn rasterize_plain(&mut self, instances: &[Instance], camera: &Camera, keep_ids: bool) {
         let view = View::of_camera(camera, self.detail);
         self.clear(camera, keep_ids);

@@ -14,7 +14,7 @@ pub struct Instance<'a> {
     pub model: &'a Model,
     /// Its pose.
     pub world_from_model: Isometry3<f64>,
-    /// Red, green, blue as shown in full light, in [0, 1].
+    /// Red, green, blue in full light, in [0, 1].
     pub color: [f32; 3],
     /// Its value in the segmentation; 0 means background.
     pub label: u8,

@@ -1,6 +1,6 @@
 //! The colour of each pixel: a lamp with shadows, ambient light from above and below, a little light from the camera, and a highlight.
 //!
-//! Colours are kept as squares of the displayed values (a gamma of 2), so that light adds linearly.
+//! Colours are squares of the displayed values (a gamma of 2), so light adds linearly.
 
 use crate::raster::Raster;
 use crate::rasterize::Piece;
@@ -51,10 +51,10 @@ impl Facet {
     }
 }
 
-/// Everything that the colours of one image depend on.
+/// All inputs of the colours of one image.
 pub(crate) struct Shader<'a> {
     pub(crate) raster: &'a Raster,
-    /// Number `id - 1` belongs to the pixels with this id.
+    /// Entry `id - 1` belongs to the pixels with this id.
     pub(crate) facets: &'a [Facet],
     pub(crate) instances: &'a [Instance<'a>],
     pub(crate) shadow: &'a ShadowMap,
@@ -62,7 +62,7 @@ pub(crate) struct Shader<'a> {
     pub(crate) camera: &'a Camera,
 }
 
-/// Something linear over the image: `at + column * x + row * y`.
+/// A linear function over the image: `at + column * x + row * y`.
 struct Linear {
     at: Vec3,
     column: Vec3,
@@ -80,7 +80,7 @@ impl Linear {
 }
 
 impl Shader<'_> {
-    /// Colours of the pixels, row by row, as squares of what is shown.
+    /// Colours of the pixels, row by row, as squares of the displayed values.
     pub(crate) fn rows(&self, mut take: impl FnMut(&Colors)) {
         let world_from_camera = self.camera.world_from_camera();
         let rotation = world_from_camera.rotation.to_rotation_matrix().into_inner();
@@ -116,7 +116,7 @@ impl Shader<'_> {
 pub(crate) type Colors = [Vec<f32>; 3];
 
 /// One row of surfaces: normals of any length (zero where there is none) and colours. One vector per coordinate, as for all rows in
-/// this file, so that the loops vectorise.
+/// this file, so the loops vectorize.
 struct SurfaceRow {
     normal: [Vec<f32>; 3],
     color: Colors,
@@ -187,7 +187,7 @@ impl Scene<'_> {
         }
     }
 
-    /// All light but the shadows.
+    /// All light, without shadows.
     fn light(&self, y: f32, surface: &SurfaceRow, lighting: &mut LightRow) {
         let light = self.shader.light;
         let (ray, step, lamp) = (self.rays.at + self.rays.row * y, self.rays.column, self.to_lamp);
@@ -208,7 +208,7 @@ impl Scene<'_> {
             // Squared norm of the sum of the unit vectors to lamp and camera.
             let half = 2.0 - 2.0 * (lamp.x * wx + lamp.y * wy + lamp.z * wz) * back;
             let glance = positive(to_lamp + to_eye) / (positive(half) + f32::MIN_POSITIVE).sqrt();
-            // The lower bound keeps the power from denormal numbers, which are slow.
+            // The lower bound avoids denormal powers, which are slow.
             *shine = SHINE * power_32(if glance > 0.25 { glance } else { 0.25 });
         }
     }
@@ -266,7 +266,7 @@ fn power_32(x: f32) -> f32 {
     x * x
 }
 
-/// A colour as the square of what is shown.
+/// A colour as the square of the displayed value.
 fn linear(color: [f32; 3]) -> Vec3 {
     Vec3::from(color.map(|c| c * c))
 }

@@ -1,6 +1,6 @@
 //! The shadow map of the lamp, and the share of its light that reaches a point.
 //!
-//! Of closed models the map holds the sides that face away from the lamp, so that lit surfaces do not shadow themselves.
+//! Of closed models the map contains the sides that face away from the lamp, so lit surfaces do not shadow themselves.
 
 use crate::raster::Raster;
 use crate::rasterize::{Cull, Projection, Scratch, View, rasterize};
@@ -9,21 +9,21 @@ use nalgebra::{Affine3, Isometry3, Matrix4, Rotation3, UnitQuaternion, Vector3};
 
 /// Texels across the soft border.
 const KERNEL: usize = 4;
-/// Texels along a side of a block; a block holds the least and greatest nearness in and next to it, which covers the kernel.
+/// Texels along a side of a block. A block has the extrema of nearness in it and its neighbours, which covers the kernel.
 const BLOCK: usize = 4;
 /// Largest number of texels along a side of the map.
 const LARGEST: f64 = 1024.0;
 /// Nearness of texels without a caster.
 const NOTHING: f32 = f32::MIN;
-/// How much nearer to the lamp than the receiver a caster must be, metres.
+/// Least distance of a caster in front of the receiver, metres.
 const BIAS: f32 = 4e-4;
-/// Open sheets would shadow themselves: their shadows are cast from this many texels farther from the lamp.
+/// Offset of open surfaces away from the lamp, texels: they would shadow themselves without it.
 const SETBACK: f64 = 4.0;
 
 pub(crate) struct ShadowMap {
     raster: Raster,
     scratch: Scratch,
-    /// (blocks high, blocks wide): least and greatest nearness in the 3 x 3 blocks about each.
+    /// (rows, columns) of blocks: least and greatest nearness in the 3 x 3 blocks about each.
     blocks: Vec<[f32; 2]>,
     spare: Vec<[f32; 2]>,
     /// (column, row, nearness) of a world point.
@@ -44,7 +44,7 @@ impl ShadowMap {
         }
     }
 
-    /// Rasterises the casters from the lamp.
+    /// Rasterizes the casters from the lamp.
     pub(crate) fn rasterize(&mut self, instances: &[Instance], light: &Light, detail: Detail) {
         let direction = light.direction.normalize();
         let side = if direction.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };

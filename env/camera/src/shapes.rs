@@ -6,10 +6,10 @@ use nalgebra::{Point3, Vector3};
 use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
 
-/// Lengths that a shape may have, metres.
+/// Range of the lengths of a shape, metres.
 const LENGTHS: RangeInclusive<f64> = 1e-6..=1e4;
 
-/// A box of these half extents whose edges are cut by `bevel` metres (0 for sharp edges; at most half of the least half extent).
+/// A box of these half extents with edges bevelled by `bevel` metres (0 for sharp edges; at most half of the least half extent).
 ///
 /// # Errors
 /// [`CameraError::OutOfRange`].
@@ -116,7 +116,7 @@ mod tests {
     fn solids_are_closed_and_of_the_right_volume() {
         let half = Vector3::new(0.1, 0.2, 0.3);
         let r: f64 = 0.05;
-        // A bevel takes b^2/2 off along every edge, and at each corner gives back b^3/3 of what its three edges take twice.
+        // A bevel removes b^2/2 along every edge; at each corner b^3/3 of that is counted twice.
         let bevelled = 8.0 * half.product() - 0.5 * 1e-4 * 8.0 * (half.sum() - 0.03) - 8.0 * (1e-6 - 1e-6 / 6.0);
         let solids = [
             (cuboid(half, 0.0).unwrap(), 8.0 * half.product(), 1e-12),

@@ -1,6 +1,6 @@
 //! Cameras around an object.
 //!
-//! Each camera is placed on a spherical cap around the object, upright and aimed at its middle, and may then be shifted.
+//! Each camera is on a spherical cap around the object, upright and aimed at its middle, and may then be shifted.
 
 use crate::error::CameraError;
 use crate::{Camera, Intrinsics};
@@ -15,7 +15,7 @@ use std::f64::consts::{PI, TAU};
 /// Largest number of views of one plan.
 const MOST_VIEWS: usize = 1_000_000;
 
-/// How directions are distributed over the cap.
+/// Distribution of directions over the cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pattern {
@@ -25,19 +25,19 @@ pub enum Pattern {
     Random,
 }
 
-/// Where the cameras are placed.
+/// Distribution of cameras around an object.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ViewPlan {
-    /// How directions are distributed.
+    /// Distribution of directions.
     pub pattern: Pattern,
     /// Direction from the object to the middle of the cap, in the world; of any length.
     pub axis: Vector3<f64>,
     /// Angle from the middle of the cap to its border, radians, in [0, pi].
     pub cap: f64,
-    /// Least and greatest distance from the target, metres, in [0.01, 100]; uniform between.
+    /// Least and greatest distance from the target, uniform, metres, in [0.01, 100].
     pub distance: [f64; 2],
-    /// Largest shift of the camera along each world axis, uniform, metres, in [0, 10]; its direction stays as it was.
+    /// Largest shift of the camera along each world axis, uniform, metres, in [0, 10]; its direction stays.
     pub shift: f64,
     /// World direction that points up in the images.
     pub up: Vector3<f64>,
@@ -52,7 +52,7 @@ impl Default for ViewPlan {
 
 impl ViewPlan {
     /// The views of the reference study ("the study" in this package; the README names it): 0.7 m away, within 15 degrees and 5 cm of one
-    /// pose. The study does not state that pose; ours looks down at 45 degrees.
+    /// pose. The study does not state that pose; this one looks down at 45 degrees.
     #[must_use]
     pub fn study() -> Self {
         Self {
@@ -112,14 +112,14 @@ pub fn views(
         .collect()
 }
 
-/// Direction on the cap about z that leaves `share` of the cap's area inside.
+/// Direction on the cap about z with `share` of the cap's area inside.
 fn on_cap(cap: f64, share: f64, turn: f64) -> Vector3<f64> {
     let z = 1.0 - share * (1.0 - cap.cos());
     let r = (1.0 - z * z).max(0.0).sqrt();
     Vector3::new(r * turn.cos(), r * turn.sin(), z)
 }
 
-/// `up`, or a coordinate axis across it where the view is parallel to `up`.
+/// `up`, or a perpendicular coordinate axis if the view is parallel to `up`.
 fn upright(up: &Vector3<f64>, view: &Vector3<f64>) -> Vector3<f64> {
     let across = Unit::new_normalize(*up).cross(view).norm();
     if across > 1e-3 * view.norm() {

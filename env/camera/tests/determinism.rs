@@ -1,4 +1,4 @@
-//! The same bits on any number of threads, and whatever a renderer rendered before.
+//! The same bits on any number of threads, and after any other images.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;

@@ -1,4 +1,4 @@
-//! Levels of detail show surfaces that lie within their stated error of the true one.
+//! Levels of detail are within their stated error of the true surface.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;
@@ -42,7 +42,7 @@ fn look(mesh: &TriMesh, size: u32, distance: f64) -> Camera {
     Camera::look_at(Intrinsics::from_fov(size, size, 0.6).unwrap(), eye, middle, Vector3::z()).unwrap()
 }
 
-/// Whether the object is on a pixel of the 3 x 3 around pixel `i`.
+/// True if the object covers one of the 3 x 3 pixels around pixel `i`.
 fn near(frame: &Frame, i: usize) -> bool {
     let [width, height] = frame.size();
     let (x, y) = (i % width, i / width);

@@ -1,4 +1,4 @@
-//! Space as depth images tell it, against the solids that were rendered, and against images made by hand.
+//! Voxels from depth images, compared with the rendered solids and with images made by hand.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -29,7 +29,7 @@ fn carve(grid: &VoxelFrame, world_from_grid: &Isometry3<f64>, frames: &[Frame]) 
     occupancy(grid, world_from_grid, &views, true).unwrap()
 }
 
-/// Seen from all sides nothing is left open: the surface is occupied, its inside unseen, its outside free.
+/// Views from all sides decide every voxel: the surface is occupied, its inside unseen, its outside free.
 #[test]
 fn a_ball_and_a_box_seen_from_all_sides() {
     let turn = UnitQuaternion::from_euler_angles(0.4, 0.2, 0.9);
@@ -37,7 +37,7 @@ fn a_ball_and_a_box_seen_from_all_sides() {
     let center = Point3::from(world_from_model.translation.vector);
     let ball = shapes::sphere(0.05, 80).unwrap();
     let block = shapes::cuboid(Vector3::new(0.05, 0.03, 0.04), 0.0).unwrap();
-    // How deep a point lies, metres; negative outside.
+    // Depth of a point in the solid, metres; negative outside.
     let depths: [fn(&Point3<f64>) -> f64; 2] = [
         |p| 0.05 - p.coords.norm(),
         |p| {
@@ -66,7 +66,7 @@ fn a_ball_and_a_box_seen_from_all_sides() {
     }
 }
 
-/// From every side, what is not free is what the mesh's own voxels are, solid and surface together.
+/// With views from all sides, the voxels that are not free are the solid and surface voxels of the mesh.
 #[test]
 fn carving_agrees_with_the_mesh_s_voxels() {
     let mesh = shapes::cylinder(0.04, 0.05, 60).unwrap();
@@ -100,7 +100,7 @@ fn one_view_leaves_a_shadow() {
     assert_eq!(column(1, 1), [Occupancy::Free; 20], "beside it, nothing up to the far end");
 }
 
-/// A flat image at 0.5 m, and an empty one: the spec at their borders, and what lies out of sight.
+/// A flat image at 0.5 m, and an empty one: the rules at their borders, and outside the view.
 #[test]
 fn rules_hold_to_the_border() {
     let lens = Intrinsics { width: 4, height: 4, fx: 4.0, fy: 4.0, cx: 2.0, cy: 2.0 };
@@ -125,8 +125,8 @@ fn rules_hold_to_the_border() {
     assert_eq!(line, [Unseen, Free, Occupied, Occupied, Unseen, Unseen]);
 }
 
-/// The rules of the module, voxel by voxel, for two cameras inside and outside of a grid that neither blocks nor tiles divide evenly. A bug
-/// here: a block that is taken for free although one of its centres is behind what is seen, or beside the image.
+/// The rules of the module, voxel by voxel, for two cameras inside and outside of a grid that neither blocks nor tiles divide evenly. A bug here: a
+/// block that counts as free although one of its centres is behind a surface, or outside the image.
 #[test]
 fn blocks_are_judged_as_their_voxels() {
     let lens = Intrinsics { width: 45, height: 37, fx: 40.0, fy: 43.0, cx: 21.0, cy: 19.5 };
@@ -136,7 +136,7 @@ fn blocks_are_judged_as_their_voxels() {
         let pose = Isometry3::from_parts(Translation3::from(Vector3::from(at)), turn(x, y));
         Camera::new(lens, pose).unwrap().with_range(0.1, 1.1).unwrap()
     });
-    // A slope with a step in it, and a hole through which nothing is seen.
+    // A slope with a step, and an empty hole.
     let depth: Vec<f32> = (0..45 * 37)
         .map(|i| (i % 45, i / 45))
         .map(|(u, v)| match (u, v) {

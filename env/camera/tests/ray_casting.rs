@@ -1,4 +1,4 @@
-//! Depth and labels are what casting a ray through each pixel's centre gives.
+//! Depth and labels equal those of rays cast through each pixel's centre.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;

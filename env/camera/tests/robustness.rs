@@ -1,4 +1,4 @@
-//! Bad input gives an error; strange geometry does no harm.
+//! Invalid input gives an error; degenerate geometry is rendered without one.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;

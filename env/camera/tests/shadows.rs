@@ -1,4 +1,4 @@
-//! Shadows fall where the lamp's rays are stopped, and fade over the width asked for.
+//! Shadows are where the lamp's rays are blocked, and fade over the requested width.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;

@@ -286,13 +286,22 @@ pub enum ProblemKind {
         /// What it must be.
         must: &'static str,
     },
-    /// An unsupported shape.
-    #[error("collider \"{name}\" is a {found}; only box, cylinder and sphere are supported")]
-    Geometry {
+    /// A collision mesh.
+    #[error(
+        "collider \"{name}\" is the mesh \"{file}\"; replace it by boxes, cylinders and spheres: `graspbox.decompose` finds boxes \
+         (docs/your_hand.md, \"Collision meshes\")"
+    )]
+    CollisionMesh {
         /// The collider.
         name: String,
-        /// What it is.
-        found: &'static str,
+        /// Its file.
+        file: String,
+    },
+    /// A collision capsule.
+    #[error("collider \"{name}\" is a capsule; replace it by a cylinder and two spheres")]
+    Capsule {
+        /// The collider.
+        name: String,
     },
     /// A unit other than that of the quantity.
     #[error("{quantity} is in \"{found}\"; give it in \"{expected}\"")]

@@ -199,7 +199,7 @@ impl<const N: usize> Numbers for [f64; N] {
 const MAX_NUMBER: f64 = 1e7;
 
 /// What helps whoever left a field out: the reader stops at the first one.
-const MISSING: &str = " in the table that begins here; docs/hands.md lists the fields of every table";
+const MISSING: &str = " in the table that begins here; docs/reference/hands.md lists the fields of every table";
 
 /// A `hand.toml` and its problems.
 pub(crate) struct Reader<'a, 'r> {

@@ -205,17 +205,16 @@ fn read_collider(
     if names.insert(name.clone(), line).is_some() {
         report.add(line, ProblemKind::Duplicate { what: "collider", name: name.clone() });
     }
-    let mut geometry = |found| report.add(line, ProblemKind::Geometry { name: name.clone(), found });
     let shape = match &collision.geometry {
         Geometry::Box { size } => Shape::Cuboid(Vector3::from(**size) / 2.0),
         Geometry::Cylinder { radius, length } => Shape::Cylinder { radius: *radius, half_length: length / 2.0 },
         Geometry::Sphere { radius } => Shape::Sphere { radius: *radius },
         Geometry::Capsule { radius, .. } => {
-            geometry("capsule");
+            report.add(line, ProblemKind::Capsule { name: name.clone() });
             Shape::Sphere { radius: *radius }
         }
-        Geometry::Mesh { .. } => {
-            geometry("mesh");
+        Geometry::Mesh { filename, .. } => {
+            report.add(line, ProblemKind::CollisionMesh { name: name.clone(), file: filename.clone() });
             Shape::Sphere { radius: 1.0 }
         }
     };

@@ -119,7 +119,7 @@ fn every_number_has_a_unit_and_a_source() {
     );
     assert_eq!(
         toml_with(arm, "arms.left_root = { value = 0.008, unit = \"m\" }"),
-        "hand.toml:31: missing field `source` in the table that begins here; docs/hands.md lists the fields of every table"
+        "hand.toml:31: missing field `source` in the table that begins here; docs/reference/hands.md lists the fields of every table"
     );
     assert_eq!(
         toml_with(arm, "arms.left_root = 0.008"),

@@ -1,15 +1,15 @@
-//! Voxels of the crop: what one depth image tells of each.
+//! Voxel channels of the crop, from one depth image.
 //!
-//! Values are 0 to 255, for 0 to 1; between them they say where in a voxel a surface lies. With z the depth of a voxel's centre, d the depth
-//! measured in the pixel that it falls on and h the side of a voxel:
+//! Values of 0 to 255 stand for 0 to 1; fractions encode the position of a surface within a voxel. With z the depth of a voxel's centre, d the
+//! measured depth of the pixel to which it projects and h the side of a voxel:
 //!
 //! | channel | value |
 //! |---|---|
-//! | surface | `1 - abs(z - d) / h`, at least 1/2 where a point of the object lies in the voxel; pixels of the object alone |
-//! | unseen | `(z - d) / h + 1/2`: the share that lies behind what is seen; 1 outside the image and where nothing was measured |
+//! | surface | `1 - abs(z - d) / h`, at least 1/2 if the voxel contains a point of the object; from pixels of the object only |
+//! | unseen | `(z - d) / h + 1/2`: the share behind the visible surface; 1 outside the image and for pixels without depth |
 //! | table | the share below the table |
 //!
-//! Free space is what is neither unseen nor below the table.
+//! Free space is neither unseen nor below the table.
 
 use crate::crop::Observed;
 use graspbox_camera::Camera;
@@ -20,12 +20,12 @@ use nalgebra::{Isometry3, Vector3};
 pub const CHANNELS: usize = 3;
 /// Their names, in order.
 pub const CHANNEL_NAMES: [&str; CHANNELS] = ["surface", "unseen", "table"];
-/// Least value of a voxel in which a point of the object lies.
+/// Least value of a voxel that contains a point of the object.
 const TOUCHED: u8 = 128;
 
 /// Fills the channels (3, N, N, N) of one crop.
 ///
-/// * `depth`: (H, W), metres along the optical axis; 0 where nothing was measured. As long as the camera's image.
+/// * `depth`: (H, W) of the camera's image, metres along the optical axis; 0 for no depth.
 pub fn fill_channels(
     grid: &VoxelFrame,
     world_from_crop: &Isometry3<f64>,
@@ -50,7 +50,7 @@ fn share(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-/// Compares the centre of each voxel with the pixel that it falls on.
+/// Compares the depth of each voxel's centre with that of its pixel.
 fn project(
     grid: &VoxelFrame,
     camera_from_crop: &Isometry3<f64>,
@@ -87,7 +87,7 @@ fn project(
     }
 }
 
-/// Marks the voxels in which points of the object lie, however few pixels see them.
+/// Marks the voxels that contain points of the object, even of a single pixel.
 fn mark_points(
     grid: &VoxelFrame,
     crop_from_camera: &Isometry3<f64>,

@@ -1,9 +1,9 @@
-//! The crop: a cube around the observed object, in a frame that gravity, the table and the camera define.
+//! The crop: a cube around the observed object, in a frame defined by gravity, the table and the camera.
 //!
-//! The crop frame has its origin on the table (z = 0 of the world) below the middle of what is seen of the object, z up, and x horizontally
-//! away from the camera. So it turns with the camera: what is seen in it does not depend on the world's x and y axes.
+//! The crop frame has its origin on the table (z = 0 of the world) below the middle of the object's visible part, z up, and x horizontally away from
+//! the camera. It rotates with the camera, so the crop does not depend on the world's x and y axes.
 //!
-//! The object is the largest group of pixels above the table: pixels of one group are linked, in plan view, by gaps of at most `gap`.
+//! The object is the largest group of pixels above the table. In plan view, gaps between pixels of one group are at most `gap`.
 
 use crate::PerceptionError;
 use graspbox_camera::Camera;
@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize};
 
 /// Side of a cell of the plan view in which pixels are grouped, metres.
 const PLAN_CELL: f64 = 0.01;
-/// Furthest that a pixel of the object may be from the world's origin, metres, horizontally and upward.
+/// Greatest distance of a pixel of the object from the world's origin, horizontally and upward, metres.
 const FURTHEST: f64 = 5.0;
-/// Share of the pixels on each side that do not count for the middle of the object: stray ones.
+/// Share of outlying pixels on each side that do not count for the middle of the object.
 const STRAY: f64 = 0.02;
 
-/// The cube around the object, and how its pixels are told from the table's.
+/// Settings of the crop, and of the segmentation of the object from the table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CropConfig {
@@ -26,13 +26,13 @@ pub struct CropConfig {
     pub side: f64,
     /// Voxels along each side.
     pub resolution: usize,
-    /// How far the cube reaches below the table, metres.
+    /// Depth of the cube below the table, metres.
     pub below: f64,
-    /// A pixel higher than this above the table is not the table's, metres: three standard deviations of the smoothed depth noise.
+    /// Height from which a pixel does not belong to the table, metres: three standard deviations of the smoothed depth noise.
     pub min_height: f64,
     /// Widest gap between pixels of one object in plan view, metres.
     pub gap: f64,
-    /// Fewer pixels are no object.
+    /// Least number of pixels of an object.
     pub min_pixels: usize,
 }
 
@@ -65,19 +65,19 @@ impl CropConfig {
     }
 }
 
-/// What a depth image shows of the object.
+/// The object in a depth image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observed {
     /// Pixels of the object, (H, W).
     pub object: Vec<bool>,
-    /// The crop frame; none where fewer than `min_pixels` pixels are the object's.
+    /// The crop frame; `None` if the object has fewer than `min_pixels` pixels.
     pub world_from_crop: Option<Isometry3<f64>>,
 }
 
 /// Finds the object above the table, and its crop frame.
 ///
-/// * `depth`: (H, W), metres along the optical axis; 0 where nothing was measured.
-/// * `labels`: pixels of the object where they are known; (H, W).
+/// * `depth`: (H, W), metres along the optical axis; 0 for no depth.
+/// * `labels`: pixels of the object, (H, W), if they are known.
 ///
 /// # Errors
 /// [`PerceptionError::OutOfRange`] for the config or images of another size than the camera's.
@@ -104,7 +104,7 @@ pub fn observe(
     Ok(Observed { object, world_from_crop })
 }
 
-/// The point of each pixel in the world; none without a depth or far away.
+/// The point of each pixel in the world; `None` without depth or far away.
 fn world_points(camera: &Camera, depth: &[f32]) -> Vec<Option<Point3<f64>>> {
     let width = camera.intrinsics().width as usize;
     let point = |(index, &z): (usize, &f32)| {
@@ -126,7 +126,7 @@ fn above_table(points: &[Option<Point3<f64>>], width: usize, config: &CropConfig
     let groups = group(&cells, (config.gap / PLAN_CELL).ceil() as i64);
     let mut sizes = vec![0_usize; groups.iter().flatten().map(|group| group + 1).max().unwrap_or(0)];
     groups.iter().flatten().for_each(|group| sizes[*group] += 1);
-    // The first of equal ones.
+    // Ties go to the first group.
     let largest = sizes.iter().enumerate().max_by(|a, b| a.1.cmp(b.1).then(b.0.cmp(&a.0))).map(|(group, _)| group);
     groups.into_iter().map(|group| group.is_some() && group == largest).collect()
 }
@@ -147,7 +147,7 @@ fn smoothed_height(points: &[Option<Point3<f64>>], width: usize, index: usize) -
     heights.get(count / 2).copied().unwrap_or(0.0)
 }
 
-/// Numbers the groups of occupied cells; cells are linked where they are at most `reach` cells apart along both axes.
+/// Numbers the groups of occupied cells; cells at most `reach` apart along both axes belong to one group.
 fn group(cells: &[Option<[i64; 2]>], reach: i64) -> Vec<Option<usize>> {
     let (mut low, mut high) = ([i64::MAX; 2], [i64::MIN; 2]);
     for cell in cells.iter().flatten() {
@@ -187,12 +187,12 @@ fn group(cells: &[Option<[i64; 2]>], reach: i64) -> Vec<Option<usize>> {
     cells.iter().map(|cell| cell.and_then(|cell| labels[index(cell)])).collect()
 }
 
-/// The crop frame of the points `seen` (world), of which there is at least one.
+/// The crop frame of the visible points `seen` (world; at least one).
 fn crop_frame(camera: &Camera, seen: &[Point3<f64>]) -> Isometry3<f64> {
     let mean = seen.iter().fold(Vector3::zeros(), |sum, p| sum + p.coords) / seen.len() as f64;
     let pose = camera.world_from_camera();
     let ray = (mean - pose.translation.vector).normalize().xy();
-    // From above the ray tells no direction; the upper border of the image does. Both agree for a camera that is held upright.
+    // From above the ray defines no direction, but the upper border of the image does. Both agree for an upright camera.
     let upper = (pose.rotation * -Vector3::y()).xy();
     let away = (ray + upper).try_normalize(1e-9).unwrap_or_else(Vector2::x);
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), away.y.atan2(away.x));

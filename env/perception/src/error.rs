@@ -1,30 +1,30 @@
-//! Every way an input can be wrong; each variant is a sentence about it.
+//! Errors of perception; each variant is a sentence about the input.
 
 use graspbox_camera::CameraError;
 use graspbox_hand::HandError;
 use graspbox_mesh::{MeshError, OutOfRange};
 use graspbox_plan::PlanError;
 
-/// What is wrong with an input of perception.
+/// An invalid input of perception.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PerceptionError {
-    /// A number lies outside its range.
+    /// A number is out of range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
-    /// The lens or the pose of a camera.
+    /// The intrinsics or the pose of a camera are invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// A mesh that cannot be voxelized.
+    /// A mesh cannot be voxelized.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// A hand whose kinematics refuse a preshape.
+    /// A preshape beyond the hand's limits.
     #[error(transparent)]
     Hand(#[from] HandError),
-    /// Points that the planner's box decomposition refuses.
+    /// The planner's box decomposition refuses points.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// A hand without a part that closes.
+    /// The hand has no chain that closes.
     #[error("no chain of the hand {name:?} closes; name its closing actuators in `[grasp]` of its hand.toml")]
     NothingCloses {
         /// Name of the hand.

@@ -1,7 +1,7 @@
 //! Voxels around the hand at many poses: trilinear samples of the crop's voxels in the cells of a [`HandGrid`].
 //!
-//! Positions and shares are fixed-point numbers and the channels of a voxel are lanes of one word, since the baseline instruction set
-//! converts bytes to floats one by one. Values are within 2 of 255 of what exact interpolation gives.
+//! Positions and shares are fixed-point numbers, and the channels of a voxel are lanes of one word, since the baseline instruction set converts bytes
+//! to floats one by one. Values differ from exact interpolation by at most 2 of 255.
 
 use crate::hand_grid::HandGrid;
 use graspbox_mesh::VoxelFrame;
@@ -12,23 +12,23 @@ use rayon::prelude::*;
 pub const HAND_CHANNELS: usize = 4;
 /// Their names, in order.
 pub const HAND_CHANNEL_NAMES: [&str; HAND_CHANNELS] = ["completed", "surface", "unseen", "table"];
-/// Channels that are read from the crop; the table is known everywhere.
+/// Number of channels from the crop; the table is known everywhere.
 const READ: usize = 3;
-/// Binary digits behind the point of a position, in voxels.
+/// Fractional bits of a position in voxels.
 const POINT: u32 = 20;
-/// Each lane of a word.
+/// Mask of the lanes of a word.
 const LANES: u64 = 0x00FF_00FF_00FF_00FF;
-/// One half of the last digit of each lane's product.
+/// Half of the last bit of each lane's product, for rounding.
 const HALVES: u64 = 0x0080_0080_0080_0080;
 
-/// The voxels of one crop, channels side by side: 16 bits each of a word.
+/// The voxels of one crop; each channel occupies 16 bits of a word.
 pub struct CropVolume {
     grid: VoxelFrame,
     cells: Vec<u64>,
 }
 
 impl CropVolume {
-    /// Takes the channels `completed`, `surface` and `unseen`, each (N, N, N), 0 to 255.
+    /// Packs the channels `completed`, `surface` and `unseen`, each (N, N, N), 0 to 255.
     #[must_use]
     pub fn new(grid: &VoxelFrame, channels: [&[u8]; READ]) -> Self {
         let [completed, surface, unseen] = channels;
@@ -41,9 +41,9 @@ impl CropVolume {
 /// The channels (m, 4, X, Y, Z) around the hand at m poses, 0 to 255 for 0 to 1.
 ///
 /// * `volumes`: the crops.
-/// * `poses`: of the hand in the frame of its crop, with the index of the crop.
+/// * `poses`: for each hand pose, the index of its crop and the pose in the crop frame.
 ///
-/// The first three channels are 0 where a cell is outside the crop. The last is the share of a cell that lies below the table z = 0.
+/// The first three channels are 0 for cells outside the crop. The last is the share of a cell below the table z = 0.
 #[must_use]
 pub fn hand_crops(hand: &HandGrid, volumes: &[CropVolume], poses: &[(usize, Isometry3<f64>)]) -> Vec<u8> {
     let size = HAND_CHANNELS * hand.cells.len();
@@ -84,12 +84,12 @@ fn sample(hand: &HandGrid, volume: &CropVolume, crop_from_hand: &Isometry3<f64>,
     }
 }
 
-/// Fixed-point numbers; poses are at most some hundred crops away.
+/// Fixed-point numbers, which suffice for poses a few hundred crops away.
 fn fixed(v: Vector3<f64>) -> [i64; 3] {
     [v.x, v.y, v.z].map(|x| (x * f64::from(1 << POINT)).round() as i64)
 }
 
-/// The lanes between the eight voxels around a point, which is in voxels from the centre of the first one; 0 outside.
+/// Interpolates the lanes of the eight voxels around a point, in voxels from the centre of the first one; 0 outside.
 #[inline]
 fn trilinear(cells: &[u64], n: usize, at: [i64; 3]) -> u64 {
     let [i, j, k] = at.map(|x| x >> POINT);

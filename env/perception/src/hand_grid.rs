@@ -1,6 +1,6 @@
-//! The hand as perception sees it: a grid of cells in its frame, what its fingers sweep as they close, and what is in its way.
+//! A hand prepared for perception: a grid of cells in its frame, the volume that its fingers sweep as they close, and collision look-ups.
 //!
-//! Everything follows from the hand's description, once per preshape, so that a candidate costs one look-up per point of the object.
+//! All of it is computed from the hand's description once per preshape, so a candidate costs one look-up per point of the object.
 
 use crate::PerceptionError;
 use crate::lookup::{CellBox, Solid};
@@ -10,30 +10,30 @@ use graspbox_plan::closing_center;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Closing is followed in this many steps: a finger of 0.1 m that closes by pi moves its tip by 3 mm in each.
+/// Number of steps of closing: the tip of a finger of 0.1 m that closes by pi moves by 3 mm in each.
 const STEPS: usize = 96;
-/// The fingers of an open hand may be spread far beyond what it grasps: the first quarter of closing does not count for the grid.
+/// Number of first steps that do not count for the grid: open fingers may spread far beyond a grasped object.
 const SPREAD: usize = STEPS / 4;
-/// Cells along an axis are a multiple of this, so that a network can halve the grid three times.
+/// The number of cells along each axis is a multiple of this, so a network can halve the grid three times.
 const MULTIPLE: usize = 8;
 /// Cells between the swept volume and the border of the grid.
 const MARGIN: f64 = 1.0;
-/// Side of a cell in which collisions are looked up, metres.
+/// Side of a cell of the collision look-up, metres.
 const LOOKUP: f64 = 0.004;
-/// Flag of cells that the open hand passes; lower bits are chains.
+/// Flag of cells that the open hand sweeps; lower bits are chains.
 const HAND: u16 = 1 << 15;
-/// Swept volume: value where a finger is when the hand is open, and where it comes last.
+/// Values of the swept volume at the open finger and at its last position.
 const FIRST_LAST: [f64; 2] = [255.0, 64.0];
 
-/// How the grid is laid out.
+/// Settings of the grid and the look-up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HandGridConfig {
     /// Side of a cell, metres.
     pub cell: f64,
-    /// Room that the open hand must have on every side, metres.
+    /// Least distance of the open hand from the object, metres.
     pub clearance: f64,
-    /// The hand comes from this far behind, along its -z, metres.
+    /// Length of the straight approach along the hand's z, metres.
     pub standoff: f64,
 }
 
@@ -56,27 +56,27 @@ impl HandGridConfig {
 pub(crate) struct Shaped {
     /// Its number.
     pub preshape: f64,
-    /// When a finger comes to each cell of the grid: 255 where it is at first, 64 where it comes last, 0 where it never is.
+    /// Time at which a finger reaches each cell: 255 at the open finger, 64 at its last position, 0 for cells that it does not reach.
     pub swept: Vec<u8>,
-    /// The hand may always be turned by a quarter, whatever the extents of the object: fingers oppose each other along its y too.
+    /// The hand is also tried rotated by 90 degrees for any extents of the object, since fingers oppose each other along its y too.
     pub turns: bool,
-    /// Where the fingers meet, on the palm's plane.
+    /// Closing centre, on the palm's plane.
     pub center: Vector3<f64>,
-    /// Furthest that a finger reaches along the hand's z as it closes, metres.
+    /// Greatest extent of a finger along the hand's z as it closes, metres.
     pub reach: f64,
     /// Corners of the open hand's shapes, grown by the clearance.
     corners: Vec<Point3<f64>>,
-    /// What passes each cell of the look-up.
+    /// Flags of each cell of the look-up.
     flags: Vec<u16>,
     lookup: CellBox,
 }
 
-/// What is in the way of a hand, and between its fingers.
+/// Collisions of the open hand, and contacts of its closing chains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Meeting {
-    /// The open hand meets nothing, at the pose and on the approach.
+    /// The open hand collides with nothing at the pose and on the approach.
     pub free: bool,
-    /// Chains whose closing meets the object, one bit each.
+    /// Bit set of the chains that meet the object as they close.
     pub chains: u16,
 }
 
@@ -88,9 +88,9 @@ pub struct HandGrid {
     standoff: f64,
     /// Chains that close.
     pub(crate) chains: u32,
-    /// Where closed fingers meet, hand frame.
+    /// Point at which closed fingers meet, hand frame.
     pub(crate) center: Point3<f64>,
-    /// The hand itself.
+    /// The hand.
     pub hand: Hand,
 }
 
@@ -98,7 +98,7 @@ impl HandGrid {
     /// Prepares a hand: a few milliseconds per preshape.
     ///
     /// # Errors
-    /// [`PerceptionError::OutOfRange`] for the config, [`PerceptionError::NothingCloses`], and what the kinematics refuse.
+    /// [`PerceptionError::OutOfRange`] for the config, [`PerceptionError::NothingCloses`], and [`PerceptionError::Hand`].
     pub fn new(hand: &Hand, config: &HandGridConfig) -> Result<Self, PerceptionError> {
         config.check()?;
         let motions = hand.preshapes().iter().map(|preshape| closing(hand, preshape)).collect::<Result<Vec<_>, _>>()?;
@@ -120,24 +120,24 @@ impl HandGrid {
         self.shaped.iter().map(|shaped| shaped.preshape)
     }
 
-    /// The preshape nearest to a number, by its index.
+    /// Index of the preshape nearest to a number.
     #[must_use]
     pub fn nearest(&self, preshape: f64) -> usize {
         let distance = |index: &usize| (self.shaped[*index].preshape - preshape).abs();
         (0..self.shaped.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
     }
 
-    /// When a finger comes to each cell with the preshape of that index, (X, Y, Z): 255 where it is at first, 64 where it comes last, 0 where
-    /// it never is.
+    /// Time at which a finger reaches each cell with preshape `index`, (X, Y, Z): 255 at the open finger, 64 at its last position, 0 for cells that
+    /// it does not reach.
     #[must_use]
     pub fn swept(&self, index: usize) -> &[u8] {
         &self.shaped[index].swept
     }
 
-    /// What the open hand, and the fingers as they close, meet at a pose over the table z = 0.
+    /// Collisions of the open hand, and contacts of the closing fingers, at a pose over the table z = 0.
     ///
-    /// * `points`: of the object's surface, in the frame in which `pose` is; the first ones are looked up first.
-    /// * `index`: of the preshape.
+    /// * `points`: points of the object's surface in the frame of `pose`; looked up in this order.
+    /// * `index`: index of the preshape.
     #[must_use]
     pub fn meets(&self, points: &[Point3<f32>], pose: &Isometry3<f64>, index: usize) -> Meeting {
         let shaped = &self.shaped[index];
@@ -166,19 +166,19 @@ impl HandGrid {
     }
 }
 
-/// A part of a chain on its way.
+/// A link of a closing chain.
 struct Moving {
     solid: Solid,
     /// Bit of its chain.
     chain: u16,
 }
 
-/// The parts of the chains in each step of closing, in two ways: all joints of a chain at once, as with stiff fingers, and one after the
-/// other from the root, as where the root is the softest joint.
+/// The links of the chains in each step of closing, for two orders: all joints of a chain at once, as in stiff fingers, and one after the other from
+/// the root, as if the root joint were the softest.
 fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, PerceptionError> {
     let open = hand.open_configuration(preshape.value);
     let closed = hand.closed_configuration(preshape.value, 1.0);
-    // The place of each coordinate among those of its chain that close, and their number.
+    // Index of each coordinate among the closing ones of its chain, and their number.
     let chains = hand.chains();
     let place = |joint: usize| {
         let closes = |other: &usize| hand.joints[*other].is_independent() && hand.closing_rate(*other) != 0.0;
@@ -214,7 +214,7 @@ fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, Percept
     Ok(steps)
 }
 
-/// Cells around what the chains sweep with any preshape.
+/// Cells around the volume that the chains sweep with any preshape.
 fn grid(motions: &[Vec<Vec<Moving>>], cell: f64) -> CellBox {
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for part in motions.iter().flat_map(|steps| &steps[SPREAD..]).flatten() {
@@ -222,13 +222,13 @@ fn grid(motions: &[Vec<Vec<Moving>>], cell: f64) -> CellBox {
         low = low.inf(&from);
         high = high.sup(&to);
     }
-    // What is grasped is in front of the palm, whose surface is z = 0.
+    // Grasped objects are in front of the palm, whose surface is z = 0.
     low.z = low.z.max(0.0);
     let shape = [0, 1, 2].map(|axis| {
         let cells = ((high[axis] - low[axis]) / cell + 2.0 * MARGIN - 1e-9).ceil() as usize;
         cells.next_multiple_of(MULTIPLE)
     });
-    // The swept volume is in the middle; along the approach it is at the beginning, so that the grid shows what is beyond the fingertips.
+    // The swept volume is in the middle; along the approach it is at the beginning, so the grid extends beyond the fingertips.
     let middle = (low + high) * 0.5;
     let mut origin = middle - Vector3::from(shape.map(|n| n as f64)) * (0.5 * cell);
     origin.z = low.z - MARGIN * cell;
@@ -279,7 +279,7 @@ impl Shaped {
         Ok(Self { preshape: preshape.value, swept, turns, center, reach, corners, flags, lookup })
     }
 
-    /// True where the open hand reaches below z = 0, at the pose or on the approach.
+    /// True if the open hand reaches below z = 0 at the pose or on the approach.
     fn hits_table(&self, pose: &Isometry3<f64>, standoff: f64) -> bool {
         let back = (pose.rotation * Vector3::z()).z * standoff;
         let lowest = self.corners.iter().map(|corner| (pose * corner).z).fold(f64::INFINITY, f64::min);

@@ -1,21 +1,21 @@
-//! From a depth image to candidate grasps, and to what a network needs to judge them. No dynamics here, and no learning.
+//! From a depth image to candidate grasps, and to the inputs of networks that score them. No dynamics here, and no learning.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`noise`] | noise of a depth camera: axial, lateral, dropouts, 16-bit millimetres |
-//! | [`crop`] | the object above the table, and a frame on the table below it that turns with the camera |
+//! | [`crop`] | the object above the table, and a frame on the table below it that rotates with the camera |
 //! | [`channels`] | voxels of the crop: surface, unseen, table |
-//! | [`solid`](mod@solid) | the object itself in these voxels |
+//! | [`solid`](mod@solid) | the true occupancy of these voxels |
 //! | [`surface`](mod@surface) | points and normals of an occupancy's surface |
-//! | [`proposals`] | candidate grasps of an occupancy, filtered and different |
-//! | [`hand_grid`] | a hand's own grid: what its fingers sweep, and what is in its way |
+//! | [`proposals`] | candidate grasps of an occupancy, filtered and diverse |
+//! | [`hand_grid`] | the grid of a hand: its swept volume, and collision look-ups |
 //! | [`hand_crops`](mod@hand_crops) | voxels around the hand at many poses |
 //! | `lookup` | cells in the hand frame |
-//! | [`error`] | every way an input can be wrong, one sentence each |
+//! | [`error`] | errors, one sentence each |
 //!
 //! Units are metres and radians; the table is the plane z = 0 of the world and of a crop.
 //!
-//! A ball on the table is proposed grasps that come from above:
+//! All proposals for a ball on the table approach from above:
 //!
 //! ```
 //! use graspbox_hand::Hand;

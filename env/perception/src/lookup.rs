@@ -1,9 +1,9 @@
-//! A box of cells in the hand frame, and shapes entered into them.
+//! A box of cells in the hand frame, and the cells that a moving shape sweeps.
 
 use graspbox_hand::Shape;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Where cells are: cell (i, j, k) has its centre at `origin + (i + 0.5, j + 0.5, k + 0.5) * cell`.
+/// A box of cells: cell (i, j, k) has its centre at `origin + (i + 0.5, j + 0.5, k + 0.5) * cell`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellBox {
     /// Least corner, metres.
@@ -41,7 +41,7 @@ impl CellBox {
         self.origin + Vector3::from(at.map(|i| i as f64 + 0.5)) * self.cell
     }
 
-    /// Calls `visit` with the flat index and the centre of each cell whose centre lies between `low` and `high`.
+    /// Calls `visit` with the flat index and the centre of each cell whose centre is between `low` and `high`.
     fn within(&self, low: &Vector3<f64>, high: &Vector3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
         let range = |axis: usize| {
             let first = ((low[axis] - self.origin[axis]) / self.cell - 0.5).ceil().max(0.0) as usize;
@@ -57,7 +57,7 @@ impl CellBox {
         }
     }
 
-    /// Calls `visit` with the flat index of each cell whose centre the solid meets somewhere on its way.
+    /// Calls `visit` with the flat index of each cell whose centre the solid sweeps.
     pub fn cover(&self, solid: &Solid, mut visit: impl FnMut(usize)) {
         let [low, high] = solid.bounds();
         self.within(&low, &high, |index, center| {
@@ -68,20 +68,20 @@ impl CellBox {
     }
 }
 
-/// A box on a straight way: a collision shape grown on every side, and where it passes when it comes from behind along the hand's z axis.
+/// A box on a straight path: a collision shape, grown on every side, that approaches along the hand's z axis.
 #[derive(Clone, Copy, Debug)]
 pub struct Solid {
     hand_from_shape: Isometry3<f64>,
     half: Vector3<f64>,
-    /// Where the way begins, relative to its end; hand frame, metres.
+    /// Beginning of the path relative to its end, hand frame, metres.
     back: Vector3<f64>,
 }
 
 impl Solid {
     /// * `grow`: added on every side, metres.
-    /// * `standoff`: length of the way, metres.
+    /// * `standoff`: length of the path, metres.
     ///
-    /// A cylinder or a ball is taken as the box around it.
+    /// A cylinder or a ball counts as the box around it.
     #[must_use]
     pub fn new(shape: &Shape, hand_from_shape: &Isometry3<f64>, grow: f64, standoff: f64) -> Self {
         let half = match *shape {
@@ -92,7 +92,7 @@ impl Solid {
         Self { hand_from_shape: *hand_from_shape, half: half.add_scalar(grow), back: Vector3::z() * -standoff }
     }
 
-    /// Least and greatest coordinates on the whole way, hand frame, metres.
+    /// Least and greatest coordinates on the whole path, hand frame, metres.
     #[must_use]
     pub fn bounds(&self) -> [Vector3<f64>; 2] {
         let reach = self.hand_from_shape.rotation.to_rotation_matrix().matrix().abs() * self.half;
@@ -101,7 +101,7 @@ impl Solid {
         [center.inf(&begin) - reach, center.sup(&begin) + reach]
     }
 
-    /// The corners at the end of the way, hand frame.
+    /// The corners at the end of the path, hand frame.
     pub fn corners(&self) -> impl Iterator<Item = Point3<f64>> + '_ {
         (0..8).map(|i| {
             let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
@@ -109,7 +109,7 @@ impl Solid {
         })
     }
 
-    /// True where the box passes through `p` on its way: the segment from `p` to `p - back` meets the box at the end of the way.
+    /// True if the box sweeps `p`: the segment from `p` to `p - back` intersects the box at the end of the path.
     fn meets(&self, p: &Point3<f64>) -> bool {
         let from = self.hand_from_shape.inverse_transform_point(p);
         let along = self.hand_from_shape.inverse_transform_vector(&-self.back);

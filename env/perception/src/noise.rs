@@ -12,12 +12,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// A surface seen at a greater angle than this has the noise of this angle, radians: the formula has a pole at a right angle.
+/// Greatest angle in the noise formula, radians: it has a pole at a right angle.
 const STEEPEST: f64 = 1.48;
 
 /// The noise of a depth camera.
 ///
-/// A pixel at depth z, on a surface whose normal is turned by the angle a away from the ray, has axial noise of standard deviation
+/// A pixel at depth z, on a surface with the angle a between normal and ray, has axial noise of standard deviation
 /// `axial_floor + axial_growth (z - axial_near)^2 + axial_grazing / sqrt(z) * (a / (pi/2 - a))^2`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -32,17 +32,17 @@ pub struct DepthNoise {
     pub axial_grazing: f64,
     /// Standard deviation of the direction of a pixel's ray, radians. Nguyen et al.: 0.8 pixels of a lens of 585 pixels.
     pub lateral: f64,
-    /// A pixel is at an edge where the depth of a neighbour differs by more than this, metres. Our choice.
+    /// A pixel is at an edge if the depth of a neighbour differs by more than this, metres. A choice.
     pub edge_step: f64,
-    /// Probability that a pixel at an edge has no depth. Our choice: half of the border is seen by one of the two views alone.
+    /// Probability that a pixel at an edge has no depth. A choice: only one of the two views sees half of the border.
     pub edge_dropout: f64,
     /// Angle between ray and normal from which a pixel may have no depth, radians. Nguyen et al. measured up to 1.4.
     pub grazing_angle: f64,
-    /// Probability that a pixel beyond that angle has no depth. Our choice.
+    /// Probability that a pixel beyond that angle has no depth. A choice.
     pub grazing_dropout: f64,
-    /// Probability that any pixel has no depth. Our choice.
+    /// Probability that any pixel has no depth. A choice.
     pub dropout: f64,
-    /// Step of the numbers that the camera gives, metres: an integer number of millimetres.
+    /// Resolution of the depth values, metres: an integer number of millimetres.
     pub quantum: f64,
 }
 
@@ -107,10 +107,10 @@ impl DepthNoise {
     }
 }
 
-/// What a camera with `noise` gives for rendered depth images, millimetres; 0 where it measures nothing.
+/// Adds the noise to rendered depth images. Returns millimetres; 0 for no depth.
 ///
-/// * `depth`: images one after the other, metres along the optical axis, 0 where nothing was seen; (n, H, W).
-/// * `seeds`: one per image; an image depends on its own seed alone.
+/// * `depth`: (n, H, W), metres along the optical axis; 0 for no depth.
+/// * `seeds`: one per image; each image depends on its own seed only.
 ///
 /// # Errors
 /// [`PerceptionError::OutOfRange`] for the noise, a number of images that is not that of the seeds, or depths that are negative or not finite.
@@ -137,7 +137,7 @@ fn degrade(clean: &[f32], lens: &Intrinsics, seed: u64, noise: &DepthNoise, out:
     let image = Image { depth: clean, width, height };
     for row in 0..height {
         for column in 0..width {
-            // Every pixel takes the same samples, whatever it shows.
+            // Every pixel takes the same number of samples.
             let ([du, dv], [dz, _]) = (normals(&mut rng), normals(&mut rng));
             let chance = uniform(&mut rng);
             let at =
@@ -149,7 +149,7 @@ fn degrade(clean: &[f32], lens: &Intrinsics, seed: u64, noise: &DepthNoise, out:
                 continue;
             }
             let edge = image.step(u, v) > noise.edge_step;
-            // Across an edge the differences of depth say nothing of the surface.
+            // Across an edge, differences of depth do not give the normal.
             let angle = if edge { 0.0 } else { image.angle(lens, u, v) };
             let lost = if edge {
                 noise.edge_dropout
@@ -180,7 +180,7 @@ impl Image<'_> {
         f64::from(self.depth[v * self.width + u])
     }
 
-    /// The neighbours along u and v: one before and one behind, or the pixel itself at a border.
+    /// The neighbours along u and v: the previous and the next pixel, or the pixel itself at a border.
     fn around(&self, u: usize, v: usize) -> [[(usize, usize); 2]; 2] {
         let next = |x: usize, end: usize| (x + 1).min(end - 1);
         [[(u.saturating_sub(1), v), (next(u, self.width), v)], [(u, v.saturating_sub(1)), (u, next(v, self.height))]]

@@ -1,10 +1,9 @@
-//! Candidate grasps of an occupied volume over a table: from surface points, and from the planner's boxes around them.
+//! Candidate grasps of an occupied volume on a table, from surface points and from the planner's boxes around them.
 //!
-//! Everything is in a frame whose z axis points up from the table z = 0. A surface point is approached against its normal, vertically, and
-//! half-way between; the hand closes along the least extent of the surface around the point, with every preshape, from several distances.
-//! Preshapes that the planner always tries turned by a quarter are turned here too.
-//! Candidates that the open hand cannot reach, or with which too few fingers meet the object, are dropped; of the rest the most different
-//! ones are kept.
+//! The z axis of the frame points up from the table z = 0. Surface points are approached against the normal, vertically, and half-way
+//! between, with every preshape and from several distances; the hand closes along the least extent of the surface around the point. Preshapes
+//! that the planner always tries rotated by 90 degrees are rotated here too. Candidates that the open hand cannot reach, or in which too few
+//! fingers meet the object, are dropped; the most diverse of the others are kept.
 
 use crate::PerceptionError;
 use crate::hand_grid::{HandGrid, Meeting};
@@ -17,25 +16,25 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Directions in which the extent of the surface is measured.
+/// Number of directions in which the extent of the surface is measured.
 const DIRECTIONS: usize = 8;
-/// The hand is turned by a quarter as well where the least extent is at least this share of the one across.
+/// The hand is also tried rotated by 90 degrees if the least extent is at least this share of the one across.
 const SQUARE: f64 = 0.7;
-/// Surface below this much under the top, along the approach, does not count for the extent, metres: fingers do not reach it.
+/// Depth below the top, along the approach, beyond which the surface does not count for the extent, metres: fingers do not reach it.
 const DEPTH: f64 = 0.08;
-/// Points of the surface that the extent and the boxes are found on.
+/// Number of surface points for the extent and the boxes.
 const SHAPE_POINTS: usize = 400;
-/// Normals that point down more steeply than this are not approached: the hand would come from below.
+/// Normals whose z is below this are not approached: the hand would come from below.
 const DOWN: f64 = -0.3;
-/// An approach within this cosine of the vertical also gives the lowest pose, with the fingertips just over the table.
+/// Approaches within this cosine of the vertical also give the lowest pose, with the fingertips just above the table.
 const STEEP: f64 = 0.85;
 /// Distance of the lowest fingertip from the table as it closes, metres.
 const OVER_TABLE: f64 = 0.0015;
-/// Poses differ by one unit where the hand is moved by this much (metres) or turned by this much (radians).
+/// Translation (metres) or rotation (radians) that counts as one unit of difference between poses.
 const MOVED: f64 = 0.03;
 const TURNED: f64 = 0.5;
 
-/// Where a candidate comes from.
+/// The origin of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
@@ -43,14 +42,14 @@ pub enum Source {
     Normal,
     /// A surface point, approached vertically.
     Vertical,
-    /// A steep approach, with the fingertips just over the table.
+    /// A steep approach, with the fingertips just above the table.
     Low,
     /// A face of a box.
     Box,
 }
 
 impl Source {
-    /// Its name.
+    /// Name of the source.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -62,23 +61,23 @@ impl Source {
     }
 }
 
-/// How candidates are made.
+/// Settings of the proposals.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProposalConfig {
-    /// Surface points that are approached, spread as far apart as possible.
+    /// Number of surface points to approach, spread as far apart as possible.
     pub seeds: usize,
     /// Distances of the palm from the top of the surface, metres.
     pub standoffs: Vec<f64>,
-    /// Radius of the surface around a point along whose least extent the hand closes, metres.
+    /// Radius around a point within which the extent of the surface is measured, metres.
     pub radius: f64,
-    /// Boxes whose faces are approached as well; 0 for none.
+    /// Number of boxes whose faces are also approached; 0 for none.
     pub boxes: usize,
-    /// Fewest chains that must meet the object as they close.
+    /// Least number of chains that meet the object as they close.
     pub fingers: usize,
-    /// Points of the surface with which collisions are searched.
+    /// Number of surface points for collisions.
     pub points: usize,
-    /// Most candidates.
+    /// Greatest number of candidates.
     pub most: usize,
 }
 
@@ -114,19 +113,19 @@ impl ProposalConfig {
 /// A candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
-    /// The hand, in the frame of the grid.
+    /// Pose of the hand in the frame of the grid.
     pub pose: Isometry3<f64>,
     /// Index of the preshape in the hand's file.
     pub preshape: usize,
-    /// Where it comes from.
+    /// Its origin.
     pub source: Source,
 }
 
-/// Up to `most` candidates, the most different first.
+/// At most `most` candidates, the most diverse first.
 ///
-/// * `occupancy`: (N, N, N), 0 to 255; occupied from a quarter on.
+/// * `occupancy`: (N, N, N), 0 to 255; a quarter or more counts as occupied.
 ///
-/// None where nothing is occupied, or nothing feasible was found. The result does not depend on the number of threads.
+/// Empty if nothing is occupied, or nothing is feasible. The result does not depend on the number of threads.
 ///
 /// # Errors
 /// [`PerceptionError::OutOfRange`] for the config.
@@ -153,7 +152,7 @@ pub fn propose(
     Ok(most_different(hand, kept.collect(), config.most))
 }
 
-/// Points of an occupancy's surface with which collisions are searched, those that are far apart first.
+/// Points of an occupancy's surface for collisions, in an order in which early ones are far apart.
 #[must_use]
 pub fn obstacle_points(grid: &VoxelFrame, occupancy: &[u8], most: usize) -> Vec<Point3<f32>> {
     collision_points(&surface(grid, occupancy), most)
@@ -231,16 +230,16 @@ fn approach_point(
     candidates
 }
 
-/// A direction in which the hand may close, and the way along it to the middle of the surface.
+/// A direction in which the hand may close, and the vector along it to the middle of the surface.
 type Closing = (Vector3<f64>, Vector3<f64>);
 
-/// The surface around a point, seen along an approach.
+/// The surface around a point, in the plane normal to an approach.
 struct Local {
     /// Two directions across the approach.
     axes: [Vector3<f64>; 2],
     /// Positions along these, metres from the point.
     across: Vec<Vector2<f64>>,
-    /// How far the surface stands out against the approach, metres from the point.
+    /// Greatest height of the surface against the approach, metres from the point.
     top: f64,
 }
 
@@ -266,7 +265,7 @@ impl Local {
         along.fold([0.0_f64, 0.0_f64], |[low, high], x| [low.min(x), high.max(x)])
     }
 
-    /// The direction of least extent and the one across, and whether the extent across is hardly greater.
+    /// The direction of least extent and the one across, and whether both extents are similar.
     fn closing_directions(&self) -> ([Closing; 2], bool) {
         let angles = (0..DIRECTIONS).map(|i| i as f64 * PI / DIRECTIONS as f64);
         let widths: Vec<(f64, [f64; 2])> = angles.map(|angle| (angle, self.extent(angle))).collect();
@@ -289,7 +288,7 @@ fn on_boxes(
     config: &ProposalConfig,
 ) -> Result<Vec<Candidate>, PerceptionError> {
     let points: Vec<Point3<f64>> = shape.iter().map(|p| p.point).collect();
-    // A surface has points on all sides; fewer than these are a stray voxel, which spans no box.
+    // A stray voxel has fewer points, which span no box.
     if config.boxes == 0 || points.len() < 6 {
         return Ok(Vec::new());
     }
@@ -307,7 +306,7 @@ fn on_boxes(
     Ok(grasps.into_iter().map(candidate).collect())
 }
 
-/// At most `most` candidates, each as different as possible from those before it.
+/// At most `most` candidates, each as different as possible from the previous ones.
 fn most_different(hand: &HandGrid, candidates: Vec<Candidate>, most: usize) -> Vec<Candidate> {
     let centers: Vec<Point3<f64>> = candidates.iter().map(|candidate| candidate.pose * hand.center).collect();
     let distance = |a: usize, b: usize| {
@@ -321,7 +320,7 @@ fn most_different(hand: &HandGrid, candidates: Vec<Candidate>, most: usize) -> V
     farthest(candidates.len(), most, 0, distance).into_iter().map(|index| candidates[index]).collect()
 }
 
-/// At most `most` of `count` things: `first`, then always the one that is farthest from those taken.
+/// Farthest-point sampling of at most `most` of `count` elements, from `first`.
 fn farthest(count: usize, most: usize, first: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<usize> {
     let mut nearest = vec![f64::INFINITY; count];
     let (mut taken, mut next) = (Vec::new(), first);

@@ -1,4 +1,4 @@
-//! The object itself in the voxels of a crop: what a completion network learns to tell.
+//! The true occupancy of a crop: the target of a completion network.
 
 use crate::PerceptionError;
 use graspbox_mesh::{TriMesh, VoxelFrame, voxelize_in};
@@ -7,12 +7,12 @@ use nalgebra::Isometry3;
 /// Sub-voxels along each side of a voxel.
 const PARTS: usize = 2;
 
-/// The share of each voxel that an object fills, (N, N, N), 0 to 255 for 0 to 1: counted in sub-voxels of half the side.
+/// Share of each voxel that an object fills, (N, N, N), 0 to 255 for 0 to 1, counted in sub-voxels of half the side.
 ///
-/// * `crop_from_object`: the object where it rests, in the frame of the grid.
+/// * `crop_from_object`: pose of the object in the frame of the grid.
 ///
 /// # Errors
-/// [`PerceptionError::Mesh`] where the grid does not fit into memory.
+/// [`PerceptionError::Mesh`] if the grid does not fit into memory.
 pub fn solid(mesh: &TriMesh, crop_from_object: &Isometry3<f64>, grid: &VoxelFrame) -> Result<Vec<u8>, PerceptionError> {
     let n = grid.resolution();
     let fine = VoxelFrame::new(n * PARTS, grid.origin(), grid.side())?;

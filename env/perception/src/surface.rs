@@ -1,30 +1,30 @@
-//! The surface of an occupancy: points and outward normals where it passes a quarter.
+//! The surface of an occupancy: points and outward normals at the level of a quarter.
 //!
-//! A quarter, since a wall of half a voxel fills no more of two voxels between which it stands. The surface of something solid is then
-//! a quarter of a voxel outside.
+//! A wall half a voxel thick on the boundary of two voxels fills a quarter of each, so a higher level would miss it. The surface of a solid is then a
+//! quarter of a voxel too far outside.
 
 use graspbox_mesh::VoxelFrame;
 use nalgebra::{Point3, Vector3};
 
-/// A voxel is occupied from this value on: a quarter.
+/// Least value of an occupied voxel: a quarter.
 pub const OCCUPIED: u8 = 64;
 /// The level of the surface.
 const LEVEL: f64 = 63.5;
-/// Least cosine between the gradient and the direction in which a voxel borders on free space; below, as in a sheet of one voxel, the
-/// gradient is not the surface's.
+/// Least cosine between the gradient and the direction of a free neighbour for the gradient to be the normal; it is below this in a sheet of one
+/// voxel.
 const AGREES: f64 = 0.3;
 
 /// A point of the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
-    /// In the frame of the grid, metres.
+    /// Position in the frame of the grid, metres.
     pub point: Point3<f64>,
-    /// Outward, unit.
+    /// Outward unit normal.
     pub normal: Vector3<f64>,
 }
 
-/// Points of the surface: one for each pair of neighbouring voxels of which one is occupied, between their centres where the occupancy
-/// passes a quarter.
+/// Points of the surface: one for each pair of an occupied and a free neighbour, at the level of a quarter between their centres (linear
+/// interpolation).
 ///
 /// * `occupancy`: (N, N, N), 0 to 255; voxels beyond the grid are free.
 #[must_use]

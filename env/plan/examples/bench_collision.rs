@@ -1,7 +1,7 @@
-//! Times the collision filter alone, pose by pose on one thread, and writes what it found, so that two builds can be compared.
+//! Times the collision filter, pose by pose on one thread, and writes its results, to compare two builds.
 //!
 //! `cargo run --release -p graspbox-plan --example bench_collision -- ANSWERS.txt [MESH ...]`: one procedural object of each family, and
-//! the mesh files. Poses stand over random points of the surface, from 1 cm inside to 6 cm outside, along the normal give or take.
+//! the mesh files. Poses are at random points of the surface, from 1 cm inside to 6 cm outside, roughly along the normal.
 
 use graspbox_hand::Hand;
 use graspbox_mesh::{
@@ -56,7 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The least of three timings of all poses, seconds, and what was found.
+/// The least of three timings of all poses, seconds, and the results.
 fn check(mesh: &TriMesh, parts: &[TriMesh]) -> Result<(f64, Vec<Feasibility>), Box<dyn Error>> {
     let scene = CollisionScene::new(Arc::new(Obstacle::new(mesh, parts)?), &default_pose(mesh));
     let hand = Hand::reflex()?;

@@ -1,4 +1,4 @@
-//! Prints how long boxes, filter and plan take: the median of several runs.
+//! Times boxes, filter and plan: the median of several runs.
 
 use graspbox_hand::Hand;
 use graspbox_mesh::{Mass, TriMesh, convex_hull, default_pose, mass_properties};

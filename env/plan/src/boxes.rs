@@ -1,15 +1,15 @@
-//! Boxes: fit one, cut it, grow a tree of them.
+//! Box decomposition: fits an oriented box, splits it, and builds a tree of boxes.
 //!
-//! Own code: the only library function for an oriented box, `obb` of `parry3d`, uses principal axes, which is not the least volume;
-//! `tests/boxes.rs` compares ours with exhaustive searches.
+//! Own code: the only library function for an oriented box, `obb` of `parry3d`, uses principal axes and does not minimize the volume.
+//! `tests/boxes.rs` compares this one with exhaustive searches.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `obb` | [`OrientedBox`] |
 //! | `fit` | [`fit_box`]: principal axes or least volume |
-//! | `minimum` | the search for the least volume; on `calipers` (plane), `core_set` (few points for many), `moments` (frame, signs) |
-//! | `split` | [`best_split`]: the best cut by sort and sweep |
-//! | `decompose` | [`decompose`], [`decompose_points`]: the tree; on `surface` (clipped triangles) |
+//! | `minimum` | the search for the least volume, with `calipers` (plane), `core_set` (extreme points), `moments` (frame, signs) |
+//! | `split` | [`best_split`]: the best cut, by sorting and sweeping |
+//! | `decompose` | [`decompose`], [`decompose_points`]: the tree, with `surface` (clipped triangles) |
 //! | `tree` | [`BoxTree`] and [`check_box_tree`] |
 
 mod calipers;

@@ -1,15 +1,14 @@
-//! A chain that closes in its plane until it is blocked: what an underactuated finger or a jaw does, without dynamics.
+//! Closing of a chain in its plane until it is blocked: the motion of an underactuated finger or a jaw, without dynamics.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `model` | the chain of a hand as rectangles in the plane in which it closes |
-//! | `plane` | rectangles, frames, and the points and the table that are in their way |
-//! | `spatial` | chains in space, for hands with a chain whose plane turns as it closes |
+//! | `plane` | rectangles and frames, and their collisions with points and the table |
+//! | `spatial` | chains in space, for hands with a chain whose plane rotates as it closes |
 //!
-//! The chain moves in the plane across the axis of its last closing joint. Joints about other axes stay as they are in the open hand.
-//! One tendon pulls all joints: it shortens by `sum of r_i dq_i`, and the chain moves wherever that is positive and nothing is in the way.
-//! First the root closes, then the joints behind it, each alone; and where only the tip is held, it curls further while a joint before
-//! it gives way.
+//! The chain moves in the plane normal to the axis of its last closing joint. Joints about other axes keep their positions in the open hand. One
+//! tendon pulls all joints: it shortens by `sum of r_i dq_i`, and the chain makes any collision-free motion for which that is positive. First the
+//! root closes, then the joints after it, each alone. If only the tip is held, it curls further while an earlier joint yields.
 
 mod model;
 mod plane;
@@ -21,22 +20,22 @@ use plane::{Frame, LinkShape, Obstacles, Rect};
 pub(crate) use plane::{PlanePoint, PlaneTable};
 pub(crate) use spatial::{SpatialChain, TableSide};
 
-/// How a segment moves against the one before it.
+/// Motion of a segment relative to the one before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
-    /// Turns about the plane's normal, from x towards z.
+    /// Rotation about the plane's normal, from x towards z.
     Turn,
-    /// Slides along a direction of the plane, unit.
+    /// Translation along a unit direction of the plane.
     Slide([f64; 2]),
 }
 
-/// What moves with one joint.
+/// The part of a chain that moves with one joint.
 #[derive(Clone, Debug)]
 struct Segment {
-    /// The joint in the frame of the segment before it.
+    /// Position of the joint in the frame of the segment before it.
     at: [f64; 2],
     motion: Motion,
-    /// The coordinate that moves it, and its position per position of that.
+    /// Its coordinate, and its position per unit of the coordinate.
     coordinate: usize,
     ratio: f64,
     shape: LinkShape,
@@ -45,45 +44,45 @@ struct Segment {
 /// An independent joint of the chain.
 #[derive(Clone, Copy, Debug)]
 struct Coordinate {
-    /// Least and greatest position from that of the open hand, towards closing: rad or m.
+    /// Least and greatest position relative to the open hand, towards closing, rad or m.
     limits: [f64; 2],
-    /// Moment arm of the tendon that closes it; 0 where it is driven otherwise.
+    /// Moment arm of the tendon that closes it; 0 without a tendon.
     arm: f64,
-    /// Step per step of an angle: 1, or metres for a slide.
+    /// Step per angular step: 1 for a rotation, metres per radian for a translation.
     scale: f64,
 }
 
 /// A chain at one preshape.
 #[derive(Clone, Debug)]
 pub(crate) struct ChainModel {
-    /// Plane of the chain: origin on its first joint, x along the open chain, y across, z towards the closing side.
+    /// Plane of the chain: origin at its first joint, x along the open chain, y across, z towards the closing side.
     pub hand_from_plane: Isometry3<f64>,
     segments: Vec<Segment>,
     coordinates: Vec<Coordinate>,
-    /// Directions in which it moves, the first that is free first: one entry per coordinate.
+    /// Directions of motion in order of preference, each with one entry per coordinate.
     moves: Vec<Vec<f64>>,
     /// Half the width of the chain.
     pub half_width: f64,
-    /// Furthest reach from the first joint.
+    /// Greatest distance from the first joint that it reaches.
     pub reach: f64,
-    /// Its plane turns as it closes: a joint about another axis closes as well.
+    /// Its plane rotates as it closes, since a joint about another axis closes too.
     pub turns: bool,
 }
 
 /// A chain after closing.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ClosedChain {
-    /// How far its first coordinate has closed, rad or m.
+    /// Closing of its first coordinate, rad or m.
     pub root: f64,
-    /// How far its last segment has turned, radians.
+    /// Rotation of its last segment, radians.
     pub turn: f64,
-    /// Points touched by each segment: index, on a pad.
+    /// Points that each segment touches: index, and whether it is on a pad.
     pub touched: Vec<Vec<(u32, bool)>>,
-    /// The table stood in the way at some time.
+    /// The table blocked it at some time.
     pub met_table: bool,
 }
 
-/// What blocks a chain.
+/// The obstacle that blocks a chain.
 #[derive(Clone, Copy, PartialEq)]
 enum Block {
     Free,
@@ -91,15 +90,15 @@ enum Block {
     Table,
 }
 
-/// A joint closes fast, and about another axis turns the plane of its chain, beyond this share of the speed of the chain's fastest joint.
+/// Share of the speed of a chain's fastest joint, dimensionless: a faster joint closes fast, and rotates the chain's plane if its axis differs.
 const TURNING: f64 = 0.5;
-/// Coarse step of a closing joint, radians: the tip moves by 11 mm, less than a link is thick.
+/// Coarse step of a closing joint, radians: the tip moves by 11 mm, less than the thickness of a link.
 const STEP: f64 = 0.1;
-/// A step is halved this often: to 0.7 degrees.
+/// Number of times that a step is halved: to 0.7 degrees.
 const HALVINGS: usize = 3;
-/// Most steps for each coordinate: a joint that closes by 2.8 rad takes 28.
+/// Most steps per coordinate: a joint that closes by 2.8 rad takes 28.
 const MOST_STEPS: usize = 40;
-/// A point this near to a link is touched, metres: half the distance of surface samples on a hand-sized object.
+/// A link touches points within this distance, metres: half the distance between surface samples of a hand-sized object.
 const TOUCH: f64 = 0.003;
 
 impl ChainModel {
@@ -108,7 +107,7 @@ impl ChainModel {
         [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| self.hand_from_plane * axis)
     }
 
-    /// Closes the chain on points (those in its width, and within reach) over a table.
+    /// Closes the chain on points (within its width and reach) over a table.
     pub fn close(&self, points: &[PlanePoint], table: &PlaneTable) -> ClosedChain {
         let mut at = vec![0.0; self.coordinates.len()];
         let (mut next, mut frames) = (at.clone(), self.frames(&at));
@@ -135,7 +134,7 @@ impl ChainModel {
         ClosedChain { root, turn: frames.last().map_or(0.0, |frame| frame.angle), touched, met_table }
     }
 
-    /// One step along `direction` from `at` to `next`, shortened by halving until it is free; false if it never is.
+    /// Steps along `direction` from `at` to `next`, halved until it is free of collisions; false if it never is.
     fn advance(
         &self,
         (at, next): (&[f64], &mut [f64]),
@@ -197,7 +196,7 @@ impl ChainModel {
         self.segments.iter().zip(frames).map(of).collect()
     }
 
-    /// The frame of every segment with the coordinates at `at`.
+    /// The frame of every segment at coordinates `at`.
     fn frames(&self, at: &[f64]) -> Vec<Frame> {
         let mut frames = vec![Frame::new([0.0, 0.0], 0.0); self.segments.len()];
         self.place(at, &mut frames);
@@ -243,7 +242,7 @@ mod tests {
     #[test]
     fn a_post_stops_the_proximal_link_and_the_distal_link_wraps_on() {
         let finger = finger_3();
-        // A point above the middle of the proximal pad (its surface 15.4 mm over the joint): met at asin(z / r) - asin(h / r).
+        // A point above the middle of the proximal pad (surface 15.4 mm over the joint): touched at asin(z / r) - asin(h / r).
         let (x, z) = (0.0, 0.040);
         let closed = finger.close(&[PlanePoint { x, z, index: 7 }], &NO_TABLE);
         let expected = std::f64::consts::FRAC_PI_2 - (0.0154_f64 / z).asin();
@@ -264,7 +263,7 @@ mod tests {
         assert!(closed.turn > 1.5, "{closed:?}");
     }
 
-    /// Both jaws of a gripper slide in until a point is in their way.
+    /// Both jaws of a gripper slide in until a point blocks them.
     #[test]
     fn jaws_close_on_what_is_between_them() {
         let hand = graspbox_hand::assets::asset("panda_gripper").unwrap().read().unwrap();
@@ -274,7 +273,7 @@ mod tests {
             let [x, y, z] = jaw.axes();
             assert!((x - nalgebra::Vector3::z()).norm() < 1e-12, "along the approach");
             assert!(y.x.abs() < 1e-12 && z.x.abs() > 1.0 - 1e-12, "they slide along hand x");
-            // The pads are 40 mm from the middle: free, they meet there; on a point 10 mm before it, they stop.
+            // The pads are 40 mm from the middle: free jaws meet there; a point 10 mm before it stops them.
             let free = jaw.close(&[], &NO_TABLE);
             assert!((free.root - 0.04).abs() < 1e-3 && free.turn == 0.0, "{free:?}");
             let middle = -jaw.hand_from_plane.translation.vector.dot(&z);
@@ -284,7 +283,7 @@ mod tests {
         }
     }
 
-    /// The thumb of the SoftHand comes round as it closes, so its plane does not say where the hand closes.
+    /// The thumb of the SoftHand swings around as it closes, so its plane does not define where the hand closes.
     #[test]
     fn a_thumb_that_comes_round_turns_its_plane() {
         let hand = graspbox_hand::assets::asset("soft_hand").unwrap().read().unwrap();

@@ -1,12 +1,12 @@
-//! The collision filter: the open hand against object and table, at the pose and on the way there.
+//! The collision filter: the open hand against object and table, at the pose and on the approach.
 //!
-//! The object is its triangle mesh and, where given, the convex parts that the simulation uses; both count, as parts may stand out of the
-//! surface. A shape wholly inside the object collides too. The approach is a straight line, so each of the hand's boxes sweeps a box (or
-//! a convex hull), and one exact test covers the whole way; nothing is stepped over.
+//! The object is its triangle mesh and, if there are any, the convex parts that the simulation uses; both count, since parts may extend beyond the
+//! surface. A shape entirely inside the object collides too. The approach is a straight line: each of the hand's boxes sweeps a box or a convex
+//! hull, and one exact test covers the whole path.
 //!
-//! The collision library runs in f64 and metres: in f32 its absolute tolerances ask for centimetres, and one pose in about a thousand was
-//! free with a clearance and not free without. Measured on 43,836 candidates of 20 objects (YCB and procedural): the same answers as f32
-//! in centimetres with a second check, and whole plans, with a cheaper ranking, take 8 % less CPU time.
+//! The collision library runs in f64 and metres. In f32 its absolute tolerances require centimetres, and about one pose in a thousand was free with
+//! a clearance and not free without it. On 43,836 candidates of 20 objects (YCB and procedural) the results equal those of f32 in centimetres
+//! with a second check; whole plans, with a cheaper ranking, take 8 % less CPU time.
 
 mod box_surface;
 
@@ -22,21 +22,21 @@ use parry3d_f64::shape::{SharedShape, TriMesh as Triangles};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// What the filter found for a pose.
+/// Result of the filter for a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Feasibility {
-    /// The open hand collides with nothing, at the pose and on the approach.
+    /// The open hand collides with nothing at the pose and on the approach.
     Feasible,
-    /// It reaches into the table, at the pose or on the approach.
+    /// It collides with the table at the pose or on the approach.
     HitsTable,
-    /// It reaches into the object at the pose.
+    /// It collides with the object at the pose.
     HitsObject,
-    /// It meets the object on the approach only.
+    /// It collides with the object on the approach only.
     HitsObjectOnApproach,
 }
 
-/// The geometry of an object, ready for collision queries; object frame. Made once per object, and shared by every pose in which it rests.
+/// The geometry of an object, prepared for collision queries; object frame. One per object, shared by all of its resting poses.
 pub struct Obstacle {
     surface: Triangles,
     parts: Vec<(SharedShape, Aabb)>,
@@ -47,7 +47,7 @@ impl Obstacle {
     /// Prepares an object.
     ///
     /// * `mesh`: object frame, metres.
-    /// * `parts`: convex hulls that the simulation uses beside the mesh, object frame, metres; there may be none.
+    /// * `parts`: convex hulls that the simulation uses, object frame, metres; may be empty.
     ///
     /// # Errors
     /// [`PlanError::Collision`] for a part without volume or a mesh that the collision library refuses.
@@ -70,7 +70,7 @@ impl Obstacle {
             return false;
         }
         let meets = |other: &dyn parry3d_f64::shape::Shape| {
-            // An unsupported pair does not occur; if it did, the pose would be refused.
+            // Unsupported pairs do not occur; if one did, the pose would count as colliding.
             intersection_test(place, &*shape.0, &Pose::IDENTITY, other).map_or(true, |hit| hit.intersecting)
         };
         self.parts.iter().any(|(part, bounds)| around.intersects(bounds) && meets(&*part.0))
@@ -81,9 +81,9 @@ impl Obstacle {
             || self.is_inside(place.translation)
     }
 
-    /// True where most of three rays from `point` leave the surface by a back face.
+    /// True if most of three rays from `point` leave the surface through a back face.
     fn is_inside(&self, point: Vector) -> bool {
-        /// Three directions along no axis of symmetry of man-made things.
+        /// Three directions along no symmetry axis of common objects.
         const RAYS: [[f64; 3]; 3] = [[0.83, 0.29, 0.47], [-0.41, 0.79, 0.45], [0.22, -0.53, -0.82]];
         if !self.bounds.contains_local_point(point) {
             return false;
@@ -103,7 +103,7 @@ impl std::fmt::Debug for Obstacle {
     }
 }
 
-/// An object where it rests on the table, for collision queries; object frame.
+/// An object at rest on the table, for collision queries; object frame.
 #[derive(Clone, Debug)]
 pub struct CollisionScene {
     obstacle: Arc<Obstacle>,
@@ -113,7 +113,7 @@ pub struct CollisionScene {
 }
 
 impl CollisionScene {
-    /// Puts the table, the plane z = 0 of the world, under an object at `world_from_object`. Cheap: the object's geometry is shared.
+    /// The table, z = 0 of the world, under an object at `world_from_object`. Cheap: the object's geometry is shared.
     pub fn new(obstacle: Arc<Obstacle>, world_from_object: &Isometry3<f64>) -> Self {
         let object_from_world = world_from_object.inverse();
         let up = Unit::new_normalize(object_from_world * Vector3::z());
@@ -137,7 +137,7 @@ impl CollisionScene {
         self.up.dot(&point.coords) - self.table
     }
 
-    /// Tests the open hand at `object_from_hand` and on the straight way there.
+    /// Tests the open hand at `object_from_hand` and on its straight approach.
     pub fn check(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> Feasibility {
         if self.hits_table(hand, object_from_hand) {
             return Feasibility::HitsTable;
@@ -151,7 +151,7 @@ impl CollisionScene {
         if at_the_end { Feasibility::HitsObject } else { Feasibility::HitsObjectOnApproach }
     }
 
-    /// True where the open hand, where it stands, reaches into object or table.
+    /// True if the open hand at this pose collides with object or table; the approach is not tested.
     pub fn collides(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
         let place = pose(object_from_hand);
         let low = |p: &Point3<f64>, radius| self.height(&(object_from_hand * p)) < radius;
@@ -160,7 +160,7 @@ impl CollisionScene {
         })
     }
 
-    /// [`CollisionScene::check`] for a single pose of a hand; many poses share one [`OpenHand`] per preshape.
+    /// [`CollisionScene::check`] for a single pose of a hand; for many poses, share one [`OpenHand`] per preshape.
     ///
     /// * `clearance`, `standoff`: as for [`OpenHand::new`].
     ///

@@ -1,21 +1,21 @@
 //! Planning is purely geometric: boxes, candidate poses, collision filter, ranking. No dynamics here.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`boxes`] | minimum-volume box decomposition of a surface |
 //! | [`collision`] | the filter: open hand against object and table, at the pose and on the approach |
-//! | [`planner`] | [`plan`]: all of it, in order |
-//! | `poses`, `preshape` | candidate poses from boxes, and the preshapes that suit a face |
-//! | `chain` | a chain of the hand that closes in its plane until it is blocked |
-//! | `pairs` | candidate poses across walls and rims, for hands that say how far they open |
+//! | [`planner`] | [`plan`]: all steps, in order |
+//! | `poses`, `preshape` | candidate poses from boxes, and suitable preshapes for a face |
+//! | `chain` | closing of a chain of the hand until it is blocked |
+//! | `pairs` | candidate poses across walls and rims, for hands with a bounded opening |
 //! | `open_hand` | the open hand as swept shapes |
 //! | `rank` | the score that orders feasible poses |
-//! | [`wrench`] | the epsilon quality of contacts, predicted or present |
-//! | [`error`] | every way an input can be wrong, one sentence each |
+//! | [`wrench`] | the epsilon quality of predicted or present contacts |
+//! | [`error`] | errors, one sentence each |
 //!
 //! Units are metres and radians; boxes and poses are in the object's frame (the mesh's own).
 //!
-//! A brick is one box of its own volume:
+//! The decomposition of a brick is one box of the same volume:
 //!
 //! ```
 //! use graspbox_mesh::convex_hull;

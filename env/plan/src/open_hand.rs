@@ -9,36 +9,36 @@ use parry3d_f64::shape::SharedShape;
 
 /// One collision shape in the hand frame.
 pub(crate) struct SweptShape {
-    /// The shape as it stands.
+    /// The shape at the pose.
     pub shape: SharedShape,
-    /// Where it stands.
+    /// Pose of the shape.
     pub hand_from_shape: Pose,
-    /// The space it passes on the straight approach, its end included.
+    /// The volume that it sweeps on the straight approach, including its end.
     pub swept: SharedShape,
-    /// Where that space is.
+    /// Pose of the swept volume.
     pub hand_from_swept: Pose,
-    /// Points that span the shape (for half-spaces): hand frame, metres.
+    /// Points that span the shape, for tests against half-spaces: hand frame, metres.
     pub corners: Vec<Point3<f64>>,
-    /// Rounding of these points, metres.
+    /// Radius of a ball about each of these points, metres.
     pub radius: f64,
 }
 
-/// The open hand at one preshape, all shapes grown by a clearance.
+/// The open hand at one preshape, with all shapes grown by a clearance.
 pub struct OpenHand {
     pub(crate) shapes: Vec<SweptShape>,
     pub(crate) standoff: f64,
 }
 
 impl OpenHand {
-    /// The open hand with `preshape`, its shapes grown by `clearance` metres on every side; it comes from
-    /// `standoff` metres behind, along its -z.
+    /// The open hand with `preshape`, its shapes grown by `clearance` metres on every side; the approach starts `standoff` metres back along
+    /// -z of the hand.
     ///
     /// # Errors
-    /// [`PlanError::UnsupportedHand`] where the hand's kinematics refuse the preshape or a shape has no volume.
+    /// [`PlanError::UnsupportedHand`] for a preshape beyond the hand's limits, or a shape without volume.
     pub fn new(hand: &Hand, preshape: f64, clearance: f64, standoff: f64) -> Result<Self, PlanError> {
         let bad = |reason| PlanError::UnsupportedHand { name: hand.name.clone(), reason };
         let placed =
-            hand.shapes_at(&hand.open_configuration(preshape)).map_err(|_| bad("does not take this preshape"))?;
+            hand.shapes_at(&hand.open_configuration(preshape)).map_err(|_| bad("cannot take this preshape"))?;
         let shapes = placed
             .iter()
             .map(|placed| sweep(&placed.hand_from_shape, &placed.collider.shape, clearance, standoff))
@@ -51,7 +51,7 @@ impl OpenHand {
 fn sweep(at: &Isometry3<f64>, shape: &Shape, clearance: f64, standoff: f64) -> Option<SweptShape> {
     match shape {
         Shape::Cuboid(half) => sweep_cuboid(at, &half.add_scalar(clearance), standoff),
-        // A cylinder is taken as the box around it: a little larger, never smaller.
+        // A cylinder counts as the box around it: slightly larger, never smaller.
         Shape::Cylinder { radius, half_length } => {
             sweep_cuboid(at, &Vector3::new(*radius, *radius, *half_length).add_scalar(clearance), standoff)
         }
@@ -71,7 +71,7 @@ fn sweep(at: &Isometry3<f64>, shape: &Shape, clearance: f64, standoff: f64) -> O
 }
 
 fn sweep_cuboid(at: &Isometry3<f64>, half: &Vector3<f64>, standoff: f64) -> Option<SweptShape> {
-    /// A side is along the approach when its cosine is within this of 1 (about 0.1 degrees).
+    /// A side is along the approach if its cosine is within this of 1 (about 0.1 degrees).
     const ALIGNED: f64 = 1e-6;
     if half.min() <= 0.0 {
         return None;
@@ -102,7 +102,7 @@ fn cuboid(half: &Vector3<f64>) -> SharedShape {
     SharedShape::cuboid(half.x, half.y, half.z)
 }
 
-/// A convex hull, metres, for the collision library; none without volume. (The library's own hull leaves points of flat sides out.)
+/// A convex hull in metres for the collision library; `None` without volume. (The library's own hull drops vertices of flat sides.)
 pub(crate) fn convex(hull: &TriMesh) -> Option<SharedShape> {
     SharedShape::convex_mesh(hull.vertices().iter().map(|p| vector(&p.coords)).collect(), hull.faces())
 }

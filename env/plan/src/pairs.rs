@@ -1,8 +1,8 @@
-//! Candidate poses across walls, rims and handles: pairs of surface points that face away from each other, no further apart than the hand
-//! opens. Boxes do not propose them: the face of a bowl is wider than any jaw, its wall is not.
+//! Candidate poses across walls, rims and handles, from antipodal pairs of surface points no farther apart than the opening of the hand. Boxes do not
+//! propose them: the face of a bowl is wider than any jaw, but its wall is not.
 //!
-//! Only hands that say how far they open (a bounded `width` of a preshape) get such poses. The hand's x joins the two points, its grasp
-//! centre lies between them, and it comes from above as far as x allows, or turned about x by a random angle.
+//! Only hands with a bounded opening (a `width` of a preshape) get such poses. The hand's x joins the two points, its grasp centre is between them,
+//! and it approaches as steeply from above as x allows, or rotated about x by a random angle.
 
 use crate::PlanError;
 use crate::boxes::OrientedBox;
@@ -13,40 +13,40 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQu
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Two points face each other if the cosine between their normals is at most this: 26 degrees, less than the friction cone of rubber.
+/// Two points are antipodal if the cosine between their normals is at most this: 26 degrees, less than the friction cone of rubber.
 const FACING: f64 = -0.9;
-/// A point this near to the line through the other one counts as its partner, metres: samples are about 5 mm apart.
+/// Greatest distance of a point from the line along the other's normal, metres: samples are about 5 mm apart.
 const BESIDE: f64 = 0.004;
-/// Points that are asked for a partner, per pair that is wanted.
+/// Number of points that are tried per requested pair.
 const ASKED: usize = 4;
-/// Greatest turn of the hand about its x away from the steepest approach, radians.
+/// Greatest rotation of the hand about its x away from the steepest approach, radians.
 const MAX_TURN: f64 = 1.2;
-/// The hand is also tried this much further out at most, metres: the length by which finger tips reach past the grasp centre.
+/// Greatest extra distance of the hand from the pair, metres: finger tips extend this far beyond the grasp centre.
 const MAX_RAISE: f64 = 0.012;
 
-/// Two facing points.
+/// An antipodal pair.
 struct Pair {
     middle: Point3<f64>,
-    /// From the first point to the second, unit.
+    /// Unit vector from the first point to the second.
     along: Vector3<f64>,
 }
 
-/// What poses of pairs are made from; object frame.
-pub(crate) struct Thin<'a> {
-    /// The surface.
+/// Inputs for poses across pairs; object frame.
+pub(crate) struct Surroundings<'a> {
+    /// Samples of the surface.
     pub samples: &'a [SurfaceSample],
-    /// The boxes, each with its number.
+    /// The boxes, each with its index.
     pub boxes: &'a [(usize, OrientedBox)],
-    /// Away from the table.
+    /// Normal of the table.
     pub up: Unit<Vector3<f64>>,
 }
 
-/// Four poses for each pair and preshape: the steepest approach and a turned one, each at the grasp centre and further out.
+/// Four poses for each pair and preshape: the steepest approach and a rotated one, each at the grasp centre and farther out.
 ///
 /// # Errors
-/// [`PlanError::TooMany`] where they are more than the rest of [`MOST_CANDIDATES`] beside `before`.
+/// [`PlanError::TooMany`] if the plan, with `before` candidates already, would have more than [`MOST_CANDIDATES`].
 pub(crate) fn propose_across(
-    thin: &Thin<'_>,
+    thin: &Surroundings<'_>,
     hand: &Hand,
     params: &PoseParams,
     seed: u64,
@@ -59,7 +59,7 @@ pub(crate) fn propose_across(
     if params.variation == Variation::Grid || params.pairs == 0 {
         return Ok(proposals);
     }
-    // A stream of its own, so that these poses change no other.
+    // A separate random stream, so these poses change no others.
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(1);
     for preshape in preshapes {
@@ -85,7 +85,7 @@ pub(crate) fn propose_across(
     Ok(proposals)
 }
 
-/// Up to `wanted` pairs, spread over the surface.
+/// At most `wanted` pairs, spread over the surface.
 fn find_pairs(samples: &[SurfaceSample], width: [f64; 2], wanted: usize) -> Vec<Pair> {
     let every = (samples.len() / (ASKED * wanted)).max(1);
     let found: Vec<Pair> = samples.iter().step_by(every).filter_map(|first| partner(samples, first, width)).collect();
@@ -93,7 +93,7 @@ fn find_pairs(samples: &[SurfaceSample], width: [f64; 2], wanted: usize) -> Vec<
     found.into_iter().step_by(every).collect()
 }
 
-/// The nearest point behind `first`, along its inward normal, if it faces away from it at a distance within `width`.
+/// The antipodal partner of `first`: the nearest point along its inward normal, at a distance within `width`.
 fn partner(samples: &[SurfaceSample], first: &SurfaceSample, width: [f64; 2]) -> Option<Pair> {
     let along = -first.normal;
     let behind = |second: &SurfaceSample| {
@@ -117,7 +117,7 @@ fn pose_across(
 ) -> Isometry3<f64> {
     let x = pair.along * sign;
     let level = |v: &Vector3<f64>| v - x * x.dot(v);
-    // Where x is vertical every approach is level, and any will do.
+    // If x is vertical, every approach is horizontal, and any serves.
     let sideways = level(&Vector3::ith(x.iamin(), 1.0));
     let steepest = level(&-up).try_normalize(0.1).unwrap_or_else(|| sideways.normalize());
     let z = Rotation3::from_axis_angle(&Unit::new_unchecked(x), turn) * steepest;
@@ -128,7 +128,7 @@ fn pose_across(
     Isometry3::from_parts(Translation3::from(at), rotation)
 }
 
-/// The box nearest to a point, and its face that looks most against `approach`.
+/// The box nearest to a point, and its face most opposed to `approach`.
 fn nearest_face(boxes: &[(usize, OrientedBox)], point: &Point3<f64>, approach: &Vector3<f64>) -> (usize, usize) {
     let mut best = (f64::INFINITY, 0, 0);
     for (index, bounds) in boxes {
@@ -148,7 +148,7 @@ mod tests {
     use super::*;
     use graspbox_hand::assets::asset;
 
-    /// A wall 6 mm thick and 20 cm square, upright: both sides, 5 mm apart.
+    /// Samples, 5 mm apart, of both sides of an upright wall, 6 mm thick and 20 cm square.
     fn wall() -> Vec<SurfaceSample> {
         let side = |x: f64| {
             let at = move |i: usize| Point3::new(x, 0.005 * (i % 40) as f64, 0.005 * (i / 40) as f64);
@@ -165,7 +165,7 @@ mod tests {
     fn across(hand: &str, params: &PoseParams) -> Vec<Proposal> {
         let hand = asset(hand).unwrap().read().unwrap();
         let (samples, boxes) = (wall(), around_it());
-        let thin = Thin { samples: &samples, boxes: &boxes, up: Vector3::z_axis() };
+        let thin = Surroundings { samples: &samples, boxes: &boxes, up: Vector3::z_axis() };
         propose_across(&thin, &hand, params, 3, 0).unwrap()
     }
 

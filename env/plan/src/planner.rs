@@ -4,7 +4,7 @@ use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
 use crate::collision::{CollisionScene, Feasibility, Obstacle};
 use crate::open_hand::OpenHand;
-use crate::pairs::{Thin, propose_across};
+use crate::pairs::{Surroundings, propose_across};
 use crate::poses::{PoseParams, Proposal, propose};
 use crate::rank::{self, Prediction};
 use graspbox_hand::{GraspPose, Hand};
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// An object where it rests: the table is the plane z = 0 of the world.
+/// An object at rest; the table is the plane z = 0 of the world.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanObject<'a> {
     /// Surface, object frame, metres.
@@ -27,17 +27,17 @@ pub struct PlanObject<'a> {
     pub world_from_object: Isometry3<f64>,
 }
 
-/// Everything that steers the planner.
+/// Settings of the planner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlanParams {
-    /// How the object is cut into boxes.
+    /// The box decomposition.
     pub decompose: DecomposeParams,
-    /// How candidates are made.
+    /// The candidate poses.
     pub poses: PoseParams,
-    /// Room that the open hand must have on every side, metres: a contact of the simulation is felt from 0.5 mm on.
+    /// Least distance of the open hand from object and table, metres.
     pub clearance: f64,
-    /// The hand comes from this far behind, along its -z, metres.
+    /// Length of the straight approach along the hand's z, metres.
     pub standoff: f64,
     /// Seed of the random variations.
     pub seed: u64,
@@ -55,41 +55,41 @@ impl Default for PlanParams {
     }
 }
 
-/// A pose, and what the planner thinks of it.
+/// A pose with its feasibility and score.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Candidate {
     /// The pose, object frame.
     pub grasp: GraspPose,
-    /// Leaf of the box tree that it comes from, in the order of [`BoxTree::leaves`]; the number of leaves stands for the box around the
-    /// whole object. For a pose across a wall, the nearest box.
+    /// Index of the box that it comes from, in the order of [`BoxTree::leaves`]; the number of leaves denotes the box around the whole object. For a
+    /// pose across a wall, the nearest box.
     pub box_index: usize,
     /// Face of the box: `2 axis` on the positive side of the axis, `2 axis + 1` on the negative.
     pub face: usize,
     /// Higher is better; comparable within a plan. 0 for poses that are not feasible.
     pub score: f64,
-    /// What the collision filter found.
+    /// Result of the collision filter.
     pub feasibility: Feasibility,
-    /// What closing the hand would look like; none for poses that are not feasible.
+    /// Prediction of the closed hand; `None` for poses that are not feasible.
     pub prediction: Option<Prediction>,
 }
 
 impl Candidate {
-    /// True where the open hand collides with nothing, at the pose and on the approach.
+    /// True if the open hand collides with nothing at the pose and on the approach.
     pub fn feasible(&self) -> bool {
         self.feasibility == Feasibility::Feasible
     }
 }
 
-/// A plan: candidates, the feasible ones first and the planner's best guess first of all.
+/// A plan: candidate poses, the feasible ones first, ranked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
     /// The boxes.
     pub tree: BoxTree,
-    /// Feasible candidates in ranking order, then the others in the order they were made.
+    /// Feasible candidates, best first, then the others in the order of their creation.
     pub candidates: Vec<Candidate>,
-    /// How many candidates are feasible.
+    /// Number of feasible candidates.
     pub feasible: usize,
     /// Where the object rests.
     pub world_from_object: Isometry3<f64>,
@@ -102,7 +102,7 @@ impl Plan {
     }
 }
 
-/// Plans grasps of an object with a hand. Geometry alone decides; the same input gives the same plan, whatever the number of threads.
+/// Plans grasps of an object with a hand by geometry alone. The same input gives the same plan with any number of threads.
 ///
 /// # Errors
 /// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh, [`PlanError::UnsupportedHand`],
@@ -116,7 +116,7 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     let boxes = boxes_of(&tree, &params.poses);
     let mut proposals = propose(&boxes, &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed)?;
     let samples = rank::samples(object.mesh);
-    let thin = Thin { samples: &samples, boxes: &boxes, up: scene.up() };
+    let thin = Surroundings { samples: &samples, boxes: &boxes, up: scene.up() };
     proposals.extend(propose_across(&thin, hand, &params.poses, params.seed, proposals.len())?);
     let grasps: Vec<GraspPose> = proposals.iter().map(|proposal| proposal.grasp).collect();
     let found = check_grasps(&scene, hand, &grasps, params.clearance, params.standoff)?;
@@ -141,12 +141,12 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     Ok(Plan { tree, candidates, feasible: feasible.len(), world_from_object: object.world_from_object })
 }
 
-/// Passes grasps, wherever they come from, through the planner's collision filter.
+/// Passes any grasps through the planner's collision filter.
 ///
 /// * `clearance`, `standoff`: as in [`PlanParams`], metres.
 ///
 /// # Errors
-/// As [`OpenHand::new`], for a preshape that the hand does not take.
+/// As [`OpenHand::new`].
 pub fn check_grasps(
     scene: &CollisionScene,
     hand: &Hand,
@@ -158,9 +158,9 @@ pub fn check_grasps(
     Ok(grasps.par_iter().map(|grasp| hands.check(scene, grasp)).collect())
 }
 
-/// Candidate poses on the faces of boxes, before any filter; outermost box first.
+/// Candidate poses on the faces of boxes without any filter, outermost box first.
 ///
-/// * `centroid`: of the object, in the frame of the boxes; `up`: away from the table, in that frame.
+/// * `centroid`, `up`: centre of the object and normal of the table, in the frame of the boxes.
 ///
 /// # Errors
 /// As [`plan`], for `params` and the hand.
@@ -177,7 +177,7 @@ pub fn box_grasps(
     Ok(proposals.into_iter().map(|proposal| proposal.grasp).collect())
 }
 
-/// The leaves, numbered, and after them the box around everything if it is wanted and not the only leaf.
+/// The leaves with their indices, then the box around the whole object if `params.whole` and it is not the only leaf.
 fn boxes_of(tree: &BoxTree, params: &PoseParams) -> Vec<(usize, OrientedBox)> {
     let mut boxes: Vec<(usize, OrientedBox)> = tree.leaves().copied().enumerate().collect();
     if params.whole && boxes.len() > 1 {
@@ -186,7 +186,7 @@ fn boxes_of(tree: &BoxTree, params: &PoseParams) -> Vec<(usize, OrientedBox)> {
     boxes
 }
 
-/// The open hand, grown by the clearance, for each preshape that occurs.
+/// The open hand, grown by the clearance, for each preshape in use.
 struct OpenHands(Vec<(f64, OpenHand)>);
 
 impl OpenHands {

@@ -1,4 +1,4 @@
-//! Candidate poses from boxes: outermost box first, every face, both turns, variations along and about the long axis.
+//! Candidate poses from boxes: outermost box first, every face, both orientations, variations along and about the long axis.
 
 use crate::PlanError;
 use crate::boxes::OrientedBox;
@@ -10,57 +10,57 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Half the size of a palm, metres: what is further along a box does not keep a turned hand off.
+/// Half the size of a palm, metres: parts of a box beyond it do not constrain a rotated hand.
 const PALM: f64 = 0.04;
-/// Most random variations of a face and turn.
+/// Most random variations per face and orientation.
 const MOST_VARIATIONS: usize = 10_000;
-/// Most further distances.
+/// Most extra distances.
 const MOST_STANDOFFS: usize = 1000;
-/// Most pairs of facing points.
+/// Most antipodal pairs.
 const MOST_PAIRS: usize = 1000;
-/// Most candidates of a plan: they take 0.1 GB.
+/// Most candidates of a plan: they occupy 0.1 GB.
 pub const MOST_CANDIDATES: usize = 200_000;
 
-/// How poses vary along and about the long axis.
+/// Variation of poses along and about the long axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Variation {
-    /// The pose itself, and uniform random ones.
+    /// The plain pose, and uniformly random ones.
     #[default]
     Random,
-    /// The reference study's grid: {0, +-1, +-2} fifths of the long side times {0, +10} degrees, at the base offset alone.
+    /// The grid of the reference study: {0, +-1, +-2} fifths of the long side times {0, +10} degrees, at the base offset only.
     Grid,
 }
 
-/// How candidate poses are made.
+/// Settings of the candidate poses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PoseParams {
-    /// The palm stands this far outside the box, metres (the study: 5 mm).
+    /// Distance of the palm from the box, metres (reference study: 5 mm).
     pub offset: f64,
-    /// Further distances that are tried, added to `offset`, metres; at most 1,000. Fingers need room to close above the table: a flat object is
-    /// grasped with the palm up to a finger's length over it.
+    /// Extra distances, added to `offset`, metres; at most 1,000. Fingers need space to close above the table: a flat object is grasped with
+    /// the palm up to a finger's length above it.
     pub standoffs: Vec<f64>,
-    /// How poses vary.
+    /// The kind of variation.
     pub variation: Variation,
-    /// Random variations per face and turn, at most 10,000; as many again for each range that the hand gives (`closing_range`,
-    /// `side_range`, `max_roll`, `max_lean`). No plan has more than 200,000 candidates.
+    /// Random variations per face and orientation, at most 10,000, and as many again for each range of the hand (`closing_range`, `side_range`,
+    /// `max_roll`, `max_lean`). A plan has at most 200,000 candidates.
     pub variations: usize,
-    /// Greatest shift along the long side, as a share of it. The study's grid reaches 0.4.
+    /// Greatest shift along the long side, as a share of it. The grid of the study goes to 0.4.
     pub max_shift: f64,
-    /// Greatest turn about the long axis, radians.
+    /// Greatest rotation about the long axis, radians.
     pub max_tilt: f64,
-    /// A face whose short side is at least this share of its long one is also tried with the hand turned by a quarter.
+    /// A face whose short side is at least this share of its long one is also tried with the hand rotated by 90 degrees.
     pub square: f64,
-    /// The box around the whole object is tried like the leaves (where it is not the only leaf).
+    /// Try the box around the whole object like the leaves, unless it is the only leaf.
     pub whole: bool,
-    /// Pairs of facing surface points that hands with a bounded opening are tried across, at most 1,000: walls, rims and handles.
+    /// Antipodal pairs of surface points (walls, rims, handles) for hands with a bounded opening, at most 1,000.
     pub pairs: usize,
 }
 
 impl PoseParams {
     /// # Errors
-    /// [`PlanError::OutOfRange`] for the first value that makes no sense.
+    /// [`PlanError::OutOfRange`] for the first value out of range.
     pub fn validate(&self) -> Result<(), PlanError> {
         let distance = |name, value: f64| in_range(name, value, 0.0..=0.5, "m");
         distance("offset", self.offset)?;
@@ -90,7 +90,7 @@ impl Default for PoseParams {
     }
 }
 
-/// A pose before anything is known about it.
+/// A candidate pose before the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Proposal {
     pub grasp: GraspPose,
@@ -98,17 +98,17 @@ pub(crate) struct Proposal {
     pub face: usize,
 }
 
-/// Every face of a box as (axis, sign), the approach first: numbered `2 axis` for the positive and `2 axis + 1` for the negative side.
+/// The faces of a box as (axis, sign), in order of preference. Their numbers are `2 axis` for the positive and `2 axis + 1` for the negative side.
 fn faces(bounds: &OrientedBox, up: &Vector3<f64>, outward: &Vector3<f64>) -> Vec<(usize, f64)> {
     let mut all: Vec<(usize, f64)> = (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]).collect();
     let along = |&(axis, sign): &(usize, f64), direction: &Vector3<f64>| bounds.axes.column(axis).dot(direction) * sign;
     all.sort_by(|a, b| along(b, up).total_cmp(&along(a, up)));
     if all[0].0 == 0 {
-        // The side nearest to up is an end of the long axis: the side that looks away from the object's centre comes first.
+        // The face nearest to up is an end of the long axis: the one that points away from the object's centre comes first.
         all.sort_by(|a, b| along(b, outward).total_cmp(&along(a, outward)));
     }
     let (axis, sign) = all[0];
-    // The mirrored pose, by pi about the long axis, comes second.
+    // The pose mirrored by pi about the long axis comes second.
     let rank = |face: &(usize, f64)| {
         if *face == (axis, sign) {
             0
@@ -122,10 +122,12 @@ fn faces(bounds: &OrientedBox, up: &Vector3<f64>, outward: &Vector3<f64>) -> Vec
     all
 }
 
-/// All candidates: boxes outermost first (`boxes` is (index, box); `centroid` the object's, `up` away from the table; object frame).
+/// All candidates, outermost box first.
+///
+/// * `boxes`: indices and boxes; `centroid`, `up`: centre of the object and normal of the table; object frame.
 ///
 /// # Errors
-/// [`PlanError::TooMany`] beyond [`MOST_CANDIDATES`], [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape.
+/// [`PlanError::TooMany`] beyond [`MOST_CANDIDATES`], [`PlanError::UnsupportedHand`] for a preshape beyond the hand's limits.
 pub(crate) fn propose(
     boxes: &[(usize, OrientedBox)],
     centroid: &Point3<f64>,
@@ -177,19 +179,19 @@ struct Face {
     sides: [usize; 2],
 }
 
-/// How a pose differs from the plain one of its face.
+/// Difference of a pose from the plain one of its face.
 #[derive(Default)]
-struct Vary {
+struct Variant {
     /// Shift along the long side, as a share of it.
     shift: f64,
-    /// Turn about the long side, radians.
+    /// Rotation about the long side, radians.
     tilt: f64,
     /// Extra distance, metres.
     standoff: f64,
-    /// How far from the hand's centre, along its x and y, the box lies, metres.
+    /// Offset of the box from the hand's centre, along the hand's x and y, metres.
     ahead: f64,
     aside: f64,
-    /// Turns of the hand about its z, and then about its x, radians; the box stays where it lies in the hand's palm.
+    /// Rotations of the hand about its z, then about its x, radians; the box keeps its position in the palm.
     roll: f64,
     lean: f64,
 }
@@ -200,7 +202,7 @@ impl Face {
         Self { normal: bounds.axes.column(axis) * sign, sides }
     }
 
-    /// Whether the hand is turned by a quarter, and which axis then counts as long, in both directions (the turn by pi about hand z).
+    /// Whether the hand is rotated by 90 degrees, and the axis that then counts as long, in both directions (rotation by pi about hand z).
     fn orientations(&self) -> [(bool, (usize, f64)); 4] {
         let [long, short] = self.sides;
         [(false, (long, 1.0)), (false, (long, -1.0)), (true, (short, 1.0)), (true, (short, -1.0))]
@@ -216,14 +218,14 @@ impl Face {
         &self,
         bounds: &OrientedBox,
         (axis, sign): (usize, f64),
-        vary: &Vary,
+        vary: &Variant,
         params: &PoseParams,
         center: &Vector3<f64>,
     ) -> Isometry3<f64> {
         let long = bounds.axes.column(axis).into_owned();
         let normal = Rotation3::from_axis_angle(&Unit::new_unchecked(long), vary.tilt) * self.normal;
         let (z, along) = (-normal, long * sign);
-        // The hand closes along its x, so hand y lies along the long side.
+        // The hand closes along its x, so hand y is along the long side.
         let columns = [along.cross(&z), along, z];
         let facing = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns));
         let (turned, half_extents) = if vary.roll == 0.0 && vary.lean == 0.0 {
@@ -231,7 +233,7 @@ impl Face {
         } else {
             let [roll, lean] = [(Vector3::z_axis(), vary.roll), (Vector3::x_axis(), vary.lean)]
                 .map(|(axis, angle)| Rotation3::from_axis_angle(&axis, angle));
-            // Far ends of the box are beside the palm, not under it.
+            // The far ends of the box are beside the palm, not under it.
             (facing * roll * lean, bounds.half_extents.map(|half| half.min(PALM)))
         };
         let normal = -turned.matrix().column(2);
@@ -244,9 +246,9 @@ impl Face {
     }
 }
 
-/// A hand that gives ranges of its own has more to vary: `params.variations` as often again for each. Nothing is drawn for a range that
-/// it does not give.
-fn variations(params: &PoseParams, grasp: &Grasp, rng: &mut ChaCha8Rng) -> Vec<Vary> {
+/// The variants of a face: `params.variations`, and as many again for each range of the hand. Ranges that the hand does not have consume no random
+/// numbers.
+fn variations(params: &PoseParams, grasp: &Grasp, rng: &mut ChaCha8Rng) -> Vec<Variant> {
     let either_way = |most: f64| [-most, most];
     let own = [grasp.closing_range, grasp.side_range, either_way(grasp.max_roll), either_way(grasp.max_lean)];
     let given = own.iter().filter(|[least, most]| least < most).count();
@@ -254,19 +256,20 @@ fn variations(params: &PoseParams, grasp: &Grasp, rng: &mut ChaCha8Rng) -> Vec<V
         Variation::Grid => {
             let shifts = [0.0, 0.2, -0.2, 0.4, -0.4];
             let tilts = [0.0, 10.0_f64.to_radians()];
-            let at = |shift| tilts.map(|tilt| Vary { shift, tilt, ..Vary::default() });
+            let at = |shift| tilts.map(|tilt| Variant { shift, tilt, ..Variant::default() });
             shifts.into_iter().flat_map(at).collect()
         }
         Variation::Random => {
             let standoffs: Vec<f64> = std::iter::once(0.0).chain(params.standoffs.iter().copied()).collect();
-            let mut all: Vec<Vary> = standoffs.iter().map(|&standoff| Vary { standoff, ..Vary::default() }).collect();
+            let mut all: Vec<Variant> =
+                standoffs.iter().map(|&standoff| Variant { standoff, ..Variant::default() }).collect();
             all.extend((0..params.variations * (1 + given)).map(|_| {
                 let shift = params.max_shift * (2.0 * rng.random::<f64>() - 1.0);
                 let tilt = params.max_tilt * (2.0 * rng.random::<f64>() - 1.0);
                 let standoff = standoffs[rng.random_range(0..standoffs.len())];
                 let [ahead, aside, roll, lean] =
                     own.map(|[least, most]| if least < most { rng.random_range(least..most) } else { 0.0 });
-                Vary { shift, tilt, standoff, ahead, aside, roll, lean }
+                Variant { shift, tilt, standoff, ahead, aside, roll, lean }
             }));
             all
         }

@@ -1,8 +1,8 @@
-//! Which preshapes suit a face of a box, and where the hand then closes.
+//! The preshapes that suit a face of a box, and the point at which the hand then closes.
 //!
-//! The rules are the hand's own ([`graspbox_hand::FaceRule`]); they read the face as the hand sees it: `length` along hand y, `width` along
-//! hand x. With the hand turned by a quarter its y lies along the short side. A face that no preshape suits gets the first one: it is
-//! proposed, and ranked low.
+//! The rules belong to the hand ([`graspbox_hand::FaceRule`]) and use the face's sides relative to the hand: `length` along hand y, `width`
+//! along hand x. With the hand rotated by 90 degrees, its y is along the short side. A face without a suitable preshape gets the first one,
+//! and ranks low.
 
 use graspbox_hand::{Hand, Preshape, Quarter};
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -10,16 +10,16 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use crate::PlanError;
 use crate::chain::ChainModel;
 
-/// Sides of a face as the hand sees them, metres.
+/// Sides of a face relative to the hand, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FaceSize {
-    /// Across the hand (its x): what opposing fingers close on.
+    /// Along hand x, on which opposing fingers close.
     pub width: f64,
-    /// Along the hand (its y).
+    /// Along hand y.
     pub length: f64,
 }
 
-/// Preshapes for a face, each as its number; `quarter` for a hand turned by a quarter, on faces at least as square as `square`.
+/// Preshapes for a face, each as its number; `quarter` for a hand rotated by 90 degrees, on faces at least as square as `square`.
 pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64) -> Vec<f64> {
     let ratio = size.width / size.length;
     let squarish = ratio.min(1.0 / ratio) >= square;
@@ -41,16 +41,16 @@ pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64)
     }
 }
 
-/// Where the chains meet, hand frame: the point of the palm's plane nearest to the planes in which they close (least squares, pulled
-/// weakly to the hand's grasp centre, which decides where these are parallel). Chains whose plane turns as they close do not count; where the
-/// others stand side by side, it is the grasp centre: they do not oppose each other.
+/// The closing centre, hand frame: the point of the palm's plane nearest to the planes in which the chains close, by least squares with a
+/// weak pull to the hand's grasp centre, which decides if the planes are parallel. Chains whose plane rotates as they close do not count. If
+/// the others are side by side and do not oppose each other, it is the grasp centre.
 ///
 /// # Errors
-/// [`PlanError::UnsupportedHand`] where the kinematics refuse the preshape.
+/// [`PlanError::UnsupportedHand`] for a preshape beyond the hand's limits.
 pub fn closing_center(hand: &Hand, preshape: f64) -> Result<Vector3<f64>, PlanError> {
-    /// Pull of the grasp centre against one plane.
+    /// Weight of the grasp centre relative to one plane, dimensionless.
     const PULL: f64 = 0.05;
-    /// Planes that are this nearly parallel (least eigenvalue of their sum) meet at no place that means anything: fingers side by side.
+    /// Least eigenvalue of the sum of the planes' projectors below which they are nearly parallel: the fingers are side by side.
     const FANNED: f64 = 0.3;
     let mut normal = Matrix2::zeros();
     let mut right = Vector2::zeros();

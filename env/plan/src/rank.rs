@@ -1,5 +1,5 @@
-//! Ranking: geometry alone. Each feasible pose is closed on the surface, described in numbers (`predict`), and
-//! scored by a fixed sum of these (`score`).
+//! Ranking by geometry alone: the hand is closed on the surface at each feasible pose (`predict`), and a weighted sum of features of the closed hand
+//! is the score (`score`).
 
 mod predict;
 mod score;
@@ -18,22 +18,22 @@ use rayon::prelude::*;
 use score::{REPEAT, check_terms, score};
 use std::collections::BTreeMap;
 
-/// Distance of the surface points that chains close on, metres: a third of a finger's width.
+/// Distance between the surface samples on which chains close, metres: a third of a finger's width.
 const SPACING: f64 = 0.0045;
-/// Least and greatest number of these points.
+/// Least and greatest number of these samples.
 const SAMPLES: [usize; 2] = [400, 4000];
 
-/// What ranking makes of one proposal.
+/// A ranked proposal.
 pub(crate) struct Ranked {
     /// Index of the proposal.
     pub index: usize,
     /// Higher is better.
     pub score: f64,
-    /// What closing the hand would look like.
+    /// Prediction of the closed hand.
     pub prediction: Prediction,
 }
 
-/// The surface points of an object that ranking looks at.
+/// The surface samples of an object for the ranking.
 pub(crate) fn samples(mesh: &TriMesh) -> Vec<SurfaceSample> {
     let wanted = (mesh.area() / (SPACING * SPACING)) as usize;
     sample_surface(mesh, wanted.clamp(SAMPLES[0], SAMPLES[1]), 0)
@@ -42,7 +42,7 @@ pub(crate) fn samples(mesh: &TriMesh) -> Vec<SurfaceSample> {
 /// Scores feasible proposals and sorts them, best first; equal scores keep their order.
 ///
 /// # Errors
-/// [`PlanError::UnsupportedHand`] where the kinematics refuse a preshape, [`PlanError::UnknownTerm`] for a weight of the hand of no term.
+/// [`PlanError::UnsupportedHand`] for a preshape beyond the hand's limits, [`PlanError::UnknownTerm`] for a weight of an unknown term.
 pub(crate) fn rank(
     samples: &[SurfaceSample],
     center_of_mass: Point3<f64>,
@@ -53,7 +53,7 @@ pub(crate) fn rank(
     check_terms(hand)?;
     let target = Target { samples, center_of_mass, scene };
     let mut hands: Vec<ClosingHand> = Vec::new();
-    // The hand of each proposal.
+    // Index of the closing hand of each proposal.
     let mut chosen = Vec::with_capacity(proposals.len());
     for Proposal { grasp, .. } in proposals {
         let known = hands.iter().position(|hand| hand.preshape == grasp.preshape);
@@ -71,7 +71,7 @@ pub(crate) fn rank(
     Ok(ranked)
 }
 
-/// Lowers each pose by [`REPEAT`] for every better one of the same box, face and preshape, and sorts by what is left.
+/// Lowers the score of each pose by [`REPEAT`] for every better one of the same box, face and preshape, and sorts.
 fn sort_with_variety(ranked: &mut [Ranked], proposals: &[Proposal]) {
     ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut seen: BTreeMap<(usize, usize, u64), u32> = BTreeMap::new();

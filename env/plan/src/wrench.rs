@@ -1,24 +1,23 @@
-//! Which forces and torques contacts can take up: a grasp wrench space, sampled. The planner asks it of the contacts that it predicts, the
-//! environments of those that there are.
+//! The grasp wrench space of contacts in sampled directions. The planner evaluates predicted contacts, the environments present ones.
 //!
-//! Each finger presses with one unit of normal force in all; friction cones are exact; torques are divided by [`LENGTH`].
+//! Each finger presses with one unit of normal force in total; friction cones are exact; torques are divided by [`LENGTH`].
 
 use crate::boxes::half_sphere;
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::sync::LazyLock;
 
-/// Torques are divided by this length to be compared with forces, metres: half the size of what a hand holds.
+/// Length by which torques are divided to compare them with forces, metres: half the size of a grasped object.
 pub const LENGTH: f64 = 0.05;
-/// Directions of the fine set, beside the axes: this many forces, as many torques, and mixtures of them.
+/// Number of directions of the fine set beside the axes: as many forces, as many torques, and mixtures of both.
 const FINE: usize = 24;
 
-/// Over which directions of force and torque the least is taken.
+/// Directions of force and torque over which the minimum is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Directions {
-    /// Forces and torques along the axes, and their pairs: 48 directions, cheap enough for every control period.
+    /// Forces and torques along the axes, and their pairs: 48 directions, fast enough for every control period.
     Axes,
-    /// The axes alone, and 24 directions spread over half a sphere, in both senses, and mixtures: 204 directions.
+    /// The axes, 24 directions spread over half a sphere in both senses, and mixtures: 204 directions.
     Fine,
 }
 
@@ -46,7 +45,7 @@ pub struct WrenchSpace {
 
 #[derive(Clone, Copy, Debug)]
 struct Contact {
-    /// Into the object, unit.
+    /// Unit normal into the object.
     inward: Vector3<f64>,
     /// From the centre, in units of [`LENGTH`].
     arm: Vector3<f64>,
@@ -54,9 +53,9 @@ struct Contact {
 }
 
 impl Contact {
-    /// The greatest component along (`force`, `torque`) of a wrench with at most one unit of normal force.
+    /// Greatest component along (`force`, `torque`) of a wrench with at most one unit of normal force.
     fn support(&self, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
-        // (arm x f) . torque = f . (torque x arm), so one vector tells how much each force component helps.
+        // (arm x f) . torque = f . (torque x arm): one vector gives the contribution of each force component.
         let helps = force + torque.cross(&self.arm);
         let normal = helps.dot(&self.inward);
         let tangent = (helps - self.inward * normal).norm();
@@ -65,14 +64,14 @@ impl Contact {
 }
 
 impl WrenchSpace {
-    /// No contact yet, of `fingers` fingers (the palm may be one).
+    /// A wrench space without contacts, for `fingers` fingers (the palm may be one).
     pub fn new(fingers: usize) -> Self {
         Self { fingers: vec![Vec::new(); fingers] }
     }
 
-    /// Adds a contact of `finger`; others than those of [`WrenchSpace::new`] are not counted.
+    /// Adds a contact of `finger`; fingers beyond the number of [`WrenchSpace::new`] are ignored.
     ///
-    /// * `arm`: from the centre to the contact, metres.
+    /// * `arm`: vector from the centre to the contact, metres.
     /// * `inward`: unit normal into the object.
     /// * `friction`: coefficient of friction.
     pub fn press(&mut self, finger: usize, arm: &Vector3<f64>, inward: Vector3<f64>, friction: f64) {
@@ -81,14 +80,14 @@ impl WrenchSpace {
         }
     }
 
-    /// The greatest wrench along (`force`, `torque`) with at most one unit of normal force per finger.
+    /// Greatest component along (`force`, `torque`) of a wrench with at most one unit of normal force per finger.
     pub fn support(&self, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
         let best = |contacts: &Vec<Contact>| contacts.iter().map(|c| c.support(force, torque)).fold(0.0, f64::max);
         self.fingers.iter().map(best).sum()
     }
 
-    /// The least support over sampled directions: 0 without force closure, or with fewer than two fingers in contact. An upper bound of
-    /// the epsilon quality for forces bounded finger by finger.
+    /// Least support over sampled directions: 0 without force closure, or with fewer than two fingers in contact. An upper bound of the
+    /// epsilon quality for a force bound per finger.
     ///
     /// Source: Ferrari, Canny, "Planning optimal grasps", ICRA 1992.
     pub fn epsilon(&self, directions: Directions) -> f64 {
@@ -101,12 +100,12 @@ impl WrenchSpace {
         }
     }
 
-    /// [`WrenchSpace::support`] where it is less than `bound`; otherwise any value from `bound` on, found with less work.
+    /// [`WrenchSpace::support`] if it is less than `bound`; otherwise any value of at least `bound`, at less cost.
     fn support_below(&self, force: &Vector3<f64>, torque: &Vector3<f64>, bound: f64) -> f64 {
         let mut sum = 0.0;
         for contacts in &self.fingers {
             sum += contacts.iter().map(|c| c.support(force, torque)).fold(0.0, f64::max);
-            // The other fingers only add to it.
+            // The other fingers can only increase it.
             if sum >= bound {
                 break;
             }
@@ -114,7 +113,7 @@ impl WrenchSpace {
         sum
     }
 
-    /// The least support over `directions`; no further ones are asked once it is 0.
+    /// Least support over `directions`; stops once it is 0.
     fn least(&self, directions: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)>) -> f64 {
         let mut least = f64::INFINITY;
         for (force, torque) in directions {
@@ -144,7 +143,7 @@ impl WrenchSpace {
     }
 }
 
-/// The axes, and the directions of [`FINE`] with their mixtures, each in one sense.
+/// The axes, and the directions of [`FINE`] with their mixtures, each in one sense only.
 static FINE_DIRECTIONS: LazyLock<Vec<(Vector3<f64>, Vector3<f64>)>> = LazyLock::new(|| {
     let none = Vector3::zeros();
     let axes = (0..3).map(|i| Vector3::ith(i, 1.0)).flat_map(|a| [(a, none), (none, a)]);
@@ -187,7 +186,7 @@ mod tests {
         }
     }
 
-    /// A bug here: a direction that is left out, or a bound that ends a sum too early.
+    /// A bug here: a missing direction, or a bound that ends a sum too early.
     #[test]
     fn epsilon_is_the_least_support_of_all_directions() {
         let mut space = pinch(0.7);

@@ -1,4 +1,4 @@
-//! Boxes hold what they should, are as small as they can be, and turn with the object.
+//! Boxes contain their points, have the least volume, and rotate with the object.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;
@@ -18,7 +18,7 @@ fn dense_search(points: &[Point3<f64>], directions: usize, seed: u64) -> f64 {
     let mut best = (f64::INFINITY, Vector3::z());
     let mut spread = 2.0;
     for i in 0..directions {
-        // The last third hones the best axis so far.
+        // The last third refines the best axis so far.
         let noise = Vector3::from_fn(|_, _| uniform(&mut rng));
         if i * 3 > 2 * directions {
             spread *= 0.99;
@@ -111,7 +111,7 @@ fn least_volume_of_a_turned_cuboid_is_its_own() {
 
 #[test]
 fn least_volume_of_a_regular_tetrahedron_is_a_cube() {
-    // Alternate corners of a cube of side 1; the cube is its least box.
+    // Alternate corners of a unit cube, which is their least box.
     let corners = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]];
     for seed in 0..20 {
         let motion = random_motion(&mut rng(seed));
@@ -136,7 +136,7 @@ fn best_split_equals_brute_force() {
     for seed in 0..30 {
         let mut points = cloud(40, Vector3::new(0.1, 0.05, 0.03), seed);
         if seed % 3 == 0 {
-            // Equal coordinates: a cut must not part them.
+            // Equal coordinates, which no cut may separate.
             for p in &mut points {
                 p.coords = p.coords.map(|x| (x * 100.0).round() / 100.0);
             }
@@ -146,7 +146,7 @@ fn best_split_equals_brute_force() {
             let found = best_split(&points, &bounds, cost).unwrap();
             let (_, _, value) = brute_split(&points, &bounds, cost).unwrap();
             assert!((value_of(&found, cost) - value).abs() < 2e-12, "seed {seed}: {found:?} against {value}");
-            // The plane parts the points into halves with that very cost.
+            // The plane divides the points into halves of exactly that cost.
             let low: Vec<_> = points.iter().filter(|p| found.side(&bounds, p) < 0.0).map(|p| bounds.local(p)).collect();
             let high: Vec<_> =
                 points.iter().filter(|p| found.side(&bounds, p) >= 0.0).map(|p| bounds.local(p)).collect();
@@ -179,7 +179,7 @@ fn leaves_cover_the_surface() {
         let mut dense = surface_points(mesh, 20_000, 7);
         dense.extend_from_slice(mesh.vertices());
         for fit in [Fit::Pca, Fit::Minimum] {
-            // Few samples for the cuts: the cover must not rest on them.
+            // Few samples for the cuts: the cover must not depend on them.
             for samples in [50, 2000] {
                 let params = DecomposeParams { fit, samples, ..DecomposeParams::default() };
                 let tree = decompose(mesh, &params).unwrap();

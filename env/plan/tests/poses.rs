@@ -1,4 +1,4 @@
-//! Filtered poses do not collide, tested by other means; candidates are what the spec say; plans repeat bit by bit.
+//! Filtered poses do not collide, by an independent test; candidates follow the spec; plans repeat bit by bit.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;
@@ -23,7 +23,7 @@ fn make(mesh: &TriMesh, world_from_object: Isometry3<f64>, params: &PlanParams) 
     plan(&object, Hand::reflex().unwrap(), params).unwrap()
 }
 
-/// A mesh with convex parts, posed as its file says.
+/// A mesh with convex parts, at the pose of its file.
 fn on_table(mesh: &TriMesh, parts: &[TriMesh]) -> CollisionScene {
     CollisionScene::new(Arc::new(Obstacle::new(mesh, parts).unwrap()), &Isometry3::identity())
 }
@@ -91,7 +91,7 @@ fn poses_that_collide_are_filtered() {
     assert_eq!(scene.check(&open, &down(0.195)), Feasibility::HitsObject);
     // From below: the hand starts under the table.
     assert_eq!(scene.check(&open, &Isometry3::translation(0.2, 0.0, 0.1)), Feasibility::HitsTable);
-    // A shelf above the pose is met on the approach alone.
+    // A shelf above the pose collides on the approach only.
     let shelf = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1]), ([0.0, 0.0, 0.36], [0.02, 0.02, 0.01])]);
     let scene = on_table(&shelf, &[]);
     assert_eq!(scene.check(&open, &down(0.205)), Feasibility::HitsObjectOnApproach);
@@ -191,7 +191,7 @@ fn the_ranking_prefers_grasps_that_hold() {
     assert!(plan.candidates[plan.feasible..].iter().all(|c| c.prediction.is_none() && !c.feasible()));
     let best = ranked[0].prediction.unwrap();
     assert!(best.fingers >= 2.0 && best.epsilon > 0.3 && best.lever < 0.03, "{best:?}");
-    // The first twenty are not one idea twenty times.
+    // The first twenty differ.
     let kinds: std::collections::BTreeSet<_> =
         ranked.iter().take(20).map(|c| (c.face, c.grasp.preshape.to_bits())).collect();
     assert!(kinds.len() >= 3, "{kinds:?}");

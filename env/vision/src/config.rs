@@ -1,4 +1,4 @@
-//! The cameras, and which images they take.
+//! The cameras and their images.
 
 use crate::VisionError;
 use graspbox_camera::{Camera, Intrinsics};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// Most cameras of a pool.
 const MOST_CAMERAS: f64 = 16.0;
 
-/// What a camera is attached to.
+/// The body to which a camera is attached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mount {
@@ -26,7 +26,7 @@ pub enum Mount {
 pub struct CameraConfig {
     /// Small letters and digits, as in `depth_palm`.
     pub name: String,
-    /// What it is attached to.
+    /// The body to which it is attached.
     pub mount: Mount,
     /// Position.
     pub eye: [f64; 3],
@@ -65,7 +65,7 @@ impl CameraConfig {
         }
     }
 
-    /// On a bracket beside the palm, looking between the fingers at what they hold.
+    /// On a bracket beside the palm, looking between the fingers at the grasped object.
     #[must_use]
     pub fn palm() -> Self {
         Self {
@@ -98,7 +98,7 @@ impl CameraConfig {
     /// The camera with its pose in the frame of its mount; images of `height` x `width` pixels.
     ///
     /// # Errors
-    /// [`VisionError::Camera`] names the camera and what is wrong with it.
+    /// [`VisionError::Camera`], naming the camera.
     pub fn camera(&self, height: u32, width: u32) -> Result<Camera, VisionError> {
         let make = || {
             let intrinsics = Intrinsics::from_fov(width, height, self.fov)?;
@@ -144,7 +144,7 @@ impl CamerasConfig {
     /// The cameras, posed in the frame of their mount.
     ///
     /// # Errors
-    /// An invalid camera, a name that is empty, not plain or used twice, no camera, or more than 16.
+    /// [`VisionError`] for an invalid camera, a name that is empty, not plain or used twice, no camera, or more than 16.
     pub fn mounted_cameras(&self) -> Result<Vec<Camera>, VisionError> {
         in_range("number of cameras", self.cameras.len() as f64, 1.0..=MOST_CAMERAS, "")?;
         for (i, camera) in self.cameras.iter().enumerate() {
@@ -159,7 +159,7 @@ impl CamerasConfig {
     }
 }
 
-/// Pose in the world of a camera that is given in the frame of its mount; `hand` is the pose of the grasp frame.
+/// Pose in the world of a camera with pose `parent_from_camera` in the frame of its mount; `hand` is the pose of the grasp frame.
 #[must_use]
 pub fn world_from_camera(mount: Mount, parent_from_camera: &Isometry3<f64>, hand: &Isometry3<f64>) -> Isometry3<f64> {
     match mount {

@@ -1,8 +1,8 @@
-//! What can be wrong with cameras and images; each variant is a sentence about the input.
+//! Errors of cameras and images; each variant is a sentence about the input.
 
 use graspbox_mesh::OutOfRange;
 
-/// What can be wrong with cameras and images.
+/// An error of cameras or images.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum VisionError {
@@ -18,7 +18,7 @@ pub enum VisionError {
          ({cameras}) as in depth_palm"
     )]
     UnknownImage {
-        /// The value given.
+        /// The value that was passed.
         name: String,
         /// Names of the cameras.
         cameras: String,
@@ -26,21 +26,21 @@ pub enum VisionError {
     /// The name of a camera is used twice or not plain.
     #[error("invalid camera name {name:?}; give each camera a unique name of lowercase letters and digits")]
     CameraName {
-        /// The value given.
+        /// The value that was passed.
         name: String,
     },
-    /// A camera, or something to be rendered, is invalid.
+    /// A camera, or a model to render, is invalid.
     #[error("{name}: {source}")]
     Camera {
-        /// The camera, or what is rendered.
+        /// Name of the camera or the model.
         name: String,
         /// The error of the renderer.
         source: graspbox_camera::CameraError,
     },
-    /// A setting is out of its range.
+    /// A setting is out of range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
-    /// The mesh could not be used.
+    /// The mesh cannot be used.
     #[error("object `{object}`: {source}")]
     Mesh {
         /// Name of the object.

@@ -1,4 +1,4 @@
-//! One image by name: its table row, and how it is filled from a frame.
+//! One image by name: its table row, and its values from a frame.
 
 use crate::VisionError;
 use crate::config::CamerasConfig;
@@ -6,7 +6,7 @@ use crate::visual_models::FIRST_LINK;
 use graspbox_camera::{Camera, Frame, Intrinsics};
 use serde::Serialize;
 
-/// What an image shows.
+/// The kind of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImageKind {
     /// (H, W, 3) uint8.
@@ -17,7 +17,7 @@ pub enum ImageKind {
     Rgbd,
     /// (H, W, 1) uint8: labels.
     Segmentation,
-    /// (H, W, 3) float32: the point that each pixel sees, in the camera's frame.
+    /// (H, W, 3) float32: the visible point at each pixel, in the camera's frame.
     Points,
     /// (N, N, N) uint8: unseen, free or occupied space.
     Voxels,
@@ -54,7 +54,7 @@ impl ImageKind {
     }
 }
 
-/// One image: what it shows, and which cameras take it.
+/// One image: its kind and its cameras.
 ///
 /// `depth` is taken by the first camera, `depth_palm` by the camera `palm`, and likewise for every kind. `voxels` alone fuses the depth
 /// images of all cameras; `voxels_palm` uses that of `palm`.
@@ -62,9 +62,9 @@ impl ImageKind {
 pub struct ImageSpec {
     /// The name.
     pub name: String,
-    /// What it shows.
+    /// Its kind.
     pub kind: ImageKind,
-    /// Which cameras take it; several for voxels alone.
+    /// The cameras that take it; several for voxels only.
     pub cameras: std::ops::Range<usize>,
 }
 
@@ -99,7 +99,7 @@ impl Pixels {
 pub struct ImageTable {
     /// The name.
     pub name: String,
-    /// What it shows.
+    /// Its kind.
     pub kind: &'static str,
     /// (H, W, C), or (N, N, N) for voxels.
     pub shape: [usize; 3],
@@ -115,11 +115,11 @@ pub struct ImageTable {
     pub frame: &'static str,
     /// Unit.
     pub unit: &'static str,
-    /// The value where nothing was seen.
+    /// The value of background pixels.
     pub missing: &'static str,
-    /// What it means.
+    /// Its meaning.
     pub meaning: &'static str,
-    /// True where a real robot has no sensor for it: labels come from the simulation, although they contain no pose.
+    /// True if a real robot has no sensor for it: labels come from the simulation, although they contain no pose.
     pub privileged: bool,
 }
 

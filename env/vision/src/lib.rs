@@ -1,19 +1,19 @@
-//! What cameras see of a scene: cameras in the world and on the hand, images by name, pictures to look at.
+//! Images of a scene: cameras in the world and on the hand, images by name, pictures for people.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
-//! | [`config`] | the cameras, and which images they take |
-//! | [`image_spec`] | one image by name: its table row, and how it is filled from a frame |
-//! | [`viewpoint`] | camera poses and light of one episode, sampled or given |
+//! | [`config`] | the cameras and their images |
+//! | [`image_spec`] | one image by name: its table row, and its values from a frame |
+//! | [`viewpoint`] | camera poses and light of one episode, sampled or set |
 //! | [`visual_models`] | models and colours of hand, table and ground; the render scene of the current state |
 //! | [`views`] | an object from many sides, without a hand |
-//! | [`observer`] | [`Observer`]: images and pictures of many environments, with render buffers that are reused |
-//! | `error` | every way an input can be wrong, one sentence each |
+//! | [`observer`] | [`Observer`]: images and pictures of many environments, with reused render buffers |
+//! | `error` | errors, one sentence each |
 //!
 //! Labels of a segmentation: [`visual_models::BACKGROUND`], [`visual_models::TABLE`] (ground included), [`visual_models::OBJECT`],
 //! then [`visual_models::FIRST_LINK`] + i for link i of the hand. No image contains the pose of the object.
 //!
-//! A cube on the table as the default camera `front` sees it:
+//! A cube on the table in an image of the default camera `front`:
 //!
 //! ```
 //! use graspbox_camera::{Channels, Detail, Light, Model, shapes};

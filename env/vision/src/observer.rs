@@ -31,7 +31,7 @@ impl Default for PictureConfig {
     }
 }
 
-/// Memory for one image after the other; its previous contents have no influence.
+/// Reused memory for images; previous contents have no influence.
 struct RenderBuffers {
     renderer: Renderer,
     frames: Vec<Frame>,
@@ -45,7 +45,7 @@ pub struct Observer {
     specs: Vec<ImageSpec>,
     tables: Vec<ImageTable>,
     mounted: Vec<Camera>,
-    /// Channels that each camera renders; `None` where no image needs them.
+    /// Channels that each camera renders; `None` for a camera that no image needs.
     channels: Vec<Option<Channels>>,
     grid: VoxelFrame,
     models: Arc<OnceLock<VisualModels>>,
@@ -56,7 +56,7 @@ impl Observer {
     /// Checks a config; `models` holds the models of `hand` and may be shared by observers of that hand.
     ///
     /// # Errors
-    /// An image that is unknown or named twice, an invalid camera, or invalid voxel settings.
+    /// [`VisionError`] for an image that is unknown or named twice, an invalid camera, or invalid voxel settings.
     pub fn new(
         hand: Arc<Hand>,
         config: CamerasConfig,
@@ -130,7 +130,7 @@ impl Observer {
         if let Some(models) = self.models.get() {
             return Ok(models);
         }
-        // Threads that arrive together each build them, and the first result is kept.
+        // Concurrent threads may each build them; the first result is kept.
         let made = VisualModels::new(&self.hand)?;
         Ok(self.models.get_or_init(|| made))
     }
@@ -212,7 +212,7 @@ impl Observer {
     /// A smooth picture, (H, W, 3).
     ///
     /// # Errors
-    /// An invalid camera, or samples out of range.
+    /// [`VisionError`] for an invalid camera, or samples out of range.
     pub fn picture(
         &self,
         scene_pose: &ScenePose,
@@ -231,7 +231,7 @@ impl Observer {
         made.map_err(|source| VisionError::Camera { name: config.camera.name.clone(), source })
     }
 
-    /// A free buffer, or a new one: as many are made as there are threads.
+    /// A free buffer, or a new one: at most one per thread.
     fn buffer(&self) -> RenderBuffers {
         let free = self.buffers().pop();
         free.unwrap_or_else(|| RenderBuffers {

@@ -1,20 +1,20 @@
-//! Camera poses and light of one episode, sampled or given.
+//! Camera poses and light of one episode, sampled or set.
 
 use graspbox_camera::{Camera, Light};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Largest turn of the lamp about each axis at full variation of the light, radians.
+/// Largest rotation of the lamp about each axis at full variation of the light, radians.
 const LAMP_TURN: f64 = 0.7;
 /// Largest relative change of lamp and ambient light at full variation of the light.
 const LAMP_SHARE: f64 = 0.5;
 
-/// How much cameras and light vary between episodes.
+/// Variation of cameras and light between episodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Variation {
     /// Greatest shift of a camera along each of its axes, metres.
     pub camera_position: f64,
-    /// Greatest turn of a camera about each of its axes, radians.
+    /// Greatest rotation of a camera about each of its axes, radians.
     pub camera_rotation: f64,
     /// Variation of the light, in [0, 1].
     pub light: f64,
@@ -32,8 +32,8 @@ pub struct Viewpoint {
 impl Viewpoint {
     /// Samples a viewpoint.
     ///
-    /// * `cameras`, `light`: the values that are varied; cameras are posed in the frame of their mount.
-    /// * `given`: cameras (index, pose in the frame of the mount) that are used as they are.
+    /// * `cameras`, `light`: the values to vary; cameras are posed in the frame of their mount.
+    /// * `given`: cameras (index, pose in the frame of the mount) that are not varied.
     /// * `sample`: numbers uniform in [-1, 1): three for the direction of the lamp, three for the strengths, then six per camera.
     pub fn sample(
         cameras: &[Camera],
@@ -43,7 +43,7 @@ impl Viewpoint {
         mut sample: impl FnMut() -> f64,
     ) -> Self {
         let mut three = |size: f64| Vector3::from_fn(|_, _| sample() * size);
-        // The light first, so that it does not depend on the number of cameras.
+        // The light comes first, so it does not depend on the number of cameras.
         let (turn, strength) = (three(vary.light * LAMP_TURN), three(vary.light * LAMP_SHARE));
         let mut light = light;
         light.direction = UnitQuaternion::from_scaled_axis(turn) * light.direction;

@@ -19,7 +19,7 @@ pub const FIRST_LINK: u8 = 3;
 
 /// Bevel of the edges of the hand's boxes, as a share of the shortest half side; at most [`MOST_BEVEL`].
 const BEVEL_SHARE: f64 = 0.3;
-/// Metres.
+/// Greatest bevel, metres.
 const MOST_BEVEL: f64 = 0.006;
 /// Half the width of a knuckle, and its radius, as shares of the shortest half side of its link.
 const KNUCKLE: [f64; 2] = [0.85, 0.8];
@@ -48,7 +48,7 @@ const OBJECT_COLORS: [[f32; 3]; 8] = [
     [0.55, 0.50, 0.80],
 ];
 
-/// The colour of the object of that name: a function of the name alone.
+/// Colour of an object, a function of its name alone.
 #[must_use]
 pub fn object_color(name: &str) -> [f32; 3] {
     // FNV-1a.
@@ -64,14 +64,14 @@ struct Part {
     color: [f32; 3],
 }
 
-/// Render models of everything but the object; built once per hand.
+/// Render models of the scene without the object; built once per hand.
 pub struct VisualModels {
     parts: Vec<Part>,
     /// Table top and ground; `None` leaves them out.
     table: Option<[Model; 2]>,
 }
 
-/// Poses of everything in the scene at one instant.
+/// Poses of all bodies in the scene at one instant.
 #[derive(Clone, Debug)]
 pub struct ScenePose<'a> {
     /// The object.
@@ -107,7 +107,7 @@ impl VisualModels {
     /// Builds the models of `hand`, table and ground.
     ///
     /// # Errors
-    /// A hand with a shape that cannot be rendered, or with more links than there are labels (252).
+    /// [`VisionError`] for a hand with a shape that cannot be rendered, or with more links than there are labels (252).
     pub fn new(hand: &Hand) -> Result<Self, VisionError> {
         in_range("number of links of the hand", hand.links.len() as f64, 1.0..=f64::from(u8::MAX - FIRST_LINK), "")?;
         let make = || {
@@ -169,7 +169,7 @@ impl VisualModels {
             casts_shadow: false,
         });
         let mut all = Vec::with_capacity(self.parts.len() + 3);
-        // Roughly front to back, so that fewer pixels are overwritten.
+        // Roughly front to back, to overwrite fewer pixels.
         all.extend(self.hand(&scene_pose.world_from_links));
         all.extend(is_near(&scene_pose.world_from_object).then_some(object));
         all.extend(scenery);
@@ -186,13 +186,13 @@ fn scenery() -> Result<[Model; 2], CameraError> {
     Ok([slab(TABLE_SIDE)?, slab(GROUND_SIDE)?])
 }
 
-/// Whether the renderer accepts the pose: finite, rigid, within 1 km.
+/// True if the renderer accepts the pose: finite, rigid, within 1 km.
 fn is_near(pose: &Isometry3<f64>) -> bool {
     let translation = pose.translation.vector.iter().all(|x| x.abs() < 1e3);
     translation && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
 }
 
-/// The shapes of one material of a link as one model; `None` where the link has none.
+/// The shapes of one material of a link as one model; `None` if the link has none.
 fn part(hand: &Hand, link: usize, material: Material) -> Result<Option<Part>, CameraError> {
     let colliders = hand.links[link].colliders.iter().filter(|c| c.material == material);
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());

@@ -1,7 +1,7 @@
-//! Blocks of voxels that lie as a whole in front of what a view sees, behind it, or beside the view.
+//! Blocks of voxels that are entirely in front of the visible surfaces, behind them, or outside the image.
 //!
-//! The centres of a block are bounded by a box in the camera's frame, that box by a rectangle of pixels, and the depths in the rectangle by
-//! the least and the greatest ones of the tiles that it meets. Blocks for which these bounds decide nothing are judged voxel by voxel.
+//! A box in the camera's frame bounds the centres of a block, a rectangle of pixels bounds that box, and the extrema of the tiles that it overlaps
+//! bound the depths in the rectangle. If these bounds decide nothing, the block is classified voxel by voxel.
 
 use crate::Camera;
 use graspbox_mesh::VoxelFrame;
@@ -14,15 +14,15 @@ pub(super) const BLOCK: usize = 4;
 /// Tiles along the longer side of an image: about as many as there are blocks across it.
 const TILES: usize = 16;
 
-/// Bounds are widened by this, metres and pixels, against rounding.
+/// Margin of the bounds for rounding, metres and pixels.
 const ROUNDING: f64 = 1e-9;
 
-/// What a view says of a block.
+/// Relation of a view to the centres of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sight {
-    /// Nothing: all centres are behind a surface, or outside the image or its range.
+    /// All are behind a surface, or outside the image or its range.
     None,
-    /// It looks through all of them.
+    /// All are in front of the visible surfaces.
     Through,
     /// They differ, or the bounds are too wide.
     Mixed,
@@ -37,7 +37,7 @@ pub(super) struct Bounds {
 /// The centres of the voxels in the camera's frame, metres.
 pub(super) struct Centers {
     origin: Vector3<f64>,
-    /// From a centre to the next along each axis of the grid.
+    /// Vector from a centre to the next along each axis of the grid.
     pub steps: [Vector3<f64>; 3],
     /// Half the side of a voxel.
     pub half: f64,
@@ -69,7 +69,7 @@ impl Centers {
     }
 }
 
-/// The least and the greatest depth in each tile of an image.
+/// Least and greatest depth of each tile of an image.
 pub(super) struct Tiles<'a> {
     camera: &'a Camera,
     /// Pixels along each side of a tile.
@@ -86,7 +86,7 @@ impl<'a> Tiles<'a> {
         let side = width.max(height).div_ceil(TILES);
         let columns = width.div_ceil(side);
         let mut depths = vec![[f32::INFINITY, f32::NEG_INFINITY]; columns * height.div_ceil(side)];
-        // A pixel that saw nothing is looked through at any depth, or tells nothing.
+        // An empty pixel is free at any depth, or is ignored.
         let [least, most] = if nothing_is_free { [f32::INFINITY; 2] } else { [0.0, f32::NEG_INFINITY] };
         for (v, row) in depth.chunks_exact(width).enumerate() {
             let tiles = &mut depths[v / side * columns..];
@@ -101,7 +101,7 @@ impl<'a> Tiles<'a> {
         Self { camera, side, columns, depths }
     }
 
-    /// What the view says of centres within `bounds`, where a surface fills `half` metres on both sides of its depth.
+    /// Relation of the view to centres within `bounds`, for surfaces `half` metres thick on both sides of their depth.
     pub fn sight(&self, bounds: &Bounds, half: f64) -> Sight {
         let (near, far) = (self.camera.near(), self.camera.far());
         let [back, front] = [bounds.low.z, bounds.high.z];
@@ -129,13 +129,13 @@ impl<'a> Tiles<'a> {
         }
     }
 
-    /// Tiles between two places along a side of the image that is `size` pixels long.
+    /// Tiles between two positions along a side of the image of `size` pixels.
     #[inline]
     fn tiles(&self, [first, last]: [f64; 2], size: f64) -> Range<usize> {
         first.max(0.0) as usize / self.side..last.min(size - 1.0) as usize / self.side + 1
     }
 
-    /// The least and the greatest depth in some tiles.
+    /// Least and greatest depth in a range of tiles.
     #[inline]
     fn depths(&self, columns: Range<usize>, rows: Range<usize>) -> [f32; 2] {
         let mut found = [f32::INFINITY, f32::NEG_INFINITY];
@@ -148,8 +148,8 @@ impl<'a> Tiles<'a> {
     }
 }
 
-/// Between which places of an image, along one of its axes, points lie that are between `low` and `high` along that axis and between `back` and
-/// `front` along the optical one.
+/// Interval of image positions, along one axis, of points between `low` and `high` along that axis and between `back` and `front` along the optical
+/// axis.
 #[inline]
 fn pixels([low, high]: [f64; 2], [back, front]: [f64; 2], focal: f64, middle: f64) -> [f64; 2] {
     let least = low / if low < 0.0 { back } else { front };

@@ -1,4 +1,4 @@
-//! Ray casting by trying every triangle, and random scenes to try it on.
+//! Ray casting against every triangle, and random scenes for it.
 #![allow(dead_code, missing_docs)]
 
 use graspbox_camera::{Camera, Instance, Intrinsics, Model, Pattern, ViewPlan, shapes};
@@ -59,7 +59,7 @@ pub fn instance(model: &Model, world_from_model: Isometry3<f64>, label: u8) -> I
     Instance { model, world_from_model, color: [0.8, 0.5, 0.3], label, casts_shadow: true }
 }
 
-/// Anywhere in the scene, inside things too.
+/// A camera anywhere in the scene, also inside objects.
 pub fn random_camera(dice: &mut Dice, largest: usize) -> Camera {
     let (width, height) = (1 + dice.below(largest) as u32, 1 + dice.below(largest) as u32);
     let intrinsics = Intrinsics {
@@ -89,7 +89,7 @@ pub fn seen(mesh: &TriMesh, world_from_model: &Isometry3<f64>, camera: &Camera, 
     Seen { triangles, label }
 }
 
-/// Least depth in the camera's range along the ray through (`u`, `v`), and whose it is: Moeller and Trumbore's test on every triangle.
+/// Least depth in the camera's range along the ray through (`u`, `v`), and its label: Moeller and Trumbore's test on every triangle.
 pub fn cast(scene: &[Seen], camera: &Camera, u: f64, v: f64) -> (f64, u8) {
     let ray = camera.intrinsics().unproject(u, v, 1.0).coords;
     let (mut depth, mut label) = (f64::INFINITY, 0);

@@ -18,16 +18,17 @@ pub(crate) struct Calipers {
     order: Vec<(i64, i64)>,
 }
 
-/// Rounding must not choose between equal rectangles: the first edge from the leftmost point wins.
+/// A rectangle must be smaller by this factor to be better, so rounding does not choose between equal ones: the first edge from the leftmost
+/// point wins.
 const BETTER: f64 = 1.0 - 1e-10;
 
-/// A number that sorts as [`f64::total_cmp`] does, but faster.
+/// An integer with the order of [`f64::total_cmp`], which sorts faster.
 fn key(x: f64) -> i64 {
     let bits = x.to_bits() as i64;
     bits ^ (((bits >> 63) as u64) >> 1) as i64
 }
 
-/// The number of a [`key`].
+/// The inverse of [`key`].
 fn value(key: i64) -> f64 {
     f64::from_bits((key ^ (((key >> 63) as u64) >> 1) as i64) as u64)
 }
@@ -43,7 +44,7 @@ fn dot(u: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 impl Calipers {
     /// The rectangle of least `(length + pad) (width + pad)` around `points`, which are sorted in place.
     ///
-    /// `pad` gives thin clouds an order: without it every rectangle around points on a line has no area.
+    /// * `pad`: added to both sides, so thin clouds have an order: without it, every rectangle around points on a line has area 0.
     pub fn least_rectangle(&mut self, points: &mut [[f64; 2]], pad: f64) -> Rectangle {
         self.build_hull(points);
         let hull = &self.hull;
@@ -73,7 +74,7 @@ impl Calipers {
         best
     }
 
-    /// Counter-clockwise hull without collinear points.
+    /// Builds the counter-clockwise hull without collinear points.
     fn build_hull(&mut self, points: &mut [[f64; 2]]) {
         self.order.clear();
         self.order.extend(points.iter().map(|&[x, y]| (key(x), key(y))));
@@ -101,7 +102,7 @@ impl Calipers {
     }
 }
 
-/// Walks counter-clockwise from `start` while the hull still rises along `u`; at most once around.
+/// Walks counter-clockwise from `start` while the hull rises along `u`, at most once around.
 fn climb(hull: &[[f64; 2]], u: [f64; 2], start: usize) -> usize {
     let n = hull.len();
     let mut at = start;
@@ -117,7 +118,7 @@ fn climb(hull: &[[f64; 2]], u: [f64; 2], start: usize) -> usize {
     at
 }
 
-/// `at` modulo `n`, for an `at` that goes around a few times at most: a division takes longer.
+/// `at` modulo `n`, for `at` of at most a few times `n`: faster than a division.
 fn wrap(mut at: usize, n: usize) -> usize {
     while at >= n {
         at -= n;

@@ -1,14 +1,14 @@
-//! A few extreme points that stand for a whole cloud.
+//! A core set: a few extreme points of a cloud.
 //!
-//! A box around the core set is never larger than the box around the cloud with the same axes, so a search on the core set gives lower
-//! bounds; the points that stick out of a box found there join the core set until bound and truth agree.
+//! A box around the core set is never larger than the box with the same axes around the cloud, so a search on the core set gives lower bounds. Points
+//! outside a box found there join the core set until the bound equals the volume around the cloud.
 
 use graspbox_mesh::fibonacci_zone;
 use nalgebra::{Matrix3, Vector3};
 
-/// Axes along which the first extreme points are taken: two points each, about 16 degrees apart.
+/// Number of axes along which the first extreme points are taken, two per axis; the axes are about 16 degrees apart.
 const FIRST_AXES: usize = 64;
-/// Points this close in height (clouds have unit size) are equally extreme, and the first is taken: rounding must not choose.
+/// Points this close along an axis (clouds have unit size) are equally extreme, and the first is taken, so rounding does not choose.
 const TIE: f64 = 1e-10;
 
 /// `count` directions spread evenly over half the unit sphere.
@@ -16,7 +16,7 @@ pub(crate) fn half_sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
     fibonacci_zone(count, [0.0, 1.0])
 }
 
-/// A cloud, with the core set that stands for it.
+/// A cloud and its core set.
 pub(crate) struct CoreSet {
     x: Vec<f64>,
     y: Vec<f64>,
@@ -26,7 +26,7 @@ pub(crate) struct CoreSet {
 }
 
 impl CoreSet {
-    /// Takes the cloud and picks its extreme points along evenly spread axes.
+    /// Starts with the extreme points of the cloud along evenly spread axes.
     pub fn new(points: impl Iterator<Item = Vector3<f64>> + Clone) -> Self {
         let x: Vec<f64> = points.clone().map(|p| p.x).collect();
         let y: Vec<f64> = points.clone().map(|p| p.y).collect();
@@ -46,8 +46,8 @@ impl CoreSet {
         &self.core
     }
 
-    /// Side lengths of the box with these axes around the whole cloud; its extreme points join the core set.
-    /// The second value tells whether any of them was new.
+    /// Adds the extreme points of the cloud along these axes to the core set. Returns the side lengths of the box around the cloud, and whether any
+    /// point was new.
     pub fn grow(&mut self, axes: &Matrix3<f64>) -> (Vector3<f64>, bool) {
         let mut grew = false;
         let lengths = Vector3::from_fn(|i, _| {
@@ -67,7 +67,7 @@ impl CoreSet {
         new
     }
 
-    /// Eight independent running minima and maxima let the compiler keep the pass in vector registers; a second pass finds the indices.
+    /// The first pass keeps eight independent minima and maxima, which the compiler vectorizes; a second pass finds the indices.
     fn extremes(&self, axis: &Vector3<f64>) -> Extremes {
         const LANES: usize = 8;
         let value = |i: usize| axis.x * self.x[i] + axis.y * self.y[i] + axis.z * self.z[i];
@@ -84,7 +84,7 @@ impl CoreSet {
         let tail = self.x.len() / LANES * LANES..self.x.len();
         let least = tail.clone().map(value).chain(low).fold(f64::INFINITY, f64::min);
         let greatest = tail.map(value).chain(high).fold(f64::NEG_INFINITY, f64::max);
-        // For the greatest, value and limit change their signs.
+        // For the maximum, value and limit change sign.
         let first = |sign: f64, limit: f64| {
             let hit = |i: usize| sign * value(i) <= limit;
             let rows = 0..self.x.len() / LANES;

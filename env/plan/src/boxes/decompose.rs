@@ -1,4 +1,4 @@
-//! Box decomposition (algorithm 4): fit a box, cut it where that pays, and go on with the halves, largest box first.
+//! Box decomposition (algorithm 4 of the reference study): fit a box, cut it if that pays, and continue with the halves, largest box first.
 
 use super::fit::{Fit, check_cloud, fit_cloud};
 use super::obb::OrientedBox;
@@ -11,26 +11,26 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::ops::Bound;
 
-/// Most surface points that the cuts are searched on.
+/// Most surface points for the search of cuts.
 const MOST_SAMPLES: f64 = 1e6;
 
-/// How an object is cut into boxes.
+/// Settings of the box decomposition.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecomposeParams {
-    /// How boxes are fitted.
+    /// The fit of each box.
     pub fit: Fit,
-    /// A cut is made only if its two rectangles cover less than this share of their face, in (0, 1]. The reference study: 0.9.
+    /// A cut is made only if its two rectangles cover less than this share of their face, in (0, 1]. Reference study: 0.9.
     pub area_gain: f64,
-    /// Each child's box must be larger than this, m3. The reference study: 5e-7, a cube of 8 mm.
+    /// Least volume of each child's box, m3. Reference study: 5e-7, a cube of 8 mm.
     pub min_volume: f64,
-    /// If given, the children's boxes together must have less than this share of the parent's volume, in (0, 2].
+    /// If set, the children's boxes together must have less than this share of the parent's volume, in (0, 2].
     pub volume_gain: Option<f64>,
-    /// Greatest number of leaves, at least 1. Tight boxes shatter without a cap (400 slivers on a drill).
+    /// Greatest number of leaves, at least 1. Without a cap, tight boxes break up into slivers (400 on a drill).
     pub max_boxes: usize,
-    /// What makes one cut better than another.
+    /// The cost that the best cut minimizes.
     pub split_cost: SplitCost,
-    /// Surface points that the cuts are searched on, at least 16. Ignored for a cloud of points.
+    /// Number of surface points for the search of cuts, at least 16; ignored for a cloud of points.
     pub samples: usize,
     /// Seed of the surface points.
     pub seed: u64,
@@ -53,7 +53,7 @@ impl Default for DecomposeParams {
 
 impl DecomposeParams {
     /// # Errors
-    /// [`PlanError::OutOfRange`] for the first value that makes no sense.
+    /// [`PlanError::OutOfRange`] for the first value out of range.
     pub fn validate(&self) -> Result<(), PlanError> {
         let share = |most: f64| (Bound::Excluded(0.0), Bound::Included(most));
         in_range("area_gain", self.area_gain, share(1.0), "")?;
@@ -64,10 +64,10 @@ impl DecomposeParams {
     }
 }
 
-/// Cuts a mesh into boxes that cover its whole surface (within 1e-9 m).
+/// Decomposes a mesh into boxes that cover its whole surface (within 1e-9 m).
 ///
-/// Cuts are searched on surface points spread evenly over the area; boxes are fitted to these and to the vertices of the surface, whose
-/// triangles are clipped at every cut. Leaves come depth first, in the mesh's frame.
+/// Cuts are searched on surface points spread evenly over the area. Boxes are fitted to these and to the vertices of the surface, whose triangles
+/// are clipped at every cut. Leaves are in depth-first order, in the mesh's frame.
 ///
 /// # Errors
 /// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh.
@@ -83,7 +83,7 @@ pub fn decompose(mesh: &TriMesh, params: &DecomposeParams) -> Result<BoxTree, Pl
     Ok(grow(Piece { samples, surface }, params))
 }
 
-/// Cuts a cloud of points (metres) into boxes that hold all of them; see [`decompose`].
+/// Decomposes a cloud of points (metres) into boxes that contain all of them; see [`decompose`].
 ///
 /// # Errors
 /// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] or [`PlanError::NotFinite`] for bad points.
@@ -111,11 +111,11 @@ impl Piece {
     }
 }
 
-/// A node while the tree grows; nodes are numbered as they are made.
+/// A node while the tree grows; nodes are numbered in the order of their creation.
 struct Growing {
     bounds: OrientedBox,
     cut: Option<(Split, [usize; 2])>,
-    /// What may still be cut.
+    /// The piece, if it may still be cut.
     piece: Option<Piece>,
 }
 
@@ -139,9 +139,9 @@ fn grow(root: Piece, params: &DecomposeParams) -> BoxTree {
     tree
 }
 
-/// Cuts a piece if every criterion agrees.
+/// Cuts a piece if all criteria are met.
 fn try_cut(piece: &Piece, bounds: &OrientedBox, params: &DecomposeParams) -> Option<(Split, [Growing; 2])> {
-    /// Fewer points than this on a side are no shape to fit.
+    /// Least number of points on each side of a cut.
     const MIN_POINTS: usize = 3;
     let split = best_split(&piece.samples, bounds, params.split_cost).filter(|split| split.share < params.area_gain)?;
     let [low, high] = piece.cut(bounds, &split);

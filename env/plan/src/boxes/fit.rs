@@ -7,20 +7,20 @@ use crate::PlanError;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-/// How a box is fitted.
+/// The fit of a box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fit {
-    /// Axes from principal components of the points: fast, 5 % above the least volume in the median and 60 % at worst.
+    /// Principal axes of the points: fast; the volume is 5 % above the least one in the median, and 60 % at worst.
     Pca,
     /// The least volume, within 0.2 % of the best known.
     #[default]
     Minimum,
 }
 
-/// Fits a box around `points` (metres); its frame is theirs.
+/// Fits a box around `points` (metres), in their frame.
 ///
-/// The box holds every point. It depends on the points alone, not on the frame they are given in: the longest side comes first, and the
+/// The box contains every point. It depends on the points alone, not on their frame: the longest side comes first, and the
 /// signs of the axes follow the cloud's third moments.
 ///
 /// # Errors
@@ -30,9 +30,9 @@ pub fn fit_box(points: &[Point3<f64>], fit: Fit) -> Result<OrientedBox, PlanErro
     Ok(fit_cloud(points, &[], fit))
 }
 
-/// Finite points that span a volume, or the error that says which rule they break.
+/// Checks that points are finite and span a volume.
 pub(crate) fn check_cloud(points: &[Point3<f64>]) -> Result<(), PlanError> {
-    /// Thinner than this share of its length, a cloud is flat: about the rounding of coordinates stored in 32 bits.
+    /// A cloud thinner than this share of its length is flat: about ten times the rounding of 32-bit coordinates.
     const FLAT: f64 = 1e-6;
     if let Some(index) = points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
         return Err(PlanError::NotFinite { index });
@@ -47,7 +47,7 @@ pub(crate) fn check_cloud(points: &[Point3<f64>]) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// Fits a box around `samples` (at least one), which give the principal axes, and around `more`. Flat clouds get flat boxes.
+/// Fits a box around `samples` (at least one), which define the principal axes, and `more`. Flat clouds get flat boxes.
 pub(crate) fn fit_cloud(samples: &[Point3<f64>], more: &[Point3<f64>], fit: Fit) -> OrientedBox {
     let axes = match fit {
         Fit::Pca => CloudFrame::of(samples).axes,

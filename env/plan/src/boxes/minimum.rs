@@ -1,9 +1,9 @@
-//! The box of least volume around a cloud: calipers for every direction of a lattice, then the best few refined.
+//! The box of least volume around a cloud: rotating calipers for every direction of a lattice, then refinement of the best.
 //!
-//! For a given axis the best box is exact: the least rectangle around the projection along it, by rotating calipers. What remains is a
-//! search over axes, which runs on a core set (see `core_set`) in the cloud's own frame, so that it turns with the cloud. Every start is
-//! refined by a compass search with shrinking steps, during which each of the box's three axes takes its turn at the calipers; where the
-//! box found does not hold the whole cloud, the points that stick out join the core set and the search goes on.
+//! For a given axis the best box is exact: the least rectangle around the projection along it, by rotating calipers. The search over axes runs on a
+//! core set (see `core_set`) in the cloud's own frame, so the result rotates with the cloud. A compass search with shrinking steps refines every
+//! start, and applies the calipers to each of the box's three axes in turn. If the box does not contain the whole cloud, the points outside join
+//! the core set and the search continues.
 //!
 //! Sources: J. O'Rourke, "Finding minimal enclosing boxes", 1985 (two faces of the best box are flush with edges of the hull);
 //! G. Toussaint, "Solving geometric problems with the rotating calipers", 1983.
@@ -13,26 +13,26 @@ use super::core_set::{CoreSet, half_sphere};
 use super::moments::CloudFrame;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Lattice directions. A box is met by any of its three axes, so the nearest is about 3 degrees off.
+/// Number of lattice directions. Any of a box's three axes can match one, so the nearest is about 3 degrees off.
 const DIRECTIONS: usize = 300;
-/// How many different boxes of the lattice are refined roughly, and how many of these to the end.
+/// Number of different boxes of the lattice that are refined.
 const STARTS: usize = 8;
 const FINALISTS: usize = 6;
-/// Two boxes whose axes agree within this angle (as a cosine: 6 degrees) are one start.
+/// Two boxes whose axes agree within this angle count as one start (cosine of 6 degrees).
 const SAME_BOX: f64 = 0.9945;
-/// Steps of the compass search in radians: the first is half the spacing of the lattice.
+/// First step of the compass search, radians: half the spacing of the lattice.
 const FIRST_STEP: f64 = 0.06;
-/// Long, flat things (a knife) have narrow valleys: with a coarser step their best start is not recognised.
+/// Last step of the rough refinement, radians. Long, flat objects (a knife) have narrow minima: with a coarser step their best start is missed.
 const ROUGH_STEP: f64 = 0.003;
-/// A 10 cm box turned by this angle gains 0.1 micrometres.
+/// Last step of the compass search, radians: it changes a side of a 10 cm box by 0.1 micrometres.
 const LAST_STEP: f64 = 1e-6;
-/// Added to every length, as a share of the cloud's size: keeps an order among boxes of flat clouds, far above rounding (1e-16 / 1e-6 is
-/// less than what `BETTER` asks for).
+/// Added to every length, as a share of the cloud's size, so boxes of flat clouds have an order. It is far above rounding: 1e-16 / 1e-6 is less than
+/// the margin of `BETTER`.
 const PAD: f64 = 1e-6;
-/// A box must be smaller by this share to be better: among equal boxes (round objects have many) the first of the lattice wins, so that
-/// rounding does not choose.
+/// A box must be smaller by this factor to be better, so rounding does not choose: of equal boxes (round objects have many) the first of the lattice
+/// wins.
 const BETTER: f64 = 1.0 - 1e-9;
-/// Rounds of growing the core set for one box; in practice 2 to 4 are used.
+/// Most rounds of growing the core set for one box; 2 to 4 are typical.
 const MAX_ROUNDS: usize = 12;
 
 /// A box on the core set.
@@ -43,14 +43,13 @@ struct Candidate {
 }
 
 impl Candidate {
-    /// Sorts by volume in steps of about 1e-7, so that equal boxes keep the lattice's order whatever the rounding.
+    /// Volume in steps of about 1e-7: equal boxes keep the lattice's order despite rounding.
     fn rank(&self) -> i64 {
         (self.volume.ln() * 1e7).round() as i64
     }
 }
 
-/// Axes (columns, orthonormal) of the box of least volume around `samples` and `more`; `samples` alone (at least one) set the frame of
-/// the search.
+/// Axes (orthonormal columns) of the box of least volume around `samples` and `more`; `samples` alone (at least one) define the frame of the search.
 pub(crate) fn least_volume_axes(samples: &[Point3<f64>], more: &[Point3<f64>]) -> Matrix3<f64> {
     let frame = CloudFrame::of(samples);
     let all = samples.iter().chain(more);
@@ -86,7 +85,7 @@ impl Search {
         best.axes
     }
 
-    /// The boxes of the lattice with the least lower bounds, each unlike the others.
+    /// The boxes of the lattice with the least lower bounds, all different.
     fn starts(&mut self) -> Vec<Candidate> {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         let mut all: Vec<Candidate> =
@@ -106,7 +105,7 @@ impl Search {
 
     /// The least box on the core set with one side along `axis`.
     fn best_about(&mut self, axis: &Vector3<f64>) -> Candidate {
-        // Axes are handed from box to box: without this, rounding shrinks them, and the shrinking looks like a gain.
+        // Rounding would shrink axes that pass from box to box, and the shrinking would look like an improvement.
         let axis = &axis.normalize();
         let (u, v) = plane_basis(axis);
         self.flat.clear();
@@ -125,9 +124,9 @@ impl Search {
         }
     }
 
-    /// Lets each axis of the box take its turn at the calipers, until none improves it.
+    /// Applies the calipers to each axis of the box in turn, until none improves it.
     fn exchange_axes(&mut self, mut best: Candidate) -> Candidate {
-        /// In practice 2 to 8 turns are used.
+        /// 2 to 8 turns are typical.
         const MAX_TURNS: usize = 30;
         let mut since = 0;
         let mut axis = 1;
@@ -139,7 +138,7 @@ impl Search {
             if found.volume < best.volume * BETTER {
                 best = found;
                 since = 0;
-                axis = 1; // its column 0 has just had its turn
+                axis = 1; // column 0 was the last one
             } else {
                 since += 1;
                 axis = if axis == 1 { 2 } else { 1 };
@@ -152,7 +151,7 @@ impl Search {
     fn refine(&mut self, start: Candidate, first: f64, last: f64) -> Candidate {
         const GOLDEN_TURN: f64 = 2.399_963_229_728_653;
         const COMPASS: usize = 6;
-        /// A longer way at one step size is a creep that smaller steps end.
+        /// More moves at one step size converge slowly; smaller steps end them.
         const MAX_MOVES: usize = 12;
         let mut best = self.exchange_axes(start);
         let mut step = first;
@@ -183,7 +182,7 @@ impl Search {
         best
     }
 
-    /// Refines on the core set, grows it by what sticks out, and repeats; the volume returned is that around the whole cloud.
+    /// Refines on the core set, adds the points outside, and repeats. The volume of the result is that around the whole cloud.
     fn refine_on_cloud(&mut self, start: Candidate, first: f64, last: f64, rounds: usize) -> Candidate {
         let mut best = Candidate { volume: f64::INFINITY, ..start };
         let mut current = start;
@@ -212,7 +211,7 @@ pub(crate) fn plane_basis(axis: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (u, axis.cross(&u))
 }
 
-/// True where every axis of `a` is near one of `b`, up to sign.
+/// True if every axis of `a` is near one of `b`, up to sign.
 fn alike(a: &Matrix3<f64>, b: &Matrix3<f64>) -> bool {
     let cosines = a.tr_mul(b).abs();
     (0..3).all(|i| cosines.row(i).max() > SAME_BOX)

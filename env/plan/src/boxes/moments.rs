@@ -1,8 +1,8 @@
-//! A frame that turns with a cloud of points: principal axes, their signs fixed by third moments.
+//! A frame that rotates with a cloud of points: principal axes with signs from third moments.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// A frame made of a cloud alone, so that it moves with the cloud.
+/// A frame that depends on a cloud alone.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CloudFrame {
     /// Mean of the points.
@@ -29,13 +29,13 @@ impl CloudFrame {
     }
 }
 
-/// Mean of `points`; the origin where there is none.
+/// Mean of `points`; the origin if there are none.
 pub(crate) fn mean(points: &[Point3<f64>]) -> Point3<f64> {
     let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
     Point3::from(sum / points.len().max(1) as f64)
 }
 
-/// Turns the first two `axes` so that the cloud's third moment along them is not negative; the third completes a right-handed frame.
+/// Flips the first two `axes` to make the cloud's third moments along them nonnegative; the third axis completes a right-handed frame.
 pub(crate) fn with_invariant_signs(axes: &Matrix3<f64>, origin: &Point3<f64>, points: &[Point3<f64>]) -> Matrix3<f64> {
     let skew: Vector3<f64> = points.iter().map(|p| axes.tr_mul(&(p - origin)).map(|x| x * x * x)).sum();
     let sign = |moment: f64| if moment < 0.0 { -1.0 } else { 1.0 };

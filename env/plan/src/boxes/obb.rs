@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A box with its own axes, in the frame of the points that it was fitted to; lengths in metres.
+/// An oriented box in the frame of the points that it was fitted to; lengths in metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OrientedBox {
@@ -16,8 +16,8 @@ pub struct OrientedBox {
 }
 
 impl OrientedBox {
-    /// The least box with these axes (orthonormal columns, in any order) around `points`; the columns are put in order, longest
-    /// side first, and the last is turned if needed to keep them right-handed. No points give a box of no size at the origin.
+    /// The least box with these axes (orthonormal columns, in any order) around `points`. The columns are sorted, longest side first, and the
+    /// last one is flipped if needed to keep the frame right-handed. Without points, the box has size 0 at the origin.
     pub fn around<'a>(axes: &Matrix3<f64>, points: impl IntoIterator<Item = &'a Point3<f64>>) -> Self {
         let mut min = Vector3::repeat(f64::INFINITY);
         let mut max = Vector3::repeat(f64::NEG_INFINITY);
@@ -46,17 +46,17 @@ impl OrientedBox {
         8.0 * self.half_extents.product()
     }
 
-    /// `point` in the box's own frame: origin at the centre, along the axes, metres.
+    /// `point` in the box's frame (origin at its centre), metres.
     pub fn local(&self, point: &Point3<f64>) -> Vector3<f64> {
         self.axes.tr_mul(&(point - self.center))
     }
 
-    /// How far `point` lies outside, metres: the largest excess over the six faces, at most 0 inside.
+    /// Largest excess of `point` over the six faces, metres; at most 0 inside.
     pub fn excess(&self, point: &Point3<f64>) -> f64 {
         (self.local(point).abs() - self.half_extents).max()
     }
 
-    /// True where `point` lies inside or at most `tolerance` metres outside each face.
+    /// True if `point` is at most `tolerance` metres outside each face.
     pub fn contains(&self, point: &Point3<f64>, tolerance: f64) -> bool {
         self.excess(point) <= tolerance
     }

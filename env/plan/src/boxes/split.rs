@@ -1,17 +1,17 @@
-//! The best cut of a box (algorithm 5): three sorts and prefix extents instead of a scan over all pairs.
+//! The best cut of a box (algorithm 5 of the reference study), by three sorts and prefix extents instead of a scan over all pairs.
 
 use super::obb::OrientedBox;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What makes one cut better than another.
+/// The cost that the best cut minimizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplitCost {
-    /// Area of the two rectangles as a share of their own face.
+    /// Area of the two rectangles as a share of their face.
     #[default]
     Share,
-    /// Area of the two rectangles in m2, compared across faces: the reference study's rule.
+    /// Area of the two rectangles in m2, compared across faces: the rule of the reference study.
     Area,
 }
 
@@ -23,7 +23,7 @@ pub struct Split {
     pub axis: usize,
     /// The other axis of the face on which the areas were measured.
     pub across: usize,
-    /// Where the plane cuts, from the box's centre along `axis`, metres.
+    /// Position of the plane along `axis` from the box's centre, metres.
     pub position: f64,
     /// Area of the two rectangles around the projected halves, m2.
     pub area: f64,
@@ -38,11 +38,11 @@ impl Split {
     }
 }
 
-/// The best cut of `bounds`, given the `points` inside it (both in one frame, metres).
+/// The best cut of `bounds` for the `points` inside it (both in one frame, metres).
 ///
-/// Three faces, each cut across either of its axes, between every two neighbouring points: the projections of the two halves on the face
-/// are boxed by rectangles, whose areas together are the cost. A cut lies midway between two points with different coordinates. Ties go
-/// to the lower axis, then the lower `across`, then the lower position. None where no cut separates points or every face is flat.
+/// Each of three faces is cut across either of its axes, between every two neighbouring points. The cost is the total area of the two rectangles
+/// around the projections of the halves on the face. A cut lies midway between two points with different coordinates. Ties go to the lower
+/// axis, then the lower `across`, then the lower position. `None` if no cut separates points or every face is flat.
 ///
 /// Time: three sorts, O(n log n).
 pub fn best_split(points: &[Point3<f64>], bounds: &OrientedBox, cost: SplitCost) -> Option<Split> {
@@ -66,7 +66,7 @@ pub fn best_split(points: &[Point3<f64>], bounds: &OrientedBox, cost: SplitCost)
     best
 }
 
-/// Costs closer than this are equal: rounding must not choose between them.
+/// A cost must be lower by this factor to be better, so rounding does not choose.
 const BETTER: f64 = 1.0 - 1e-12;
 
 /// Buffers of one sweep along an axis.

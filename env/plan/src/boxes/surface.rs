@@ -1,9 +1,9 @@
-//! A piece of surface that planes cut: triangles are clipped, so no part of it is lost between two boxes.
+//! A piece of surface that is cut by planes. Triangles are clipped, so no part of the surface is lost between two boxes.
 
 use graspbox_mesh::TriMesh;
 use nalgebra::Point3;
 
-/// A bag of triangles with shared vertices; every vertex is used.
+/// A set of triangles with shared vertices; every vertex is used.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Surface {
     pub vertices: Vec<Point3<f64>>,
@@ -13,7 +13,7 @@ pub(crate) struct Surface {
 const UNSET: u32 = u32::MAX;
 
 impl Surface {
-    /// The whole surface of `mesh`; vertices that no face uses are left out.
+    /// The whole surface of `mesh`, without unused vertices.
     pub fn of(mesh: &TriMesh) -> Self {
         let mut kept = vec![UNSET; mesh.vertices().len()];
         let mut surface = Self::default();
@@ -23,7 +23,7 @@ impl Surface {
         surface
     }
 
-    /// Cuts by a plane: `side` gives each point's signed distance. First the part where it is negative, then the rest; points on the
+    /// Cuts by a plane; `side` gives the signed distance of a point. Returns the part with negative distances, then the rest; points on the
     /// plane belong to both.
     pub fn cut(&self, side: impl Fn(&Point3<f64>) -> f64) -> [Self; 2] {
         let distances: Vec<f64> = self.vertices.iter().map(side).collect();
@@ -56,7 +56,7 @@ impl Surface {
         self.triangles.push(triangle);
     }
 
-    /// Keeps the part of a triangle where the distance is not negative: three or four corners.
+    /// Adds the part of a triangle with nonnegative distances: three or four corners.
     fn keep_clipped(&mut self, corners: [Point3<f64>; 3], distances: [f64; 3]) {
         let first = self.vertices.len() as u32;
         for i in 0..3 {

@@ -1,4 +1,4 @@
-//! The tree of boxes, and the check that it is one.
+//! The tree of boxes, and a check of its invariants.
 
 use super::obb::OrientedBox;
 use super::split::Split;
@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 pub struct BoxNode {
     /// The box around this node's part of the object.
     pub bounds: OrientedBox,
-    /// The cut that parts it, and the indices of its two children (the lower side of the cut first); none for a leaf.
+    /// The cut that divides it, and the indices of its two children (lower side of the cut first); `None` for a leaf.
     pub cut: Option<(Split, [usize; 2])>,
-    /// Cuts between this node and the root.
+    /// Number of cuts between this node and the root.
     pub depth: usize,
 }
 
@@ -21,7 +21,7 @@ pub struct BoxNode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxTree {
-    /// Nodes, depth first: the root is 0 and a parent stands before its children.
+    /// Nodes in depth-first order: the root is 0, and parents come before their children.
     pub nodes: Vec<BoxNode>,
 }
 
@@ -31,23 +31,23 @@ impl BoxTree {
         self.nodes.iter().filter(|node| node.cut.is_none()).map(|node| &node.bounds)
     }
 
-    /// The leaves' boxes, depth first, as a list.
+    /// The leaves' boxes as a list, depth first.
     pub fn boxes(&self) -> Vec<OrientedBox> {
         self.leaves().copied().collect()
     }
 
-    /// Volume of all leaves, m3; where they overlap it counts twice.
+    /// Sum of the leaves' volumes, m3; overlaps count twice.
     pub fn volume(&self) -> f64 {
         self.leaves().map(OrientedBox::volume).sum()
     }
 }
 
-/// What is wrong with a box tree.
+/// A broken invariant of a box tree.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoxTreeFault {
     /// Not a tree in depth-first order.
-    #[error("node {node} is not where a depth-first binary tree has it")]
+    #[error("node {node} breaks the depth-first order of a binary tree")]
     Structure {
         /// Index of the node.
         node: usize,
@@ -58,17 +58,17 @@ pub enum BoxTreeFault {
         /// Index of the node.
         node: usize,
     },
-    /// A point that no leaf holds.
+    /// A point that no leaf contains.
     #[error("point {point} lies {excess} m outside every leaf")]
     Uncovered {
         /// Index of the point.
         point: usize,
-        /// How far outside the nearest leaf it is, metres.
+        /// Distance from the nearest leaf, metres.
         excess: f64,
     },
 }
 
-/// Checks that `tree` is a depth-first binary tree of proper boxes, whose leaves hold every point of `samples` within `tolerance` metres.
+/// Checks that `tree` is a depth-first binary tree of valid boxes whose leaves contain every point of `samples` within `tolerance` metres.
 ///
 /// # Errors
 /// The first [`BoxTreeFault`] found.
@@ -87,7 +87,7 @@ pub fn check_box_tree(tree: &BoxTree, samples: &[Point3<f64>], tolerance: f64) -
     Ok(())
 }
 
-/// Index of the node after the subtree of `node`.
+/// Checks the subtree of `node`; returns the index of the node after it.
 fn check_subtree(tree: &BoxTree, node: usize, depth: usize) -> Result<usize, BoxTreeFault> {
     let found = tree.nodes.get(node).filter(|n| n.depth == depth).ok_or(BoxTreeFault::Structure { node })?;
     if !is_proper(&found.bounds) {

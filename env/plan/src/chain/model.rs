@@ -6,16 +6,16 @@ use crate::PlanError;
 use graspbox_hand::{Chain, Collider, Hand, JointKind, Material, Transmission};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// A joint closes in the plane if the cosine between its axis and the plane's normal (for a slide, the sine) is at least this.
+/// A joint closes in the plane if the cosine between its axis and the plane's normal (for a prismatic joint, the sine) is at least this.
 const IN_PLANE: f64 = 0.9;
-/// Step of a slide per step of an angle, metres per radian: 5 mm where a joint turns by [`STEP`].
+/// Step of a prismatic joint per angular step, metres per radian: 5 mm for [`STEP`].
 const SLIDE: f64 = 0.005 / STEP;
 
 impl ChainModel {
     /// Every chain of `hand` that closes, at `preshape`.
     ///
     /// # Errors
-    /// [`PlanError::UnsupportedHand`] where the kinematics refuse the preshape.
+    /// [`PlanError::UnsupportedHand`] for a preshape beyond the hand's limits.
     pub fn all(hand: &Hand, preshape: f64) -> Result<Vec<Self>, PlanError> {
         let bad = |_| PlanError::UnsupportedHand { name: hand.name.clone(), reason: "does not take this preshape" };
         let configuration = hand.open_configuration(preshape);
@@ -30,7 +30,7 @@ impl ChainModel {
     }
 
     /// * `links`: hand_from_link of the open hand.
-    /// * `open`: positions of all joints in it.
+    /// * `open`: joint positions of the open hand.
     fn new(hand: &Hand, chain: &Chain, planar: &Planar, links: &[Isometry3<f64>], open: &[f64]) -> Self {
         let joints = &planar.joints;
         let hand_from_plane = plane(hand, chain, links, planar);
@@ -41,7 +41,7 @@ impl ChainModel {
         let (mut reach, mut length): (f64, f64) = (0.0, 0.0);
         for (&joint, &(coordinate, ratio)) in joints.iter().zip(&moving) {
             let plane_from_child = plane_from_hand * links[hand.joints[joint].child];
-            // The plane's origin is the first joint, whatever rounding says.
+            // The plane's origin is exactly the first joint, despite rounding.
             let origin = if segments.is_empty() { Vector3::zeros() } else { plane_from_child.translation.vector };
             let rects = rects(hand, joints, joint, &origin, &mut half_width, |link| plane_from_hand * links[link]);
             let motion = match hand.joints[joint].kind {
@@ -65,13 +65,13 @@ impl ChainModel {
     }
 }
 
-/// Which joints of a chain close in one plane.
+/// The joints of a chain that close in one plane.
 struct Planar {
     /// These joints, from the root to the tip; at least one.
     joints: Vec<usize>,
-    /// The one that defines the plane: the last independent one that closes.
+    /// The joint that defines the plane: the last independent one that closes.
     last: usize,
-    /// Another independent joint closes about another axis, and not much slower.
+    /// Another independent joint closes about another axis at a similar speed.
     turns: bool,
 }
 
@@ -100,7 +100,7 @@ impl Planar {
     }
 }
 
-/// Axis of a joint in the hand frame, turned so that a positive motion about or along it closes.
+/// Axis of a joint in the hand frame, with the sign for which positive motion closes.
 fn closing_axis(hand: &Hand, links: &[Isometry3<f64>], joint: usize) -> Vector3<f64> {
     let description = &hand.joints[joint];
     links[description.child].rotation * description.axis.into_inner() * hand.closing_rate(joint).signum()
@@ -143,7 +143,7 @@ fn plane(hand: &Hand, chain: &Chain, links: &[Isometry3<f64>], planar: &Planar) 
     hand_from_link * Isometry3::from_parts(Translation3::identity(), rotation)
 }
 
-/// From a point to the middle of the furthest collision shape of a chain, hand frame.
+/// Vector from a point to the middle of the farthest collision shape of a chain, hand frame.
 fn furthest(hand: &Hand, chain: &Chain, links: &[Isometry3<f64>], from: &Vector3<f64>) -> Vector3<f64> {
     let children = chain.joints.iter().map(|joint| hand.joints[*joint].child);
     let shapes = children.flat_map(|link| {
@@ -152,7 +152,7 @@ fn furthest(hand: &Hand, chain: &Chain, links: &[Isometry3<f64>], from: &Vector3
     shapes.fold(Vector3::zeros(), |a, b| if b.norm() > a.norm() { b } else { a })
 }
 
-/// The coordinates that move `joints`, and for each joint its coordinate and its ratio to that.
+/// The coordinates that move `joints`, and for each joint its coordinate and ratio.
 fn coordinates(hand: &Hand, joints: &[usize], open: &[f64]) -> (Vec<Coordinate>, Vec<(usize, f64)>) {
     let mut leaders: Vec<usize> = Vec::new();
     let mut found: Vec<Coordinate> = Vec::new();
@@ -182,7 +182,7 @@ fn coordinate(hand: &Hand, joint: usize, open: f64) -> Coordinate {
     Coordinate { limits, arm, scale }
 }
 
-/// Each coordinate alone, from the root; then each with one before it that gives way, as long as the tendon still shortens.
+/// Each coordinate alone, from the root; then each with an earlier one that yields, if the tendon still shortens.
 fn moves(coordinates: &[Coordinate]) -> Vec<Vec<f64>> {
     let still = vec![0.0; coordinates.len()];
     let alone = |i: usize| {
@@ -208,7 +208,7 @@ fn moves(coordinates: &[Coordinate]) -> Vec<Vec<f64>> {
     moves
 }
 
-/// Rectangles of all links that move with `joint` and with none of the `joints` behind it.
+/// Rectangles of all links that move with `joint` but with none of the later `joints`.
 fn rects(
     hand: &Hand,
     joints: &[usize],

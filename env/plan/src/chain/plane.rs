@@ -1,4 +1,4 @@
-//! Geometry in a chain's plane: links as rectangles, their frames, and the object's points and the table that are in their way.
+//! Geometry in a chain's plane: links as rectangles, their frames, and their collisions with the object's points and the table.
 
 /// A rectangle of a link in the chain's plane; metres.
 #[derive(Clone, Copy, Debug)]
@@ -18,7 +18,7 @@ impl Rect {
 #[derive(Clone, Debug)]
 pub(crate) struct LinkShape {
     pub rects: Vec<Rect>,
-    /// Around all of them: most points are outside, and need no look at the rectangles.
+    /// Bounds of all rectangles, outside of which most points are.
     pub bounds: Rect,
 }
 
@@ -36,9 +36,9 @@ impl LinkShape {
         self.bounds.holds(x, z) && self.rects.iter().any(|r| r.holds(x, z))
     }
 
-    /// True where a corner of the link, at this frame, is below the table.
+    /// True if a corner of the link at this frame is below the table.
     pub fn hits_table(&self, frame: &Frame, table: &PlaneTable) -> bool {
-        /// Rounding of a height, metres, and far more.
+        /// Margin for the rounding of a height, metres; far above it.
         const ROUNDING: f64 = 1e-9;
         let height = |[x, z]: [f64; 2]| table.normal[0] * x + table.normal[1] * z;
         let reach = [height([frame.cos, frame.sin]), height([-frame.sin, frame.cos])];
@@ -94,29 +94,29 @@ impl Frame {
     }
 }
 
-/// The object's points around one closing chain, in square cells, and what the last steps found out. Neither changes an answer.
+/// The object's points around one closing chain in square cells, and a cache of the last steps. Neither changes results.
 pub(crate) struct Obstacles {
     /// Row by row of cells, and cell by cell within a row.
     points: Vec<[f64; 2]>,
-    /// Where each cell begins in `points`; the last entry is their number.
+    /// Index of each cell's first point; the last entry is the number of points.
     begins: Vec<u32>,
     origin: [f64; 2],
-    /// Cells along x and z.
+    /// Number of cells along x and z.
     size: [usize; 2],
     /// The point that blocked each link last.
     last: Vec<[f64; 2]>,
-    /// The last positions of the first coordinate, and whether a point blocked the first link there: it depends on no other.
+    /// Recent positions of the first coordinate, and whether a point blocked the first link there, which depends on no other coordinate.
     known: [(f64, bool); Obstacles::KNOWN],
     next: usize,
 }
 
 impl Obstacles {
-    /// Positions that are remembered: those that two steps try.
+    /// Number of cached positions: those of two steps.
     const KNOWN: usize = 8;
     /// Side of a cell, metres: a third of a link's thickness.
     const CELL: f64 = 0.01;
 
-    /// * `links`: how many links the chain has.
+    /// * `links`: number of links of the chain.
     pub fn new(points: &[PlanePoint], links: usize) -> Self {
         let none = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let (low, high) = points
@@ -142,7 +142,7 @@ impl Obstacles {
             sum += *begin;
             *begin = sum;
         }
-        // Filled from behind, so that each entry ends where its cell begins.
+        // Filled from the end: each entry ends at the beginning of its cell.
         for p in points.iter().rev() {
             let cell = cell(&all, p);
             all.begins[cell] -= 1;
@@ -152,16 +152,16 @@ impl Obstacles {
         all
     }
 
-    /// Place along `axis` (0: x, 1: z) of the cell that holds `value`, or of the nearest one.
+    /// Index along `axis` (0: x, 1: z) of the cell that contains `value`, or of the nearest one.
     fn cell(&self, axis: usize, value: f64) -> usize {
         (((value - self.origin[axis]) / Self::CELL).max(0.0) as usize).min(self.size[axis] - 1)
     }
 
-    /// True where a point is inside one of the links at these frames.
+    /// True if a point is inside one of the links at these frames.
     ///
-    /// * `first`: position of the first coordinate, on which alone the first link depends.
+    /// * `first`: position of the first coordinate, the only one on which the first link depends.
     pub fn block<'a>(&mut self, links: impl Iterator<Item = (&'a LinkShape, &'a Frame)> + Clone, first: f64) -> bool {
-        // The point that blocked a link last mostly does so again, and is asked first.
+        // The point that blocked a link last usually does so again, and is tested first.
         links.clone().zip(&self.last).any(|((link, frame), last)| link.holds(frame, *last))
             || links.enumerate().any(|(which, (link, frame))| match which {
                 0 => self.block_first(link, frame, first),
@@ -180,7 +180,7 @@ impl Obstacles {
     }
 
     fn block_link(&mut self, which: usize, link: &LinkShape, frame: &Frame) -> bool {
-        /// Rounding of a point from the plane to a link and back, metres, and far more.
+        /// Margin for the rounding of a point from the plane to a link and back, metres; far above it.
         const ROUNDING: f64 = 1e-9;
         /// Points compared at once.
         const LANES: usize = 8;
@@ -196,7 +196,7 @@ impl Obstacles {
             let first = row * self.size[0];
             let [begin, end] = [first + x[0], first + x[1] + 1].map(|cell| self.begins[cell] as usize);
             for points in self.points[begin..end].chunks(LANES) {
-                // Without branches, so that the compiler compares several points at once.
+                // Branch-free, so the compiler compares several points at once.
                 let near = points.iter().fold(false, |near, &[x, z]| {
                     let (x, z) = frame.inward(x, z);
                     near | ((x > bounds.x[0]) & (x < bounds.x[1]) & (z > bounds.z[0]) & (z < bounds.z[1]))

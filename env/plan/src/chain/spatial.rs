@@ -1,18 +1,18 @@
-//! A chain that closes in space: for hands with a finger that comes round as it closes, such as an opposable thumb.
+//! Closing of chains in space, for hands with a finger that swings around as it closes, such as an opposable thumb.
 //!
-//! All joints close together, along the way that the free hand takes: springs let a joint go where they balance the tension that the joints
-//! share, and what an actuator drives moves evenly. Where a link meets the object or the table, the joints before it stay; those behind go on.
+//! All joints close together along the path of the free hand: a sprung joint is where its spring balances the common tension, and a directly
+//! driven joint moves uniformly. Where a link meets the object or the table, the joints before it stop and those after it continue.
 
 use super::{ClosedChain, TOUCH, TURNING};
 use crate::PlanError;
 use graspbox_hand::{Hand, JointKind, Material, Transmission};
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
-/// Fine steps from open to closed: a finger tip moves by less than 2 mm in one.
+/// Number of fine steps from open to closed: a finger tip moves by less than 2 mm in each.
 const STEPS: usize = 160;
-/// Steps that are tried at once, the longest first.
+/// Numbers of fine steps that are tried at once, longest first.
 const STRIDES: [usize; 3] = [4, 2, 1];
-/// Points further than this from the way of the free chain are not in its way, metres: a blocked chain hardly leaves it.
+/// Points farther than this from the path of the free chain are ignored, metres: a blocked chain deviates little from that path.
 const ROOM: f64 = 0.01;
 
 /// A box of a link.
@@ -26,31 +26,31 @@ struct LinkBox {
 /// A link of the chain.
 #[derive(Clone, Debug)]
 struct Node {
-    /// The node that carries it; none for the hand itself.
+    /// Parent node; `None` for the hand itself.
     parent: Option<usize>,
-    /// The coordinate that moves it against its parent.
+    /// The coordinate that moves it relative to its parent.
     coordinate: Option<usize>,
-    /// Its pose in its parent at every step; one entry where it does not move.
+    /// Its pose in its parent at every step; one entry if it does not move.
     poses: Vec<Isometry3<f64>>,
     boxes: Vec<LinkBox>,
-    /// Coordinates that it depends on, as bits.
+    /// Bit set of the coordinates that it depends on.
     upstream: u64,
 }
 
-/// A chain at one preshape, ready to close in space.
+/// A chain at one preshape, prepared for closing in space.
 #[derive(Clone, Debug)]
 pub(crate) struct SpatialChain {
     nodes: Vec<Node>,
     coordinates: usize,
-    /// Position of the first joint that closes fast, at every step from that of the open hand: rad or m.
+    /// Position of the first joint that closes fast, relative to the open hand, at every step: rad or m.
     root: (usize, Vec<f64>),
-    /// Turn of the last link at each step, from each coordinate: radians.
+    /// Rotation of the last link at each step, by coordinate, radians.
     turns: Vec<Vec<f64>>,
-    /// Bounds of the free chain's way in the hand frame, with [`ROOM`].
+    /// Bounds of the free chain's path in the hand frame, with the margin [`ROOM`].
     bounds: [Vector3<f64>; 2],
 }
 
-/// A box where it stands in the hand frame.
+/// A box at its pose in the hand frame.
 struct Placed<'a> {
     node: usize,
     axes: Matrix3<f64>,
@@ -65,7 +65,7 @@ impl Placed<'_> {
         (at.x < half.x + margin) & (at.y < half.y + margin) & (at.z < half.z + margin)
     }
 
-    /// Height of its lowest corner over the table.
+    /// Height of its lowest corner above the table.
     fn lowest(&self, table: &TableSide) -> f64 {
         table.up.dot(&self.center) + table.offset - self.axes.tr_mul(&table.up).abs().dot(&self.shape.half)
     }
@@ -81,13 +81,13 @@ impl SpatialChain {
     /// Every chain of `hand` that closes, at `preshape`.
     ///
     /// # Errors
-    /// [`PlanError::UnsupportedHand`] where the kinematics refuse the preshape, or a chain has more than 64 joints.
+    /// [`PlanError::UnsupportedHand`] for a preshape beyond the hand's limits, or a chain of more than 64 joints.
     pub fn all(hand: &Hand, preshape: f64) -> Result<Vec<Self>, PlanError> {
         let bad = |reason| PlanError::UnsupportedHand { name: hand.name.clone(), reason };
-        let way = way(hand, preshape);
+        let way = free_path(hand, preshape);
         let links = way.iter().map(|at| hand.hand_from_links(at)).collect::<Result<Vec<_>, _>>();
         let positions = way.iter().map(|at| hand.joint_positions(at)).collect::<Result<Vec<_>, _>>();
-        let (Ok(links), Ok(positions)) = (links, positions) else { return Err(bad("does not take this preshape")) };
+        let (Ok(links), Ok(positions)) = (links, positions) else { return Err(bad("cannot take this preshape")) };
         let mut chains = Vec::new();
         for (number, chain) in hand.chains().iter().enumerate() {
             if chain.joints.len() > 64 {
@@ -100,7 +100,7 @@ impl SpatialChain {
         Ok(chains)
     }
 
-    /// * `links`, `positions`: of all links and joints, at every step.
+    /// * `links`, `positions`: poses of all links and positions of all joints, at every step.
     fn new(
         hand: &Hand,
         number: usize,
@@ -173,7 +173,7 @@ impl SpatialChain {
             .map(|(p, index)| (p.coords, *index))
             .collect();
         let mut at = vec![0; self.coordinates];
-        // Coordinates that still close, as bits, and how far they have come.
+        // Bit set of the coordinates that still close, and their step.
         let (mut live, mut step, mut met_table) = (u64::MAX, 0, false);
         while self.nodes.iter().any(|node| node.coordinate.is_some_and(|c| live >> c & 1 == 1)) && step < STEPS {
             let mut blocked = None;
@@ -195,12 +195,12 @@ impl SpatialChain {
         ClosedChain { root: self.root.1[at[self.root.0]], turn, touched, met_table }
     }
 
-    /// Coordinates that are live at `step`, the others where they are.
+    /// Live coordinates at `step`, the others at their last step.
     fn advanced(&self, at: &[usize], live: u64, step: usize) -> Vec<usize> {
         at.iter().enumerate().map(|(c, at)| if live >> c & 1 == 1 { step } else { *at }).collect()
     }
 
-    /// The first node that cannot be there, and whether the table is in its way. Links that no longer move are not asked.
+    /// The first node that is blocked, and whether by the table. Links that no longer move are not tested.
     fn blocked(
         &self,
         at: &[usize],
@@ -217,7 +217,7 @@ impl SpatialChain {
         })
     }
 
-    /// The points at each node: index, on a pad.
+    /// The points that each node touches: index, and whether it is on a pad.
     fn touched(&self, at: &[usize], near: &[(Vector3<f64>, u32)]) -> Vec<Vec<(u32, bool)>> {
         let mut touched = vec![Vec::new(); self.nodes.len()];
         for placed in self.place(at) {
@@ -227,7 +227,7 @@ impl SpatialChain {
         touched
     }
 
-    /// All boxes, with each coordinate at its step.
+    /// All boxes, each coordinate at its step.
     fn place(&self, at: &[usize]) -> Vec<Placed<'_>> {
         let mut frames: Vec<Isometry3<f64>> = Vec::with_capacity(self.nodes.len());
         let mut placed = Vec::with_capacity(self.nodes.len());
@@ -245,12 +245,12 @@ impl SpatialChain {
     }
 }
 
-/// Positions of the independent joints of the free hand, from open to closed.
-fn way(hand: &Hand, preshape: f64) -> Vec<Vec<f64>> {
+/// Path of the free hand: positions of the independent joints from open to closed.
+fn free_path(hand: &Hand, preshape: f64) -> Vec<Vec<f64>> {
     let open = hand.open_configuration(preshape);
     let fastest = hand.coordinates().map(|joint| hand.closing_rate(joint).abs()).fold(0.0, f64::max);
     let end = |joint: usize| hand.joints[joint].limits[usize::from(hand.closing_rate(joint) > 0.0)];
-    // Tension at which a sprung joint is at its limit.
+    // Tension at which a sprung joint reaches its limit.
     let tension = |joint: usize| {
         let data = &hand.joints[joint];
         data.stiffness * (end(joint) - data.spring_reference) / hand.closing_rate(joint)
@@ -310,7 +310,7 @@ mod tests {
     fn a_point_stops_the_link_that_meets_it_and_the_tip_goes_on() {
         let middle = &chains()[2];
         let free = middle.close(&[], &NO_TABLE);
-        // Before the proximal link, 20 mm over the palm's plane.
+        // In front of the proximal link, 20 mm above the palm's plane.
         let held = middle.close(&[(Point3::new(0.04, 0.0, 0.02), 7)], &NO_TABLE);
         assert!(held.root < free.root - 0.2 && held.turn < free.turn - 0.4, "{held:?} {free:?}");
         assert!(held.touched.iter().flatten().all(|contact| *contact == (7, true)), "{held:?}");

@@ -1,14 +1,14 @@
-//! A box against a triangle surface: separating axes, in the box's own frame.
+//! A box against a triangle surface by separating axes, in the box's frame.
 
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::partitioning::BvhNode;
 use parry3d_f64::shape::TriMesh;
 
-/// True where the box of half extents `half`, placed at `surface_from_box`, meets a triangle of `surface`; touching counts.
+/// True if the box of half extents `half` at `surface_from_box` intersects a triangle of `surface`; touching counts.
 pub(super) fn meets(half: Vector, surface_from_box: &Pose, surface: &TriMesh) -> bool {
     let turn = surface_from_box.rotation.inverse();
     let local = |p: Vector| turn * (p - surface_from_box.translation);
-    // Columns: the surface's axes in the box's frame, without their signs.
+    // Columns: absolute values of the surface's axes in the box's frame.
     let axes = [Vector::X, Vector::Y, Vector::Z].map(|axis| (turn * axis).abs());
     let near = |node: &BvhNode| {
         let bounds = node.aabb();
@@ -23,7 +23,7 @@ pub(super) fn meets(half: Vector, surface_from_box: &Pose, surface: &TriMesh) ->
     })
 }
 
-/// True where the box |x| <= `half` meets the triangle `corners`: no one of 13 axes separates them.
+/// True if the box |x| <= `half` intersects the triangle `corners`: none of 13 axes separates them.
 fn meets_triangle(half: Vector, corners: [Vector; 3]) -> bool {
     let [a, b, c] = corners;
     let apart = a.min(b).min(c).cmpgt(half).any() || a.max(b).max(c).cmplt(-half).any();
@@ -61,7 +61,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
-        /// A bug here: a missing axis (collisions seen where there are none), or one that separates what meets.
+        /// A bug here: a missing axis (false collisions), or one that separates intersecting shapes.
         #[test]
         fn agrees_with_the_collision_library(
             corners in [vector(-5.0..5.0), vector(-5.0..5.0), vector(-5.0..5.0)],
@@ -75,7 +75,7 @@ mod tests {
             let library = intersection_test(&place, &Cuboid::new(half), &Pose::IDENTITY, &surface.triangle(0))
                 .unwrap()
                 .intersecting;
-            // Within rounding of touching either answer is right.
+            // Within rounding of touching, either result is right.
             if meets_grown(1e-3) == meets_grown(-1e-3) {
                 prop_assert_eq!(meets_grown(0.0), library);
             }

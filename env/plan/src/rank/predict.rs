@@ -1,4 +1,4 @@
-//! What a grasp would look like: chains (fingers) closed on the object's surface, contacts, and numbers that describe them.
+//! Prediction of a grasp: chains (fingers) closed on the object's surface, their contacts, and features of both.
 
 use crate::chain::{ChainModel, ClosedChain, PlanePoint, PlaneTable, SpatialChain, TableSide};
 use crate::collision::CollisionScene;
@@ -9,17 +9,17 @@ use graspbox_mesh::SurfaceSample;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A predicted grasp in numbers; everything is read off the geometry of the closed hand.
+/// Features of a predicted grasp, from the geometry of the closed hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Prediction {
-    /// Fingers that touch the object.
+    /// Number of fingers that touch the object.
     pub fingers: f64,
-    /// Links that touch it with a pad.
+    /// Number of links that touch it with a pad.
     pub pads: f64,
-    /// Least wrench that one unit of force a finger can take up in any direction (torque over 5 cm); 0 without force closure.
+    /// Least wrench in any direction that one unit of force per finger resists (torques divided by 5 cm); 0 without force closure.
     pub epsilon: f64,
-    /// How well opposing fingers' normals cancel: 1 minus the length of their sum over the sum of their lengths.
+    /// Cancellation of opposing fingers' normals: 1 minus the length of their sum over the sum of their lengths.
     pub balance: f64,
     /// Horizontal distance of the centre of mass from the middle of the contacts, metres.
     pub lever: f64,
@@ -27,15 +27,15 @@ pub struct Prediction {
     pub depth: f64,
     /// Distance of the centre of mass from the closing centre in the palm's plane, metres.
     pub offset: f64,
-    /// Mean turn of the last links of fingers that touch, radians; beyond pi/2 they reach behind.
+    /// Mean rotation of the last links of touching fingers, radians; beyond pi/2 they reach behind the object.
     pub wrap: f64,
-    /// Least of these turns.
+    /// Least of these rotations, radians.
     pub least_wrap: f64,
-    /// Greatest difference of the first joints of fingers that touch, radians or metres.
+    /// Greatest difference between the first joints of touching fingers, radians or metres.
     pub uneven: f64,
-    /// Fingers that met the table while closing.
+    /// Number of fingers that touched the table while closing.
     pub on_table: f64,
-    /// How steeply the hand comes down: 1 from above, 0 from the side.
+    /// Downward component of the approach: 1 from above, 0 from the side.
     pub down: f64,
     /// Greatest distance between two contacts, metres.
     pub span: f64,
@@ -43,34 +43,34 @@ pub struct Prediction {
     pub ahead: f64,
     /// Distance of the centre of mass beside the closing centre along hand y, metres.
     pub aside: f64,
-    /// How steeply hand x points down: 1 straight down, -1 straight up.
+    /// Downward component of hand x: 1 straight down, -1 straight up.
     pub nose_down: f64,
     /// Distance of the middle of the contacts from the palm along hand z, metres.
     pub contact_depth: f64,
     /// Greatest distance between two contacts along hand x, metres.
     pub width: f64,
-    /// How straight one finger pushes against the others: greatest cosine between its push and the way back of theirs; 0 for one alone.
+    /// Opposition of one finger to the others: greatest cosine between its force and the reverse of theirs; 0 for a single finger.
     pub opposed: f64,
 }
 
-/// A point where a finger presses on the object; object frame.
+/// A contact of a finger with the object; object frame.
 struct Contact {
     point: Point3<f64>,
-    /// Into the object, unit.
+    /// Unit normal into the object.
     inward: Vector3<f64>,
     /// Coefficient of friction.
     friction: f64,
     finger: usize,
 }
 
-/// What all predictions of one object share.
+/// Data shared by all predictions of one object.
 pub(crate) struct Target<'a> {
     pub samples: &'a [SurfaceSample],
     pub center_of_mass: Point3<f64>,
     pub scene: &'a CollisionScene,
 }
 
-/// A hand at one preshape, ready to close.
+/// A hand at one preshape, prepared for closing.
 pub(crate) struct ClosingHand {
     pub preshape: f64,
     pub fingers: Fingers,
@@ -78,11 +78,11 @@ pub(crate) struct ClosingHand {
     pub friction: [f64; 2],
 }
 
-/// How the chains of a hand close.
+/// The chains of a hand.
 pub(crate) enum Fingers {
-    /// Each in its plane.
+    /// Each closes in its plane.
     Planar(Vec<ChainModel>),
-    /// In space: the plane of one of them turns as it closes.
+    /// They close in space, since the plane of one of them rotates.
     Spatial(Vec<SpatialChain>),
 }
 
@@ -95,10 +95,10 @@ impl Fingers {
     }
 }
 
-/// Contacts of a link that enter the wrench space.
+/// Most contacts of a link that enter the wrench space.
 const LINK_CONTACTS: usize = 4;
 
-/// Closes the hand at `object_from_hand` and describes what it holds.
+/// Closes the hand at `object_from_hand` and computes the features of the grasp.
 pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand: &Isometry3<f64>) -> Prediction {
     let hand_from_object = object_from_hand.inverse();
     let closed: Vec<ClosedChain> = match &hand.fingers {
@@ -149,15 +149,15 @@ fn close_one(
     hand_from_object: &Isometry3<f64>,
     object_from_hand: &Isometry3<f64>,
 ) -> ClosedChain {
-    /// A point this far beside the finger still counts, metres: samples are about 5 mm apart.
+    /// Greatest distance of a point beside the finger, metres: samples are about 5 mm apart.
     const BESIDE: f64 = 0.002;
-    /// Rounding between two frames, metres, and far more.
+    /// Margin for the rounding between two frames, metres; far above it.
     const ROUNDING: f64 = 1e-9;
     let [x_axis, y_axis, z_axis] = finger.axes();
     let origin = finger.hand_from_plane.translation.vector;
     let reach2 = (finger.reach + BESIDE).powi(2);
     let mut points = Vec::with_capacity(128);
-    // Most samples are beside the finger, which is found out faster in their own frame.
+    // Most samples are beside the finger: a test in their own frame rejects them faster.
     let across = object_from_hand * y_axis;
     let middle = across.dot(&(object_from_hand * Point3::from(origin)).coords);
     for (sample, index) in target.samples.iter().zip(0u32..) {
@@ -176,7 +176,7 @@ fn close_one(
     let object_from_plane = object_from_hand * finger.hand_from_plane;
     let up = object_from_plane.inverse() * target.scene.up().into_inner();
     let origin = target.scene.height(&Point3::from(object_from_plane.translation.vector));
-    // The finger is as wide as it is: its lower edge counts.
+    // The lower edge of the finger counts.
     let offset = up.y.abs() * finger.half_width - origin;
     finger.close(&points, &PlaneTable { normal: [up.x, up.z], offset })
 }
@@ -224,7 +224,7 @@ fn describe_contacts(
     }
     let up = target.scene.up();
     let [closing, approach] = [Vector3::x(), Vector3::z()].map(|axis| object_from_hand * axis);
-    // One mean normal a finger, so that a link with many samples does not outweigh the others.
+    // One mean normal per finger: a link with many samples does not outweigh the others.
     let mut pushes = vec![Vector3::zeros(); hand.fingers.count()];
     for contact in contacts {
         pushes[contact.finger] += contact.inward;
@@ -252,7 +252,7 @@ fn describe_contacts(
     p.epsilon = space.epsilon(Directions::Fine);
 }
 
-/// The hand ready to close, once for each preshape.
+/// The chains of the hand at a preshape, prepared for closing.
 pub(crate) fn closing_hand(hand: &Hand, preshape: f64) -> Result<ClosingHand, crate::PlanError> {
     let planar = ChainModel::all(hand, preshape)?;
     let fingers = if planar.iter().any(|chain| chain.turns) {

@@ -1,40 +1,39 @@
-//! The score: log-odds of a grasp, up to a constant, as a fixed weighted sum of what its geometry says.
+//! The score: the log-odds of success, up to a constant, as a weighted sum of geometric features.
 //!
-//! The weights were fitted once by logistic regression (ridge, one intercept per object, so that they rank poses within an object) to simulated
-//! grasps with the ReFlex hand of procedural objects of the training split: 1343 poses of 44 objects (seeds 2000 to 2003 of eleven families),
-//! the best eight of each by an earlier guess and others at random. `scripts/fit_ranking.py` fits them again. Nothing is simulated when
-//! planning, and no object that is counted took part. Signs are as one would expect: more fingers, opposed and near the centre of mass,
-//! at the depth where the finger pads are; not over-closed on nothing. A hand whose file gives weights of its own (`[grasp.ranking]`) is
-//! scored by these; terms of weight 0 wait for such a hand.
+//! The weights were fitted by logistic regression (ridge, one intercept per object, so they rank poses within an object) to simulated grasps of
+//! procedural objects of the training split with the ReFlex hand: 1343 poses of 44 objects (seeds 2000 to 2003 of eleven families), the
+//! eight best of each by an earlier score, and random ones. `scripts/fit_ranking.py` fits them again. No object of an evaluation took part.
+//! The signs are plausible: many fingers, opposed and near the centre of mass, at the depth of the finger pads, and not closed past the object.
+//! Weights in a hand's file (`[grasp.ranking]`) replace these; terms of weight 0 exist for such hands.
 
 use super::predict::Prediction;
 use crate::PlanError;
 use graspbox_hand::{Hand, Preshape};
 
-/// Lengths enter in units of this, metres.
+/// Unit of lengths in the terms, metres.
 const UNIT: f64 = 0.05;
-/// Turn of the last link beyond which a finger has closed past the object, radians.
+/// Rotation of the last link beyond which a finger has closed past the object, radians.
 const OVER_CLOSED: f64 = 3.2;
-/// Epsilon above which a grasp counts as force closure: sampled directions alone are an upper bound.
+/// Epsilon above which a grasp counts as force closure, dimensionless; above 0, since sampled directions give an upper bound.
 const CLOSURE: f64 = 0.3;
-/// Each better pose of the same box, face and preshape lowers a pose by this: among the first twenty there should be different ideas.
+/// Amount by which each better pose of the same box, face and preshape lowers a score: the first twenty poses should differ.
 pub(crate) const REPEAT: f64 = 0.03;
 
-/// What a term is read from.
+/// Inputs of a term.
 struct Reading<'a> {
     prediction: &'a Prediction,
-    /// Depth of the hand's grasp centre, metres from the palm: where grasps hold best.
+    /// Depth of the hand's grasp centre, metres from the palm: grasps hold best there.
     best_depth: f64,
 }
 
 impl Reading<'_> {
-    /// How far the centre of mass is ahead of the closing centre, bounded.
+    /// Distance of the centre of mass ahead of the closing centre, bounded.
     fn ahead(&self) -> f64 {
         self.prediction.ahead.clamp(-2.0 * UNIT, 2.0 * UNIT) / UNIT
     }
 }
 
-/// One row: its name, what it is worth, and how it is read.
+/// A term: its name, weight and value.
 type Term = (&'static str, f64, fn(&Reading<'_>) -> f64);
 
 /// Terms before those of the preshapes.
@@ -72,15 +71,15 @@ fn indicator(yes: bool) -> f64 {
     if yes { 1.0 } else { 0.0 }
 }
 
-/// What a term is worth for `hand`: its own weight, or the one of the table.
+/// Weight of a term for `hand`: the hand's own, or that of the table.
 fn weight(hand: &Hand, (name, weight, _): &Term) -> f64 {
     hand.grasp.ranking.get(*name).copied().unwrap_or(*weight)
 }
 
-/// Checks that the hand's own weights are of terms that there are.
+/// Checks that the hand's own weights are for known terms.
 ///
 /// # Errors
-/// [`PlanError::UnknownTerm`] for the first that is not.
+/// [`PlanError::UnknownTerm`] for the first unknown one.
 pub(crate) fn check_terms(hand: &Hand) -> Result<(), PlanError> {
     let known = || TERMS.iter().chain([&DOWN]).map(|term| term.0);
     match hand.grasp.ranking.keys().find(|name| !known().any(|term| term == *name)) {
@@ -93,20 +92,20 @@ pub(crate) fn check_terms(hand: &Hand) -> Result<(), PlanError> {
     }
 }
 
-/// Preshapes that have a term of their own: all but the first, with which they are compared.
+/// Preshapes with a term of their own: all but the first, to which they are compared.
 fn others(hand: &Hand) -> &[Preshape] {
     hand.preshapes().get(1..).unwrap_or_default()
 }
 
-/// Name and weight of each term of the score, in the order of [`rank_features`]: the hand's preshapes but the first have one each, which
-/// has their preference for a weight.
+/// Name and weight of each term of the score, in the order of [`rank_features`]. All preshapes of the hand but the first have a term, with their
+/// preference as its weight.
 pub fn rank_weights(hand: &Hand) -> Vec<(String, f64)> {
     let fixed = |term: &Term| (term.0.to_owned(), weight(hand, term));
     let preshapes = others(hand).iter().map(|preshape| (preshape.name.clone(), preshape.preference));
     TERMS.iter().map(fixed).chain(preshapes).chain([fixed(&DOWN)]).collect()
 }
 
-/// What the terms of the score read off a grasp with `preshape`; the score is their sum, weighted by [`rank_weights`].
+/// Values of the terms for a grasp with `preshape`; the score is their sum weighted by [`rank_weights`].
 pub fn rank_features(hand: &Hand, prediction: &Prediction, preshape: f64) -> Vec<f64> {
     let reading = Reading { prediction, best_depth: hand.grasp.center.z };
     let fixed = |(_, _, read): &Term| read(&reading);
@@ -115,7 +114,7 @@ pub fn rank_features(hand: &Hand, prediction: &Prediction, preshape: f64) -> Vec
     TERMS.iter().map(fixed).chain(preshapes).chain([fixed(&DOWN)]).collect()
 }
 
-/// The score of a grasp with `preshape`; higher is better, comparable within an object.
+/// Score of a grasp with `preshape`; higher is better, comparable within an object.
 pub(crate) fn score(hand: &Hand, prediction: &Prediction, preshape: f64) -> f64 {
     let reading = Reading { prediction, best_depth: hand.grasp.center.z };
     let worth = |term: &Term| weight(hand, term) * (term.2)(&reading);

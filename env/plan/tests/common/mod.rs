@@ -50,7 +50,7 @@ pub fn cuboids(parts: &[([f64; 3], [f64; 3])]) -> TriMesh {
     TriMesh::new(vertices, faces).unwrap()
 }
 
-/// A hammer lying along x: a handle and a head across, of unlike sizes so that no symmetry is left.
+/// A hammer along x: a handle and a transverse head of different sizes, without symmetry.
 pub fn hammer() -> TriMesh {
     cuboids(&[([0.0, 0.0, 0.015], [0.12, 0.012, 0.009]), ([0.135, 0.012, 0.018], [0.015, 0.06, 0.018])])
 }
