@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from graspbox.programs import run_program
+
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "python"))
 
@@ -231,4 +233,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

@@ -5,7 +5,8 @@
     python scripts/bench_server.py --policy policies/depth
 
 Everything runs on this machine, over loopback; each figure is the median of at least five runs that alternate with
-those of its rivals. Peers that are not installed (openpi-client with websockets) are left out, and the table says so.
+those of its rivals. Peers (`server_peers.py`) run in interpreters that have them, `--peer-python PATH ...`; those that
+none has are named and left out (`pip install remote-gym`; elsewhere `openenv-core openpi-client websockets gymnasium`).
 """
 
 import json
@@ -14,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -31,10 +32,13 @@ from graspbox import _core
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.envs.remote_pool import now_of
 from graspbox.policies import Task
+from graspbox.programs import run_program
 
 #: Objects of all environments.
 OBJECTS = "procedural:can:0-3"
 WIDE = 64
+#: Exit status of a peer that is not installed.
+_NOT_INSTALLED = 3
 
 
 @dataclass
@@ -47,6 +51,8 @@ class Args:
     """Runs of each figure."""
     policy: str = ""
     """Folder of a policy, for the part policy."""
+    peer_python: tuple[str, ...] = ()
+    """Interpreters in which peers are installed, beside this one."""
     json: Path | None = None
     """Write the figures into this file."""
     rows: tyro.conf.Suppress[list[dict[str, Any]]] = field(default_factory=list)
@@ -122,16 +128,17 @@ def steps(args: Args) -> None:
                 env.close()
 
 
-def round_trips(call: Callable[[], Any], count: int) -> list[float]:
-    """Microseconds of calls, after a tenth of them to warm up."""
-    for _ in range(count // 10):
-        call()
-    times = []
-    for _ in range(count):
-        started = time.perf_counter()
-        call()
-        times.append(1e6 * (time.perf_counter() - started))
-    return times
+def peer_round_trips(name: str, pythons: Iterable[str], count: int) -> list[float] | None:
+    """Microseconds of a peer's calls, in the first interpreter that has it; None if none has."""
+    program = str(Path(server_peers.__file__))
+    for python in pythons:
+        call = [python, program, name, "--calls", str(count)]
+        run = subprocess.run(call, capture_output=True, text=True)
+        if run.returncode == 0:
+            return list(json.loads(run.stdout))
+        if run.returncode != _NOT_INSTALLED:
+            raise SystemExit(f"{name} failed: {run.stderr}")
+    return None
 
 
 def calls(args: Args) -> None:
@@ -151,15 +158,15 @@ def calls(args: Args) -> None:
             )
             env.reset(seed=0)
             rivals[name] = lambda pool=env._core.pool: now_of(pool.call("observe", {}), None)
-        for name, peer in server_peers.PEERS.items():
-            try:
-                rivals[name] = stack.enter_context(peer())
-            except ImportError as error:
-                print(f"{name}: left out, {error.name} is not installed", file=sys.stderr)
-        times: dict[str, list[float]] = {name: [] for name in rivals}
+        times: dict[str, list[float]] = {name: [] for name in (*rivals, *server_peers.PEERS)}
         for _ in range(args.runs):
             for name, call in rivals.items():
-                times[name] += round_trips(call, 100 if name.startswith(("64", "OpenEnv")) else 1000)
+                times[name] += server_peers.round_trips(call, 100 if name.startswith("64") else 1000)
+            for name in server_peers.PEERS:
+                found = peer_round_trips(name, (sys.executable, *args.peer_python), 200) if name in times else None
+                if found is None and times.pop(name, None) is not None:
+                    print(f"{name}: left out, no interpreter of --peer-python has it", file=sys.stderr)
+                times.get(name, []).extend(found or [])
         for name, values in times.items():
             add(args, f"round trip without physics: {name}", values, "us", p99=float(np.quantile(values, 0.99)))
 
@@ -281,4 +288,4 @@ def main(args: Args) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Args, description=__doc__))
+    run_program(lambda: main(tyro.cli(Args, description=__doc__)))

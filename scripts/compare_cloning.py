@@ -41,6 +41,8 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.files import dumps, write_text
 from graspbox.pictures.files import Figure, write
 from graspbox.policies.goals import GOAL_NAME
+from graspbox.programs import run_program
+from graspbox.training.runs import Rows, refuse_changes
 
 SCRIPTS = Path(__file__).parent
 OBJECTS = ("procedural:box:0-99", "procedural:can:0-99", "procedural:ball:0-99")
@@ -155,7 +157,7 @@ def steps_of(settings: Settings) -> list[Step]:
 def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
     folder = settings.folder
     clone = folder / f"clone-{given}"
-    words = [str(SCRIPTS / "clone_sb3.py"), "ppo", str(shown), str(clone), "--resume", "--seed", str(settings.seed)]
+    words = ["graspbox", "train", "clone", "ppo", str(shown), "--out", str(clone), "--seed", str(settings.seed)]
     words += ["--epochs", str(settings.epochs), "--shown", str(settings.shown), "--episodes", str(settings.watched)]
     words += [] if settings.keep == "secure" else ["--keep", settings.keep]
     words += [word for name in INPUTS[given] for word in ("--obs", name)]
@@ -167,7 +169,7 @@ def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
     for kind, (reward, changes, more) in kinds.items():
         run = folder / f"{kind}-{given}"
         changes = (f"env.reward={reward}", f"env.obs={obs}", *_environment(settings, given), *changes, *settings.set)
-        words = [str(SCRIPTS / "train_sb3.py"), "ppo", str(run), "--resume", *more, "--steps", str(settings.steps)]
+        words = ["graspbox", "train", "sb3", "ppo", "--out", str(run), *more, "--steps", str(settings.steps)]
         words += ["--evaluations", str(settings.evaluations), "--episodes", str(settings.watched)]
         words += ["--seed", str(settings.seed), *(word for change in changes for word in ("--set", change))]
         found.append(Step(run.name, tuple(words), folder / f"{run.name}.done.json"))
@@ -198,10 +200,7 @@ def test_policies(settings: Settings) -> None:
         path = settings.folder / f"{Path(name).name}.test.json"
         asked = {"objects": list(settings.unseen), "episodes": settings.episodes, "steps": settings.max_episode_steps}
         if path.exists():
-            if (known := json.loads(path.read_text()).get("asked")) != asked:
-                raise ConfigError(
-                    f"{str(path)!r} was measured with {known}, not {asked}; remove it or name another folder"
-                )
+            refuse_changes(path, json.loads(path.read_text()).get("asked"), asked, "remove it, or name another folder")
             continue
         with progress() as bar:
             task = bar.add_task(name, total=settings.episodes)
@@ -230,8 +229,7 @@ def results(folder: Path) -> dict[str, dict[str, Any]]:
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
     """Read the evaluations of a run."""
-    path = folder / "evaluations.jsonl"
-    return [json.loads(line) for line in path.read_text().splitlines()[1:]] if path.is_file() else []
+    return Rows(folder / "evaluations.jsonl").rows
 
 
 def curves(settings: Settings) -> Figure:
@@ -307,4 +305,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_program(main)

@@ -1,4 +1,4 @@
-"""Measure policies of ``GraspPose-v0`` side by side: on unseen objects, under errors, by class of object.
+"""Measure policies side by side: on unseen objects, under errors, by class of object.
 
     python scripts/evaluate_policies.py --out out/evaluation --policies random planner policies/depth
     python scripts/evaluate_policies.py --out out/oracle --policies robust_oracle policies/depth --conditions nominal
@@ -13,8 +13,8 @@ off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``; or with the truth for a 
 ``--stressed`` names those that are measured under all conditions; the others only see the first.
 
 All policies get the same trials: object, pose and noise follow from the seed, and objects from which one of them
-learned are left out for all. The folder then has ``log.jsonl`` with every trial, ``evaluation.md`` with the tables, and
-``policies.png``, ``conditions.png`` and ``reliability.png``. The same command continues what was interrupted. Exit
+learned are left out for all. The folder then has ``results.jsonl`` with every trial, ``evaluation.md`` with the tables,
+and ``policies.png``, ``conditions.png`` and ``reliability.png``. The same command continues what was interrupted. Exit
 status: 0 at the end, 2 for wrong arguments, 130 for an interruption.
 
 Needs the extras ``cli``, and ``onnx``, ``train``, ``data``, ``ycb`` for what needs them.
@@ -31,16 +31,18 @@ from typing import Any
 import tyro
 
 from graspbox import evaluation, learned_sets, object_sets, policies
+from graspbox.artifacts.folders import read_depth_policy
 from graspbox.cli.common import console, print_json, progress
+from graspbox.envs import IDS
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.evaluation.conditions import CONDITIONS
+from graspbox.evaluation.conditions import CONDITIONS, settings_of
 from graspbox.evaluation.object_classes import CLASSES, object_classes
+from graspbox.evaluation.oracles import DepthOracle, Oracle
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table, pooled
 from graspbox.files import write_text
 from graspbox.perception.perturbations import PoseNoise
-from graspbox.perception.policy_folders import read_depth_policy
-from graspbox.policies.depth import Oracle
-from graspbox.resume_log import ResumeLog
+from graspbox.programs import run_program
+from graspbox.training.runs import Run
 
 #: Settings of the finder by which a policy of one depth image differs from its folder: it has or lacks a part.
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -51,7 +53,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 #: Standard deviations of the errors of the condition ``hand_10``.
 _HAND_10 = PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))
-#: Parts of a policy of one depth image that the truth stands in for, to measure what each loses.
+#: Parts of a policy of one depth image that the truth replaces, to measure what each loses.
 ORACLES: dict[str, tuple[Oracle, ...]] = {
     "true_completion": ("completion",),
     "true_scorer": ("scorer",),
@@ -102,12 +104,12 @@ def load(spec: str) -> policies.Policy:
     if not path:
         return policies.load(spec)
     if kind == "completed_planner":
-        return policies.SeenPlanner(Path(path))
+        return policies.PartialViewPlanner(Path(path))
     if kind in _HEADS:
         return policies.HeadGrasp(Path(path), filtered=_HEADS[kind])
     if kind == "nearest":
-        from graspbox.perception.nearest_finder import remember
-        from graspbox.policy_training.learned import of_datasets
+        from graspbox.models.nearest_finder import remember
+        from graspbox.recipes.learned import of_datasets
 
         return policies.NearestGrasp(replace(remember(path), learned_from=tuple(of_datasets([Path(path)]))))
     if kind == "tolerant":
@@ -116,7 +118,7 @@ def load(spec: str) -> policies.Policy:
         finder = read_depth_policy(Path(path)).finder
         return policies.DepthGrasp(Path(path), config=replace(finder, **VARIANTS[kind]))
     if kind in ORACLES:
-        return policies.DepthGrasp(Path(path), oracles=ORACLES[kind])
+        return DepthOracle(Path(path), ORACLES[kind])
     known = ", ".join(("completed_planner", *_HEADS, "nearest", "tolerant", *VARIANTS, *ORACLES))
     raise ConfigError(f"there is no policy {spec!r}; before = stands one of {known}")
 
@@ -163,7 +165,7 @@ def measure(
             trials=trials,
             seed=job["seed"],
             progress=lambda done: bar.update(task, completed=done),
-            **CONDITIONS[job["condition"]].settings,
+            condition=job["condition"],
         )
     console.print(f"{title}: success {found.rate:.1%}, secure {found.secure / trials:.1%}", markup=False)
     return job | {
@@ -179,22 +181,25 @@ def classes_of(sets: Iterable[object_sets.ObjectSet]) -> dict[str, tuple[str, ..
 
 
 def run(settings: Settings, command: str) -> list[Measured]:
-    """Measure what the log lacks, and write tables and pictures."""
+    """Measure what has not been, and write tables and pictures."""
     check(settings)
     loaded = {spec: load(spec) for spec in settings.policies}
-    objects, left_out = unknown_objects(settings.objects, loaded.values())
-    # Policies that are added later must leave the same objects out.
-    log = ResumeLog(
-        settings.out / "log.jsonl", {"trials": settings.trials} | ({"left_out": left_out} if left_out else {})
-    )
-    keys = ("condition", "policy", "objects", "seed")
-    done = {tuple(row[key] for key in keys) for row in log.rows}
     wanted = list(jobs(settings))
     for job in wanted:
-        if tuple(job.values()) not in done:
-            log.append(measure(job, loaded[job["policy"]], objects[job["objects"]], settings.trials))
+        # Before the work, not after hours of it.
+        settings_of(job["condition"], loaded[job["policy"]].env_id or IDS[0])
+    objects, left_out = unknown_objects(settings.objects, loaded.values())
+    # Policies that are added later must leave the same objects out.
+    given = {"trials": settings.trials} | ({"left_out": left_out} if left_out else {})
+    keys = ("condition", "policy", "objects", "seed")
+    with Run(settings.out, given) as run:
+        found = run.rows("results")
+        done = {tuple(row[key] for key in keys) for row in found}
+        for job in wanted:
+            if tuple(job.values()) not in done:
+                found.append(measure(job, loaded[job["policy"]], objects[job["objects"]], settings.trials))
     order = {tuple(job.values()): n for n, job in enumerate(wanted)}
-    kept = [row for row in log.rows if tuple(row[key] for key in keys) in order]
+    kept = [row for row in found if tuple(row[key] for key in keys) in order]
     kept.sort(key=lambda row: order[tuple(row[key] for key in keys)])
     named = labels(settings.policies)
     rows = [Measured.of(row, named[row["policy"]]) for row in kept]
@@ -212,7 +217,7 @@ def report(settings: Settings, rows: list[Measured], classes: dict[str, tuple[st
     meanings = "\n".join(f"- `{name}`: {meaning}" for name, meaning in CLASSES.items())
     seeds = ", ".join(map(str, settings.seeds))
     text = f"# Evaluation\n\n```\n{command}\n```\n\n"
-    text += f"First attempts in `GraspPose-v0`; in brackets 95 % intervals (Wilson). Seeds of the trials: {seeds}.\n"
+    text += f"In brackets 95 % intervals (Wilson). Seeds of the trials: {seeds}.\n"
     text += f"\n## Policies\n\n{policy_table(first)}\n![policies](policies.png)\n"
     text += f"\n## By class of object\n\n{class_table(first, classes)}\n{meanings}\n"
     if stressed:
@@ -220,12 +225,14 @@ def report(settings: Settings, rows: list[Measured], classes: dict[str, tuple[st
     if stated := [row for row in first if row.calibration_error is not None]:
         text += "\n## Calibration\n\n![reliability](reliability.png)\n"
     write_text(settings.out / "evaluation.md", text)
-    bars = {f"{r.policy}, {r.objects}": r for r in pooled(first, by=lambda r: (r.policy, r.objects))}
-    save_rates(settings.out / "policies.png", "first attempt, unseen objects", {k: counts(r) for k, r in bars.items()})
+    sets: dict[str, dict[str, tuple[int, int, int]]] = {}
+    for row in pooled(first, by=lambda r: (r.policy, r.objects)):
+        sets.setdefault(row.objects, {})[row.policy] = counts(row)
+    save_rates(settings.out / "policies.png", "first attempt", sets)
     if stressed:
         joined = pooled(stressed, by=lambda r: (r.policy, r.condition))
         errors = {f"{r.policy}, {r.condition}": counts(r) for r in joined if r.condition != "shake"}
-        save_rates(settings.out / "conditions.png", "under errors, all object sets together", errors)
+        save_rates(settings.out / "conditions.png", "under errors", {"all object sets together": errors})
     if stated:
         pairs = {r.policy: (r.confidence, r.success) for r in pooled(stated, by=lambda r: r.policy)}
         save_reliability(settings.out / "reliability.png", "stated and true success", pairs)
@@ -256,4 +263,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_program(main)

@@ -1,4 +1,4 @@
-"""Evaluate what ``train_sb3.py`` trained, on objects and trials of your choice.
+"""Evaluate what ``graspbox train sb3`` or ``graspbox train clone`` trained, on objects and trials of your choice.
 
     python scripts/evaluate_sb3.py out/train/ppo --split test --episodes 500 --baselines
     python scripts/evaluate_sb3.py out/train/ppo --best --objects procedural:mug:0-99
@@ -10,7 +10,7 @@ has a test split only if it is large enough: ``procedural:mug`` names ten object
 Needs the extras ``cli`` and ``train``.
 """
 
-import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,22 +18,9 @@ import typer
 
 from graspbox import evaluation, sb3
 from graspbox.cli.common import Json, console, print_json, print_table
-from graspbox.errors import ConfigError, GraspboxError
-
-NEEDED = {"algorithm", "id", "env", "num_envs"}
-
-
-def settings_of(folder: Path) -> dict[str, Any]:
-    """Read the settings of a run."""
-    try:
-        first = (folder / "evaluations.jsonl").read_text().splitlines()[0]
-        found: dict[str, Any] = json.loads(first)["settings"]
-        missing = NEEDED - set(found)
-    except (OSError, ValueError, LookupError, TypeError):
-        raise ConfigError(f"there is no run of train_sb3.py in {str(folder)!r}") from None
-    if missing:
-        raise ConfigError(f"the run in {str(folder)!r} is of another version of train_sb3.py")
-    return found
+from graspbox.errors import GraspboxError
+from graspbox.programs import run_program
+from graspbox.sb3.histories import settings_of
 
 
 def measure(
@@ -95,4 +82,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_program(partial(typer.run, main))

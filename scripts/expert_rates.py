@@ -9,6 +9,7 @@ is feasible, or if the trial's object, settled anew, comes to rest elsewhere.
 Needs the extras ``cli`` and, for YCB objects, ``ycb``.
 """
 
+from functools import partial
 from typing import Annotated, Any
 
 import gymnasium
@@ -21,6 +22,7 @@ from rich.table import Table
 import graspbox
 from graspbox.envs.coding import object_pose
 from graspbox.envs.expert import Expert, planned
+from graspbox.programs import run_program
 
 #: The trial's object rests where the environment's does if no entry of its pose differs by more than this (m, or 1).
 SAME = 5e-3
@@ -87,4 +89,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_program(partial(typer.run, main))

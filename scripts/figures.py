@@ -6,13 +6,13 @@
 | name | files |
 |---|---|
 | plan    | ``plan.png``: boxes, best poses and a held grasp of four objects |
-| sweep   | ``sweep_OBJECT_FIT.png``: boxes for each pair of the planner's thresholds |
+| sweep   | ``sweep_kettle_FIT.png``: boxes for each pair of the planner's thresholds |
 | trials  | ``kindness.png``, ``stages.png``: a firm and a failed grasp |
 | episode | ``episode.png``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
 | grasp_image | ``grasp_image.png``: grasps that ``policies/depth`` finds in a noisy depth image of a kettle |
-| study   | ``table_3_1.png``, ``table_3_1.md``: table 3.1 of the reference study, compared with graspbox |
+| study   | ``table_3_1.png``: table 3.1 of the reference study, compared with graspbox |
 
-``scripts/plot_sb3.py`` plots ``learning_*.png`` from runs of ``scripts/train_sb3.py``. Needs ``[cli,onnx,ycb]``.
+``scripts/plot_sb3.py`` plots ``learning_*.png`` from runs of ``graspbox train sb3``. Needs ``[cli,onnx,ycb]``.
 """
 
 import argparse
@@ -23,9 +23,10 @@ from typing import Any
 from graspbox import Plan, Scene, object_sets, pictures, plan
 from graspbox.configs import TrialConfig
 from graspbox.perception.crops import add_depth_noise
-from graspbox.perception.grasp_image import grasp_image
 from graspbox.planner_trials import try_set
-from graspbox.validation import study, study_chart
+from graspbox.policies.grasp_image import grasp_image
+from graspbox.programs import run_program
+from graspbox.study import comparison, comparison_chart
 from graspbox.views import ViewPlan, views
 
 #: From easy to hard: of their best 20 poses, nearly all succeed for the first and few for the last.
@@ -34,7 +35,7 @@ PLANNED = ("procedural:kettle:0", "ycb:006_mustard_bottle", "ycb:072-a_toy_airpl
 SHOWN = 12
 #: Has both firm and failed grasps among its best poses.
 TRACED = "ycb:006_mustard_bottle"
-SWEPT = {"kettle": "procedural:kettle:3", "pitcher": "ycb:019_pitcher_base"}
+SWEPT = "procedural:kettle:3"
 #: Object of the depth image, and the policy that sees it.
 SEEN, POLICY = "procedural:kettle:0", Path("policies/depth")
 #: Object and seed of the episode.
@@ -56,10 +57,9 @@ def write_plan(args: argparse.Namespace) -> None:
 
 def write_sweep(args: argparse.Namespace) -> None:
     """Show how boxes depend on thresholds."""
-    for name, spec in SWEPT.items():
-        mesh = object_sets.load(spec)[0].load()
-        for fit in ("minimum", "pca"):
-            pictures.save_sweep(args.out / f"sweep_{name}_{fit}.png", mesh, fit=fit)
+    mesh = object_sets.load(SWEPT)[0].load()
+    for fit in ("minimum", "pca"):
+        pictures.save_sweep(args.out / f"sweep_kettle_{fit}.png", mesh, fit=fit)
 
 
 def write_trials(args: argparse.Namespace) -> None:
@@ -88,11 +88,10 @@ def write_grasp_image(args: argparse.Namespace) -> None:
 
 def write_study(args: argparse.Namespace) -> None:
     """Compare the study's table with graspbox."""
-    objects = object_sets.load(study.study_objects())
+    objects = object_sets.load(comparison.study_objects())
     result = try_set(objects, poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True))
-    comparison = study.Comparison.of(result)
-    (args.out / "table_3_1.md").write_text(comparison.markdown())
-    study_chart.save_comparison(args.out / "table_3_1.png", comparison)
+    compared = comparison.Comparison.of(result)
+    comparison_chart.save_comparison(args.out / "table_3_1.png", compared)
 
 
 PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {
@@ -125,4 +124,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

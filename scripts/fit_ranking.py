@@ -1,11 +1,11 @@
 """Fit the weights of the planner's ranking to simulated grasps of procedural training objects.
 
-For each object the planner's best poses and some random ones are tried. The log records the ranking's features of each
+For each object the planner's best poses and some random ones are tried. The run records the ranking's features of each
 pose (named by `graspbox.planning.rank_weights`) and whether it succeeded. The weights come from a logistic regression
 with one intercept per object, so that it ranks poses within objects; held-out figures come from six folds over objects.
-An interrupted log is resumed; a complete one is only fitted. Begin a new log after a change of planner or physics.
+An interrupted run is resumed; a complete one is only fitted. Begin a new one after a change of planner or physics.
 
-    python scripts/fit_ranking.py --log out/ranking.jsonl
+    python scripts/fit_ranking.py --out out/ranking
 
 Put each printed number into the row of its name: for the ReFlex into the table ``TERMS`` of
 ``env/plan/src/rank/score.rs``, whose weights hold for every hand that gives none; for another hand into
@@ -16,6 +16,7 @@ Needs the extra ``cli``.
 import json
 import sys
 import zlib
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,7 +33,8 @@ from graspbox.cli.common import find_hand
 from graspbox.errors import GraspboxError
 from graspbox.object_sets import ObjectSpec
 from graspbox.planning import rank_weights
-from graspbox.resume_log import ResumeLog
+from graspbox.programs import run_program
+from graspbox.training.runs import Run
 
 Array = NDArray[np.float64]
 
@@ -44,7 +46,7 @@ NEARLY_CONSTANT = 0.02
 
 
 def collect(spec: ObjectSpec, hand: Hand, top: int, others: int, seed: int) -> dict[str, Any]:
-    """Try the `top` best poses of an object and `others` random ones; returns a row of the log."""
+    """Try the `top` best poses of an object and `others` random ones; returns its row."""
     scene = graspbox.Scene(spec.load(), hand=hand)
     rest = scene.world_from_object
     plan = graspbox.plan(scene.mesh, hand=hand, world_from_object=rest, seed=seed, features=True).best()
@@ -150,7 +152,7 @@ def show(facts: dict[str, Any], hand: Hand) -> None:
 
 
 def main(
-    log: Annotated[Path, typer.Option(help="JSON lines, one per object; objects in it are not tried again.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run; objects that it has tried are not tried again.")],
     objects: Annotated[str, typer.Option(help="Object set; its training split is used.")] = "procedural:2000-2003",
     hand: Annotated[str, typer.Option(help="Hand: a name, or its two files with a comma between.")] = "reflex",
     top: Annotated[int, typer.Option(min=0, help="The planner's best poses of each object.")] = 8,
@@ -163,14 +165,16 @@ def main(
     try:
         tried = find_hand(hand)
         terms = list(rank_weights(tried))
-        log = ResumeLog(log, {"hand": tried.name, "top": top, "others": others, "seed": seed, "terms": terms})
         specs = graspbox.object_sets.load(objects, split="train")
-        known = {row["name"] for row in log.rows}
-        missing = [spec for spec in specs if spec.name not in known]
-        for spec in track(missing, description="trying poses", console=Console(stderr=True)):
-            log.append(collect(spec, tried, top, others, seed))
+        settings = {"hand": tried.name, "top": top, "others": others, "seed": seed, "terms": terms}
+        with Run(out, settings) as run:
+            rows = run.rows("objects")
+            known = {row["name"] for row in rows}
+            missing = [spec for spec in specs if spec.name not in known]
+            for spec in track(missing, description="trying poses", console=Console(stderr=True)):
+                rows.append(collect(spec, tried, top, others, seed))
         names = set(specs.names)
-        facts = report([row for row in log.rows if row["name"] in names], tried, ridge, seed)
+        facts = report([row for row in rows if row["name"] in names], tried, ridge, seed)
     except GraspboxError as error:
         print(f"fit_ranking: {error}", file=sys.stderr)
         raise typer.Exit(2) from None
@@ -181,4 +185,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_program(partial(typer.run, main))

@@ -1,16 +1,17 @@
-"""Write the tables of the environments' docstrings and of data sets: keywords, actions, observations, columns, ...
+"""Write the generated parts of docstrings and pages: tables of environments and data sets, the command line.
 
     python scripts/generate_docs.py            # rewrite what is out of date
     python scripts/generate_docs.py --check    # name what is out of date, and exit with 1
 
 A table is between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in the docstring of a module or in a page, where
 NAME is one of `tables`. The section Parameters of the constructors is written as a whole. Everything comes from the
-core's tables (`graspbox.envs.spaces.tables`), from `graspbox.envs.settings` and from `graspbox.dataset.schema`: a new
-observation, reward term, info entry, keyword or column is a row there. ``make fmt`` runs this program, ``make lint``
-its check.
+core's tables (`graspbox.envs.spaces.tables`), from `graspbox.envs.settings`, from `graspbox.dataset.schema` and from
+the commands of `graspbox.cli`: a new observation, reward term, info entry, keyword or column is a row there. ``make
+fmt`` runs this program, ``make lint`` its check.
 """
 
 import argparse
+import inspect
 import math
 import re
 import textwrap
@@ -19,17 +20,23 @@ from dataclasses import is_dataclass
 from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
+
+import typer
+from typer.models import ArgumentInfo
 
 import graspbox
+from graspbox import cli
 from graspbox.configs import CamerasConfig
 from graspbox.dataset import schema
 from graspbox.envs import settings, spaces
+from graspbox.programs import run_program
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "python/graspbox/envs"
 #: Pages with tables.
-PAGES = (ROOT / "docs/dataset.md",)
+PAGES = (ROOT / "docs/reference/data.md", ROOT / "docs/reference/cli.md")
 WIDTH = 120
 
 FOUND = spaces.tables(graspbox.load_hand())
@@ -153,12 +160,63 @@ def data_table(columns: Iterable[schema.Column]) -> str:
     return markdown("column type meaning", [(f"`{c.name}`", c.type, c.meaning) for c in columns])
 
 
+def option_values(kind: Any, info: Any) -> str:
+    """Describe the values of an argument or option: nothing for a flag, else their type, bounds or meaning."""
+    options = [part for part in get_args(kind) if part is not NoneType]
+    if isinstance(kind, UnionType):  # an option without a default
+        return option_values(options[0], info)
+    if get_origin(kind) is list:
+        return f"{option_values(options[0], info)}; repeatable"
+    if kind is bool:
+        return ""
+    if info.metavar and not isinstance(info, ArgumentInfo):
+        return str(info.metavar)
+    if options:  # a literal
+        return " or ".join(f"`{option}`" for option in options)
+    text = {int: "integer", float: "number", str: "text", Path: "path"}[kind]
+    if info.min is None:
+        return text
+    # The greatest seed of 64 bits tells a reader nothing.
+    bounded = info.max is not None and info.max < 2**32
+    return f"{text}, {info.min} to {info.max}" if bounded else f"{text}, at least {info.min}"
+
+
+def option_row(option: Any, kind: Any, info: Any) -> tuple[str, ...]:
+    """Write an argument or option of a command: its names, values, default and meaning."""
+    names = [f"`{name}`" for name in (*option.opts, *option.secondary_opts)]
+    if isinstance(info, ArgumentInfo):
+        names = [f"`{option.metavar or option.name.upper()}`"]
+    if option.required:
+        default = "required"
+    elif kind is bool:
+        default = names[0] if option.default else ""
+    else:
+        default = "" if option.default is None else f"`{option.default}`"
+    return ", ".join(names), option_values(kind, info), default, option.help or ""
+
+
+def command_sections() -> str:
+    """Write a section for each command, with its arguments and options, or with its own commands."""
+    found = []
+    for name, command in typer.main.get_command(cli.typer_app).commands.items():  # type: ignore[attr-defined]
+        if inner := getattr(command, "commands", None):
+            table = markdown("command meaning", [(f"`{one}`", inner[one].help or "") for one in inner])
+        else:
+            hints = get_type_hints(inspect.unwrap(command.callback), include_extras=True)
+            options = [option for option in command.params if option.name in hints]
+            rows = [option_row(option, *get_args(hints[option.name])[:2]) for option in options]
+            table = markdown("name values default meaning", rows)
+        found.append(f"## graspbox {name}\n\n{inspect.cleandoc(command.help or '')}\n\n{table}")
+    return "\n\n".join(found)
+
+
 def tables() -> dict[str, Callable[[], str]]:
     """Every table that a marker can name."""
     found: dict[str, Callable[[], str]] = {
         "images": image_table,
         "trials of a data set": partial(data_table, schema.TRIALS),
         "images of a data set": partial(data_table, schema.IMAGES),
+        "commands": command_sections,
     }
     kinds = {
         "Grasp-v0": ("twist", settings.GraspSettings, settings.GraspVectorSettings),
@@ -245,4 +303,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

@@ -14,27 +14,24 @@ from pathlib import Path
 
 import numpy as np
 
-from graspbox import object_sets
+from graspbox import load_hand, object_sets
+from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.runtimes import Backend
 from graspbox.errors import GraspboxError
-from graspbox.perception.crops import add_depth_noise
-from graspbox.perception.finder import FoundGrasp, GraspFinder
-from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.perturbations import PoseNoise
-from graspbox.perception.policy_folders import read_depth_policy
-from graspbox.perception.runtimes import Backend, load_parts
-from graspbox.perception.scenes import SceneConfig, SceneSampler
+from graspbox.models.scenes import SceneConfig, SceneSampler
+from graspbox.perception import DepthView, FoundGrasp, GraspFinder, PoseNoise, add_depth_noise
+from graspbox.policies.depth import load_finder
+from graspbox.programs import run_program
 from graspbox.views import ViewPlan, views
 
 STEPS = ("crop", "complete", "propose", "score", "refine", "average")
 
 
 def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: PoseNoise | None) -> GraspFinder:
-    """Make the policy's finder with one backend, for a hand that errs if an error is given."""
+    """Load the policy's finder with one backend, for a hand that errs if an error is given."""
     config = read_depth_policy(folder)
-    grid = HandGrid(config.hand, config.grid, crop=config.crop, num_threads=num_threads)
-    completion, scorer, head = load_parts(folder, config, grid, backend, num_threads)
-    finder = config.finder if error is None else config.finder.tolerating(error)
-    return GraspFinder(grid, completion, scorer, finder, crop=config.crop, head=head, num_threads=num_threads)
+    found = load_finder(folder, config, load_hand(config.hand), backend=backend, num_threads=num_threads)
+    return found if error is None else found.tolerating(error)
 
 
 def measure() -> None:
@@ -63,10 +60,11 @@ def measure() -> None:
         _, mesh, pose = sampler.rest(np.random.default_rng(number))
         seen = views(mesh, plan=plan, seed=number, count=1, image_size=128, images="depth", world_from_object=pose)
         depth = add_depth_noise(seen.depth, seen.intrinsics, number)[0]
+        view = DepthView(depth, seen.intrinsics, seen.world_from_camera[0])
         found: dict[str, FoundGrasp | None] = {}
         for backend, finder in finders.items():
             began, cpu = time.perf_counter(), time.process_time()
-            found[backend] = finder.find(depth, seen.intrinsics, seen.world_from_camera[0], seed=number)
+            found[backend] = finder.find(view, seed=number)
             wall[backend]["all"].append(time.perf_counter() - began)
             processor[backend].append(time.process_time() - cpu)
             for step, seconds in (one.seconds if (one := found[backend]) else {}).items():
@@ -94,4 +92,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_program(main)

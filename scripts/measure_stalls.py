@@ -18,6 +18,7 @@ import gymnasium as gym
 import numpy as np
 
 import graspbox  # noqa: F401 (registers the environments)
+from graspbox.programs import run_program
 
 
 def measure(objects: str, num_envs: int, obs: str, steps: int, episode: int, prepare: bool) -> dict[str, float]:
@@ -74,4 +75,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

@@ -1,4 +1,4 @@
-"""Plot the held-out success of runs of ``train_sb3.py``, with that of random actions, zero actions and the planner.
+"""Plot the held-out success of runs of ``graspbox train sb3``, of random actions, zero actions and the planner.
 
     python scripts/plot_sb3.py out/train/ppo out/train/sac --out success.png
 
@@ -6,6 +6,7 @@ Needs the extra ``cli``.
 """
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,20 +15,23 @@ import typer
 
 from graspbox.errors import GraspboxError
 from graspbox.pictures.files import Figure, check_path, write
+from graspbox.programs import run_program
+from graspbox.training.runs import Rows, read_settings
 
 LINES = {"planner": "--", "random": ":", "zero": "-."}
 
 
 def read(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
     """Read settings, evaluations and baselines of a run."""
-    path = folder / "evaluations.jsonl"
-    if not path.is_file():
-        raise typer.BadParameter(f"there is no run in {str(folder)!r}")
-    first, *rows = (json.loads(line) for line in path.read_text().splitlines())
+    try:
+        settings = read_settings(folder)
+    except GraspboxError as error:
+        raise typer.BadParameter(str(error)) from None
+    rows = Rows(folder / "evaluations.jsonl").rows
     if not rows:
         raise typer.BadParameter(f"the run in {str(folder)!r} has not been evaluated yet")
     baselines = folder / "baselines.json"
-    return first["settings"], rows, json.loads(baselines.read_text()) if baselines.is_file() else {}
+    return settings, rows, json.loads(baselines.read_text()) if baselines.is_file() else {}
 
 
 def main(
@@ -71,4 +75,4 @@ def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[s
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_program(partial(typer.run, main))

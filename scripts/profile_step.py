@@ -30,6 +30,7 @@ import graspbox
 from graspbox import object_sets, policies
 from graspbox.cli import bench_images as bench
 from graspbox.policies import Task
+from graspbox.programs import run_program
 
 TRIAL_OBJECTS, TRIAL_POSES = ("ycb:025_mug", "ycb:013_apple"), 5
 RANDOM_STEPS = 40
@@ -203,7 +204,8 @@ def main(name: str) -> None:
     Console().print(table)
 
 
-if __name__ == "__main__":
+def program() -> None:
+    """Parse the arguments and run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("work", choices=list(WORK), help="what is profiled")
     parser.add_argument("--actions", help=argparse.SUPPRESS)
@@ -212,3 +214,7 @@ if __name__ == "__main__":
         main(given.work)
     else:
         print(WORK[given.work].run(given.actions))
+
+
+if __name__ == "__main__":
+    run_program(program)

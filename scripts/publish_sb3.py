@@ -3,9 +3,10 @@
     python scripts/publish_sb3.py out/clone --out policies/clone
     python scripts/publish_sb3.py out/tuned --out policies/tuned --best --objects procedural:unseen:0-19 ycb/test
 
-Takes the folder of a run of ``train_sb3.py`` or ``clone_sb3.py``. The ONNX file holds all that the run does to
-observations and actions; it must act as the model does on observations of the environment, else nothing is published.
-The folder is then evaluated, and its card tells how the policy was made, with the commands, and what it can do.
+Takes the folder of a run of ``graspbox train sb3`` or ``graspbox train clone``. The ONNX file holds all that the run
+does to observations and actions; it must act as the model does on observations of the environment, else nothing is
+published. The folder is then evaluated, and its card tells how the policy was made, with the commands, and what it
+can do.
 
 Exit status: 0, 2 for arguments that cannot be used, 130 after Ctrl-C.
 
@@ -25,12 +26,13 @@ from graspbox import sb3
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import MAX_TRIALS
-from graspbox.perception.policy_folders import write_learned_from
-from graspbox.policy_training.learned import of_splits
-from graspbox.policy_training.network_cards import Score, measure, object_set, write_network_card
+from graspbox.programs import run_program
+from graspbox.recipes.cards import write_card
+from graspbox.recipes.learned import of_splits
+from graspbox.recipes.network_cards import Score, measure, network_card, object_set
 from graspbox.sb3.histories import Made, history, settings_of, shown
+from graspbox.sb3.settings import PARAMETERS
 
-PARAMETERS = Path(__file__).with_name("sb3.yaml")
 LICENCE = Path(__file__).parents[1] / "LICENSE"
 
 
@@ -104,9 +106,9 @@ def publish(settings: Settings, command: str) -> list[Score]:
         env_id=run["id"],
         env=run["env"],
         policy_kwargs=run["model"].get("policy_kwargs", {}),
+        learned_from=learned_from(made, run["evaluate"] if settings.best else None),
         licence=LICENCE,
     )
-    write_learned_from(settings.out, learned_from(made, run["evaluate"] if settings.best else None))
     with progress() as bar:
         task = bar.add_task(config.name, total=settings.trials * len(settings.objects))
         scores = measure(
@@ -117,7 +119,8 @@ def publish(settings: Settings, command: str) -> list[Score]:
             progress=lambda done: bar.update(task, completed=done),
             num_envs=settings.num_envs,
         )
-    write_network_card(settings.out, config, made, scores, seed=settings.seed, command=command)
+    rows = [score.row() for score in scores]
+    write_card(settings.out, config, network_card(config, made, rows, seed=settings.seed, command=command))
     return scores
 
 
@@ -144,4 +147,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_program(main)

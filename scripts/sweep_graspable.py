@@ -2,9 +2,9 @@
 
 Poses of an object are tried in ranking order, over plans with different seeds and no pose twice, until one succeeds. An
 object is left out after 2,000 different feasible poses without a success; the list gives the reason: too flat, too
-large, too heavy. An interrupted log is resumed; begin a new one after a change of planner or physics.
+large, too heavy. An interrupted run is resumed; begin a new one after a change of planner or physics.
 
-    python scripts/sweep_graspable.py --log out/graspable.jsonl --list python/graspbox/data/ycb_graspable.txt
+    python scripts/sweep_graspable.py --out out/graspable --list python/graspbox/data/ycb_graspable.txt
 
 The exit status is 1 if an object is left out for none of these reasons, or stays in only because it does not have 2,000
 poses; inspect these. Needs the extras ``cli`` and ``ycb``.
@@ -13,6 +13,7 @@ poses; inspect these. Needs the extras ``cli`` and ``ycb``.
 import json
 import sys
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +26,8 @@ import graspbox
 from graspbox.configs import PlanConfig, PoseConfig
 from graspbox.errors import GraspboxError
 from graspbox.object_sets import ObjectSpec
-from graspbox.resume_log import ResumeLog
+from graspbox.programs import run_program
+from graspbox.training.runs import Run
 
 #: Poses without a success after which an object counts as not graspable.
 ENOUGH = 2000
@@ -62,7 +64,7 @@ def reasons(scene: graspbox.Scene, mass: float) -> list[str]:
 
 
 def sweep(spec: ObjectSpec, progress: Progress) -> dict[str, Any]:
-    """Try poses of one object until one succeeds or enough have failed; returns a row of the log."""
+    """Try poses of one object until one succeeds or enough have failed; returns its row."""
     task = progress.add_task(spec.name, total=ENOUGH)
     scene = graspbox.Scene(spec.load())
     seen: set[bytes] = set()
@@ -114,26 +116,26 @@ def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def main(
-    log: Annotated[Path, typer.Option(help="JSON lines, one per object; objects in it are not tried again.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run; objects that it has tried are not tried again.")],
     list_file: Annotated[Path, typer.Option("--list", help="File for the names of the graspable objects.")],
     objects: Annotated[str, typer.Option(help="The object set to sweep.")] = "ycb",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the rows of the log as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON.")] = False,
 ) -> None:
     """Sweep a set and write the list of its graspable objects."""
     errors = Console(stderr=True)
     try:
-        log = ResumeLog(log, {"poses": ENOUGH, "plans": MOST_PLANS})
         specs = graspbox.object_sets.load(objects)
-        known = {row["name"] for row in log.rows}
-        missing = [spec for spec in specs if spec.name not in known]
-        with Progress(console=errors) as progress:
+        with Run(out, {"poses": ENOUGH, "plans": MOST_PLANS}) as run, Progress(console=errors) as progress:
+            tried = run.rows("objects")
+            known = {row["name"] for row in tried}
+            missing = [spec for spec in specs if spec.name not in known]
             for spec in progress.track(missing, description="objects"):
-                log.append(sweep(spec, progress))
+                tried.append(sweep(spec, progress))
     except GraspboxError as error:
         print(f"sweep_graspable: {error}", file=sys.stderr)
         raise typer.Exit(2) from None
     names = set(specs.names)
-    rows = sorted((row for row in log.rows if row["name"] in names), key=lambda row: str(row["name"]))
+    rows = sorted((row for row in tried if row["name"] in names), key=lambda row: str(row["name"]))
     write_list(list_file, rows)
     if as_json:
         print(json.dumps(rows))
@@ -144,4 +146,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_program(partial(typer.run, main))

@@ -22,6 +22,7 @@ from graspbox.configs import (
     DecomposeConfig,
     FrictionConfig,
     LoadConfig,
+    NewtonConfig,
     PhysicsConfig,
     PictureConfig,
     PlanConfig,
@@ -29,7 +30,6 @@ from graspbox.configs import (
     Randomization,
     RapierConfig,
     ShakeConfig,
-    SolverConfig,
     SuccessCriterion,
     TrialConfig,
 )
@@ -54,6 +54,7 @@ __all__ = [
     "Hand",
     "LoadConfig",
     "Mesh",
+    "NewtonConfig",
     "Outcome",
     "Outcomes",
     "PhysicsConfig",
@@ -65,7 +66,6 @@ __all__ = [
     "RapierConfig",
     "Scene",
     "ShakeConfig",
-    "SolverConfig",
     "SuccessCriterion",
     "Trace",
     "TrialConfig",
@@ -100,7 +100,7 @@ register()
 
 
 def __getattr__(name: str) -> Any:
-    """Import what ``import graspbox`` does not need, when it is asked for."""
+    """Import subpackages that ``import graspbox`` does not need on first access."""
     if name in ("dataset", "evaluation", "policies"):
         return import_module(f"graspbox.{name}")
     raise AttributeError(f"module 'graspbox' has no attribute {name!r}")

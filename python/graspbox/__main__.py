@@ -1,4 +1,4 @@
-"""The ``graspbox`` command; it needs the extra ``cli``, and names it if it is not installed."""
+"""The ``graspbox`` command; needs the extra ``cli``."""
 
 import sys
 
@@ -7,7 +7,7 @@ _CLI_MODULES = ("typer", "rich")
 
 
 def main() -> None:
-    """Run the command line, or name the extra that it needs (exit status 2)."""
+    """Run the command line; exits with status 2 and names the missing extra if the command cannot be imported."""
     from graspbox.errors import MissingExtraError
 
     try:

@@ -1,6 +1,6 @@
-"""Arguments as the core takes them: what a user gives is converted, or refused by its name.
+"""Conversion and checks of users' arguments for the core; errors name the argument.
 
-numpy's scalars and arrays are numbers and lists here, wherever they appear in a config.
+numpy's scalars and arrays count as numbers and lists anywhere in a config.
 """
 
 import json
@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
+from numbers import Real
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -17,18 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 
-__all__ = ["config_of", "floats", "natural", "plain", "shown", "to_json", "with_settings"]
+__all__ = ["check_range", "config_of", "floats", "natural", "plain", "shown", "to_json", "with_settings"]
 
-#: Lists within lists of a config: the deepest holds matrices.
+#: Greatest depth of nested lists in a config; lists of matrices need the most.
 _MAX_DEPTH = 8
-#: Longest value that an error repeats, characters.
+#: Errors repeat values up to this number of characters.
 _SHOWN = 60
 
 Config = TypeVar("Config")
 
 
 def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:
-    """Lay an array out as the core takes it: C-contiguous float64.
+    """Convert an array to the core's layout: C-contiguous float64.
 
     Raises
     ------
@@ -36,7 +37,7 @@ def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:
         If the values, called `name`, are not numbers in rows of equal length.
     """
     try:
-        if values is not None:  # which numpy takes for NaN
+        if values is not None:  # numpy would convert None to NaN
             return np.asarray(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
         pass
@@ -44,12 +45,12 @@ def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:
 
 
 def natural(value: Any, name: str, bits: int = 32) -> int:
-    """Take an integer, also numpy's, of at most `bits` bits; the core checks the range that makes sense.
+    """Return a Python or numpy integer of at most `bits` bits as an int; the core checks narrower ranges.
 
     Raises
     ------
     ConfigError
-        If the value, called `name`, is no integer, negative or larger.
+        If the value, called `name`, is not an integer, is negative, or has more bits.
     """
     try:
         found = operator.index(value)
@@ -62,22 +63,35 @@ def natural(value: Any, name: str, bits: int = 32) -> int:
     return found
 
 
+def check_range(config: object, name: str, least: float, most: float) -> None:
+    """Refuse a field of a config that is no number from `least` to `most`.
+
+    Raises
+    ------
+    ConfigError
+        Names the field, its value and the range.
+    """
+    value = getattr(config, name)
+    if not isinstance(value, Real) or isinstance(value, bool) or not least <= float(value) <= most:
+        raise ConfigError(f"{name} is {shown(value)}; give a number from {least:g} to {most:g}")
+
+
 def to_json(config: Any, kind: type | None = None, name: str = "config") -> str:
-    """Write a config as the core reads it.
+    """Serialise a config for the core.
 
     Parameters
     ----------
     config : dataclass
         A config of `graspbox.configs`.
     kind : type, optional
-        The class that it must have.
+        The required class.
     name : str
-        The argument that it was given as.
+        Name of the argument, for errors.
 
     Raises
     ------
     ConfigError
-        If it is another class, or holds what is neither text nor a finite number.
+        If it has another class, or contains a value other than text, finite numbers and lists of these.
     """
     if kind is not None and not isinstance(config, kind):
         raise ConfigError(f"{name} is {shown(config)}; give a {kind.__name__}")
@@ -92,7 +106,7 @@ def with_settings(config: Config, kind: type, settings: Mapping[str, Any]) -> Co
     ConfigError
         If `config` is not of the class `kind`.
     TypeError
-        If there is no such field; the message names the nearest.
+        If there is no such field; the message suggests the nearest name.
     """
     if not isinstance(config, kind):
         raise ConfigError(f"config is {shown(config)}; give a {kind.__name__}")
@@ -106,12 +120,12 @@ def with_settings(config: Config, kind: type, settings: Mapping[str, Any]) -> Co
 
 
 def config_of(kind: type[Config], given: Mapping[str, Any], name: str) -> Config:
-    """Make a config from a dictionary of its fields, as JSON holds it; fields that are missing have their defaults.
+    """Make a config from a dictionary of its fields, as read from JSON; missing fields take their defaults.
 
     Raises
     ------
     ConfigError
-        For a field that it does not have; the message names the nearest.
+        For an unknown field; the message suggests the nearest name.
     """
     hints = get_type_hints(kind)
     for field in given:
@@ -123,7 +137,7 @@ def config_of(kind: type[Config], given: Mapping[str, Any], name: str) -> Config
 
 
 def _configured(value: Any, hint: Any, name: str) -> Any:
-    """Convert dictionaries to the configs that the annotation of a field names."""
+    """Convert dictionaries to the configs in a field's annotation."""
     if isinstance(value, Mapping) and (kind := config_in(hint)) is not None:
         return config_of(kind, value, name)
     if isinstance(value, list | tuple) and get_origin(hint) is tuple:
@@ -132,12 +146,12 @@ def _configured(value: Any, hint: Any, name: str) -> Any:
 
 
 def config_in(hint: Any) -> type | None:
-    """Find the config that an annotation allows, alone or as part of a union."""
+    """Return the config class in an annotation, alone or in a union; None if there is none."""
     return next((kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)), None)
 
 
 def shown(value: object) -> str:
-    """Show a value in an error: cut short, with its type."""
+    """Format a value for an error: truncated, with its type."""
     kind = type(value).__name__
     try:
         text = repr(value)
@@ -148,7 +162,7 @@ def shown(value: object) -> str:
 
 
 def plain(value: Any, name: str, kind: Any = None, depth: int = 0) -> Any:
-    """Convert a value to what JSON holds; `kind` is the annotation of the field `name`.
+    """Convert a value to JSON types; `kind` is the annotation of the field `name`.
 
     Raises
     ------
@@ -183,7 +197,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _check_class(value: Any, name: str, kind: Any) -> None:
-    """Refuse what is not the config that a field holds: serde would take a list for one, field by field."""
+    """Refuse a value of another type for a field that holds a config: serde would read a list as its fields."""
     optional = type(None) in get_args(kind)
     config = config_in(kind) if optional else kind
     if (optional and value is None) or not (isinstance(config, type) and is_dataclass(config)):

@@ -1,4 +1,4 @@
-"""Oriented boxes, and the tree of boxes that an object is cut into."""
+"""Oriented boxes, and box decompositions of objects as binary trees."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -36,13 +36,13 @@ class Box(ByValue):
         return float(8.0 * np.prod(self.half_extents))
 
     def corners(self) -> NDArray[np.float64]:
-        """Corners, (8, 3), metres: the last axis changes fastest."""
+        """Return the corners, (8, 3), metres; the sign along the last axis changes fastest."""
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
         corners: NDArray[np.float64] = self.center + (signs * self.half_extents) @ self.axes.T
         return corners
 
     def contains(self, points: NDArray[np.float64], tolerance: float = 0.0) -> NDArray[np.bool_]:
-        """Which of the points (n, 3) lie in the box grown by `tolerance` metres."""
+        """Return a mask of the points (n, 3) inside the box, enlarged by `tolerance` metres on every side."""
         local = np.abs((points - self.center) @ self.axes)
         inside: NDArray[np.bool_] = np.all(local <= self.half_extents + tolerance, axis=1)
         return inside
@@ -50,12 +50,12 @@ class Box(ByValue):
 
 @dataclass(frozen=True, eq=False)
 class BoxTree(ByValue, Sequence[Box]):
-    """A box decomposition: a binary tree of boxes, depth first; its leaves cover the object. As a sequence: the leaves.
+    """A box decomposition: a binary tree whose leaves cover the object. As a sequence it contains the leaves.
 
     Attributes
     ----------
     nodes : tuple of Box
-        All boxes; the root first, parents before children.
+        All boxes, depth first: the root first, parents before children.
     children : (n, 2) int64
         Indices of each node's children; -1 for a leaf.
     depth : (n,) int64

@@ -9,9 +9,9 @@ __all__ = ["ByValue"]
 
 
 class ByValue:
-    """Base of data classes (declared with ``eq=False``) that are equal if all their fields are.
+    """Base of dataclasses (declared with ``eq=False``) that are equal if all their fields are equal.
 
-    Arrays are compared by value and shape, and NaN equals NaN. Such objects have no hash, since arrays can change.
+    Arrays are compared by shape and value, and NaN equals NaN. The objects are unhashable, because arrays are mutable.
     """
 
     def __eq__(self, other: object) -> bool:
@@ -24,7 +24,7 @@ class ByValue:
 
 
 def _equal(first: Any, second: Any) -> bool:
-    """Compare two fields, one of which may be None; only NaN differs from itself."""
+    """Compare two fields, either of which may be None; NaN, which differs from itself, equals NaN here."""
     if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
         return np.array_equal(first, second, equal_nan=first.dtype.kind == second.dtype.kind == "f")
     if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):

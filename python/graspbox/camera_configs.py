@@ -1,4 +1,4 @@
-"""Cameras of environments and pictures, as frozen dataclasses; `graspbox.configs` holds all other settings."""
+"""Cameras of environments and pictures, as frozen dataclasses; the other settings are in `graspbox.configs`."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -15,9 +15,9 @@ class CameraConfig:
     name : str
         Lower-case letters and digits.
     mount : {"world", "hand"}
-        The world frame, or the palm (the grasp frame, z out of the palm).
+        Frame of the camera's pose: the world frame, or the grasp frame of the hand (z out of the palm).
     eye, target, up : tuple of float
-        Its position, the point at the centre of its image, and the direction that is up in it.
+        Position of the camera, the point at the centre of its image, and the upward direction of its image.
     fov : float
         Vertical field of view, radians.
     near, far : float
@@ -36,9 +36,9 @@ class CameraConfig:
 
 #: In front of the workspace, 0.55 m from its middle, looking down at 40 degrees.
 FRONT = CameraConfig()
-#: On a bracket beside the palm, looking between the fingers at what they hold.
+#: On a bracket beside the palm, looking between the fingers at the object in the hand.
 PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
-#: For pictures: from the side, with the whole workspace of the hand (0.7 x 0.7 x 0.75 m) and its body above.
+#: For pictures: from the side, showing the whole workspace (0.7 x 0.7 x 0.75 m) and the hand above it.
 VIEWER = CameraConfig("viewer", eye=(-1.125, -1.5, 1.0), target=(0.0, 0.0, 0.34375), fov=0.6, far=30.0)
 
 
@@ -49,8 +49,8 @@ class CamerasConfig:
     Attributes
     ----------
     images : tuple of str
-        Names of images, ``kind`` (from the first camera) or ``kind_camera``; the kinds are ``rgb``, ``depth``,
-        ``rgbd``, ``segmentation``, ``points`` and ``voxels``. Only ``voxels`` combines all cameras.
+        Names of images: ``kind`` for the first camera, or ``kind_camera``. Kinds are ``rgb``, ``depth``, ``rgbd``,
+        ``segmentation``, ``points`` and ``voxels``; ``voxels`` without a camera combines all of them.
     image_size : pair of int
         Rows and columns of every image.
     cameras : tuple of CameraConfig
@@ -60,7 +60,7 @@ class CamerasConfig:
     voxels : int
         Voxels along each side of the cube of ``voxels``.
     voxel_side : float
-        Side of that cube, metres. It is centred above the table; the table top is in the middle of its lowest layer.
+        Side of that cube, metres. It is centred above the table; the table top lies halfway through its lowest layer.
     """
 
     images: tuple[str, ...] = ()

@@ -1,6 +1,6 @@
-"""Settings as frozen dataclasses, with the same fields, defaults and meaning as in the Rust core.
+"""Settings as frozen dataclasses, with the same fields, defaults and meanings as in the Rust core.
 
-The core checks every value when it is used; errors name the field, its value and what to give. numpy's scalars and
+The core checks values when it uses them; errors name the field, its value and the valid range. numpy's scalars and
 arrays are accepted as numbers and lists.
 """
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Self
 
 from graspbox.camera_configs import FRONT, PALM, VIEWER, CameraConfig, CamerasConfig, PictureConfig
-from graspbox.physics_configs import FrictionConfig, PhysicsConfig, RapierConfig, SolverConfig
+from graspbox.physics_configs import FrictionConfig, NewtonConfig, PhysicsConfig, RapierConfig
 
 __all__ = [
     "FRONT",
@@ -21,6 +21,7 @@ __all__ = [
     "DecomposeConfig",
     "FrictionConfig",
     "LoadConfig",
+    "NewtonConfig",
     "PhysicsConfig",
     "PictureConfig",
     "PlanConfig",
@@ -28,7 +29,6 @@ __all__ = [
     "Randomization",
     "RapierConfig",
     "ShakeConfig",
-    "SolverConfig",
     "SuccessCriterion",
     "TrialConfig",
 ]
@@ -43,7 +43,7 @@ class LoadConfig:
     scale : float
         Metres per unit of the file.
     max_bytes, max_vertices, max_faces : int
-        Limits; a file beyond them is refused before memory is taken for it.
+        Limits; larger files are refused before memory is allocated for them.
     """
 
     scale: float = 1.0
@@ -54,16 +54,16 @@ class LoadConfig:
 
 @dataclass(frozen=True)
 class CleanConfig:
-    """How a mesh is repaired, without inventing surface.
+    """Repair of meshes, without adding surface.
 
     Attributes
     ----------
     weld : float
-        Vertices closer than this share of the longest side are merged, in [0, 1).
+        Vertices closer than this share of the longest side of the bounds are merged, in [0, 1).
     min_component_area : float
-        Components with less than this share of the surface are dropped, in [0, 1).
+        Components with less than this share of the surface area are dropped, in [0, 1).
     orient : bool
-        Turn faces outward.
+        Whether to orient faces outward.
     """
 
     weld: float = 1e-6
@@ -73,24 +73,24 @@ class CleanConfig:
 
 @dataclass(frozen=True)
 class DecomposeConfig:
-    """How an object is cut into boxes.
+    """Settings of the box decomposition.
 
     Attributes
     ----------
     fit : {"minimum", "pca"}
-        Boxes of least volume, or along the principal axes.
+        Boxes of minimum volume, or along the principal axes.
     area_gain : float
-        A cut is made only if its two rectangles cover less than this share of their face, in (0, 1].
+        A cut is accepted only if its two rectangles cover less than this share of their face, in (0, 1].
     min_volume : float
-        Each child's box must be larger than this, m3.
+        Least volume of each child's box, m3.
     volume_gain : float or None
         If given, the children's boxes together must have less than this share of the parent's volume, in (0, 2].
     max_boxes : int
         Greatest number of leaves.
     split_cost : {"share", "area"}
-        Compare cuts by the share of their own face, or by area across faces as the reference study's program does.
+        Compare cuts by their share of the face, or by area across faces as in the reference study's program.
     samples : int
-        Number of surface points on which cuts are searched.
+        Number of surface points that the search for cuts uses.
     seed : int
         Seed of these points.
     """
@@ -107,31 +107,31 @@ class DecomposeConfig:
 
 @dataclass(frozen=True)
 class PoseConfig:
-    """How candidate poses are generated from boxes.
+    """Generation of candidate poses from boxes.
 
     Attributes
     ----------
     offset : float
         Distance between the palm and the box, metres.
     standoffs : tuple of float
-        Further distances to try, added to `offset`, metres; at most 1,000.
+        Additional distances to try, added to `offset`, metres; at most 1,000.
     variation : {"random", "grid"}
         Random variations along and about the long axis, or the reference study's grid.
     variations : int
         Random variations per face and orientation, at most 10,000; as many again for each of `closing_range`,
-        `side_range`, `max_roll` and `max_lean` that the hand gives. No plan has more than 200,000 candidates.
+        `side_range`, `max_roll` and `max_lean` that the hand defines. No plan has more than 200,000 candidates.
     max_shift : float
         Greatest shift along the long side, as a share of it.
     max_tilt : float
-        Greatest turn about the long axis, radians.
+        Greatest rotation about the long axis, radians.
     square : float
-        Faces whose short side is at least this share of their long side are also tried with the hand turned by 90
+        Faces whose short side is at least this share of their long side are also tried with the hand rotated by 90
         degrees.
     whole : bool
         Also generate poses from the box around the whole object.
     pairs : int
-        Pairs of facing surface points (of walls, rims and handles) to try a hand across that says how far it opens, at
-        most 1,000.
+        Pairs of opposite surface points (on walls, rims and handles) to grasp across, for hands that define their
+        opening, at most 1,000.
     """
 
     offset: float = 0.005
@@ -152,13 +152,13 @@ class PlanConfig:
     Attributes
     ----------
     decompose : DecomposeConfig
-        How the object is cut into boxes.
+        Settings of the box decomposition.
     poses : PoseConfig
-        How candidates are generated.
+        Generation of candidate poses.
     clearance : float
-        Clearance that the open hand must have on every side, metres.
+        Clearance that the open hand needs on every side, metres.
     standoff : float
-        The hand approaches from this far back along its -z, metres.
+        Length of the straight approach along the hand's z, metres.
     seed : int
         Seed of the random variations.
     """
@@ -172,17 +172,17 @@ class PlanConfig:
 
 @dataclass(frozen=True)
 class SuccessCriterion:
-    """What counts as success: the object is held high, free of table and ground, and still, without a break.
+    """Success: the object is held lifted, free of table and ground, and still for a time without interruption.
 
     Attributes
     ----------
     lift_height : float
-        The object's centre of mass is at least this far above its resting height, metres, 0.01 to 1.
+        Least rise of the object's centre of mass above its resting height, metres, 0.01 to 1.
     hold_time : float
-        All of it holds for this long, seconds, 0 to 60.
+        Time for which all conditions hold, seconds, 0 to 60.
     rest_speed : float
-        In the hand's frame the object's centre of mass moves slower than this, measured from where it was 0.1 s before,
-        m/s, 0.0001 to 1.
+        Greatest speed of the object's centre of mass in the hand's frame, averaged over the last 0.1 s, m/s, 0.0001 to
+        1.
     """
 
     lift_height: float = 0.15
@@ -192,22 +192,22 @@ class SuccessCriterion:
 
 @dataclass(frozen=True)
 class ShakeConfig:
-    """How the hand shakes what it holds: along, then about, the axes of the hand frame, one after the other.
+    """Shake of the held object: translation along, then rotation about, each axis of the hand frame in turn.
 
-    Every motion is a sine that grows and fades over two cycles each. The turns are about the grasp centre. The default
-    is 2 g with strokes of 20 mm and 0.2 rad, 7.2 s for all axes.
+    Every motion is a sine that fades in and out over two cycles each. Rotations are about the grasp centre. The default
+    is 2 g with strokes of 20 mm and 0.2 rad, and takes 7.2 s for all axes.
 
     Attributes
     ----------
     acceleration : float
         Amplitude of the acceleration along each axis, m/s2, 0.1 to 100.
     lever : float
-        Turning about an axis accelerates points at this distance from it with the same amplitude, metres: the angular
-        acceleration is ``acceleration / lever``, 196 rad/s2 by default. At most 1, and at least what keeps the turn
-        below 0.5 rad.
+        Distance from the axis at which a rotation has the same amplitude of acceleration, metres: the angular
+        acceleration is ``acceleration / lever``, 196 rad/s2 by default. At most 1, and large enough that the rotation
+        stays below 0.5 rad.
     frequency : float
-        Cycles per second, Hz: at least what keeps the stroke, ``acceleration / (2 pi frequency)**2``, below half of the
-        height of lifting, and at most one cycle per 20 time steps.
+        Cycles per second, Hz: high enough that the stroke, ``acceleration / (2 pi frequency)**2``, stays below half of
+        the lift height, and at most one cycle per 20 time steps.
     cycles : int
         Cycles at full amplitude on each axis, 1 to 1000.
     """
@@ -220,25 +220,25 @@ class ShakeConfig:
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """A grasp trial: approach, close, lift, hold, and a shake if one is asked for.
+    """A grasp trial: approach, close, lift, hold, and optionally shake.
 
     Attributes
     ----------
     standoff : float
-        The hand approaches from this far back along its -z, metres, 0 to 0.5.
+        Length of the straight approach along the hand's z, metres, 0 to 0.5.
     close_time, lift_time, hold_time : float
         Durations of the three phases, seconds, 0.1 to 10; the last one from ``success.hold_time`` to 60.
     lift_height : float
         Height to lift, metres, from ``success.lift_height`` to 1.
     early_stop : bool
-        Stop as soon as success is out of reach.
+        Stop as soon as success is impossible.
     legacy : bool
-        Also take the reference study's own measures; early stops then wait until these are taken.
+        Also record the reference study's measures; an early stop then waits for them.
     shake : ShakeConfig or None
-        If given, a success ends with a shake and another hold, for ``survives_shake``. The other labels stay those of
-        the first hold.
+        If given, a success is followed by a shake and another hold, for ``survives_shake``. The other labels are those
+        of the first hold.
     success : SuccessCriterion
-        What counts as success.
+        Criterion of success.
     """
 
     standoff: float = 0.10
@@ -254,7 +254,7 @@ class TrialConfig:
 
 @dataclass(frozen=True)
 class Randomization:
-    """What is randomized per episode besides the object and its initial state; nothing by default.
+    """Randomization per episode in addition to the object and its initial state; none by default.
 
     Attributes
     ----------
@@ -263,12 +263,12 @@ class Randomization:
     object_position : float
         Additional variation of the object's position in x and y, metres.
     hand_position, hand_rotation : float
-        Bounds of the constant calibration error of the hand's pose in an episode, along and about each axis, metres
-        and radians.
+        Bounds of the calibration error of the hand's pose, constant within an episode, along and about each axis,
+        metres and radians.
     camera_position, camera_rotation : float
         Greatest translation and rotation of a camera along and about each of its axes, metres and radians.
     light : float
-        Variation of the light, in [0, 1]: at 1 its direction turns by up to 0.7 rad about each axis and its intensity
+        Variation of the light, in [0, 1]: at 1 its direction rotates by up to 0.7 rad about each axis and its intensity
         changes by up to half.
     """
 
@@ -283,7 +283,7 @@ class Randomization:
 
     @classmethod
     def standard(cls) -> Self:
-        """Make the preset ``"standard"``: the uncertainty left by a calibrated robot and household objects."""
+        """Return the preset ``"standard"``: typical uncertainty of a calibrated robot and of household objects."""
         return cls(
             (0.7, 1.3),
             (0.75, 1.25),
@@ -303,9 +303,9 @@ class AgentConfig:
     Attributes
     ----------
     control : {"twist", "delta_pose", "target_pose", "grasp_pose"}
-        How an action moves the hand; ``grasp_pose`` takes one decision per episode.
+        Control mode: the meaning of actions; ``grasp_pose`` is one decision per episode.
     autoreset : {"next_step", "same_step", "disabled"}
-        When a finished environment is reset.
+        When the next episode begins after an end.
     frame_skip : int
         Control periods of 0.05 s per step; the action is held for all of them.
     max_episode_steps : int or None
@@ -313,13 +313,13 @@ class AgentConfig:
     observations : tuple of str
         Names of the observations, in order.
     randomization : Randomization
-        What is randomized.
+        Randomization per episode.
     cameras : CamerasConfig
         Cameras and images.
     success : SuccessCriterion
-        What counts as success, in every control mode.
+        Criterion of success in every control mode.
     trial : TrialConfig
-        The trial that follows a decision; leave its own `success` as it is.
+        The trial that follows a decision; do not set its own `success`.
     """
 
     control: Literal["twist", "delta_pose", "target_pose", "grasp_pose"] = "twist"

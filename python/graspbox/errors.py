@@ -1,8 +1,16 @@
-"""Exceptions of graspbox; the core raises these too, each with a sentence that says what to do."""
+"""Exceptions of graspbox and its core; each message says how to correct the error."""
 
 
 class GraspboxError(Exception):
-    """Base class of the errors that graspbox raises on purpose."""
+    """Base class of the errors that graspbox raises on purpose.
+
+    Attributes
+    ----------
+    object : str or None
+        Name of the object that cannot be used, where another object might; None for every other error.
+    """
+
+    object: str | None = None
 
 
 class ConfigError(GraspboxError, ValueError):
@@ -10,19 +18,19 @@ class ConfigError(GraspboxError, ValueError):
 
 
 class FileError(GraspboxError, OSError):
-    """A file or folder cannot be read or written; ``errno`` and ``filename`` tell why and which."""
+    """A file or folder cannot be read or written; ``errno`` gives the reason, ``filename`` the path."""
 
 
 class MeshError(GraspboxError, ValueError):
-    """A mesh, or the file that should hold one, is wrong."""
+    """A mesh or a mesh file is invalid."""
 
 
 class HandError(GraspboxError, ValueError):
-    """The files that describe a hand are wrong; the message names every line."""
+    """The files that describe a hand are invalid; the message lists every wrong line."""
 
 
 class PlanError(GraspboxError, ValueError):
-    """Nothing can be planned for this object or hand, or a file holds no plan."""
+    """No plan can be made for this object or hand, or a file contains no plan."""
 
 
 class SimulationError(GraspboxError, RuntimeError):
@@ -30,11 +38,11 @@ class SimulationError(GraspboxError, RuntimeError):
 
 
 class ObjectSetError(GraspboxError, ValueError):
-    """A description of an object set names nothing that exists."""
+    """The name of an object set is invalid, or its objects cannot be found."""
 
 
 class MissingExtraError(GraspboxError, ImportError):
-    """A package of one of the extras is not installed; the message names the extra."""
+    """A package from an extra is not installed; the message names the extra."""
 
 
 class ConnectionLostError(GraspboxError, ConnectionError):
@@ -42,4 +50,4 @@ class ConnectionLostError(GraspboxError, ConnectionError):
 
 
 class InternalError(GraspboxError, RuntimeError):
-    """A defect of graspbox itself; please report it together with the input."""
+    """A bug in graspbox; please report it with the input."""

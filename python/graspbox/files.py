@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and read up to a bound; folders that one process writes into."""
+"""Atomic writes, reads with a size limit, and folders locked for one writing process."""
 
 import fcntl
 import json
@@ -15,7 +15,7 @@ from graspbox.errors import ConfigError, FileError
 
 __all__ = ["check_output", "dumps", "locked", "read_bounded", "replacing", "write_bytes", "write_text"]
 
-#: File of a folder that a process locks while it writes into the folder.
+#: File in a folder that a process locks while it writes there.
 _LOCK = ".lock"
 
 
@@ -24,7 +24,7 @@ def _failure(error: OSError, path: Path) -> FileError:
 
 
 def _is_special(path: Path) -> bool:
-    """Tell devices and pipes, which are written to, from files, which are replaced."""
+    """Tell whether a path is a device or a pipe, which is written to directly instead of being replaced."""
     try:
         mode = path.stat().st_mode
     except OSError:
@@ -33,12 +33,12 @@ def _is_special(path: Path) -> bool:
 
 
 def check_output(path: str | os.PathLike[str]) -> Path:
-    """Find out before the work whether a file can be written; its folder is made if need be.
+    """Check before any work that a file can be written, and make its folder if it is missing.
 
     Raises
     ------
     FileError
-        If it cannot; an existing file stays as it is.
+        If it cannot be written; an existing file is not changed.
     """
     path = Path(path)
     try:
@@ -55,7 +55,13 @@ def check_output(path: str | os.PathLike[str]) -> Path:
 
 
 def take_lock(descriptor: int, path: Path) -> None:
-    """Lock an open file against other processes, for as long as it is open; raises ConfigError, which names `path`."""
+    """Lock an open file against other processes until it is closed.
+
+    Raises
+    ------
+    ConfigError
+        If another process has locked it; the message names `path`.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -64,7 +70,7 @@ def take_lock(descriptor: int, path: Path) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing into a folder, which is made; the lock goes with this process, however it ends.
+    """Make a folder and lock it against other writing processes; the lock ends with this process at the latest.
 
     Raises
     ------
@@ -87,9 +93,9 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary file of the same suffix, which takes the place of `path` once the block ends without an error.
+    """Yield a temporary file with the suffix of `path`, which replaces `path` when the block ends without an error.
 
-    A link is followed; devices and pipes are written to directly.
+    Links are followed; devices and pipes are written to directly.
 
     Raises
     ------
@@ -103,7 +109,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = path.resolve()
     temporary = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(4)}{target.suffix}")
     try:
-        # Opened here for the permissions that the umask leaves; a file that is replaced hands its own on.
+        # A new file gets the permissions of the umask; a replacement keeps those of the old file.
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         if target.exists():
             temporary.chmod(stat.S_IMODE(target.stat().st_mode))
@@ -117,7 +123,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def dumps(value: Any, indent: str = "") -> str:
-    """Write JSON for people and programs: objects are indented, but those without another inside take one line.
+    """Format readable JSON: objects are indented, except that objects without nested objects take one line.
 
     Raises
     ------
@@ -139,7 +145,7 @@ def _is_flat(value: dict[str, Any]) -> bool:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file whole or not at all.
+    """Write a text file atomically.
 
     Raises
     ------
@@ -150,7 +156,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file whole or not at all.
+    """Write a file atomically.
 
     Raises
     ------
@@ -167,14 +173,16 @@ def read_bounded(path: str | os.PathLike[str], limit: int) -> bytes:
     Raises
     ------
     FileError
-        If it cannot be read, is no regular file or is larger.
+        If it cannot be read, is not a regular file, or is larger.
     """
     path = Path(path)
     try:
         if path.exists() and not path.is_file():
             raise OSError(22, "it is not a regular file", str(path))
         with path.open("rb") as file:
-            content = file.read(limit + 1)
+            # `read` allocates what it is asked for; some files have no size.
+            size = max(os.fstat(file.fileno()).st_size, 1 << 20)
+            content = file.read(min(limit, size) + 1)
     except OSError as error:
         raise _failure(error, path) from None
     if len(content) > limit:

@@ -1,4 +1,4 @@
-"""Hands by name or by their two files; and the folder where what is prepared for them is kept."""
+"""Loading hands by name or from their two files; the cache folder."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,7 @@ HandLike: TypeAlias = str | Hand | tuple[str | os.PathLike[str], str | os.PathLi
 
 
 def cache_folder() -> Path | None:
-    """Folder where convex parts are kept: ``GRASPBOX_CACHE`` (empty: keep nothing), else the user's cache folder."""
+    """Return the folder for cached data: ``GRASPBOX_CACHE`` (no cache if empty), else the user's cache folder."""
     chosen = os.environ.get("GRASPBOX_CACHE")
     if chosen is not None:
         return Path(chosen).expanduser() if chosen else None
@@ -23,7 +23,7 @@ def cache_folder() -> Path | None:
 
 
 def load_hand(hand: HandLike = "reflex") -> Hand:
-    """Find a hand by its name, or by the two files that describe it.
+    """Load a hand by name, or from the two files that describe it.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
     Raises
     ------
     HandError
-        If the files do not describe a hand; the message names every line.
+        If the files do not describe a hand; the message lists every wrong line.
     ConfigError
         If there is no hand of that name.
     """

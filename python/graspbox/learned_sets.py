@@ -1,6 +1,6 @@
-"""Object sets from which a policy learned, as its folder names them: ``NAME`` or ``NAME/SPLIT``.
+"""Object sets that a policy was trained on, as listed in its folder: ``NAME`` or ``NAME/SPLIT``.
 
-`graspbox.evaluation` leaves their objects out; `graspbox.policy_training` writes them.
+`graspbox.evaluation` leaves their objects out; `graspbox.recipes` writes them.
 """
 
 import logging
@@ -19,9 +19,9 @@ _log = logging.getLogger(__name__)
 
 
 def by_family(given: str) -> list[str]:
-    """Name each family of a procedural set by itself, and any other set as it is.
+    """Expand a procedural set to one name per family, and return any other name unchanged.
 
-    ``procedural:seen`` contains more objects as soon as a family is added; what a policy learned from does not change.
+    ``procedural:seen`` grows whenever a family is added; the record of a policy's training objects must not.
 
     Raises
     ------
@@ -38,9 +38,9 @@ def by_family(given: str) -> list[str]:
 
 
 def without(found: ObjectSet, learned_from: Iterable[str]) -> ObjectSet:
-    """Leave out the objects of other sets, by where their meshes come from.
+    """Leave out the objects of other sets, which are identified by the source of their meshes.
 
-    A set that is not on this machine has nothing to leave out; the result may be empty.
+    A set that is not on this machine is ignored; the result may be empty.
 
     Raises
     ------
@@ -56,5 +56,5 @@ def without(found: ObjectSet, learned_from: Iterable[str]) -> ObjectSet:
             names_files = name.startswith("dir:") or Path(name).suffix.lower() in MESH_SUFFIXES
             if isinstance(error, ObjectSetError) and not names_files:
                 raise ObjectSetError(f"learned_from has {given!r}: {error}") from None
-            _log.info("nothing of %s is left out: %s", given, error)
+            _log.info("no objects of %s are left out: %s", given, error)
     return replace(found, objects=tuple(spec for spec in found if spec.source not in learned))

@@ -1,14 +1,26 @@
-"""Folders of meshes: which files there are objects, and what they are called."""
+"""Folders of meshes: object files, object names, and masses."""
 
+import csv
+import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from difflib import get_close_matches
 from pathlib import Path
 
 from graspbox.errors import ObjectSetError
+from graspbox.files import read_bounded
 
-__all__ = ["MESH_SUFFIXES", "meshes_in"]
+__all__ = ["MASSES", "MESH_SUFFIXES", "masses_in", "meshes_in"]
 
-#: Suffixes of mesh files that are read.
+#: Table of a folder with the masses of its objects.
+MASSES = "masses.csv"
+_COLUMNS = ["name", "mass"]
+#: Greatest size of a table, bytes.
+_MAX_TABLE = 1 << 26
+#: Greatest mass that a hand can hold, kilograms: a greater number is in grams.
+_GREATEST_MASS = 25.0
+
+#: Supported suffixes of mesh files.
 MESH_SUFFIXES = frozenset({".stl", ".ply", ".obj", ".off"})
 #: Files that represent their folder, best first: YCB (two reconstructions, and the scanner's), APC 2015.
 _LAYOUTS = (
@@ -19,10 +31,14 @@ _LAYOUTS = (
 )
 #: Larger folders are refused: they are a mistake, such as ``dir:/``.
 _MAX_FILES = 1_000_000
+_log = logging.getLogger(__name__)
 
 
 def meshes_in(folder: Path) -> list[tuple[str, Path]]:
-    """Find the meshes of a folder with their names; a subfolder in a known layout is one object, called as it is."""
+    """Find the meshes of a folder with their names; a subfolder in a known layout is one object with its name.
+
+    A warning names a dangling link, which is left out.
+    """
     found: list[tuple[str, Path]] = []
     for entry in sorted(folder.iterdir()):
         if entry.is_file() and entry.suffix.lower() in MESH_SUFFIXES:
@@ -30,11 +46,13 @@ def meshes_in(folder: Path) -> list[tuple[str, Path]]:
         elif entry.is_dir():
             layout = next((entry / file for file in _LAYOUTS if (entry / file).is_file()), None)
             found += [(entry.name, layout)] if layout else _below(folder, entry)
+        elif entry.suffix.lower() in MESH_SUFFIXES or not entry.suffix:
+            _warn_of_dangling(entry)
     return found
 
 
 def _below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
-    """Find the meshes in a folder and the folders below it, named by their path from `root`; links are not followed."""
+    """Find the meshes in a folder and its subfolders, named by their path from `root`; does not follow links."""
 
     def fail(error: OSError) -> None:
         raise error
@@ -49,3 +67,72 @@ def _below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
     for path in sorted(paths):
         if path.is_file():
             yield path.relative_to(root).with_suffix("").as_posix(), path
+        else:
+            _warn_of_dangling(path)
+
+
+def _warn_of_dangling(path: Path) -> None:
+    """Warn of a link to nothing."""
+    if path.is_symlink() and not path.exists():
+        _log.warning("%s is left out: it is a link to %s, which does not exist", path, path.readlink())
+
+
+def masses_in(folder: Path, names: Collection[str]) -> dict[str, float]:
+    """Read the table of masses of a folder: a CSV file with the columns ``name`` and ``mass``, kilograms.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    names : collection of str
+        Its objects; those missing in the table get their mass by other means.
+
+    Returns
+    -------
+    dict
+        Mass by name; empty if the folder has no table.
+
+    Raises
+    ------
+    ObjectSetError
+        If a row names no object or repeats one, or its mass is not a number of kilograms.
+    FileError
+        If the file cannot be read.
+    """
+    path = folder / MASSES
+    if not path.exists():
+        return {}
+    try:
+        rows = list(csv.reader(read_bounded(path, _MAX_TABLE).decode("utf-8-sig").splitlines(), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ObjectSetError(f"{str(path)!r} is no CSV file in UTF-8: {error}") from None
+    if not rows or [cell.strip() for cell in rows[0]] != _COLUMNS:
+        raise ObjectSetError(f"{str(path)!r} must begin with the line 'name,mass'; masses are in kilograms")
+    masses: dict[str, float] = {}
+    for line, row in enumerate(rows[1:], 2):
+        if not row:
+            continue
+        where = f"{str(path)!r}, line {line}"
+        if len(row) != len(_COLUMNS):
+            raise ObjectSetError(f"{where} has {len(row)} columns; write a name and a mass in kilograms")
+        name = row[0].strip()
+        if name not in names:
+            near = get_close_matches(name, names, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "'graspbox objects' lists the names"
+            raise ObjectSetError(f"{where} names {name!r}, which is no object of the folder; {hint}")
+        if name in masses:
+            raise ObjectSetError(f"{where} names {name!r} for the second time")
+        masses[name] = _kilograms(row[1], f"{where}: the mass of {name!r}")
+    return masses
+
+
+def _kilograms(text: str, what: str) -> float:
+    try:
+        mass = float(text)
+    except ValueError:
+        raise ObjectSetError(f"{what} is {text!r}; write a number of kilograms, such as 0.25") from None
+    if mass > _GREATEST_MASS:
+        raise ObjectSetError(f"{what} is {text.strip()}, which looks like grams; write kilograms: {mass / 1000:g}")
+    if not mass > 0.0:
+        raise ObjectSetError(f"{what} is {text.strip()}; write a positive number of kilograms")
+    return mass

@@ -1,6 +1,6 @@
-"""Meshes: read a file, take arrays, or convert another library's.
+"""Meshes: read a file, convert arrays, or convert another library's mesh.
 
-A `Mesh` is held in Rust; its arrays are fresh copies. Units are metres and kilograms, in the frame of the file.
+A `Mesh` is stored in Rust; its arrays are fresh copies. Units are metres and kilograms, in the frame of the file.
 """
 
 import os
@@ -31,7 +31,7 @@ class Triangles(Protocol):
         """Vertex indices (m, 3)."""
 
 
-#: What `as_mesh` takes.
+#: Sources that `as_mesh` accepts.
 MeshLike = Mesh | Triangles
 
 
@@ -51,15 +51,15 @@ def load_mesh(
     path : str or PathLike
         A regular file; devices and pipes are refused.
     scale : float
-        Metres in one unit of the file: 0.001 for millimetres.
+        Metres per unit of the file: 0.001 for millimetres.
     mass : float, optional
-        Kilograms. Without it the mass is the volume times 400 kg/m3: household objects are hollow, or filled loosely.
+        Kilograms. By default the volume times 400 kg/m3, because household objects are hollow or loosely filled.
     name : str, optional
         Name of the object; the file's by default.
     clean : CleanConfig, optional
-        How to weld and orient the surface; None leaves it as it is.
+        How to weld and orient the surface; None leaves it unchanged.
     limits : LoadConfig
-        How large a file may be.
+        Limits on the size of a file.
 
     Returns
     -------
@@ -71,8 +71,8 @@ def load_mesh(
     FileError
         If the file cannot be read (also an OSError).
     MeshError
-        If it is empty, truncated, of another format than its ending says, not made of polygons, or absurdly large or
-        small (also a ValueError).
+        If it is empty, truncated, of another format than its suffix indicates, not made of polygons, or absurdly large
+        or small (also a ValueError).
 
     Warns
     -----
@@ -93,22 +93,22 @@ def mesh_from_arrays(
     name: str = "mesh",
     clean: CleanConfig | None = CleanConfig(),  # noqa: B008 (frozen)
 ) -> Mesh:
-    """Make a mesh from arrays; it is cleaned as `load_mesh` cleans a file.
+    """Make a mesh from arrays, cleaned as by `load_mesh`.
 
     Parameters
     ----------
     vertices : (n, 3) array_like of float
         Positions, in units of `scale` metres. Vertices that no face uses are dropped.
     faces : (m, 3) array_like of int
-        Vertex indices, counter-clockwise seen from outside.
+        Vertex indices, counter-clockwise viewed from outside.
     scale : float
-        Metres in one unit of `vertices`: 0.001 for millimetres.
+        Metres per unit of `vertices`: 0.001 for millimetres.
     mass : float, optional
         Kilograms; as in `load_mesh`.
     name : str
         Name of the object.
     clean : CleanConfig, optional
-        How to weld and orient the surface; None leaves it as it is.
+        How to weld and orient the surface; None leaves it unchanged.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def mesh_from_arrays(
 
 
 def as_mesh(source: MeshLike, name: str = "mesh") -> Mesh:
-    """Take a mesh as it is, and convert another library's.
+    """Return a `Mesh` unchanged, or convert another library's.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def as_mesh(source: MeshLike, name: str = "mesh") -> Mesh:
         A `Mesh`, or an object with ``vertices`` (n, 3) in metres and ``faces`` (m, 3), such as a ``trimesh.Trimesh``;
         it is converted by `mesh_from_arrays` at every call.
     name : str
-        The argument that it was given as, for errors.
+        Name of the argument, for errors.
 
     Raises
     ------

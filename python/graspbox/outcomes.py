@@ -12,36 +12,36 @@ from graspbox.by_value import ByValue
 
 __all__ = ["FailureKind", "Outcome", "Outcomes", "Trace"]
 
-#: Why a trial failed, as the core names it.
+#: Kinds of failure, as in the core.
 FailureKind = Literal["infeasible", "no_contact", "slipped", "dropped", "unstable"]
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome(ByValue):
-    """Outcome of one trial; the fields mean what they mean in `Outcomes`. Two are equal if all their values are.
+    """Outcome of one trial, with the fields of `Outcomes`. Two are equal if all their values are.
 
     Attributes
     ----------
     success, secure : bool
-        Whether it succeeded, and whether it held without shifting.
+        Whether the trial succeeded, and whether the object did not shift in the hand.
     failure : str
-        Why it failed; empty for a success.
+        Kind of failure; empty for a success.
     lift : float
         Metres.
     kindness_rate : float
         m/s.
     legacy_success : bool
-        The study's success.
+        The reference study's success.
     kindness : float
-        The study's kindness, or NaN.
+        The reference study's kindness, m/s, or NaN.
     survives_shake : bool
-        Whether the object was still in the hand after the shake.
+        Whether the object was still held after the shake.
     shake_shift : float
         Metres, or NaN.
     time : float
         Simulated seconds.
     unconverged_steps : int
-        Steps in which the solver found no balance of forces.
+        Steps in which the solver did not converge.
     """
 
     success: bool
@@ -61,8 +61,8 @@ class Outcome(ByValue):
 class Outcomes(ByValue):
     """Outcomes of n trials; arrays of length n.
 
-    ``outcomes[3]`` is an `Outcome`; a slice, a mask or an array of indices gives outcomes of these rows. Two are equal
-    if all their values are; NaN equals NaN.
+    ``outcomes[3]`` is an `Outcome`; a slice, a mask or an array of indices selects rows. Two are equal if all their
+    values are; NaN equals NaN.
 
     Attributes
     ----------
@@ -75,19 +75,20 @@ class Outcomes(ByValue):
     kindness_rate : (n,) float64
         Mean absolute rate of change of the distance between hand and object since lifting began, m/s.
     legacy_success : (n,) bool
-        The study's success; False where it was not measured (see `kindness`).
+        The reference study's success; False where it was not measured (see `kindness`).
     kindness : (n,) float64
-        The study's kindness; NaN where an early stop prevented it (``TrialConfig(legacy=True)`` always measures it).
+        The reference study's kindness: absolute rate of change of the distance between hand and object, summed over the
+        samples of the first 2.5 s, one per 10 ms, m/s. NaN for an infeasible pose, and after an early stop; with
+        ``TrialConfig(legacy=True)``, early stops wait for it.
     survives_shake : (n,) bool
-        Whether the object was still in the hand after the shake: success, judged again; False where nothing was shaken
-        (see `shake_shift`).
+        Whether the success criterion was met again after the shake; False without a shake (see `shake_shift`).
     shake_shift : (n,) float64
-        Shift of the object's centre of mass in the hand's frame over the shake, metres; NaN where nothing was shaken:
-        without ``TrialConfig(shake=...)``, or because the grasp had failed before.
+        Shift of the object's centre of mass in the hand's frame over the shake, metres; NaN without a shake, because
+        ``TrialConfig(shake=...)`` was not given or the grasp had already failed.
     time : (n,) float64
-        Simulated seconds, those of the shake included.
+        Simulated seconds, including the shake.
     unconverged_steps : (n,) int64
-        Steps in which the solver found no balance of forces; 0 for rapier, which does not measure it.
+        Steps in which the solver did not converge; 0 for rapier, which does not measure it.
     """
 
     success: NDArray[np.bool_]
@@ -128,7 +129,7 @@ class Outcomes(ByValue):
 
     @classmethod
     def _from_core(cls, arrays: "_core.OutcomeArrays") -> "Outcomes":
-        """Take the arrays of the core."""
+        """Make outcomes from the core's arrays."""
         failure = np.array(arrays["failure"], dtype=np.str_)
         rest = {f.name: arrays[f.name] for f in fields(cls) if f.name != "failure"}  # type: ignore[literal-required]
         return cls(failure=failure, **rest)
@@ -136,14 +137,14 @@ class Outcomes(ByValue):
 
 @dataclass(frozen=True, eq=False)
 class Trace(ByValue):
-    """One trial every 10 ms: t samples. An infeasible pose has none (t = 0): nothing moved.
+    """A recording of one trial: t samples, one per 10 ms. An infeasible pose has none (t = 0).
 
     Attributes
     ----------
     time : (t,) float64
         Seconds since closing began.
     distance : (t,) float64
-        Between hand frame and the study's object frame, metres.
+        Distance between the hand frame and the reference study's object frame, metres.
     world_from_hand, world_from_object : (t, 4, 4) float64
         Poses.
     joints : (t, c) float64

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-__all__ = ["FrictionConfig", "PhysicsConfig", "RapierConfig", "SolverConfig"]
+__all__ = ["FrictionConfig", "NewtonConfig", "PhysicsConfig", "RapierConfig"]
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,8 @@ class FrictionConfig:
     table : float
         Table top and ground.
     object : float
-        1 leaves the other surface's factor as the coefficient; another value scales the object's grip in hand and on
-        table alike.
+        At 1 the coefficient equals the factor of the other surface; other values scale friction against hand and table
+        alike.
     """
 
     table: float = 0.5
@@ -27,7 +27,7 @@ class FrictionConfig:
 
 @dataclass(frozen=True)
 class RapierConfig:
-    """Settings of the engine rapier, which takes several solver sub-steps per step.
+    """Settings of the engine ``rapier``, which takes several solver sub-steps per step.
 
     Attributes
     ----------
@@ -60,30 +60,32 @@ class RapierConfig:
 
 
 @dataclass(frozen=True)
-class SolverConfig:
-    """Settings of our own solver.
+class NewtonConfig:
+    """Settings of the engine ``newton``, which solves all contacts of a step together.
 
     Attributes
     ----------
     prediction : float
-        Distance within which contacts count, beside what the bodies cover in a step, metres, 0.0001 to 0.05.
+        Gap up to which a point counts as a contact, beyond the distance that the bodies cover in a step, metres, 0.0001
+        to 0.05.
     contact_drift : float
         Contacts of a pair are searched again once it has moved by this distance since the last search, metres, 0 to
         0.001; 0 searches at every step.
     contact_stiffness : float
         Stiffness of a contact point, N/m, 1000 to 1e7.
     contact_relaxation : float
-        Relaxation time of a contact, seconds, 0 to 0.1: its damping is stiffness times this.
+        Relaxation time of a contact that penetrates, seconds, 0 to 0.1: its damping is its stiffness times this.
     support_stiffness : float
-        Least stiffness of a contact that carries the object on table or palm, per kg of the object, N/(m kg), 0 to 1e7.
+        Least stiffness of a contact that supports the object on table or palm, per kg of the object, N/(m kg), 0 to
+        1e7.
     penetration_cap : float
-        Penetration beyond which a contact is softer, metres, 1e-5 to 0.01.
+        Penetration up to which the whole depth pushes back, metres, 1e-5 to 0.01; beyond it a fifth of the excess does.
     stick_speed : float
-        Sliding speed at which friction reaches its bound, m/s, 1e-7 to 0.01.
+        Sliding speed at which friction reaches its Coulomb bound, m/s, 1e-7 to 0.01.
     tolerance : float
-        Newton step at which the iteration ends, m/s, 1e-12 to 0.001.
+        The iteration ends once a Newton step changes no velocity by more than this, m/s, 1e-12 to 0.001.
     max_iterations : int
-        Newton iterations per step at most, 1 to 1000.
+        Most Newton iterations per step and attempt, 1 to 1000.
     """
 
     prediction: float = 0.001
@@ -104,22 +106,23 @@ class PhysicsConfig:
     Attributes
     ----------
     engine : str
-        The engine: ``"graspbox"``, our own solver, or ``"rapier"``.
+        ``"newton"`` (f64, all contacts of a step solved together by Newton's method) or ``"rapier"`` (f32, contacts
+        solved in sub-steps).
     dt : float
         Time step, seconds, 1e-5 to 0.02.
     gravity : float
         m/s2, along -z of the world, 0 to 100.
     friction : FrictionConfig
         Friction factors of table and object.
-    solver : SolverConfig
-        Settings of our own solver; other engines ignore them.
+    newton : NewtonConfig
+        Settings of the engine ``newton``; other engines ignore them.
     rapier : RapierConfig
-        Settings of rapier; other engines ignore them.
+        Settings of the engine ``rapier``; other engines ignore them.
     """
 
-    engine: Literal["graspbox", "rapier"] = "graspbox"
+    engine: Literal["newton", "rapier"] = "newton"
     dt: float = 0.002
     gravity: float = 9.81
     friction: FrictionConfig = field(default_factory=FrictionConfig)
-    solver: SolverConfig = field(default_factory=SolverConfig)
+    newton: NewtonConfig = field(default_factory=NewtonConfig)
     rapier: RapierConfig = field(default_factory=RapierConfig)

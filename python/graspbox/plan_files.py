@@ -1,6 +1,6 @@
-"""Plans as JSON files: poses that other programs can read, and that come back bit for bit.
+"""Plans as JSON files, for other programs; a saved plan is read back bit for bit.
 
-Version 1 of the format; lengths in metres, angles in radians, matrices as rows:
+Version 1 of the format, with lengths in metres, angles in radians, and matrices as lists of rows:
 
 | key | value |
 |---|---|
@@ -8,11 +8,11 @@ Version 1 of the format; lengths in metres, angles in radians, matrices as rows:
 | ``graspbox`` | version of the package that wrote the file |
 | ``units`` | ``{"length": "m", "angle": "rad"}`` |
 | ``object`` | ``name``, and ``sha256`` of the mesh's arrays (see `mesh_hash`) |
-| ``hand`` | name of the hand; its grasp frame is that of the poses |
-| ``world_from_object`` | 4x4: where the object rests; the table is the plane z = 0 |
+| ``hand`` | name of the hand, to whose grasp frame the poses refer |
+| ``world_from_object`` | 4x4: resting pose of the object; the table is the plane z = 0 |
 | ``boxes`` | tree nodes, parents first: ``center``, ``axes`` (columns), ``half_extents``, ``children``, ``depth`` |
 | ``grasps`` | best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box``, ``face`` |
-| ``features`` | if the plan has them: the ranking's terms, one row for each grasp; null where a grasp is not feasible |
+| ``features`` | optional: terms of the ranking, one row per grasp; null for grasps that are not feasible |
 """
 
 import hashlib
@@ -30,7 +30,7 @@ from graspbox.files import dumps, read_bounded, write_text
 __all__ = ["grasp_rows", "mesh_hash", "read", "write"]
 
 _FORMAT, _VERSION = "graspbox.plan", 1
-#: Largest file that is read: some 300,000 grasps.
+#: Largest file to read: about 300,000 grasps.
 _MAX_BYTES = 256 << 20
 
 #: Columns of grasps and of boxes: key in the file, type, shape of one row.
@@ -54,14 +54,14 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def mesh_hash(mesh: Mesh) -> str:
-    """SHA-256 of the vertices (float64, little-endian) followed by the faces (uint32), as hexadecimal digits."""
+    """Return the SHA-256 of the vertices (float64, little-endian) and then the faces (uint32), in hexadecimal."""
     digest = hashlib.sha256(mesh.vertices.astype("<f8", copy=False).tobytes())
     digest.update(mesh.faces.astype("<u4", copy=False).tobytes())
     return digest.hexdigest()
 
 
 def grasp_rows(plan: Any) -> list[dict[str, Any]]:
-    """Write the grasps of a plan as JSON objects, as the file has them."""
+    """Return the grasps of a plan as JSON objects, in the format of the file."""
     return _rows({name: getattr(plan, name) for name in _GRASPS}, _GRASPS)
 
 
@@ -71,11 +71,11 @@ def write(path: str | os.PathLike[str], facts: dict[str, Any], boxes: Arrays, gr
     Parameters
     ----------
     path : str or PathLike
-        The file; it is replaced whole or not at all.
+        The file; it is replaced atomically.
     facts : dict
-        ``name``, ``mesh_sha256``, ``hand_name``, ``world_from_object`` and ``features``, as a plan has them.
+        Attributes of the plan: ``name``, ``mesh_sha256``, ``hand_name``, ``world_from_object`` and ``features``.
     boxes, grasps : dict of arrays
-        Columns.
+        Columns of the boxes and of the grasps.
 
     Raises
     ------
@@ -113,14 +113,14 @@ def _rows(columns: Arrays, keys: dict[str, tuple[str, type, tuple[int, ...]]]) -
 
 
 def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], Arrays, Arrays]:
-    """Read a plan: what `write` was given.
+    """Read a plan; returns the arguments of `write`: facts, boxes, grasps.
 
     Raises
     ------
     FileError
         If the file cannot be read, or is larger than 256 MiB.
     PlanError
-        If it holds no plan of a version that is known; the message names the key.
+        If it contains no plan of a known version; the message names the key.
     """
     content = read_bounded(path, _MAX_BYTES)
     try:
@@ -135,7 +135,7 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], Arrays, Arrays]:
 
 def _plan(document: Any) -> tuple[dict[str, Any], Arrays, Arrays]:
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise PlanError(f"it is no plan: its format is not {_FORMAT!r}")
+        raise PlanError(f"this is not a plan: its format is not {_FORMAT!r}")
     if document.get("version") != _VERSION:
         raise PlanError(f"its version is {document.get('version')!r}; this graspbox reads {_VERSION}")
     about = document.get("object")
@@ -167,7 +167,7 @@ def _columns(document: dict[str, Any], key: str, keys: dict[str, tuple[str, type
 
 
 def _array(values: Any, name: str, kind: type, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Make an array of the wanted type and shape; numbers are not truncated, and flags are no numbers."""
+    """Make an array of the given type and shape; floats are not truncated, and bools do not count as numbers."""
     wanted = {np.float64: "iuf", np.int64: "iu", np.bool_: "b"}[kind]
     try:
         found = np.asarray(values) if 0 not in shape else np.zeros(shape, kind)

@@ -1,4 +1,4 @@
-"""Trials of planned poses over an object set: the results that ``graspbox grasp`` prints."""
+"""Trials of planned poses over an object set, for ``graspbox grasp``."""
 
 import time
 from collections.abc import Callable
@@ -9,11 +9,12 @@ import numpy as np
 
 from graspbox import _core
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
-from graspbox.errors import ConfigError, GraspboxError, InternalError
+from graspbox.errors import GraspboxError
 from graspbox.hands import HandLike
 from graspbox.object_sets import ObjectSet, ObjectSpec
 from graspbox.plan_files import grasp_rows
 from graspbox.planning import Plan, plan
+from graspbox.refusals import is_refusal, reason
 from graspbox.simulation import Outcomes, Scene
 
 __all__ = ["ObjectResult", "SetResult", "try_object", "try_set"]
@@ -26,15 +27,15 @@ class ObjectResult:
     Attributes
     ----------
     name : str
-        Its name.
+        Name of the object.
     plan : Plan or None
-        The poses that were tried, in ranking order; None if the object could not be prepared.
+        The poses tried, in ranking order; None if the object could not be prepared.
     outcomes : Outcomes or None
         Outcome of each trial.
     seconds : float
-        Wall time of the trials alone.
+        Wall time of the trials, without preparation and planning.
     shaken : bool
-        Successes were shaken.
+        Whether the trials included a shake.
     error : str
         Why the object could not be prepared, planned for or simulated; empty if it could.
     """
@@ -47,9 +48,9 @@ class ObjectResult:
     error: str = ""
 
     def row(self) -> dict[str, Any]:
-        """Count the trials, as ``graspbox grasp --json`` prints them."""
+        """Return the counts of trials that ``graspbox grasp --json`` prints."""
         out = self.outcomes
-        # Early stops may have cut the study's measures off; an infeasible pose has none and counts as failed.
+        # Early stops may have prevented the study's measures; infeasible poses have none and count as failed.
         cut_off = out is not None and bool((np.isnan(out.kindness) & (out.failure != "infeasible")).any())
         legacy = 0 if out is None else int(out.legacy_success.sum())
         return {
@@ -63,9 +64,9 @@ class ObjectResult:
         }
 
     def details(self) -> dict[str, Any]:
-        """List counts, every grasp and its outcome, as ``graspbox grasp --out`` writes them.
+        """Return counts, grasps and outcomes, as ``graspbox grasp --out`` writes them.
 
-        Beside the counts of `row`: ``error`` (empty if there is none), ``hand``, ``world_from_object`` (4x4) and
+        In addition to the counts of `row`: ``error`` (empty if none), ``hand``, ``world_from_object`` (4x4) and
         ``grasps``, best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box`` and ``face``
         as in `graspbox.plan_files`, and the fields of `graspbox.Outcome`, null for NaN. Metres, radians, seconds.
         """
@@ -87,10 +88,10 @@ class SetResult:
     objects: list[ObjectResult] = field(default_factory=list)
 
     def table(self, *, details: bool = False) -> dict[str, Any]:
-        """Totals and rows, as ``graspbox grasp --json`` prints them; with `details`, as ``--out`` writes them.
+        """Return totals and rows, as ``graspbox grasp --json`` prints them; with `details`, as ``--out`` writes them.
 
-        ``rate`` is a share of the tried poses; ``first_rate`` and ``objects_with_success`` are over all objects of
-        the set, where one without a feasible pose counts as failed.
+        ``rate`` is a share of the poses tried; ``first_rate`` and ``objects_with_success`` cover all objects of the
+        set, and an object without a feasible pose counts as failed.
         """
         rows = [result.row() for result in self.objects]
         tried = sum(row["tried"] for row in rows)
@@ -98,6 +99,7 @@ class SetResult:
         seconds = sum(result.seconds for result in self.objects)
         return {
             "objects": [result.details() for result in self.objects] if details else rows,
+            "refused": {result.name: result.error for result in self.objects if result.error},
             "tried": tried,
             "succeeded": succeeded,
             "rate": succeeded / tried if tried else 0.0,
@@ -120,14 +122,14 @@ def try_object(
 ) -> ObjectResult:
     """Let an object settle, plan for its resting pose, and try the best `poses` feasible poses.
 
-    What graspbox refuses (a broken mesh, an object that rolls away) is reported in `ObjectResult.error`.
+    Errors of the object (a broken mesh, an object that rolls away) are reported in `ObjectResult.error`.
 
     Raises
     ------
     ConfigError
-        If a setting is wrong, which no other object would change.
+        If a setting is wrong, which concerns every object.
     InternalError
-        If graspbox has a defect.
+        If graspbox has a bug.
     """
     try:
         scene = Scene(spec.load(), hand=hand, physics=physics)
@@ -143,10 +145,10 @@ def try_object(
         started = time.perf_counter()
         outcomes = scene.simulate(best, config=trial, num_threads=num_threads)
         seconds = time.perf_counter() - started
-    except (ConfigError, InternalError):
-        raise
     except GraspboxError as error:
-        return ObjectResult(spec.name, shaken=trial.shake is not None, error=f"{type(error).__name__}: {error}")
+        if not is_refusal(error):
+            raise
+        return ObjectResult(spec.name, shaken=trial.shake is not None, error=reason(error, spec.path))
     return ObjectResult(spec.name, best, outcomes, seconds, shaken=trial.shake is not None)
 
 
@@ -158,12 +160,12 @@ def try_set(objects: ObjectSet, *, done: Callable[[ObjectResult], None] = lambda
     objects : ObjectSet
         The objects, evaluated in order.
     done : callable
-        Called with each result as it comes.
+        Called with each result as soon as it is available.
 
     Raises
     ------
     ConfigError
-        If a setting is wrong; a bad ``GRASPBOX_THREADS`` is reported before any object is prepared.
+        If a setting is wrong; an invalid ``GRASPBOX_THREADS`` is reported before any object is prepared.
     """
     if settings.get("num_threads") is None:
         _core.num_threads()

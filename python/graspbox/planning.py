@@ -1,4 +1,4 @@
-"""Planning is purely geometric: boxes around an object, and hand poses from the boxes."""
+"""Geometric grasp planning: box decomposition of an object, and hand poses from the boxes."""
 
 import os
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ class DecomposeSettings(TypedDict, total=False):
 
 
 class PlanSettings(TypedDict, total=False):
-    """Fields of `graspbox.PlanConfig`, by name; ``seed`` is an argument of its own."""
+    """Fields of `graspbox.PlanConfig`, by name; ``seed`` is a separate argument."""
 
     decompose: DecomposeConfig
     poses: PoseConfig
@@ -47,21 +47,21 @@ def decompose(
     config: DecomposeConfig = DecomposeConfig(),  # noqa: B008 (frozen)
     **settings: Unpack[DecomposeSettings],
 ) -> BoxTree:
-    """Cut an object into minimum-volume boxes.
+    """Decompose an object into minimum-volume boxes.
 
     Parameters
     ----------
     mesh : Mesh
         The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     config : DecomposeConfig
-        How to cut.
+        Settings of the decomposition.
     **settings
         Fields of `DecomposeConfig` by name, instead of those of `config`: ``fit="pca"``, ``max_boxes=8``, ...
 
     Returns
     -------
     BoxTree
-        In the object's frame; the leaves together contain the whole surface (within 1e-6 m).
+        Boxes in the object's frame; the leaves together contain the whole surface (within 1e-6 m).
 
     Raises
     ------
@@ -86,7 +86,7 @@ def _tree(arrays: "_core.BoxArrays") -> BoxTree:
 
 @dataclass(frozen=True, eq=False)
 class Grasp(ByValue):
-    """One candidate of a `Plan`; the fields have the meaning that they have there.
+    """One candidate of a `Plan`, whose attributes explain the fields.
 
     Attributes
     ----------
@@ -95,11 +95,11 @@ class Grasp(ByValue):
     preshape : float
         Radians.
     feasible : bool
-        Whether the open hand collides with nothing, at the pose and on the approach.
+        Whether the open hand is free of collisions at the pose and on the approach.
     score : float
-        Higher is better, within its plan.
+        Higher is better; comparable only within one plan.
     box, face : int
-        Where it comes from.
+        Box and face that the pose comes from.
     """
 
     pose: NDArray[np.float64]
@@ -112,10 +112,10 @@ class Grasp(ByValue):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(ByValue):
-    """Candidate grasps of an object: n rows, the feasible ones first, the planner's best guess first of all.
+    """Candidate grasps of an object: n rows, the feasible ones first, each group in ranking order.
 
-    ``plan[3]`` is a `Grasp`; a slice, a mask or an array of indices gives a plan of these rows, and iteration gives
-    its grasps. Plans can be pickled, and saved as JSON. Two are equal if all their values are; NaN equals NaN.
+    ``plan[3]`` is a `Grasp`; a slice, a mask or an array of indices gives a plan of these rows, and iteration yields
+    grasps. Plans can be pickled, and saved as JSON. Two are equal if all their values are; NaN equals NaN.
 
     Attributes
     ----------
@@ -124,20 +124,20 @@ class Plan(ByValue):
     preshape : (n,) float64
         Radians.
     feasible : (n,) bool
-        The open hand collides with neither object nor table, at the pose and on the approach.
+        Whether the open hand collides with neither object nor table, at the pose and on the approach.
     score : (n,) float64
-        Higher is better, within this plan; from geometry alone.
+        Higher is better; comparable only within this plan. It is computed from geometry alone.
     box, face : (n,) int64
-        Leaf of the tree that a pose comes from (the number of leaves stands for the box around the whole object), and
-        the face: ``2 axis`` on the positive side of the box's axis, ``2 axis + 1`` on the negative.
+        Leaf of the tree that a pose comes from (the number of leaves denotes the box around the whole object), and its
+        face: ``2 axis`` on the positive side of the box's axis, ``2 axis + 1`` on the negative.
     tree : BoxTree
         The boxes.
     world_from_object : (4, 4) float64
-        Where the object rests; the table is the plane z = 0.
+        Resting pose of the object; the table is the plane z = 0.
     features : (n, k) float64 or None
-        If asked for: the terms of the ranking, one column per name of `rank_weights`; NaN where a pose is not feasible.
-        The score is their sum weighted by `rank_weights`, minus a small penalty per better-ranked pose of the same box,
-        face and preshape.
+        With ``features=True``: terms of the ranking, one column per name of `rank_weights`; NaN for poses that are not
+        feasible. The score is their sum weighted by `rank_weights`, minus a small penalty per better-ranked pose of the
+        same box, face and preshape.
     name, mesh_sha256, hand_name : str
         The object's name, the hash of its mesh (`graspbox.plan_files.mesh_hash`), and the hand's name.
     """
@@ -181,7 +181,7 @@ class Plan(ByValue):
         return (self[i] for i in range(len(self)))
 
     def best(self, count: int | None = None) -> Self:
-        """Keep the first `count` feasible candidates, in ranking order; all feasible ones by default.
+        """Return the first `count` feasible candidates, in ranking order; by default all of them.
 
         Raises
         ------
@@ -193,12 +193,12 @@ class Plan(ByValue):
         return self[np.flatnonzero(self.feasible)[:count]]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plan as JSON, in the format of `graspbox.plan_files`; `load` gives it back bit for bit.
+        """Write the plan as JSON, in the format of `graspbox.plan_files`; `load` restores it bit for bit.
 
         Parameters
         ----------
         path : str or PathLike
-            The file. It is replaced whole or not at all.
+            The file; it is replaced atomically.
 
         Raises
         ------
@@ -210,14 +210,14 @@ class Plan(ByValue):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a plan that `save` wrote.
+        """Read a plan written by `save`.
 
         Raises
         ------
         FileError
             If the file cannot be read, or is larger than 256 MiB.
         PlanError
-            If it holds no plan; the message names what is wrong.
+            If it contains no valid plan; the message names the wrong part.
         """
         facts, boxes, grasps = plan_files.read(path)
         rows = zip(boxes["center"], boxes["axes"], boxes["half_extents"], strict=True)
@@ -249,7 +249,7 @@ def plan(
     features: bool = False,
     **settings: Unpack[PlanSettings],
 ) -> Plan:
-    """Propose hand poses from an object's boxes, drop those that collide, and rank the rest by geometry alone.
+    """Generate hand poses from an object's boxes, filter out collisions, and rank the rest by geometry alone.
 
     Parameters
     ----------
@@ -260,14 +260,14 @@ def plan(
     seed : int, optional
         Seed of the random variations, instead of that of `config`.
     world_from_object : (4, 4) array_like, optional
-        Where the object rests on the table (top at z = 0). By default the file's +z is up, the lowest vertex at z =
-        0, the bounds centred over the origin; `graspbox.Scene` tells where it really comes to rest.
+        Resting pose of the object on the table (top at z = 0). By default the file's +z is up, the lowest vertex at
+        z = 0, and the bounds are centred above the origin; `graspbox.Scene` simulates how the object comes to rest.
     config : PlanConfig
-        How to plan.
+        Settings of the planner.
     num_threads : int, optional
-        Threads to use, 1 to 1024; by default ``GRASPBOX_THREADS``, else all. The result does not depend on it.
+        Number of threads, 1 to 1024; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
     features : bool
-        Also return the terms of the ranking for each pose.
+        Whether to return the terms of the ranking for each pose.
     **settings
         Fields of `PlanConfig` by name, instead of those of `config`.
 
@@ -296,8 +296,8 @@ def plan(
 
 
 def rank_weights(hand: HandLike = "reflex") -> dict[str, float]:
-    """Name and weight of each term of the ranking, in the order of the columns of `Plan.features`.
+    """Return name and weight of each term of the ranking, in the order of the columns of `Plan.features`.
 
-    ``scripts/fit_ranking.py`` fits them again.
+    ``scripts/fit_ranking.py`` refits the weights.
     """
     return dict(_core.rank_weights(load_hand(hand)))

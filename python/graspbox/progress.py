@@ -1,4 +1,4 @@
-"""A progress bar on standard error that needs no library, and times for people."""
+"""A progress bar on standard error without dependencies, and formatted times."""
 
 import sys
 import time
@@ -11,7 +11,7 @@ _WIDTH = 30
 
 
 def shown_time(seconds: float) -> str:
-    """Write a time for people: ``2:05:09``, or ``-`` where it is not known."""
+    """Format a time as ``2:05:09``, or ``-`` if it is unknown (infinite)."""
     if seconds == float("inf"):
         return "-"
     minutes, rest = divmod(round(seconds), 60)
@@ -19,18 +19,18 @@ def shown_time(seconds: float) -> str:
 
 
 class ProgressBar:
-    """Shows how much of a known number of steps is done: one line that is drawn again, or ten lines in a log file.
+    """Shows progress over a known number of steps: one updated line on a terminal, ten lines in a log file.
 
     Parameters
     ----------
     task : str
-        What is being done.
+        Description of the task.
     total : int
         Number of steps.
     shown : bool
-        Whether anything is written at all.
+        Whether to show the bar.
     delay : float
-        Seconds before which nothing is written.
+        Seconds until the bar appears.
     """
 
     def __init__(self, task: str, total: int, shown: bool = True, delay: float = 0.0) -> None:
@@ -39,7 +39,7 @@ class ProgressBar:
         self._tenth, self._begins = 0, time.monotonic() + delay
 
     def update(self, done: int) -> None:
-        """Show that `done` steps are done."""
+        """Show that `done` steps are complete."""
         if not self._shown or time.monotonic() < self._begins:
             return
         self._written = True

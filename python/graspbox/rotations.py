@@ -1,8 +1,8 @@
-"""Unit quaternions and Euler angles of rotations, in bulk.
+"""Conversion of arrays of rotations to and from unit quaternions and Euler angles.
 
 Quaternions are (w, x, y, z) with w >= 0. Euler angles are (roll, pitch, yaw) about fixed x, y, z axes in this order:
-R = Rz(yaw) Ry(pitch) Rx(roll), with pitch in [-pi/2, pi/2]. Own code, since SciPy, which has both, is needed by nothing
-else here.
+R = Rz(yaw) Ry(pitch) Rx(roll), with pitch in [-pi/2, pi/2]. SciPy has both conversions, but nothing else here needs
+SciPy.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: A quaternion shorter than this names no rotation.
+#: Quaternions of this length or shorter count as zero.
 _SHORTEST = 1e-9
 
 
@@ -37,7 +37,7 @@ def _rows(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
 def quaternion_from_rotation(rotations: ArrayLike) -> Array:
     """Convert rotations (n, 3, 3) to unit quaternions (n, 4) with w >= 0.
 
-    Each is taken from the largest of the four squares, 4 q q^T, so that nothing is divided by a small number.
+    Each quaternion is the row of 4 q q^T with the largest diagonal entry, which avoids division by a small number.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def rotation_from_quaternion(quaternions: ArrayLike) -> Array:
     q = _rows(quaternions, "quaternions", (4,))
     length = np.linalg.norm(q, axis=1, keepdims=True)
     if not (length > _SHORTEST).all() or not np.isfinite(length).all():
-        raise ConfigError("quaternions hold one that is zero or not finite; it names no rotation")
+        raise ConfigError("quaternions has one that is zero or not finite; give quaternions of finite, nonzero length")
     w, x, y, z = (q / length).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -85,7 +85,7 @@ def rotation_from_quaternion(quaternions: ArrayLike) -> Array:
 
 
 def euler_from_rotation(rotations: ArrayLike) -> Array:
-    """Convert rotations (n, 3, 3) to (roll, pitch, yaw) (n, 3), radians; where pitch is +-pi/2, roll is 0.
+    """Convert rotations (n, 3, 3) to (roll, pitch, yaw) (n, 3), radians; at a pitch of +-pi/2, roll is 0.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def rotation_from_euler(angles: ArrayLike) -> Array:
 
 
 def poses_from(positions: ArrayLike, rotations: ArrayLike) -> Array:
-    """Assemble homogeneous matrices (n, 4, 4) of positions (n, 3) and rotations (n, 3, 3).
+    """Assemble homogeneous matrices (n, 4, 4) from positions (n, 3) and rotations (n, 3, 3).
 
     Raises
     ------
@@ -130,14 +130,14 @@ def poses_from(positions: ArrayLike, rotations: ArrayLike) -> Array:
     """
     p, r = _rows(positions, "positions", (3,)), _rows(rotations, "rotations", (3, 3))
     if len(p) != len(r):
-        raise ConfigError(f"there are {len(p)} positions and {len(r)} rotations; give as many of each")
+        raise ConfigError(f"there are {len(p)} positions and {len(r)} rotations; give the same number of both")
     poses = np.broadcast_to(np.eye(4), (len(p), 4, 4)).copy()
     poses[:, :3, 3], poses[:, :3, :3] = p, r
     return poses
 
 
 def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
-    """Measure the angles (n,) in [0, pi] that turn rotations (n, 3, 3) into others (n, 3, 3), radians.
+    """Return the angles (n,) in [0, pi] between rotations (n, 3, 3) and others (n, 3, 3), radians.
 
     Raises
     ------

@@ -1,15 +1,16 @@
-"""Grasp trials: an object at rest on a table, hand poses, and the outcome of each.
+"""Grasp trials: hand poses for an object at rest on a table, and their outcomes.
 
-The trial: the open hand starts at the pose, closes, lifts, and holds; with ``TrialConfig(shake=ShakeConfig())`` it then
-shakes what it holds. One judge decides:
+In a trial the open hand starts at the pose, closes, lifts and holds; with ``TrialConfig(shake=ShakeConfig())`` it then
+shakes the object. The labels are defined as follows:
 
-- ``success``: over the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
-  touches neither table nor ground, and in the hand's frame it moves slower than 5 mm/s, measured from where it was
-  0.1 s before (`SuccessCriterion`).
-- ``secure``: success, and since it left the table it has moved less than 5 cm and 15 degrees in the hand's frame.
-- ``survives_shake``: success, and success again after the hand has shaken the object along and about its axes, with 2 g
-  by default, and held it still for another second. False where there was no shake.
-- ``legacy_success``, ``kindness``: the reference study's measures, read 2.5 s after closing starts.
+- ``success``: for the last 0.5 s the object's centre of mass is at least 0.15 m above its resting height, the object
+  touches neither table nor ground, and its speed in the hand's frame, averaged over 0.1 s, is below 5 mm/s
+  (`SuccessCriterion`).
+- ``secure``: success, and the object has moved less than 5 cm and 15 degrees in the hand's frame since it left the
+  table.
+- ``survives_shake``: success, and success again after the hand has shaken the object along and about the hand's axes
+  (2 g by default) and held it still for another second. False without a shake.
+- ``legacy_success``, ``kindness``: the reference study's measures, taken 2.5 s after closing starts.
 """
 
 from dataclasses import dataclass
@@ -40,7 +41,7 @@ class Body:
     Attributes
     ----------
     parts : tuple of (n, 3) float64
-        Convex parts, each by points that span it, metres.
+        Convex parts, each given by points whose convex hull it is, metres.
     mass : float
         kg.
     center_of_mass : (3,) float64
@@ -58,8 +59,8 @@ class Body:
 class Scene:
     """An object that has come to rest on the table, with a hand to grasp it.
 
-    Preparing a scene takes milliseconds to seconds (convex parts are cached on disk); its trials share it. Scenes are
-    immutable. One that is pickled is prepared again where it is loaded, and comes to rest as it did before.
+    Preparing a scene takes milliseconds to seconds (convex parts are cached on disk); all of its trials share it.
+    Scenes are immutable. Unpickling prepares a scene again, with the same resting pose.
 
     Parameters
     ----------
@@ -68,11 +69,11 @@ class Scene:
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional
-        Pose to settle from; by default the file's +z is up, and the object stands over the table's origin.
+        Pose from which the object settles; by default the file's +z is up, and the object is above the table's origin.
     physics : PhysicsConfig
         Settings of the physics engine.
     cache : Path or None
-        Folder for convex parts.
+        Folder for cached convex parts; by default that of `cache_folder`.
 
     Raises
     ------
@@ -125,7 +126,7 @@ class Scene:
 
     @property
     def world_from_object(self) -> NDArray[np.float64]:
-        """The object at rest, (4, 4)."""
+        """Resting pose of the object, (4, 4)."""
         return self._core.world_from_object
 
     @property
@@ -149,14 +150,14 @@ class Scene:
         config: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
         num_threads: int | None = None,
     ) -> Outcomes:
-        """Try every pose, every grasp of a plan, or one grasp of it; see `graspbox.simulate`.
+        """Run a trial at every pose, for every grasp of a plan, or for one grasp; see `graspbox.simulate`.
 
         Parameters
         ----------
         poses, preshape, config, num_threads
             As `graspbox.simulate`.
         friction, mass : (n,) array_like, or float
-            Factors on the friction and the mass of the object, for each trial, 0.01 to 100.
+            Factors on the object's friction and mass, per trial or for all, 0.01 to 100.
         """
         if isinstance(poses, Plan):
             self._check_plan(poses)
@@ -184,7 +185,7 @@ class Scene:
         standoff: float = PlanConfig.standoff,
         num_threads: int | None = None,
     ) -> NDArray[np.bool_]:
-        """Pass poses through the planner's collision filter.
+        """Apply the planner's collision filter to poses.
 
         Parameters
         ----------
@@ -193,27 +194,27 @@ class Scene:
         preshape : (n,) array_like
             See `graspbox.simulate`.
         clearance : float
-            Room that the open hand must have on every side, metres, 0 to 0.05; trials refuse poses without any (0).
+            Clearance that the open hand needs on every side, metres, 0 to 0.05; trials use 0.
         standoff : float
-            The hand comes from this far behind, along its -z, metres, 0 to 1.
+            Length of the straight approach along the hand's z, metres, 0 to 1.
         num_threads : int, optional
             As in `graspbox.simulate`.
 
         Returns
         -------
         (n,) bool
-            Whether the open hand collides with nothing, at the pose and on the way there.
+            Whether the open hand is free of collisions at the pose and on the approach.
 
         Raises
         ------
         ConfigError
-            For arrays of another shape, poses that are no rigid motions, and distances out of range.
+            For arrays of another shape, poses that are not rigid motions, or distances out of range.
         """
         given, values = floats(poses, "poses"), floats(preshape, "preshape")
         return self._core.check(given, values, clearance, standoff, num_threads)
 
     def _check_plan(self, plan: Plan) -> None:
-        """Refuse a plan for another object or hand; one that was put together by hand names none."""
+        """Refuse a plan for another object or hand; plans made without names are accepted."""
         way_out = "give its poses and preshape to try them anyway"
         if plan.hand_name and plan.hand_name != self.hand.name:
             raise ConfigError(f"the plan is for the hand {plan.hand_name!r}, not {self.hand.name!r}; {way_out}")
@@ -227,23 +228,23 @@ class Scene:
         *,
         config: TrialConfig = TrialConfig(legacy=True),  # noqa: B008 (frozen)
     ) -> tuple[Outcomes, Trace]:
-        """Run one trial as `simulate` does, and record it every 10 ms.
+        """Run one trial as `simulate` does, and record a sample every 10 ms.
 
         Parameters
         ----------
         pose : (4, 4) array_like, or Grasp
-            ``object_from_hand``; a grasp of a plan brings its preshape.
+            ``object_from_hand``; a grasp of a plan includes its preshape.
         preshape : float
-            See `graspbox.simulate`.
+            See `graspbox.simulate`; not with a grasp of a plan.
         config : TrialConfig
-            By default the study's measures are read too, so that the trial runs to its end.
+            The trial; by default with the reference study's measures, which delay early stops.
 
         Returns
         -------
         Outcomes
             Of length 1.
         Trace
-            What happened; empty where the outcome is ``infeasible``.
+            The recording; empty if the outcome is ``infeasible``.
 
         Raises
         ------
@@ -264,7 +265,7 @@ class Scene:
 
 
 def _for_each(factor: ArrayLike, name: str, count: int) -> NDArray[np.float64]:
-    """Give each of `count` trials its factor."""
+    """Return one factor for each of `count` trials."""
     found = floats(factor, name)
     if found.shape not in ((), (count,)):
         raise ConfigError(f"{name} has shape {list(found.shape)}; give one factor, or one for each of {count} poses")
@@ -275,16 +276,16 @@ T = TypeVar("T")
 
 
 def _own(given: object, own: T) -> T:
-    """Take the preshape that a plan or a grasp holds; it may not be given a second time."""
+    """Return the preshape of a plan or a grasp; it must not also be given as an argument."""
     if given is not None:
-        raise ConfigError("preshape is given twice; a plan or a grasp holds its own")
+        raise ConfigError("preshape is given twice; leave it out, since a plan or a grasp includes it")
     return own
 
 
 def _scene(
     mesh: Mesh, hand: Hand, start: NDArray[np.float64] | None, physics: PhysicsConfig, cache: Path | None
 ) -> Scene:
-    """Prepare a scene that was pickled."""
+    """Rebuild a pickled scene."""
     return Scene(mesh, hand=hand, world_from_object=start, physics=physics, cache=cache)
 
 
@@ -299,7 +300,7 @@ def simulate(
     physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
     num_threads: int | None = None,
 ) -> Outcomes:
-    """Try to grasp an object at each of n poses.
+    """Run a grasp trial at each of n poses of the hand.
 
     Parameters
     ----------
@@ -307,25 +308,25 @@ def simulate(
         The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
     poses : (n, 4, 4) array_like, or Plan
         ``object_from_hand``: the hand's grasp frame in the object's frame, metres. A plan (``plan``, ``plan[:5]``)
-        brings its preshapes, and the pose that its object rests in.
+        includes its preshapes and the resting pose of its object.
     preshape : (n,) array_like, or float
-        Within `graspbox.Hand.preshape_limits`: the position of the preshape's actuator (of the ReFlex: 0 for a power
-        grasp, pi/2 for a pinch), or the number of a named preshape; not with a plan.
+        Within `graspbox.Hand.preshape_limits`: the position of the preshape's actuator (ReFlex: 0 for a power grasp,
+        pi/2 for a pinch), or the index of a named preshape; not with a plan.
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional
-        Pose from which the object settles on the table (top at z = 0); that of the plan, if one is given.
+        Pose from which the object settles on the table (top at z = 0); by default that of the plan, if there is one.
     config : TrialConfig
         The trial.
     physics : PhysicsConfig
-        The engine.
+        Settings of the physics engine.
     num_threads : int, optional
-        Threads to use, 1 to 1024; by default ``GRASPBOX_THREADS``, else all. The result does not depend on it.
+        Number of threads, 1 to 1024; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
 
     Returns
     -------
     Outcomes
-        In the order of the poses. A pose at which, or on the way to which, the hand collides is ``infeasible``.
+        In the order of the poses. A pose is ``infeasible`` if the hand collides there or on the approach.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Depth, colour and label images of an object from many sides, and what they tell of space.
+"""Depth, colour and segmentation images of an object from many views, and occupancy grids from depth images.
 
 >>> import graspbox
 >>> mesh = graspbox.object_sets.load("procedural:mug:3")[0].load()
@@ -28,22 +28,22 @@ __all__ = ["ViewPlan", "Views", "depth_millimetres", "occupancy", "views"]
 
 @dataclass(frozen=True)
 class ViewPlan:
-    """Where cameras stand: on a cap of a sphere about the target, looking at it, upright.
+    """Placement of cameras: on a spherical cap about the target, looking at it, upright.
 
     Attributes
     ----------
     pattern : {"grid", "random"}
-        Evenly by area along a spiral, the same for every seed; or at random, uniform by area.
+        Evenly by area along a spiral, the same for every seed; or at random, uniformly by area.
     axis : tuple of float
-        From the target to the middle of the cap, world, of any length.
+        Direction from the target to the middle of the cap, world frame, of any length.
     cap : float
         Angle from the middle of the cap to its border, radians.
     distance : pair of float
         Least and greatest distance from the target, metres.
     shift : float
-        Each coordinate of a camera is then moved by up to this much, metres; it does not turn after the target.
+        Greatest shift of each coordinate of the camera afterwards, metres; the shift does not change its orientation.
     up : tuple of float
-        Upward in the images, world.
+        Upward direction of the images, world frame.
     """
 
     pattern: Literal["grid", "random"] = "random"
@@ -54,8 +54,8 @@ class ViewPlan:
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
 
-#: Plans by name. The study's: 0.7 m away, within 15 degrees and 5 cm of one pose (which one it does not say; here it
-#: looks down at 45 degrees). The others: anywhere on the half of the sphere above the table, 0.7 m away.
+#: Plans by name. ``study``: 0.7 m away, within 15 degrees and 5 cm of one pose, which the reference study does not
+#: specify; here it looks down at 45 degrees. The others: anywhere on the hemisphere above the table, 0.7 m away.
 PLANS = {
     "study": ViewPlan(),
     "grid": ViewPlan("grid", axis=(0.0, 0.0, 1.0), cap=float(np.pi / 2), shift=0.0),
@@ -70,13 +70,13 @@ class Views(ByValue):
     Attributes
     ----------
     depth : (n, H, W) float32
-        Metres along the optical axis; 0 where nothing was seen.
+        Distance along the optical axis, metres; 0 where nothing was seen.
     rgb : (n, H, W, 3) uint8 or None
         Red, green, blue.
     segmentation : (n, H, W) uint8 or None
         0 background, 1 table and ground, 2 object.
     intrinsics : (3, 3) float64
-        Takes a point in the camera's frame to homogeneous image positions, pixels.
+        Maps a point in the camera's frame to homogeneous pixel coordinates.
     world_from_camera, camera_from_object : (n, 4, 4) float64
         Poses.
     """
@@ -110,7 +110,7 @@ def views(
     target: ArrayLike | None = None,
     num_threads: int | None = None,
 ) -> Views:
-    """Render an object from many sides.
+    """Render an object from many views.
 
     Parameters
     ----------
@@ -133,14 +133,15 @@ def views(
     table : bool
         Whether to render table and ground.
     levels : bool
-        Whether levels of detail are rendered, which differ by at most half a pixel. They are made when a mesh is first
-        rendered, which takes as long as some twenty views: without them a few views of each of many meshes are quicker.
+        Whether to render levels of detail, which change images by at most half a pixel. They are made when a mesh is
+        first rendered, which takes as long as about 20 views; for a few views of each of many meshes, turn them off.
     world_from_object : (4, 4) array, optional
-        Default: file +z up, lowest vertex at z = 0, centred over the table's origin.
+        Pose of the object; by default the file's +z is up, the lowest vertex at z = 0, and the object is centred above
+        the table's origin.
     target : (3,) array, optional
-        Point that the cameras look at, world; by default the centre of the object's bounds.
+        Point that the cameras look at, world frame; by default the centre of the object's bounds.
     num_threads : int, optional
-        Threads to use; images do not depend on it.
+        Number of threads; images do not depend on it.
 
     Raises
     ------
@@ -189,15 +190,15 @@ def occupancy(
     far: float = 5.0,
     nothing_is_free: bool = True,
 ) -> NDArray[np.uint8]:
-    """Tell occupied, free and unseen voxels of a cube from depth images.
+    """Classify the voxels of a cube as occupied, free or unseen from depth images.
 
     Parameters
     ----------
     depth : (n, H, W) array
-        Distance along the optical axis, 0 where nothing was seen: metres, or millimetres if the dtype is uint16, as
-        16-bit cameras and `depth_millimetres` give it.
+        Distance along the optical axis, 0 where nothing was seen: in metres, or in millimetres if the dtype is uint16,
+        as from 16-bit cameras and `depth_millimetres`.
     intrinsics : (3, 3) array
-        Of every image.
+        Intrinsics of all images.
     frame_from_camera : (n, 4, 4) array
         Poses of the cameras in the frame of the cube: the inverse of `Views.camera_from_object` for the object's frame.
     resolution : int
@@ -209,7 +210,7 @@ def occupancy(
     far : float
         Greatest depth that the cameras see, metres.
     nothing_is_free : bool
-        Whether the ray of a pixel without depth is free up to `far`, as in a rendered image, or tells nothing.
+        Whether the ray of a pixel without depth is free up to `far`, as in a rendered image; otherwise it is ignored.
 
     Returns
     -------
@@ -235,7 +236,7 @@ def occupancy(
 
 
 def depth_metres(depth: ArrayLike) -> NDArray[np.float32]:
-    """Depth as float32 metres; uint16 are millimetres."""
+    """Return depth in metres, float32; values of dtype uint16 are millimetres."""
     given = np.asarray(depth)
     if given.dtype == np.uint16:
         return np.ascontiguousarray(given * np.float32(1e-3), dtype=np.float32)
@@ -245,7 +246,7 @@ def depth_metres(depth: ArrayLike) -> NDArray[np.float32]:
 
 
 def depth_millimetres(depth: ArrayLike) -> NDArray[np.uint16]:
-    """Give depth as 16-bit cameras and their files do.
+    """Convert depth to the format of 16-bit cameras and their files.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Voxels: of a mesh, with the meaning of binvox's options, and from and to ``.binvox`` files.
+"""Voxelization of meshes with the options of binvox, and ``.binvox`` files.
 
 | binvox    | here |
 |---|---|
-| ``-d N``  | ``resolution=N``: N voxels along the longest side of the bounds, whose least corner is the grid's |
+| ``-d N``  | ``resolution=N``: N voxels along the longest side of the bounds; the grid starts at their least corner |
 | (default) | ``mode="solid"`` |
-| ``-e``    | ``mode="surface"``; ``exact=True`` adds the touched voxels to a solid instead |
-| ``-down`` | ``down``: each time a voxel is set where at least 4 of its 8 parts were |
-| ``-ri``   | ``remove_internal=True``, last of all: voxels whose six neighbours are set are cleared |
+| ``-e``    | ``mode="surface"``; with ``exact=True``, a solid also contains all touched voxels |
+| ``-down`` | ``down``: halves the resolution; a voxel is set if at least 4 of its 8 parts were |
+| ``-ri``   | ``remove_internal=True``: finally clears voxels whose six neighbours are set |
 """
 
 import os
@@ -30,7 +30,7 @@ Fill = Literal["winding", "parity", "vote"]
 
 @dataclass(frozen=True, eq=False)
 class Voxels(ByValue):
-    """A cube of voxels, aligned with the axes of its frame: for a mesh, the object's.
+    """A cube of voxels aligned with the axes of its frame; for a mesh, the object's frame.
 
     The centre of voxel (i, j, k) is ``origin + (np.array([i, j, k]) + 0.5) * voxel_size``.
 
@@ -43,10 +43,10 @@ class Voxels(ByValue):
     voxel_size : float
         Side of a voxel, metres.
     fill : str or None
-        How inside was decided. ``winding``: the mesh is closed and oriented; inside is what it winds around.
-        ``parity``: it is closed, but its faces disagree about a side; inside is where an odd number of crossings leads.
-        ``vote``: it has holes; inside is what at least four of the six rays along the axes find it winding around.
-        None for anything but a solid made here.
+        Rule for the inside. ``winding``: the mesh is closed and oriented; the winding number decides. ``parity``: it is
+        closed, but its faces are oriented inconsistently; inside is where rays cross it an odd number of times.
+        ``vote``: it has holes; inside is where it winds around the point by at least four of the six rays along the
+        axes. None for all voxels but solids made by `voxelize`.
     """
 
     occupancy: NDArray[np.bool_]
@@ -78,15 +78,15 @@ class Voxels(ByValue):
 
     @property
     def volume(self) -> float:
-        """Volume of the voxels that are set, m3."""
+        """Volume of the set voxels, m3."""
         return int(self.occupancy.sum()) * self.voxel_size**3
 
     def centers(self) -> NDArray[np.float64]:
-        """Give the centres of the voxels that are set: (m, 3), metres, in the order of their indices."""
+        """Return the centres of the set voxels, (m, 3), metres, in the order of their indices."""
         return self.origin + (np.argwhere(self.occupancy) + 0.5) * self.voxel_size
 
     def indices(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Give the index (m, 3) of the voxel around each point (m, 3); beyond the cube it is below 0 or n and above."""
+        """Return the index (m, 3) of the voxel around each point (m, 3); outside the cube it is < 0 or >= n."""
         return np.floor((floats(points) - self.origin) / self.voxel_size).astype(np.int64)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -110,35 +110,35 @@ def voxelize(
 ) -> Voxels:
     """Voxelize a mesh.
 
-    The grid is the cube whose least corner is that of the mesh's bounds and whose side is their longest side. A centre
-    on the surface is taken a billionth of a voxel towards (+x, +y, +z); a voxel is touched by what comes within a
-    billionth of its size.
+    The grid is a cube with the least corner of the mesh's bounds and the length of their longest side. A centre on the
+    surface is moved by a billionth of a voxel towards (+x, +y, +z); a triangle within a billionth of a voxel's size
+    touches it.
 
     Parameters
     ----------
     mesh : Mesh, or an object with vertices and faces
         The object; see `graspbox.meshes.as_mesh`.
     resolution : int
-        Voxels along each side before the grid is halved, 1 to 1024 (binvox's own limit). A grid takes 1 byte per voxel,
-        and up to 3 while it is made.
+        Voxels along each side before halving, 1 to 1024 (binvox's limit). A grid takes 1 byte per voxel, and up to 3
+        bytes during construction.
     mode : str
         ``solid``: voxels whose centre lies inside. ``surface``: voxels that a triangle touches.
     down : int
-        How often the resolution is halved; it must stay whole.
+        How many times to halve the resolution, which must stay an integer.
     remove_internal : bool
-        Clear the voxels whose six neighbours are set, last of all. What lies beyond the grid counts as empty.
+        Finally clear the voxels whose six neighbours are set. Voxels outside the grid count as empty.
     exact : bool
-        Set every voxel that a triangle touches as well; in mode ``surface`` they are all there is.
+        Also set every voxel that a triangle touches; mode ``surface`` sets these in any case.
 
     Returns
     -------
     Voxels
-        In the frame of the mesh, metres; ``fill`` tells how inside was decided.
+        In the frame of the mesh, metres; ``fill`` is the rule for the inside.
 
     Raises
     ------
     ConfigError
-        For an unknown mode, a resolution that is out of range or cannot be halved so often, or a grid that does not
+        For an unknown mode, a resolution that is out of range or cannot be halved `down` times, or a grid that does not
         fit into memory.
     """
     if mode not in get_args(Mode):
@@ -156,19 +156,20 @@ def load_binvox(path: str | os.PathLike[str]) -> Voxels:
     FileError
         If the file cannot be read (also an OSError).
     MeshError
-        If it is truncated, its grid is no cube or its header does not tell the truth (also a ValueError).
+        If it is truncated, its grid is not a cube, or its header contradicts its contents (also a ValueError).
     """
     return Voxels(*_core.load_binvox(path))
 
 
 def save_binvox(path: str | os.PathLike[str], voxels: Voxels) -> None:
-    """Write a ``.binvox`` file (version 1); its ``translate`` is the origin, its ``scale`` the side of the cube.
+    """Write a ``.binvox`` file (version 1); ``translate`` is the origin, ``scale`` the side of the cube.
+
+    Links are followed. A new file gets the permissions of the umask.
 
     Raises
     ------
     FileError
-        If the folder is missing, full or read-only, or the path names a device or a pipe (also an OSError); an older
-        file is then left as it was. A link stays, and the file that it names is written; a new file gets the mode that
-        the umask leaves.
+        If the folder is missing, full or read-only, or the path is a device or a pipe (also an OSError); an existing
+        file is not changed.
     """
     _core.save_binvox(path, voxels.occupancy, voxels.origin, voxels.voxel_size)

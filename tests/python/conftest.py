@@ -22,6 +22,17 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
+@pytest.fixture(scope="module", params=["here", "on a server"])
+def remote(request: pytest.FixtureRequest) -> Iterator[str | None]:
+    """Where environments step: None in this process."""
+    if request.param == "here":
+        yield None
+        return
+    served = import_module("graspbox.remote")
+    with served.EnvironmentServer(served.ServerSettings(port=0)) as server:
+        yield server.url
+
+
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     if report.skipped and "train" in report.keywords and not hasattr(report, "wasxfail"):
         _skipped.append(report.nodeid)

@@ -210,6 +210,28 @@ def unacknowledged(url: str, rng: random.Random, count: int) -> int:
     return count
 
 
+def names(url: str, rng: random.Random, count: int) -> int:
+    """Name thousands of object sets, the same one or others, twice at once; others' environments are made meanwhile."""
+    kinds = [
+        ["ycb:002_master_chef_can"] * 20_000,
+        [f"procedural:can:{seed}" for seed in range(20_000)] * 2,
+        [f"procedural:can:{seed}-99999" for seed in range(20_000)],
+        [f"ycb:{'x' * 20}{index}" for index in range(20_000)],
+    ]
+    for index in range(count // 5):
+        with Peer(url) as one, Peer(url) as two:
+            asked = [(peer, peer.submit("make", objects=kinds[index % len(kinds)])) for peer in (one, two)]
+            started = time.monotonic()
+            with made(url, reset=False) as honest:
+                honest.call("names")
+            assert time.monotonic() - started < 10.0, f"kind {index % len(kinds)}"
+            for peer, number in asked:
+                error = peer.answer(number)["error"]
+                assert error["type"] == "ObjectSetError", error
+                assert len(error["message"]) < 1000
+    return 2 * (count // 5)
+
+
 def closes(url: str, rng: random.Random, count: int) -> int:
     """Sessions that are closed, or resumed wrongly, while they step."""
     for index in range(count):
@@ -335,6 +357,7 @@ ATTACKS: dict[str, tuple[Attack, float]] = {
     "broken frames": (broken_frames, 0),
     "half a frame, then silence": (half_frames, 0),
     "large answers, never read": (unread, 0),
+    "thousands of object sets named": (names, 0),
     "close and wrong resume in mid-step": (closes, 0),
     "another session taken up": (resumed_away, 0),
     "silent and slow connections": (silent, 0),

@@ -110,3 +110,13 @@ def test_settings_out_of_range_are_refused() -> None:
             AnchorConfig(**given_)
     with pytest.raises(errors.ConfigError, match="do not fit"):
         AnchorConfig(spacing=0.02).check(CropConfig())
+
+
+def test_outputs_of_a_damaged_head_are_refused() -> None:
+    index, residual, scores = np.arange(4), np.zeros((4, 6), dtype=np.float32), np.ones(4, dtype=np.float32)
+    assert len(ANCHORS.candidates(index, residual, scores).scores) == 4
+    for wrong in ((index, residual * np.float32(np.nan), scores), (index, residual, scores * np.float32(np.inf))):
+        with pytest.raises(errors.ConfigError, match="outputs of the head are not finite; its network is damaged"):
+            ANCHORS.candidates(*wrong)
+    with pytest.raises(errors.ConfigError, match="the head gives anchors from -1 to 2, and there are"):
+        ANCHORS.candidates(index - 1, residual, scores)

@@ -78,7 +78,7 @@ def test_grasp_counts_what_the_package_counts(tmp_path: Path) -> None:
     ]
     table = run_json(*arguments, "--out", out)
     details = json.loads(out.read_text())
-    keys = {"objects", "tried", "succeeded", "rate", "objects_with_success", "first_rate", "trials_per_s"}
+    keys = {"objects", "refused", "tried", "succeeded", "rate", "objects_with_success", "first_rate", "trials_per_s"}
     assert set(table) == keys
     keys = {"name", "tried", "succeeded", "secure", "survived_shake", "legacy_succeeded", "first_succeeded"}
     assert all(set(row) == keys for row in table["objects"])

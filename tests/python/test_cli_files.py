@@ -2,10 +2,8 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ import pytest
 
 import graspbox
 from graspbox import cli, object_sets
+from interrupting import interrupted
 from test_cli import run
 
 BOX = "procedural:box:0"
@@ -49,10 +48,8 @@ def write_box(path: Path, x: float, y: float, z: float, turn: float = 0.0) -> Pa
     ids=lambda a: a[0],
 )
 def test_outputs_are_checked_before_the_work(arguments: tuple[str, ...], out: str, tmp_path: Path) -> None:
-    """Work for 2,200 objects would take hours; the refusal comes at once."""
-    started = time.monotonic()
+    """Work for 2,200 objects would take hours, for which `run` does not wait; the refusal comes at once."""
     refused(run(*arguments, "--out", tmp_path / out), 1, "graspbox: ")
-    assert time.monotonic() - started < 60.0
 
 
 def test_demo_checks_its_folder(tmp_path: Path) -> None:
@@ -138,15 +135,16 @@ def test_a_bad_number_of_threads_is_reported_once() -> None:
 
 
 def test_ctrl_c_is_130() -> None:
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    code += "import sys; sys.argv = ['graspbox', 'grasp', '--objects', 'procedural:0-99']\n"
-    code += "from graspbox.__main__ import main; main()"
-    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True) as process:
-        time.sleep(6.0)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=30) == 130
-        assert process.stderr is not None
-        assert "Traceback" not in process.stderr.read()
+    """In the middle of trials that would take hours."""
+    ended = interrupted(
+        "import graspbox.planner_trials as trials\n"
+        "real = trials.try_object\n"
+        "trials.try_object = lambda *given, **settings: (ready(), real(*given, **settings))[1]\n"
+        "sys.argv = ['graspbox', 'grasp', '--objects', 'procedural:0-99']\n"
+        "from graspbox.__main__ import main; main()\n"
+    )
+    assert (ended.status, ended.stdout) == (130, "")
+    assert set(ended.stderr.split()) <= {"ready"}
 
 
 def test_names_that_are_no_text_or_look_like_markup(tmp_path: Path) -> None:

@@ -1,9 +1,8 @@
-"""Behaviour cloning and fine-tuning from a clone: `scripts/clone_sb3.py`, ``train_sb3.py --clone``, the comparison.
+"""Behaviour cloning and fine-tuning from a clone: ``graspbox train clone``, ``train sb3 --clone``, the comparison.
 
 Needs the extra ``train``.
 """
 
-import json
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,8 @@ import pytest
 
 from graspbox.demonstrations import Demonstrations, record
 from graspbox.errors import ConfigError
+from graspbox.sb3.settings import CloneSettings, Sb3Settings
+from graspbox.training.runs import Rows, read_settings
 from test_scripts import script
 
 pytestmark = pytest.mark.train
@@ -23,8 +24,8 @@ torch = pytest.importorskip("torch")
 typer = pytest.importorskip("typer")
 pytest.importorskip("pyarrow")
 cloning = pytest.importorskip("graspbox.sb3.cloning")
-fine_tuning = pytest.importorskip("graspbox.sb3.fine_tuning")
 running = pytest.importorskip("graspbox.sb3.running")
+training = pytest.importorskip("graspbox.sb3.training")
 
 OBJECTS = ("procedural:can:0-9",)
 SEEING = ("depth", "proprio", "tactile")
@@ -53,25 +54,24 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def clone(algorithm: str, source: Path, folder: Path, **settings: Any) -> dict[str, Any]:
     """Clone in this process."""
-    program = script("clone_sb3")
     changes = PPO if algorithm == "ppo" else SAC
     given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, **settings}
-    return dict(program.clone(program.Settings(algorithm, source, folder, **given)))
+    options: Any = CloneSettings(algorithm=algorithm, demonstrations=source, out=folder, **given)
+    return dict(cloning.train(options, "graspbox train clone", lambda _: None).results)
 
 
 def train(algorithm: str, folder: Path, **settings: Any) -> int:
     """Train in this process; the exit status."""
-    program = script("train_sb3")
     changes = PPO if algorithm == "ppo" else SAC
     env = ("env.objects=[procedural:can:0-9]", "env.reward=firm", "env.image_size=16")
     given = {"episodes": 2, "evaluations": 1, **settings, "set": (*changes, *env, *settings.get("set", ()))}
-    return int(program.train(program.Settings(algorithm, folder, **given)))
+    options: Any = Sb3Settings(algorithm=algorithm, out=folder, **given)
+    return int(training.train(options, "graspbox train sb3", lambda _: None).status)
 
 
 def weights(folder: Path, part: str) -> Any:
     """Parameters of a part of the policy of a run, as one vector."""
-    settings = json.loads((folder / "evaluations.jsonl").read_text().splitlines()[0])["settings"]
-    policy = running.load_policy(settings["algorithm"], folder / "checkpoint").model.policy
+    policy = running.load_policy(read_settings(folder)["algorithm"], folder / "checkpoint").model.policy
     return torch.cat([p.detach().flatten() for p in policy.get_submodule(part).parameters()])
 
 
@@ -79,7 +79,7 @@ def weights(folder: Path, part: str) -> Any:
 @pytest.mark.parametrize("obs", ["state", SEEING])
 def test_a_batch_is_learned_by_heart(shown: Path, algorithm: str, obs: Any) -> None:
     """Every policy, from the vector and from depth with touch, can reproduce the actions of a batch."""
-    from graspbox.sb3.training import model_arguments
+    from graspbox.sb3.running import model_arguments
 
     steps = cloning.ClonedSteps(Demonstrations(shown), obs)
     keywords = {**Demonstrations(shown).environment()[1], "obs": obs}
@@ -132,34 +132,38 @@ def test_statistics_are_those_of_the_demonstrations(shown: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_an_interrupted_clone_is_continued(shown: Path, tmp_path: Path, algorithm: str, monkeypatch: Any) -> None:
-    """Stopped after three of four epochs, of which the last was not saved, it ends as one that was not stopped."""
-    whole = clone(algorithm, shown, tmp_path / "whole", epochs=4, save_every=2)
-    program = script("clone_sb3")
-    measure = program.Loop.measure
+    """Interrupted within the third of four epochs, it ends with the bits of one that was not."""
+    whole = clone(algorithm, shown, tmp_path / "whole", epochs=4, evaluations=2)
+    loss, calls = cloning.cloning_loss, []
 
-    def stop(loop: Any) -> float:
-        if loop.epoch == 3:
+    def stop(*given: Any) -> Any:
+        calls.append(1)
+        if len(calls) == stops:
             raise KeyboardInterrupt
-        return float(measure(loop))
+        return loss(*given)
 
-    given = {"epochs": 4, "episodes": 2, "batch": 64, "save_every": 2, "set": PPO if algorithm == "ppo" else SAC}
-    settings = program.Settings(algorithm, shown, tmp_path / "parts", **given)
-    monkeypatch.setattr(program.Loop, "measure", stop)
+    epoch = whole["updates"] // 4
+    # Each epoch ends with a validation of one batch.
+    stops = 2 * (epoch + 1) + 2
+    monkeypatch.setattr(cloning, "cloning_loss", stop)
     with pytest.raises(KeyboardInterrupt):
-        program.clone(settings)
+        clone(algorithm, shown, tmp_path / "parts", epochs=4, evaluations=2)
     monkeypatch.undo()
-    with pytest.raises(ConfigError, match="--resume"):
-        clone(algorithm, shown, tmp_path / "parts", epochs=4, save_every=2)
-    again = clone(algorithm, shown, tmp_path / "parts", epochs=4, save_every=2, resume=True)
-    for name in ("epoch", "updates", "trained", "held_out", "success"):
-        assert again[name] == whole[name]
+    with pytest.raises(ConfigError, match="holds a run; resume it"):
+        clone(algorithm, shown, tmp_path / "parts", epochs=4, evaluations=2, resume=False)
+    again = clone(algorithm, shown, tmp_path / "parts", epochs=4, evaluations=2)
+    names = ("epoch", "updates", "trained", "held_out", "success")
+    assert {name: again[name] for name in names} == {name: whole[name] for name in names}
     part = "mlp_extractor.policy_net" if algorithm == "ppo" else "actor"
     assert (weights(tmp_path / "whole", part) == weights(tmp_path / "parts", part)).all()
-    rows = [json.loads(line) for line in (tmp_path / "parts/losses.jsonl").read_text().splitlines()[1:]]
-    assert [row["epoch"] for row in rows] == [1, 2, 3, 4]
-    assert rows[-1]["trained"] < rows[0]["trained"]
+    rows = Rows(tmp_path / "parts/cloning/losses.jsonl")
+    assert [row["step"] for row in rows] == [epoch, 2 * epoch, 3 * epoch, 4 * epoch]
+    assert rows[-1]["train_error"] < rows[0]["train_error"]
+    assert [row["timesteps"] for row in Rows(tmp_path / "parts/evaluations.jsonl")] == [2 * epoch, 4 * epoch]
     # A finished run has nothing left to do, and is evaluated as any run.
-    assert clone(algorithm, shown, tmp_path / "parts", epochs=4, save_every=2, resume=True) == again
+    assert clone(algorithm, shown, tmp_path / "parts", epochs=4, evaluations=2) == again
+    with pytest.raises(ConfigError, match=r"clone\.epochs was 4, is now 5"):
+        clone(algorithm, shown, tmp_path / "parts", epochs=5, evaluations=2)
     found = script("evaluate_sb3").measure(tmp_path / "parts", {"split": "validation"}, 2, 10_000)["policy"]
     assert (found["success"], found["secure"]) == (whole["success"], whole["secure"])
 
@@ -182,11 +186,11 @@ def test_a_clone_is_tuned(shown: Path, tmp_path: Path, algorithm: str, obs: tupl
         after.statistics.obs_rms.items() if isinstance(first, dict) else [(None, after.statistics.obs_rms)]
     ):
         assert (rms.mean == (first[name] if name else first).mean).all()
-    first_row = json.loads((run / "evaluations.jsonl").read_text().splitlines()[1])
+    first_row = Rows(run / "evaluations.jsonl")[0]
     found = script("evaluate_sb3").measure(tmp_path / "clone", {"split": "validation"}, 2, 10_000)["policy"]
     assert first_row["return"] == pytest.approx(found["return"])
     # Beyond the warm-up, after a resumption.
-    assert train(algorithm, run, clone=tmp_path / "clone", steps=192, set=changes, resume=True) == 0
+    assert train(algorithm, run, clone=tmp_path / "clone", steps=192, set=changes) == 0
     assert (weights(run, actor) != weights(tmp_path / "clone", actor)).any()
 
 
@@ -199,7 +203,7 @@ def test_the_cloning_term_fades(shown: Path) -> None:
     model = running.ALGORITHMS["ppo"]("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu", seed=0)
     model.set_logger(Logger(None, []))
     steps = cloning.ClonedSteps(Demonstrations(shown), "state")
-    term = fine_tuning.CloningTerm(model, steps, weight=2.0, decay=100, warmup=10)
+    term = cloning.CloningTerm(model, steps, weight=2.0, decay=100, warmup=10)
     value = model.policy.value_net.weight.detach().clone()
     losses = []
     for done, expected in ((0, 2.0), (50, 1.0), (100, 0.0), (500, 0.0)):
@@ -223,8 +227,6 @@ def test_the_cloning_term_fades(shown: Path) -> None:
 
 
 def test_what_cannot_be_is_refused(shown: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="there is no algorithm 'dqn'"):
-        clone("dqn", shown, tmp_path / "x")
     with pytest.raises(ConfigError, match="--epochs is 0; give 1 or more"):
         clone("ppo", shown, tmp_path / "x", epochs=0)
     with pytest.raises(ConfigError, match=r"--rate is 2\.0"):
@@ -235,7 +237,7 @@ def test_what_cannot_be_is_refused(shown: Path, tmp_path: Path) -> None:
         clone("ppo", shown, tmp_path / "y", shown=5)
     with pytest.raises(ConfigError, match="keep is 'some'"):
         clone("ppo", shown, tmp_path / "x", keep="some")
-    with pytest.raises(ConfigError, match="there is no clone in"):
+    with pytest.raises(ConfigError, match="there is no run in"):
         train("ppo", tmp_path / "run", clone=tmp_path / "none", steps=64)
     clone("ppo", shown, tmp_path / "clone", epochs=1)
     for given, message in (
@@ -261,28 +263,28 @@ def test_a_comparison_runs_once_and_explains_itself(
     program, ran = script("compare_cloning"), []
 
     def call(words: list[str], output: bool) -> Any:
-        assert output == (Path(words[1]).stem == "evaluate_sb3")
-        ran.append(Path(words[1]).stem)
-        if words[1] == "-m":
-            done = CliRunner().invoke(typer_app, words[3:], catch_exceptions=False)
-            return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
-        if ran[-1] == "evaluate_sb3":
+        name = Path(words[1]).stem
+        assert output == (name == "evaluate_sb3")
+        ran.append(" ".join(words[3:5]) if words[1] == "-m" else name)
+        app = typer_app
+        if name == "evaluate_sb3":
             app = typer.Typer()
-            app.command()(script(ran[-1]).main)
-            done = CliRunner().invoke(app, words[2:], catch_exceptions=False)
-            return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
-        return subprocess.CompletedProcess(words, script(ran[-1]).main(words[2:]))
+            app.command()(script(name).main)
+        given = words[3:] if words[1] == "-m" else words[2:]
+        done = CliRunner().invoke(app, given, catch_exceptions=False)
+        return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
 
     monkeypatch.setattr(program, "call", call)
     words = [str(tmp_path / "out"), "--inputs", "state", "--shown", "10", "--epochs", "1", "--steps", "64"]
     words += ["--episodes", "3", "--noise", "0.0", "--evaluations", "1", "--watched", "2", "--keep", "success"]
     words += [word for change in PPO[:-1] for word in ("--set", change)]
     assert program.main(words) == 0
-    assert ran == ["-m", "clone_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3"]
+    assert ran[1:] == ["train clone", "evaluate_sb3", "train sb3", "evaluate_sb3", "train sb3", "evaluate_sb3"]
+    assert ran[0].startswith("record ")
     page = (tmp_path / "out/README.md").read_text()
     for name in ("clone-state", "rl-state", "tuned-state", "expert", "planner"):
         assert f"\n| {name} | " in page
-    assert page.count("train_sb3.py ppo") == 2
+    assert page.count("graspbox train sb3 ppo") == 2
     assert page.count("--keep success") == 2
     assert (tmp_path / "out/curves.png").stat().st_size > 10_000
     ran.clear()
@@ -290,7 +292,7 @@ def test_a_comparison_runs_once_and_explains_itself(
     assert not ran
     # A longer run is resumed, and tested again; the rest is done.
     assert program.main([word if word != "64" else "128" for word in words]) == 0
-    assert ran == ["train_sb3", "evaluate_sb3", "train_sb3", "evaluate_sb3"]
+    assert ran == ["train sb3", "evaluate_sb3", "train sb3", "evaluate_sb3"]
     capsys.readouterr()
     assert program.main([*words, "--inputs", "smell"]) == 2
     assert "--inputs names 'smell'" in capsys.readouterr().err

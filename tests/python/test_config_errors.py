@@ -151,7 +151,11 @@ def test_there_are_cases_for_every_field() -> None:
         ),
         (
             configs.PhysicsConfig(engine="mujoco"),  # type: ignore[arg-type]
-            "PhysicsConfig.engine is 'mujoco' (str); give 'graspbox' or 'rapier'",
+            "PhysicsConfig.engine is 'mujoco' (str); give 'newton' or 'rapier'",
+        ),
+        (
+            configs.PhysicsConfig(engine="graspbox"),  # type: ignore[arg-type]
+            "PhysicsConfig.engine is 'graspbox' (str); give 'newton' or 'rapier'",
         ),
         (
             configs.CameraConfig(eye=(0.0, 1.0)),  # type: ignore[arg-type]

@@ -34,7 +34,7 @@ def changed(value: Any) -> Any:
     other = {"minimum": "pca", "share": "area", "random": "grid"}
     other |= {"twist": "delta_pose", "next_step": "same_step"}
     other |= {"proprio": "tactile", "tactile": "state", "state": "proprio"}
-    other |= {"graspbox": "rapier"}
+    other |= {"newton": "rapier"}
     other |= {"world": "hand", "front": "side", "palm": "wrist", "viewer": "me", "hand": "world"}
     return other[value] if isinstance(value, str) else 1
 

@@ -1,4 +1,4 @@
-"""What every environment must do, over every registered id and observation."""
+"""What every environment must do, over every registered id and observation, in this process and on a server."""
 
 import pickle
 import warnings
@@ -32,10 +32,10 @@ CASES: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-def factory(case: tuple[str, dict[str, Any]]) -> Callable[[], Any]:
+def factory(case: tuple[str, dict[str, Any]], remote: str | None = None) -> Callable[[], Any]:
     env_id, settings = case
     limit: dict[str, Any] = {"max_episode_steps": STEPS} if env_id == GRASP else {}
-    return partial(gymnasium.make, env_id, objects=OBJECTS, **settings, **limit)
+    return partial(gymnasium.make, env_id, objects=OBJECTS, remote=remote, **settings, **limit)
 
 
 def label(case: tuple[str, dict[str, Any]]) -> str:
@@ -43,8 +43,8 @@ def label(case: tuple[str, dict[str, Any]]) -> str:
 
 
 @pytest.fixture(params=CASES, ids=label)
-def make(request: pytest.FixtureRequest) -> Callable[[], Any]:
-    return factory(request.param)
+def make(request: pytest.FixtureRequest, remote: str | None) -> Callable[[], Any]:
+    return factory(request.param, remote)
 
 
 def actions(env: Any, count: int) -> Any:

@@ -213,7 +213,7 @@ def test_the_best_pose_is_robust_then_secure_then_still(table: Any) -> None:
 
 def test_trials_to_learn_from_are_read_shard_by_shard(made: Path, table: Any) -> None:
     """`GraspTrials.from_dataset` gives what the rows of a split hold, and knows their scenes."""
-    from graspbox.perception.trials import GraspTrials
+    from graspbox.models.trials import GraspTrials
 
     for split in sorted(set(table["split"].to_pylist())):
         rows = dataset.load(made, split)

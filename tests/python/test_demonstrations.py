@@ -1,7 +1,6 @@
 """Recording demonstrations and reading them."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -175,14 +174,6 @@ def test_other_settings_and_other_folders_are_refused(made: Demonstrations, tmp_
         made.steps(("state",))
     with pytest.raises(ConfigError, match="has 3 such episodes of 3; record more"):
         made.steps(("proprio",), limit=4)
-    copy = tmp_path / "copy"
-    shutil.copytree(made.folder, copy)
-    (copy / "episodes-00001.parquet").write_bytes(b"PAR1")
-    with pytest.raises(ConfigError, match="holds no demonstrations; remove it"):
-        Demonstrations(copy)
-    (copy / "manifest.json").write_text('{"format": "other"}')
-    with pytest.raises(ConfigError, match="no manifest of demonstrations"):
-        Demonstrations(copy)
 
 
 def test_the_command_line_does_the_same(made: Demonstrations, tmp_path: Path, capsys: Any) -> None:

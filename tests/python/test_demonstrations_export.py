@@ -88,7 +88,7 @@ def test_minari_refuses_what_it_has(made: Demonstrations, minari: Any, tmp_path:
     shutil.copytree(made.folder, copy)
     damaged = Demonstrations(copy)
     (copy / "episodes-00001.parquet").write_bytes(b"PAR1")
-    with pytest.raises(ConfigError, match="cannot be read"):
+    with pytest.raises(ConfigError, match="is damaged"):
         demonstrations.to_minari(damaged, "graspbox/damaged-v0")
     assert minari.list_local_datasets().keys() == {"graspbox/expert-v0"}
 
@@ -187,7 +187,7 @@ def test_lerobot_folder_is_whole_or_not_there(made: Demonstrations, lerobot: Pat
     shutil.copytree(made.folder, copy)
     damaged = Demonstrations(copy)
     (copy / "episodes-00001.parquet").write_bytes(b"PAR1")
-    with pytest.raises(ConfigError, match="cannot be read"):
+    with pytest.raises(ConfigError, match="is damaged"):
         demonstrations.to_lerobot(damaged, tmp_path / "out")
     assert {path.name for path in tmp_path.iterdir()} == {"copy"}
 

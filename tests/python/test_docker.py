@@ -86,7 +86,7 @@ def test_as_it_stands_the_image_lets_nobody_in() -> None:
     with serve(*json.loads(last("CMD"))) as process:
         _, error = process.communicate(timeout=60)
         assert process.returncode == 2
-        assert "write insecure" in error
+        assert "--insecure" in error
 
 
 @pytest.mark.parametrize("draining", [False, True])

@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from graspbox.perception.grasp_image import ImageGrasper
+from graspbox.policies.grasp_image import ImageGrasper
 from graspbox.remote import EnvironmentServer, ServerSettings
 from graspbox.remote.grasp_requests import decide
 from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings

@@ -1,6 +1,6 @@
 """Feel, then lift: what the hand feels, when it opens, where it looks and what it chooses then, and its folder."""
 
-import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,11 @@ import pytest
 import graspbox
 import tiny_policy
 from graspbox import errors, evaluation, policies
+from graspbox.artifacts.configs import FeelPolicyConfig
+from graspbox.artifacts.folders import load, save, use_of
+from graspbox.models.stability.inputs import Feeling, StabilityInputs
 from graspbox.perception import HandGrid
-from graspbox.perception.feel_folders import FEEL, read_feel
 from graspbox.perception.finder import FoundGrasp
-from graspbox.perception.stability import Feeling, StabilityInputs
 from graspbox.policies import FeelThenLift
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
@@ -26,7 +27,7 @@ CANS = "procedural:can:0-3"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make a policy that feels."""
     made = tmp_path_factory.mktemp("feel") / "policy"
-    tiny_policy.make_feeling(made)
+    tiny_policy.make_feel(made)
     return made
 
 
@@ -38,10 +39,16 @@ class Watched(FeelThenLift):
         self.obs = (*self.obs, "segmentation")
         self.looks: list[Any] = []
 
-    def find(self, env: int, seed: int, seen: Any) -> FoundGrasp | None:
-        """Look as the policy does."""
-        self.looks.append(seen["segmentation"].copy())
-        return super().find(env, seed, seen)
+    def act(self, observation: Any) -> Any:
+        """Act as the policy does."""
+        before = list(self.found)
+        actions = super().act(observation)
+        self.looks += [
+            observation["segmentation"][env].copy()
+            for env, (old, new) in enumerate(zip(before, self.found, strict=True))
+            if old is not new
+        ]
+        return actions
 
 
 def run(policy: FeelThenLift, trials: int = 1, **settings: Any) -> evaluation.Evaluation:
@@ -84,7 +91,7 @@ def test_its_bits_do_not_depend_on_the_number_of_environments(folder: Path) -> N
 
 def test_pairs_say_what_a_threshold_would_have_done(folder: Path) -> None:
     pytest.importorskip("torch", reason="trainings of policies need the extra 'train'")
-    from graspbox.policy_training.paired import at_threshold, run_pairs
+    from graspbox.recipes.paired import at_threshold, run_pairs
 
     pairs = run_pairs(folder, CANS, 4, 5, num_envs=4)
     middle = float(np.sort(pairs.probability)[1:3].mean())
@@ -101,7 +108,7 @@ def test_pairs_say_what_a_threshold_would_have_done(folder: Path) -> None:
 
 def test_the_threshold_with_most_successes_is_chosen() -> None:
     pytest.importorskip("torch", reason="trainings of policies need the extra 'train'")
-    from graspbox.policy_training.paired import PairedTrials, at_threshold, best_threshold
+    from graspbox.recipes.paired import PairedTrials, at_threshold, best_threshold
 
     rng = np.random.default_rng(0)
     probability = rng.uniform(size=4000)
@@ -158,9 +165,8 @@ def grasp() -> FoundGrasp:
     world = np.eye(4)
     world[:2, 3] = 0.1, -0.05
     return FoundGrasp(
-        world_from_hand=world @ pose,
-        preshape=0.0,
-        score=0.7,
+        chosen=0,
+        crop=crop,
         world_from_crop=world,
         object=np.zeros((4, 4), dtype=np.bool_),
         volume=volume,
@@ -184,27 +190,17 @@ def test_what_is_known_of_a_grasp_is_in_the_frame_of_the_hand() -> None:
     np.testing.assert_allclose(other[[0, 1, 4]], [0.3, 0.7, 1.5], atol=1e-6)
 
 
-def test_a_folder_that_feels_is_loaded_and_checked(folder: Path, tmp_path: Path) -> None:
+def test_a_folder_that_feels_is_loaded_and_names_the_policy_that_chooses(folder: Path, tmp_path: Path) -> None:
     policy = policies.load(str(folder))
     assert isinstance(policy, FeelThenLift)
     assert policy.name == "tiny-feel"
-    assert policy.threshold == read_feel(folder).threshold == 0.5
+    assert policy.threshold == load(folder, FeelPolicyConfig).threshold == 0.5
     with pytest.raises(errors.ConfigError, match="--env graspbox/Grasp-v0"):
         evaluation.evaluate(policy, "graspbox/GraspPose-v0", CANS, trials=1)
-    tiny_policy.make_feeling(tmp_path)
-    content = json.loads((tmp_path / FEEL).read_text())
-    for change, message in (
-        ({"threshold": 1.5}, "threshold is 1.5"),
-        ({"files": {"feel.onnx": "0"}}, "is not the file"),
-        ({"files": {"../feel.onnx": "0"}}, "its own folder"),
-        ({"warmth": 1}, "no field 'warmth'"),
-    ):
-        (tmp_path / FEEL).write_text(json.dumps({**content, **change}))
-        with pytest.raises(errors.ConfigError, match=message):
-            policies.load(str(tmp_path))
-    (tmp_path / FEEL).write_text(json.dumps({"threshold": 0.5}))
-    with pytest.raises(errors.ConfigError, match="incomplete"):
-        policies.load(str(tmp_path))
-    (tmp_path / FEEL).write_text("[]")
-    with pytest.raises(errors.ConfigError, match="holds a list"):
-        policies.load(str(tmp_path))
+    made = tmp_path / "policy"
+    config = tiny_policy.make_feel(made)
+    tiny_policy.make(made / "chooser", learned_from=("procedural:can:0",))
+    with pytest.raises(errors.ConfigError, match=r"uses\.depth\.policy is 'chooser', but .* another one than that"):
+        policies.load(str(made))
+    save(made, replace(config, uses={"depth": use_of(made, made / "chooser")}, learned_from=("ycb",)))
+    assert policies.load(str(made)).learned_from == ("procedural:can:0-0", "ycb")

@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.errors import ConfigError
+from graspbox.hands import load_hand
+from graspbox.models.scene_trials import render_scene
+from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import FoundGrasp, GraspFinder, observed_only
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.perturbations import PoseNoise
-from graspbox.perception.scenes import SceneConfig, SceneSampler
-from graspbox.perception.seen_scenes import see
 
 CONFIG = FinderConfig(ProposalConfig(most=24), predicted=3, refinements=0)
 
@@ -39,7 +40,7 @@ class Ladder:
 @pytest.fixture(scope="module")
 def crops() -> Crops:
     sampler = SceneSampler(object_sets.load("procedural:can:0"), SceneConfig(), 0)
-    seen = see(sampler, 0, np.random.default_rng(0))
+    seen = render_scene(sampler, 0, np.random.default_rng(0), load_hand())
     assert seen.crops is not None
     return seen.crops
 
@@ -114,7 +115,7 @@ def test_a_hand_that_errs_takes_a_good_grasp_among_good_ones(crops: Crops) -> No
         found = GraspFinder(HandGrid(), observed_only, score, config).decide(crops)
         assert found is not None
         assert found.score == found.scores.max() <= (1.0 if config.hand_error is None else 0.8)
-        return np.asarray(found.best()[0][:3, 3])
+        return np.asarray(found.poses[found.chosen][:3, 3])
 
     refined = replace(CONFIG, refinements=2)
     np.testing.assert_allclose(chosen(refined), proposed[peak], atol=1e-4)

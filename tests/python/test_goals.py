@@ -31,7 +31,7 @@ def entries(rows: NDArray[np.float32], name: str) -> NDArray[np.float64]:
 
 
 def make(num_envs: int = 2, **more: Any) -> goal_env.GoalVectorEnv:
-    keywords = {**SETTINGS, "obs": ("proprio", "goal"), "goal_from": "seen_planner", **more}
+    keywords = {**SETTINGS, "obs": ("proprio", "goal"), "goal_from": "partial_view_planner", **more}
     found = goal_env.make_vec("graspbox/Grasp-v0", num_envs, autoreset_mode="SameStep", **keywords)
     assert isinstance(found, goal_env.GoalVectorEnv)
     return found
@@ -108,7 +108,7 @@ def test_the_last_observation_has_a_goal_and_the_next_episode_begins_without() -
 
 def test_results_do_not_depend_on_neighbours() -> None:
     def result(num_envs: int) -> Any:
-        policy = GoalPolicy(policies.load("seen_planner"), follow)
+        policy = GoalPolicy(policies.load("partial_view_planner"), follow)
         return evaluation.evaluate(policy, trials=5, seed=2, num_envs=num_envs, **SETTINGS)
 
     assert result(1).trials == result(4).trials
@@ -119,7 +119,7 @@ def test_with_goals_follows_the_keywords() -> None:
     same, settings = goal_env.with_goals(policy, {"obs": "state"})
     assert (same, settings) == (policy, {"obs": "state"})
     changed, settings = goal_env.with_goals(
-        policy, {"obs": ["tactile", "goal"], "goal_from": "seen_planner", "frame_skip": 4}
+        policy, {"obs": ["tactile", "goal"], "goal_from": "partial_view_planner", "frame_skip": 4}
     )
     assert changed.obs == settings["obs"] == ("tactile", "depth", "proprio")
     assert settings["frame_skip"] == 4
@@ -130,8 +130,8 @@ def test_with_goals_follows_the_keywords() -> None:
     "settings",
     [
         {"obs": ("proprio", "goal")},
-        {"obs": "goal", "goal_from": "seen_planner"},
-        {"obs": ("proprio",), "goal_from": "seen_planner"},
+        {"obs": "goal", "goal_from": "partial_view_planner"},
+        {"obs": ("proprio",), "goal_from": "partial_view_planner"},
         {"obs": ("proprio", "goal"), "goal_from": "planner"},
     ],
 )
@@ -141,7 +141,7 @@ def test_goals_need_something_that_looks(settings: dict[str, Any]) -> None:
 
 
 def test_goals_are_for_grasp_v0() -> None:
-    base = policies.load("seen_planner")
+    base = policies.load("partial_view_planner")
     envs = gymnasium.make_vec("graspbox/GraspPose-v0", num_envs=1, **plain_settings({"obs": ("goal",)}, base))
     with pytest.raises(ConfigError, match="Grasp-v0"):
         Goals(base).bind(Task.of(envs))
@@ -152,7 +152,7 @@ def test_goals_are_recorded_with_demonstrations(tmp_path: Path) -> None:
     """They are those of the demonstrator's own grasp, and a clone's environment makes them anew."""
     pytest.importorskip("pyarrow")
     names = ("proprio", "goal")
-    made = record("seen_planner", tmp_path / "shown", obs=names, episodes=2, num_envs=2, keep="all", **SETTINGS)
+    made = record("partial_view_planner", tmp_path / "shown", obs=names, episodes=2, num_envs=2, keep="all", **SETTINGS)
     for one in made.read():
         rows = one.observations["goal"]
         assert rows.shape == (len(one.actions) + 1, *goal_space().shape)
@@ -163,7 +163,11 @@ def test_goals_are_recorded_with_demonstrations(tmp_path: Path) -> None:
         # The hand comes to where it was sent.
         assert np.linalg.norm(entries(rows[looked], "shift"), axis=1).min() < 0.1
     env_id, keywords = Demonstrations(tmp_path / "shown").environment(names)
-    assert (env_id, keywords["goal_from"], keywords["obs"]) == ("graspbox/Grasp-v0", "seen_planner", list(names))
+    assert (env_id, keywords["goal_from"], keywords["obs"]) == (
+        "graspbox/Grasp-v0",
+        "partial_view_planner",
+        list(names),
+    )
     assert "goal_from" not in made.environment(("proprio",))[1]
     pytest.importorskip("minari")
     with pytest.raises(ConfigError, match="goal"):

@@ -1,6 +1,8 @@
 """Grasps for a depth image of one's own: files and their units, the camera's pose, the command, the picture."""
 
 import json
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,12 @@ from numpy.typing import NDArray
 
 import tiny_policy
 from graspbox import errors, object_sets
-from graspbox.perception import add_depth_noise
+from graspbox.perception import add_depth_noise, depth_images
 from graspbox.perception.depth_images import (
     camera_over_table,
     check_intrinsics,
     fit_table,
+    points_of,
     read_depth,
     read_pose,
     thinned,
@@ -44,6 +47,12 @@ def test_units_are_recognized(tmp_path: Path, depth: NDArray[np.float64]) -> Non
         ((depth * 1000).astype(np.float32), None, "seems to hold millimetres, so give the depth scale 0.001"),
         ((depth * 1000).astype(np.uint16), 1.0, "seems to hold millimetres"),
         (depth, 0.001, "seems to hold metres, so give the depth scale 1"),
+        (depth * 100, 0.01, None),
+        ((depth * 100).astype(np.float32), None, "seems to hold centimetres, so give the depth scale 0.01"),
+        ((depth * 100).astype(np.float32), 0.001, "seems to hold centimetres, so give the depth scale 0.01"),
+        ((depth * 100).astype(np.uint16), None, "seems to hold centimetres, so give the depth scale 0.01"),
+        ((depth * 10_000).astype(np.uint16), None, "tenths of millimetres, so give the depth scale 0.0001"),
+        (depth * 1e9, None, "give the depth scale, in metres per unit of the file; here it is 1"),
         (depth * 0, None, "no depth at all"),
         (-depth, None, "distances along the optical axis"),
         (depth[:, :, None].repeat(3, axis=2), None, r"one depth image \(H, W\)"),
@@ -66,6 +75,17 @@ def test_units_are_recognized(tmp_path: Path, depth: NDArray[np.float64]) -> Non
     (tmp_path / "text.npy").write_text("text")
     with pytest.raises(errors.ConfigError, match=r"numpy\.save"):
         read_depth(tmp_path / "text.npy")
+    # A header that promises more than the file holds, or than fits.
+    for shape in ((9000, 9000), (10**9, 10**9)):
+        with (tmp_path / "huge.npy").open("wb") as file:
+            header = {"descr": "<f4", "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(file, header)
+        with pytest.raises(errors.ConfigError, match=r"numpy\.save"):
+            read_depth(tmp_path / "huge.npy")
+    with (tmp_path / "huge.npy").open("ab") as file:
+        file.truncate(10**9)
+    with pytest.raises(errors.ConfigError, match=r"numpy\.save"):
+        read_depth(tmp_path / "huge.npy")
 
 
 def test_pictures_of_16_bits_are_read(tmp_path: Path, depth: NDArray[np.float64]) -> None:
@@ -75,6 +95,19 @@ def test_pictures_of_16_bits_are_read(tmp_path: Path, depth: NDArray[np.float64]
     image.fromarray(np.zeros((4, 4), dtype=np.uint8)).save(tmp_path / "grey.png")
     with pytest.raises(errors.ConfigError, match="8 bits per value"):
         read_depth(tmp_path / "grey.png")
+
+
+@pytest.mark.parametrize("side", [8200, 10_000, 20_000])
+def test_a_picture_of_too_many_pixels_is_refused_unread(side: int, tmp_path: Path) -> None:
+    """Pillow warns of some and raises for others."""
+    image = pytest.importorskip("PIL.Image", reason="pictures need the extra 'cli'")
+    image.fromarray(np.ones((4, 4), dtype=np.uint16)).save(tmp_path / "small.png")
+    content = bytearray((tmp_path / "small.png").read_bytes())
+    content[16:24] = struct.pack(">II", side, side)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "large.png").write_bytes(content)
+    with pytest.raises(errors.ConfigError, match="has more than 67108864 pixels; give a smaller image"):
+        read_depth(tmp_path / "large.png")
 
 
 def test_the_table_is_found_in_the_image(seen: Views) -> None:
@@ -98,6 +131,25 @@ def test_a_rolled_camera_over_a_plane_is_found(roll: float) -> None:
     rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(lens).T
     depth = -true[2, 3] / (rays @ true[2, :3])
     np.testing.assert_allclose(fit_table(depth, lens), true, atol=1e-6)
+
+
+def test_a_fine_image_has_the_same_table(seen: Views, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 8000 x 6000 pixels 40 s were spent on it; a part of them is enough."""
+    counts = []
+
+    def counted(*given: Any) -> NDArray[np.float64]:
+        points = points_of(*given)
+        counts.append(len(points))
+        return points
+
+    monkeypatch.setattr(depth_images, "points_of", counted)
+    measured = add_depth_noise(seen.depth[:1], seen.intrinsics, 1)[0] / 1000.0
+    coarse = fit_table(measured, seen.intrinsics)
+    finer = seen.intrinsics * np.array([[6.0], [6.0], [1.0]])
+    fine = fit_table(np.kron(measured, np.ones((6, 6))), finer)
+    assert counts[0] == np.count_nonzero(measured)
+    assert counts[1] < 1_000_000
+    np.testing.assert_allclose(fine, coarse, atol=1e-3)
 
 
 def test_what_is_no_table_is_refused() -> None:
@@ -137,6 +189,18 @@ def test_poses_of_cameras_are_checked(tmp_path: Path) -> None:
         np.save(tmp_path / "wrong.npy", change)
         with pytest.raises(errors.ConfigError, match=message):
             read_pose(tmp_path / "wrong.npy")
+    far = pose.copy()
+    far[0, 3] = 1e155
+    for text, message in (
+        ("{}", "no matrix of numbers"),
+        ("[" * 100_000, "no matrix of numbers"),
+        (f"[{'9' * 400}]", "no matrix of numbers"),
+        ('["x"]', "no matrix of numbers"),
+        (json.dumps(far.tolist()), "give metres, at most 10000"),
+    ):
+        (tmp_path / "wrong.json").write_text(text)
+        with pytest.raises(errors.ConfigError, match=message):
+            read_pose(tmp_path / "wrong.json")
     with pytest.raises(errors.ConfigError, match="height is -1"):
         camera_over_table(-1.0, 1.0)
     with pytest.raises(errors.ConfigError, match="tilt is 120"):
@@ -174,7 +238,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_grasps_are_ranked_and_differ(seen: Views, depth: NDArray[np.float64], tiny: Path) -> None:
-    from graspbox.perception.grasp_image import grasp_image
+    from graspbox.policies.grasp_image import grasp_image
 
     found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, count=4)
     assert len(found) == 4
@@ -202,6 +266,45 @@ def test_grasps_are_ranked_and_differ(seen: Views, depth: NDArray[np.float64], t
         grasp_image(depth, seen.intrinsics, np.linalg.inv(seen.world_from_camera[0]), tiny)
     with pytest.raises(errors.ConfigError, match="left < right"):
         grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, region=(20, 0, 10, 20))
+
+
+@pytest.mark.parametrize(("height", "tilt"), [(0.035, 0.0), (-0.035, 0.0), (0.0, 3.0), (0.0, -3.0), (0.02, 1.0)])
+def test_a_pose_that_is_a_little_wrong_is_corrected(
+    height: float, tilt: float, seen: Views, depth: NDArray[np.float64], tiny: Path
+) -> None:
+    """It was refused at 2 cm and 2 degrees, before it was corrected."""
+    from graspbox.policies.grasp_image import grasp_image
+
+    true = np.asarray(seen.world_from_camera[0])
+    c, s = np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
+    wrong = true @ np.array([[1, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+    wrong[2, 3] += height
+    found = grasp_image(depth, seen.intrinsics, wrong, tiny)
+    assert abs(found.table_from_camera[2, 3] - true[2, 3]) < 0.003
+    assert np.degrees(np.arccos(found.table_from_camera[2, :3] @ true[2, :3])) < 0.5
+    with pytest.raises(errors.ConfigError, match="does not fit the image"):
+        grasp_image(depth, seen.intrinsics, wrong + np.array([[0], [0], [0.1], [0]]) * np.eye(4)[3], tiny)
+
+
+def test_the_table_is_searched_for_where_no_pose_is_given(seen: Views, depth: NDArray[np.float64], tiny: Path) -> None:
+    from graspbox.policies.grasp_image import grasp_image
+
+    found = grasp_image(depth, seen.intrinsics, None, tiny)
+    pose = fit_table(depth, seen.intrinsics)
+    np.testing.assert_array_equal(
+        found.table_from_hand, grasp_image(depth, seen.intrinsics, pose, tiny).table_from_hand
+    )
+
+
+def test_a_scorer_that_gives_nan_is_refused(seen: Views, depth: NDArray[np.float64], tmp_path: Path) -> None:
+    """Such numbers are no rank, and JSON does not hold them."""
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    from graspbox.policies.grasp_image import grasp_image
+
+    tiny_policy.make(tmp_path)
+    tiny_policy.give_nan(tmp_path, "scorer", "secure")
+    with pytest.raises(errors.ConfigError, match=r"scorer\.onnx gives 'secure' with numbers that are not finite"):
+        grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tmp_path)
 
 
 def test_the_command_writes_grasps_and_a_picture(

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from graspbox import errors, evaluation, policies
+from graspbox.artifacts.configs import HeadPolicyConfig
+from graspbox.artifacts.folders import load
+from graspbox.models.head.configs import HeadConfig
 from graspbox.perception.anchors import AnchorConfig
-from graspbox.perception.head_configs import HeadConfig
-from graspbox.perception.head_folders import read_head_policy
 from graspbox.policies import HeadGrasp
 
 torch = pytest.importorskip("torch")
 
-from graspbox.perception.head_export import export_head  # noqa: E402
-from graspbox.perception.heads import ConstantNet, head_of  # noqa: E402
+from graspbox.artifacts.exports import export_head  # noqa: E402
+from graspbox.models.head.heads import ConstantNet, head_of  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -31,11 +32,12 @@ def test_a_published_head_acts_as_the_trained_one(tmp_path: Path) -> None:
     trained.mkdir()
     (trained / "head.json").write_text(json.dumps(asdict(SMALL)))
     torch.save(net.state_dict(), trained / "weights.pt")
-    config = export_head(published, "tiny", net)
+    config = export_head(published, "tiny", net, learned_from=["procedural:can:7"])
     assert set(config.files) == {"head.onnx", "head.safetensors"}
-    assert read_head_policy(published) == config
+    assert load(published, HeadPolicyConfig) == config
     policy = policies.load(str(published))
     assert policy.name == "tiny"
+    assert policy.learned_from == ("procedural:can:7-7",)
     results = []
     for one in (policy, HeadGrasp(trained, filtered=True)):
         evaluation.evaluate(one, objects="procedural:can:0-3", trials=4, num_envs=4)
@@ -46,7 +48,4 @@ def test_a_published_head_acts_as_the_trained_one(tmp_path: Path) -> None:
     with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
         evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
     with pytest.raises(errors.ConfigError, match="kind 'anchor'"):
-        export_head(tmp_path / "x", "x", ConstantNet())
-    (published / "head.onnx").write_bytes(b"other")
-    with pytest.raises(errors.ConfigError, match="is not the file that"):
-        policies.load(str(published))
+        export_head(tmp_path / "x", "x", ConstantNet(), learned_from=[])

@@ -1,7 +1,7 @@
 """Heads: each learns a batch by heart, anchors interpolate, training resumes, and a trained head is a policy."""
 
-import csv
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspbox import errors, evaluation, object_sets, policies
-from graspbox.perception import CropConfig, DepthNoise, HandGrid
+from graspbox import errors, evaluation, object_sets
+from graspbox.perception import CropConfig, DepthNoise, HandGrid, HeadFinder
 from graspbox.perception.anchors import AnchorConfig, Anchors, Candidates
-from graspbox.policies import HeadGrasp
+from graspbox.policies import DepthPolicy, HeadGrasp, Observer
 from graspbox.simulation import Scene
 
 torch = pytest.importorskip("torch")
 
-from graspbox.perception.anchor_net import AnchorNet, AnchorSamples  # noqa: E402
-from graspbox.perception.head_batches import HeadBatch, HeadSampler, mirrored, untried_scenes  # noqa: E402
-from graspbox.perception.head_configs import HeadConfig  # noqa: E402
-from graspbox.perception.head_finder import HeadFinder  # noqa: E402
-from graspbox.perception.head_training import HeadData, choose_constant, head_losses, load_head, train_head  # noqa: E402
-from graspbox.perception.heads import ConstantNet, PoseNet, head_of, rotation_of  # noqa: E402
-from graspbox.perception.scenes import SceneConfig  # noqa: E402
-from graspbox.perception.training import TrainConfig  # noqa: E402
-from graspbox.perception.trials import GraspTrials  # noqa: E402
+from graspbox.models.head.batches import HeadBatch, HeadSampler, mirrored, untried_scenes  # noqa: E402
+from graspbox.models.head.configs import HeadConfig  # noqa: E402
+from graspbox.models.head.heads import ConstantNet, PoseNet, head_of, rotation_of  # noqa: E402
+from graspbox.models.head.network import AnchorNet, AnchorSamples  # noqa: E402
+from graspbox.models.head.training import HeadData, choose_constant, head_losses, load_head, train_head  # noqa: E402
+from graspbox.models.scenes import SceneConfig  # noqa: E402
+from graspbox.models.trials import GraspTrials  # noqa: E402
+from graspbox.training.runs import Rows  # noqa: E402
+from graspbox.training.trainer import TrainConfig  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -68,7 +68,7 @@ def test_trials_are_mixed(trials: GraspTrials) -> None:
 
 def test_batches_follow_from_their_number(trials: GraspTrials, grid: HandGrid) -> None:
     every = np.arange(4)
-    first, again = (sampler(trials, grid).draw(3, every, 24, augment=True) for _ in range(2))
+    first, again = (sampler(trials, grid).sample(3, every, 24, augment=True) for _ in range(2))
     torch.testing.assert_close(first.volumes, again.volumes, rtol=0, atol=0)
     torch.testing.assert_close(first.probes.place, again.probes.place, rtol=0, atol=0)
     assert first.volumes.shape == (4, 2, *(CropConfig().resolution,) * 3)
@@ -88,10 +88,10 @@ def test_scenes_without_trials_show_where_the_hand_can_go(trials: GraspTrials, g
     drawn = sampler(GraspTrials.joined([trials, more]), grid)
     assert drawn.scenes.tolist() == [0, 1, 2, 3]
     assert drawn.untried.tolist() == [4, 5, 6]
-    batch = drawn.draw(0, np.array([4, 0, 6]), 24)
+    batch = drawn.sample(0, np.array([4, 0, 6]), 24)
     assert set(batch.sample_of.tolist()) == {1}
     assert batch.probes.sample_of.tolist() == [0] * 24 + [1] * 24 + [2] * 24
-    alone = drawn.draw(0, np.array([5]), 200)
+    alone = drawn.sample(0, np.array([5]), 200)
     assert 0 < float(alone.reached.mean()) < 1
     losses = head_losses(head_of(3, SMALL), alone)
     assert set(losses) == {"reached"}
@@ -105,7 +105,7 @@ def test_mirrored_views_have_mirrored_trials(trials: GraspTrials, grid: HandGrid
     assert view is not None
     found = []
     for number in range(12):
-        batch = drawn.draw(number, np.array([0]), 40, augment=True)
+        batch = drawn.sample(number, np.array([0]), 40, augment=True)
         seen = next(v for k in range(2) if (v := drawn.view(0, k)) is not None and _same(batch, v.volume))
         flipped = not np.array_equal(batch.volumes[0].numpy(), seen.volume)
         poses = batch.poses.double().numpy()
@@ -189,7 +189,7 @@ def test_the_best_anchor_is_chosen_and_its_residual_applied() -> None:
 def test_the_own_choices_of_a_head_are_looked_up(trials: GraspTrials, grid: HandGrid) -> None:
     torch.manual_seed(0)
     drawn = sampler(trials, grid)
-    batch, net = drawn.draw(0, np.arange(4), 40), AnchorNet(3, SMALL).eval()
+    batch, net = drawn.sample(0, np.arange(4), 40), AnchorNet(3, SMALL).eval()
     features = net.seen(batch.volumes)
     best = net.best_of_each(features[:1]).numpy()
     logits = torch.nn.functional.logsigmoid(net(batch.volumes[:1]))[0].detach().numpy()
@@ -208,7 +208,7 @@ def test_the_own_choices_of_a_head_are_looked_up(trials: GraspTrials, grid: Hand
 @pytest.mark.parametrize("kind", ["anchor", "set", "regressor"])
 def test_a_head_learns_one_batch_by_heart(kind: Any, trials: GraspTrials, grid: HandGrid) -> None:
     torch.manual_seed(0)
-    batch = sampler(trials, grid).draw(0, np.arange(4), 40)
+    batch = sampler(trials, grid).sample(0, np.arange(4), 40)
     net = head_of(3, replace(SMALL, kind=kind, width=16, hidden=64))
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)
     first = {name: float(loss.detach()) for name, loss in head_losses(net, batch).items()}
@@ -233,7 +233,7 @@ def test_a_set_learns_from_failures_by_its_confidence(trials: GraspTrials, grid:
     """The same pose loses confidence where what was tried near it failed."""
     torch.manual_seed(0)
     net = PoseNet(3, replace(SMALL, kind="set"))
-    batch = sampler(trials, grid).draw(0, np.arange(4), 40)
+    batch = sampler(trials, grid).sample(0, np.arange(4), 40)
     position, rotation, preshape, _ = net(batch.volumes)
     poses = torch.eye(4).repeat(4 * 8, 1, 1)
     poses[:, :3, :3], poses[:, :3, 3] = rotation.flatten(0, 1).detach(), position.flatten(0, 1).detach()
@@ -270,20 +270,18 @@ def test_a_head_is_trained_resumed_and_loaded(tmp_path: Path, trials: GraspTrial
     # At their end, not at their best, which depends on when they were validated.
     ends = [torch.load(tmp_path / name / "checkpoint.pt", weights_only=True)["net"] for name in ("whole", "parts")]
     torch.testing.assert_close(ends[0], ends[1], rtol=0, atol=0)
-    with (tmp_path / "whole" / "log.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [int(row["step"]) for row in rows] == [2, 4]
+    rows = Rows(tmp_path / "whole" / "losses.jsonl")
+    assert [row["step"] for row in rows] == [2, 4]
     for row in rows:
-        assert 0.0 <= float(row["secure"]) <= float(row["success"]) <= 1.0
-        assert float(row["held"]) == pytest.approx(0.5 * (float(row["secure"]) + float(row["success"])))
-        assert float(row["auc"]) >= 0.0
-    policy = policies.load(str(tmp_path / "whole"))
-    assert isinstance(policy, HeadGrasp)
+        assert 0.0 <= row["secure"] <= row["success"] <= 1.0
+        assert row["held"] == pytest.approx(0.5 * (row["secure"] + row["success"]))
+        assert row["auc"] >= 0.0
+    policy = HeadGrasp(tmp_path / "whole")
     assert policy.obs == ("depth", "proprio")
     result = evaluation.evaluate(policy, objects="procedural:can:0", trials=2, seed=0, num_envs=2)
     again = evaluation.evaluate(policy, objects="procedural:can:0", trials=2, seed=0, num_envs=1)
     assert result.trials == again.trials
-    with pytest.raises(errors.ConfigError, match="another head"):
+    with pytest.raises(errors.ConfigError, match="begun with other settings: width was 8, is now 16"):
         train_head(tmp_path / "whole", data, replace(SMALL, width=16))
     with pytest.raises(errors.ConfigError, match="give both the same"):
         train_head(tmp_path / "whole", data, replace(SMALL, anchors=AnchorConfig()))
@@ -317,22 +315,17 @@ class Central:
         return Candidates(poses[order], np.zeros(len(order), dtype=np.int64), np.array([0.9, 0.8])[order])
 
 
-class CentralGrasp(HeadGrasp):
-    """Takes the grasp of `Central`; needs no weights."""
-
-    def _make_finder(self) -> Any:
-        return HeadFinder(HandGrid(self.hand), Central(), filtered=self._filtered)
-
-
-def unpublished(folder: Path) -> Path:
-    """Make a folder that looks as if a head was trained in it."""
-    (folder / "head.json").write_text("{}")
-    return folder
+def central(filtered: bool = False) -> DepthPolicy:
+    """Make a policy that takes the grasp of `Central`; it needs no weights."""
+    return DepthPolicy(
+        partial(Observer, noise=DepthNoise.none()),
+        lambda hand: HeadFinder(HandGrid(hand), Central(), filtered=filtered),
+    )
 
 
 @pytest.mark.parametrize("filtered", [False, True])
-def test_it_does_what_the_head_says(filtered: bool, tmp_path: Path) -> None:
-    policy = CentralGrasp(unpublished(tmp_path), filtered=filtered, noise=DepthNoise.none())
+def test_it_does_what_the_head_says(filtered: bool) -> None:
+    policy = central(filtered)
     result = evaluation.evaluate(policy, objects="procedural:can:0-3", trials=4, seed=0, num_envs=4)
     assert result.succeeded >= 3
     found = policy.found[0]
@@ -342,9 +335,8 @@ def test_it_does_what_the_head_says(filtered: bool, tmp_path: Path) -> None:
     assert set(found.seconds) == {"crop", "head", "filter"}
 
 
-def test_in_the_closed_loop_the_hand_goes_there(tmp_path: Path) -> None:
-    policy = CentralGrasp(unpublished(tmp_path))
-    result = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:1", trials=1, seed=1, num_envs=1)
+def test_in_the_closed_loop_the_hand_goes_there() -> None:
+    result = evaluation.evaluate(central(), "graspbox/Grasp-v0", "procedural:can:1", trials=1, seed=1, num_envs=1)
     assert result.succeeded == 1
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import graspbox
-from graspbox import learning, object_sets, rotations
+from graspbox import object_sets, rotations, study
 from graspbox.errors import ConfigError, FileError, MissingExtraError
-from graspbox.learning import execution, grasps, samples
-from graspbox.learning.execution import BASELINES, Scenes, Score, average_pose, execute
-from graspbox.learning.samples import OPAQUE, TRANSPARENT, UNSEEN, Samples, make_samples, split_at_random
-from graspbox.learning.study_settings import BATCH_SIZES, SETTINGS, TABLES, training_settings
+from graspbox.study import execution, grasps, samples
+from graspbox.study.execution import BASELINES, Scenes, Score, average_pose, execute
+from graspbox.study.samples import OPAQUE, TRANSPARENT, UNSEEN, Samples, make_samples, split_at_random
+from graspbox.study.settings import BATCH_SIZES, SETTINGS, TABLES, training_settings
 
 OBJECTS = object_sets.load(["procedural:can:0", "procedural:mug:3"])
 
@@ -252,10 +252,10 @@ def test_settings_of_the_study() -> None:
 
 def test_missing_torch_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     real = importlib.util.find_spec
-    monkeypatch.setattr(learning, "find_spec", lambda name: None if name == "torch" else real("json"))
+    monkeypatch.setattr(study, "find_spec", lambda name: None if name == "torch" else real("json"))
     with pytest.raises(MissingExtraError, match=r"needs torch: pip install 'graspbox\[train\]'"):
-        learning.require()
-    from graspbox.learning.regressor import PoseRegressor
+        study.require()
+    from graspbox.study.regressor import PoseRegressor
 
     with pytest.raises(MissingExtraError, match=r"graspbox\[train\]"):
         PoseRegressor("anywhere")
@@ -265,15 +265,15 @@ def test_importing_what_needs_no_torch_imports_none() -> None:
     import subprocess
     import sys
 
-    modules = "grasps, samples, execution, regressor, study_settings, study_results"
-    code = f"import sys; from graspbox.learning import {modules}; print('torch' in sys.modules)"
+    modules = "grasps, samples, execution, regressor, settings, results"
+    code = f"import sys; from graspbox.study import {modules}; print('torch' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert result.stdout.strip() == "False"
 
 
 def test_policy_finds_the_object_in_voxels() -> None:
     """A block in the observation fills its cube; its base is below its middle; the table is not part of it."""
-    from graspbox.learning.regressor import cropped_voxels
+    from graspbox.study.regressor import cropped_voxels
 
     seen = np.ones((64, 64, 64), dtype=np.uint8)
     assert cropped_voxels(seen, "binary") is None
@@ -299,7 +299,7 @@ def test_policy_finds_the_object_in_voxels() -> None:
 
 
 def test_reports_put_the_study_beside_ours(tmp_path: Path) -> None:
-    from graspbox.learning.study_results import NetworkResult, baseline_table, network_table, page
+    from graspbox.study.results import NetworkResult, baseline_table, network_table, page
 
     errors = {part: {"loss": 1.0, "position": 0.02, "rotation": 0.5, "angle": 0.3} for part in ("train", "test")}
     errors["validation"] = {"loss": 1.0, "position": 0.2, "rotation": 1.0, "angle": 0.3}
@@ -330,14 +330,16 @@ def test_figures_are_written(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="figures need the extra 'cli'")
     from PIL import Image
 
-    from graspbox.learning.study_figures import normalized_figure, read_curve, training_figure
+    from graspbox.study.figures import normalized_figure, read_curve, training_figure
 
-    with pytest.raises(FileError, match="no such log"):
+    with pytest.raises(ConfigError, match="holds no training with a validation"):
         read_curve(tmp_path)
-    header = "iteration,epoch,seconds,loss,position_error,rotation_error,"
-    rows = [f"{i},0,1.0,{1 / i},{0.1 / i},{0.5 / i},1.0" for i in range(1, 50)]
-    (tmp_path / "iterations.csv").write_text("\n".join([header + "orientation_norm", *rows]) + "\n")
-    (tmp_path / "validations.csv").write_text("\n".join([header + "angle", rows[0], rows[-1]]) + "\n")
+    rows: list[dict[str, float]] = []
+    for i in range(1, 50):
+        measures = {"loss": 1 / i, "position_error": 0.1 / i, "rotation_error": 0.5 / i, "orientation_norm": 1.0}
+        validation = {**measures, "angle": 0.5} if i in (1, 49) else {}
+        rows.append({"step": i, "seconds": 1.0, **{f"train_{k}": v for k, v in measures.items()}, **validation})
+    (tmp_path / "losses.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     curve = read_curve(tmp_path)
     np.testing.assert_allclose(curve.train["loss"], 1 / np.arange(1, 50))
     training_figure(tmp_path / "one.png", "cnn2d", {"legacy": curve, "sane": curve})
@@ -345,8 +347,8 @@ def test_figures_are_written(tmp_path: Path) -> None:
     for name in ("one", "all"):
         with Image.open(tmp_path / f"{name}.png") as image:
             assert np.asarray(image.convert("L")).std() > 5
-    (tmp_path / "iterations.csv").write_text(header + "orientation_norm\n")
-    with pytest.raises(ConfigError, match="has no row yet"):
+    (tmp_path / "losses.jsonl").write_text(json.dumps({"step": 1, "seconds": 1.0, "train_loss": 1.0}) + "\n")
+    with pytest.raises(ConfigError, match="train the network first"):
         read_curve(tmp_path)
 
 

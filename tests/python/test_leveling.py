@@ -84,6 +84,9 @@ def test_arrays_of_other_shapes_are_refused() -> None:
         ((depth, LENS[:2], ABOVE), "intrinsics has shape"),
         ((depth, LENS, ABOVE[:3]), "world_from_camera has shape"),
         ((depth, np.zeros((3, 3)), ABOVE), "focal lengths"),
+        # The fit did not end.
+        ((depth, LENS, ABOVE + 1e155 * np.eye(4)[:, [3, 1, 2, 0]]), "give metres, at most 10000"),
+        ((depth, LENS, ABOVE * np.nan), "give metres, at most 10000"),
     ):
         with pytest.raises(ConfigError, match=said):
             level(*given)

@@ -16,7 +16,7 @@ def scene() -> graspbox.Scene:
 @pytest.mark.parametrize("preshape", [-1.0, 2.0, 3.0, 10.0, 30.0, 180.0])
 def test_preshapes_beyond_the_hand_are_refused(scene: graspbox.Scene, preshape: float) -> None:
     poses = np.stack([from_above(0.12)] * 3)
-    with pytest.raises(errors.ConfigError, match=r"preshape\[1\] is .* but the hand takes 0 to 1.57"):
+    with pytest.raises(errors.ConfigError, match=r"preshape\[1\] is .* but the hand's range is 0 to 1.57"):
         scene.simulate(poses, [0.0, preshape, 0.0])
     with pytest.raises(errors.ConfigError, match=r"preshape\[0\]"):
         scene.trace(poses[0], preshape)
@@ -28,7 +28,7 @@ def test_degrees_are_recognized(scene: graspbox.Scene) -> None:
 
 
 def test_poses_in_millimetres_are_refused(scene: graspbox.Scene) -> None:
-    with pytest.raises(errors.ConfigError, match=r"poses\[0\] puts the hand 120 m from the object"):
+    with pytest.raises(errors.ConfigError, match=r"poses\[0\] is 120 m from the object"):
         scene.simulate(from_above(120.0)[None], 0.0)
 
 

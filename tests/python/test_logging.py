@@ -1,6 +1,9 @@
 """Log events of the core reach Python's logging, from the thread that made the call."""
 
 import logging
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -50,5 +53,21 @@ def test_a_broken_handler_does_not_stop_the_call(tmp_path: Path, monkeypatch: py
     assert len(seen) == 1
 
 
-def test_nothing_is_printed_without_a_handler() -> None:
-    assert any(isinstance(handler, logging.NullHandler) for handler in logging.getLogger("graspbox").handlers)
+@pytest.mark.parametrize("handled", [False, True])
+def test_nothing_is_printed_without_a_handler(tmp_path: Path, handled: bool) -> None:
+    """A program that sets no logging up is not disturbed by a warning; one that does sees it."""
+    code = (
+        "import logging, sys, pathlib; sys.path.insert(0, sys.argv[1])\n"
+        "import graspbox; from test_logging import scanned\n"
+        f"if {handled}: logging.basicConfig(level=logging.WARNING)\n"
+        "graspbox.Scene(scanned())\n"
+        "(parts,) = (path for path in pathlib.Path(sys.argv[2]).rglob('*') if path.is_file())\n"
+        "parts.write_bytes(b'damaged')\n"
+        "graspbox.Scene(scanned())\n"
+    )
+    command = [sys.executable, "-c", code, str(Path(__file__).parent), str(tmp_path)]
+    env = {**os.environ, "GRASPBOX_CACHE": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
+    assert done.stdout == ""
+    assert ("WARNING:graspbox:" in done.stderr) == handled
+    assert handled or done.stderr == ""

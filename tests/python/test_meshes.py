@@ -44,7 +44,7 @@ def test_arrays_are_cleaned_like_files() -> None:
     assert soup.watertight
     assert len(soup.vertices) == 8
     assert soup.mass == pytest.approx(0.4)
-    # An open box weighs its hull; a stray vertex is no corner of that, even where nothing is cleaned.
+    # A box without a lid weighs what it encloses; a stray vertex has no part in that, even where nothing is cleaned.
     for clean in (graspbox.CleanConfig(), None):
         lidless = graspbox.mesh_from_arrays(stray, FACES[2:], clean=clean)
         assert lidless.mass == pytest.approx(0.4)

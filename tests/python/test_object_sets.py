@@ -261,6 +261,21 @@ def test_meshes_of_one_name_keep_their_suffix(tmp_path: Path) -> None:
     assert [spec.mass for spec in found[:3]] == [0.118, 0.118, None]
 
 
+def test_links_to_nothing_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """They were skipped without a word, so that a set was smaller than its folder."""
+    write_mesh(tmp_path / "set/mug.stl")
+    (tmp_path / "set/more").mkdir()
+    links = [tmp_path / "set" / name for name in ("cup.stl", "bowls", "more/can.obj")]
+    for link in links:
+        link.symlink_to(tmp_path / "missing" / link.name)
+    (tmp_path / "set/notes.txt").symlink_to(tmp_path / "missing.txt")
+    assert object_sets.load(f"dir:{tmp_path / 'set'}").names == ("mug",)
+    messages = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert len(messages) == len(links)
+    for link in links:
+        assert any(str(link) in message and str(tmp_path / "missing" / link.name) in message for message in messages)
+
+
 def test_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(errors.FileError) as caught:
         object_sets.load("dir:/proc")

@@ -18,8 +18,8 @@ import pytest
 
 from graspbox import _core, policies
 from graspbox.errors import ConfigError
-from graspbox.perception.grasp_image import ImageGrasper
 from graspbox.policies import Task
+from graspbox.policies.grasp_image import ImageGrasper
 from graspbox.remote.grasp_requests import decide
 from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
 from graspbox.remote.remote_policy import RemotePolicy

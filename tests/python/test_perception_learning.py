@@ -1,6 +1,5 @@
-"""Networks of perception: both learn one batch by heart, training resumes with the same bits, choices are cautious."""
+"""Networks of perception: both learn one batch by heart, from trials of scenes; choices are cautious."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -13,26 +12,27 @@ from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 
 torch = pytest.importorskip("torch")
 
-from graspbox.perception.calibration import Calibration  # noqa: E402
-from graspbox.perception.collect import CollectConfig, collect, load_trials  # noqa: E402
-from graspbox.perception.completion import (  # noqa: E402
+from graspbox.artifacts.graphs import CompletionGraph, ScorerGraph  # noqa: E402
+from graspbox.artifacts.runtimes import Completion, Scorer, torch_network  # noqa: E402
+from graspbox.models.calibration import Calibration  # noqa: E402
+from graspbox.models.completion.network import (  # noqa: E402
     CompletionBatch,
     CompletionNet,
     completion_losses,
     iou,
     train_completion,
 )
+from graspbox.models.scene_views import SceneViews  # noqa: E402
+from graspbox.models.scenes import SceneConfig, SceneSampler  # noqa: E402
+from graspbox.models.scorer.inputs import ScorerInputs  # noqa: E402
+from graspbox.models.scorer.network import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
+from graspbox.models.scorer.training import TrialSampler, auc, train_scorer  # noqa: E402
+from graspbox.models.trials import GraspTrials  # noqa: E402
 from graspbox.perception.finder_configs import FinderConfig  # noqa: E402
-from graspbox.perception.graphs import CompletionGraph, ScorerGraph  # noqa: E402
-from graspbox.perception.grasp_inputs import ScorerInputs  # noqa: E402
 from graspbox.perception.perturbations import PoseNoise  # noqa: E402
-from graspbox.perception.runtimes import Completion, Scorer, torch_network  # noqa: E402
-from graspbox.perception.scene_views import SceneViews  # noqa: E402
-from graspbox.perception.scenes import SceneConfig, SceneSampler  # noqa: E402
-from graspbox.perception.scorer import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
-from graspbox.perception.scorer_training import TrialSampler, auc, train_scorer  # noqa: E402
-from graspbox.perception.training import TrainConfig, Trainer, load_weights  # noqa: E402
-from graspbox.perception.trials import GraspTrials  # noqa: E402
+from graspbox.recipes.collection import CollectConfig, collect, load_trials  # noqa: E402
+from graspbox.training.runs import Rows  # noqa: E402
+from graspbox.training.trainer import TrainConfig, load_weights  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -198,81 +198,6 @@ def test_views_of_a_scene_are_the_same_when_they_are_made_again() -> None:
     assert not np.array_equal(volumes[0], volumes[1])
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-class Toy:
-    """A line through noisy points, learned by a `Trainer`."""
-
-    def __init__(self, folder: Path, fail_at: int | None = None, **settings: Any) -> None:
-        torch.manual_seed(0)
-        self.net, self.fail_at, self.steps = torch.nn.Linear(3, 1), fail_at, 0
-        given = {"batch_size": 4, "max_steps": 12, "validate_every": 3, "learning_rate": 0.1, **settings}
-        self.trainer: Trainer[Any] = Trainer(
-            self.net,
-            folder,
-            TrainConfig(**given),
-            batch=lambda step: torch.randn(4, 3, generator=torch.Generator().manual_seed(step)),
-            losses=self.losses,
-            validate=lambda net: {"measure": -float((net.weight - 1.0).abs().sum())},
-        )
-
-    def losses(self, net: Any, batch: Any) -> dict[str, Any]:
-        """Give the squared error, or fail at the step that was asked for."""
-        self.steps += 1
-        if self.steps == self.fail_at:
-            raise KeyboardInterrupt
-        return {"error": ((net(batch) - batch.sum(1, keepdim=True)) ** 2).mean()}
-
-
-def test_an_interrupted_training_ends_with_the_same_bits(tmp_path: Path) -> None:
-    whole = Toy(tmp_path / "whole")
-    result = whole.trainer.run()
-    assert (result.reason, result.step) == ("steps", 12)
-    broken = Toy(tmp_path / "broken", fail_at=9)
-    with pytest.raises(KeyboardInterrupt):
-        broken.trainer.run()
-    again = Toy(tmp_path / "broken")
-    assert again.trainer.run().step == 12
-    assert again.steps == 12 - 6
-    for one, other in zip(whole.net.parameters(), again.net.parameters(), strict=True):
-        torch.testing.assert_close(one, other, rtol=0, atol=0)
-    logs = [rows_of(tmp_path / name / "log.csv") for name in ("whole", "broken")]
-    assert [row["step"] for row in logs[0]] == ["3", "6", "9", "12"]
-    for a, b in zip(*logs, strict=True):
-        assert {k: v for k, v in a.items() if k != "seconds"} == {k: v for k, v in b.items() if k != "seconds"}
-    with pytest.raises(errors.ConfigError, match="other settings"):
-        Toy(tmp_path / "whole", max_steps=13).trainer.run()
-    # A run that is over stays so.
-    over = Toy(tmp_path / "whole")
-    assert over.trainer.run().step == 12
-    assert over.steps == 0
-
-
-def test_training_stops_when_nothing_gets_better_and_keeps_the_best(tmp_path: Path) -> None:
-    toy = Toy(tmp_path, max_steps=100, patience=2)
-    measures = iter([0.1, 0.5, 0.4, 0.3, 0.9])
-    toy.trainer._validate = lambda net: {"measure": next(measures)}
-    result = toy.trainer.run()
-    assert (result.reason, result.step, result.best) == ("patience", 12, 0.5)
-    best = torch.nn.Linear(3, 1)
-    load_weights(best, tmp_path / "weights.pt")
-    torch.testing.assert_close(best.weight, toy.net.weight, rtol=0, atol=0)
-    with pytest.raises(errors.ConfigError, match="another network"):
-        load_weights(torch.nn.Linear(4, 1), tmp_path / "weights.pt")
-    with pytest.raises(errors.ConfigError, match="no weights"):
-        load_weights(best, tmp_path / "nothing.pt")
-
-
-def test_training_stops_in_time(tmp_path: Path) -> None:
-    result = Toy(tmp_path, max_steps=10**6, validate_every=10**6, max_seconds=0.01).trainer.run()
-    assert result.reason == "time"
-    with pytest.raises(errors.ConfigError, match="learning_rate"):
-        TrainConfig(learning_rate=0.0)
-
-
 def trials() -> GraspTrials:
     """Make up five trials in three scenes."""
     poses = np.tile(np.eye(4), (5, 1, 1))
@@ -338,9 +263,9 @@ def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inpu
     views = SceneViews(SceneConfig(image_size=96))
     result = train_scorer(tmp_path / "run", again, found, inputs, views, train, width=8)
     assert result.step == 2
-    rows = rows_of(tmp_path / "run" / "log.csv")
+    rows = Rows(tmp_path / "run" / "losses.jsonl")
     assert {"auc", "entropy", "chosen", "all", "train_success", "train_slip"} <= set(rows[0])
-    assert float(rows[0]["all"]) == pytest.approx(found.success.mean())
+    assert rows[0]["all"] == pytest.approx(found.success.mean())
     # The next round begins with these weights, and has trials of both kinds in each batch.
     start = tmp_path / "run" / "weights.pt"
     shares: list[float] = []
@@ -381,7 +306,7 @@ def test_the_scorer_sees_a_trial_as_far_from_the_hand_as_the_hand_errs(tmp_path:
     found = collect(tmp_path, sampler(), range(2), inputs.grid, CollectConfig(per_scene=16))
     views = SceneViews(SceneConfig(image_size=96))
     sure, erring = (
-        TrialSampler(found, inputs, views, 0, error).draw(0, np.arange(2), 16).batch.poses.numpy()
+        TrialSampler(found, inputs, views, 0, error).sample(0, np.arange(2), 16).batch.poses.numpy()
         for error in (PoseNoise(0.0, 0.0), PoseNoise(0.004, 0.05))
     )
     moved = np.linalg.inv(sure) @ erring

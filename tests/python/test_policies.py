@@ -32,10 +32,12 @@ def bound(name: str, envs: Any) -> Policy:
 
 
 def test_the_names_are_those_that_load_takes() -> None:
-    assert policies.names() == ("random", "zero", "planner", "expert", "seen_planner", "robust_oracle")
+    assert policies.names() == ("random", "zero", "planner", "expert", "partial_view_planner", "robust_oracle")
     for name in policies.names():
         assert policies.load(name).name == name
-    with pytest.raises(ConfigError, match="no policy 'plannr'; choose from random, zero, planner, expert, seen_p"):
+    # Recorded demonstrations and runs hold the name of before.
+    assert policies.load("seen_planner").name == "partial_view_planner"
+    with pytest.raises(ConfigError, match="no policy 'plannr'; choose from random, zero, planner, expert, partial"):
         policies.load("plannr")
 
 

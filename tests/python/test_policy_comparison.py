@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -11,19 +12,20 @@ import graspbox
 import tiny_policy
 from datasets_for_tests import run as make_dataset
 from graspbox import evaluation, object_sets, policies
+from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import evaluate
-from graspbox.evaluation.conditions import CONDITIONS
+from graspbox.evaluation.conditions import CONDITIONS, settings_of
 from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table
+from graspbox.perception import DepthView, PlannedFinder, PoseNoise
+from graspbox.perception._surfaces import surface_mesh
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.crops import solid_occupancy
-from graspbox.perception.planned_finder import PlannedFinder
-from graspbox.perception.policy_folders import write_learned_from
-from graspbox.perception.surfaces import OCCUPIED, surface_mesh
+from graspbox.perception.crops import OCCUPIED, solid_occupancy
 
 CROP = CropConfig()
 CANS = "procedural:can:0-4"
+_, LOOP = IDS
 
 
 def ball(radius: float, height: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
@@ -81,9 +83,9 @@ def test_the_surface_of_an_object_fits_the_object() -> None:
 
 
 def test_the_planner_grasps_what_one_camera_sees() -> None:
-    found = evaluate("seen_planner", objects=CANS, trials=6, num_envs=3)
+    found = evaluate("partial_view_planner", objects=CANS, trials=6, num_envs=3)
     assert found.succeeded >= 3
-    assert found == evaluate("seen_planner", objects=CANS, trials=6, num_envs=2)
+    assert found == evaluate("partial_view_planner", objects=CANS, trials=6, num_envs=2)
     assert found.calibration_error is None
 
 
@@ -94,9 +96,9 @@ def test_what_is_too_small_to_plan_for_is_no_error() -> None:
     speck[0, 20, 20, 4] = OCCUPIED
     mesh = object_sets.load("procedural:can:1")[0].load()
     seen = graspbox.views(mesh, count=1, image_size=128, images="depth")
-    pose = (seen.depth[0], seen.intrinsics, seen.world_from_camera[0])
-    assert PlannedFinder(hand).find(*pose) is not None
-    assert PlannedFinder(hand, lambda _: speck).find(*pose) is None
+    view = DepthView(seen.depth[0], seen.intrinsics, seen.world_from_camera[0])
+    assert PlannedFinder(hand).find(view) is not None
+    assert PlannedFinder(hand, lambda _: speck).find(view) is None
 
 
 def test_the_robust_oracle_grasps_and_is_the_same_beside_other_environments() -> None:
@@ -108,13 +110,12 @@ def test_the_robust_oracle_grasps_and_is_the_same_beside_other_environments() ->
 
 
 def test_a_replay_score_tells_a_robust_grasp_from_one_that_only_just_holds() -> None:
-    from graspbox.policies.depth_oracles import Replays, robust_scores
+    from graspbox.evaluation.oracles import robust_scores
 
     mesh = object_sets.load("procedural:can:1")[0].load()
     scene = graspbox.Scene(mesh)
     plan = graspbox.plan(mesh, world_from_object=scene.world_from_object).best(12)
-    replays = Replays(finalists=12, count=8, position=0.004, rotation=0.06)
-    scores = robust_scores(scene, plan.poses, plan.preshape, np.random.default_rng(0), replays)
+    scores = robust_scores(scene, plan.poses, plan.preshape, np.random.default_rng(0), PoseNoise(0.004, 0.06))
     held = scene.simulate(plan.poses, plan.preshape).success
     assert (scores[held] >= 0.2).all()
     assert (scores[~held] == 0.0).all()
@@ -134,8 +135,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_nearest_known_scene_gives_its_grasp(data: Path) -> None:
-    from graspbox.perception.nearest_finder import remember
-    from graspbox.perception.trials import GraspTrials
+    from graspbox.models.nearest_finder import remember
+    from graspbox.models.trials import GraspTrials
 
     memory = remember(data, seed=1)
     trials = GraspTrials.from_dataset(data, "train")
@@ -157,18 +158,51 @@ def test_the_nearest_known_scene_gives_its_grasp(data: Path) -> None:
 # --- conditions and classes ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize("name", CONDITIONS)
-def test_every_condition_makes_environments(name: str) -> None:
-    found = evaluate("planner", objects=CANS, trials=2, num_envs=2, **CONDITIONS[name].settings)
-    assert len(found.trials) == 2
+def test_every_condition_makes_environments(name: str, env_id: str) -> None:
+    settings: dict[str, Any] = {"max_episode_steps": 3} if env_id == LOOP else {}
+    if (name, env_id) == ("shake", LOOP):
+        with pytest.raises(ConfigError, match=r"the condition 'shake' is of graspbox/GraspPose-v0 alone"):
+            evaluate("planner", env_id, CANS, trials=2, num_envs=2, condition=name, **settings)
+        return
+    found = evaluate("planner", env_id, CANS, trials=2, num_envs=2, condition=name, **settings)
+    assert (len(found.trials), found.condition, found.to_json()["condition"]) == (2, name, name)
     assert found.shaken <= found.succeeded
     if name == "shake":
         assert found.shaken > 0
 
 
+def test_conditions_change_the_closed_loop() -> None:
+    """What happens to a grasp, and what the camera sees."""
+
+    def felt(name: str) -> Any:
+        return evaluate("planner", LOOP, "procedural:can:0", 1, 2, num_envs=1, condition=name, reward="dense").trials
+
+    nominal = felt("nominal")
+    for name in ("hand_5", "hand_10", "friction_0.5", "friction_0.3", "mass_2"):
+        assert felt(name) != nominal, name
+
+    def seen(name: str) -> np.ndarray[Any, np.dtype[np.float32]]:
+        env = gymnasium.make(LOOP, objects=CANS, obs="depth", image_size=16, **settings_of(name, LOOP))
+        image: np.ndarray[Any, np.dtype[np.float32]] = env.reset(seed=3)[0]
+        env.close()
+        return image
+
+    for name in ("camera", "calibration"):
+        assert np.abs(seen(name) - seen("nominal")).max() > 1e-3, name
+
+
+def test_conditions_that_cannot_be_are_named() -> None:
+    with pytest.raises(ConfigError, match="there is no condition 'dark'; choose from nominal, hand_5"):
+        evaluate("zero", objects=CANS, trials=1, condition="dark")
+    with pytest.raises(ConfigError, match="randomization is given, and the condition 'mass_2' gives it too"):
+        evaluate("zero", objects=CANS, trials=1, condition="mass_2", randomization=None)
+
+
 def test_conditions_change_what_they_say() -> None:
     def rate(name: str) -> float:
-        return evaluate("planner", objects=CANS, trials=24, seed=2, **CONDITIONS[name].settings).rate
+        return evaluate("planner", objects=CANS, trials=24, seed=2, condition=name).rate
 
     nominal = rate("nominal")
     assert nominal > 0.8
@@ -279,12 +313,11 @@ def test_what_one_policy_learned_from_is_left_out_for_all(tmp_path: Path, capsys
     pytest.importorskip("matplotlib")
     from test_scripts import script
 
-    tiny_policy.make(tmp_path / "tiny")
-    write_learned_from(tmp_path / "tiny", ["procedural:can:0-3"])
+    tiny_policy.make(tmp_path / "tiny", learned_from=("procedural:can:0-3",))
     words = ["--out", str(tmp_path / "out"), "--policies", "random", str(tmp_path / "tiny"), "--conditions", "nominal"]
     assert script("evaluate_policies").main([*words, "--objects", CANS, "--trials", "3"]) == 0
     assert "4 of 5 objects of procedural:can:0-4 are left out" in capsys.readouterr().err
-    rows = [json.loads(line) for line in (tmp_path / "out/log.jsonl").read_text().splitlines()[1:]]
+    rows = [json.loads(line) for line in (tmp_path / "out/results.jsonl").read_text().splitlines()]
     assert {trial[COLUMNS.index("object")] for row in rows for trial in row["trials"]} == {"can-000004"}
     assert script("evaluate_policies").main([*words, "--objects", "procedural:can:0-3", "--trials", "3"]) == 2
 
@@ -312,4 +345,9 @@ def test_the_script_measures_resumes_and_writes_tables_and_pictures(
     assert module.main(words) == 0
     assert capsys.readouterr().out == first
     assert module.main([*words, "--stressed", "zero"]) == 2
+    # The expert acts in the closed loop, which cannot be shaken.
+    shaken = ["--out", str(tmp_path / "x"), "--policies", "expert", "--conditions", "shake", "--trials", "1"]
+    assert module.main([*shaken, "--objects", CANS]) == 2
+    assert "the condition 'shake' is of graspbox/GraspPose-v0 alone" in capsys.readouterr().err.replace("\n", " ")
+    assert not (tmp_path / "x").exists()
     assert module.main(["--out", str(tmp_path / "x"), "--policies", "nearer=3", "--trials", "1"]) == 2

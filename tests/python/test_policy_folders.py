@@ -1,10 +1,10 @@
-"""Folders of published policies: what is wrong in them is named, and what they hold runs without torch."""
+"""Folders of published policies: what they hold runs without torch, and what is wrong in them is named."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,37 +13,42 @@ import pytest
 
 import tiny_policy
 from graspbox import errors, evaluation, object_sets, policies
-from graspbox.perception.calibration import Calibration, calibration_error, fit_logits
-from graspbox.perception.policy_folders import (
-    file_hash,
-    policy_hash,
-    read_depth_policy,
-    read_learned_from,
-    write_depth_policy,
-    write_learned_from,
-)
-from graspbox.perception.scenes import SceneConfig
+from graspbox.artifacts.configs import DepthPolicyConfig, FeelPolicyConfig
+from graspbox.artifacts.folders import load
+from graspbox.artifacts.registry import KINDS
+from graspbox.models.calibration import Calibration, calibration_error, fit_logits
+from graspbox.models.scenes import SceneConfig
 from graspbox.policies import DepthGrasp
-from graspbox.policy_training.cards import write_card
+from graspbox.recipes.cards import write_card
+from graspbox.recipes.depth_cards import depth_card
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
 pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("policies") / "tiny"
-    tiny_policy.make(folder)
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a policy of each kind, in a folder of its name."""
+    folder = tmp_path_factory.mktemp("policies")
+    for kind, make in tiny_policy.MAKERS.items():
+        make(folder / kind)
     return folder
 
 
-def test_a_folder_is_read_as_it_was_written(tiny: Path, tmp_path: Path) -> None:
-    config = read_depth_policy(tiny)
-    assert (config.name, config.hand, config.finder.proposals.most) == ("tiny", "reflex", 24)
-    assert config.files["scorer.onnx"] == file_hash(tiny / "scorer.onnx")
-    again = tiny_policy.make(tmp_path / "again")
-    assert again == config
-    assert policies.load(str(tiny)).name == "tiny"
+@pytest.fixture(scope="module")
+def tiny(made: Path) -> Path:
+    return made / "depth"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_folder_is_read_as_it_was_written(kind: str, tmp_path: Path) -> None:
+    config = tiny_policy.MAKERS[kind](tmp_path / "tiny")
+    assert (config.kind, config.hand) == (kind, "reflex")
+    assert load(tmp_path / "tiny", type(config)) == load(tmp_path / "tiny") == config
+    assert type(policies.load(str(tmp_path / "tiny"))) is KINDS[kind].policy_class()
+    wrong = FeelPolicyConfig if kind == "depth" else DepthPolicyConfig
+    with pytest.raises(errors.ConfigError, match=f"config.json: kind is '{kind}'; expected '{wrong.kind}'"):
+        load(tmp_path / "tiny", wrong)
 
 
 def test_it_grasps_without_torch(tiny: Path) -> None:
@@ -66,8 +71,8 @@ def test_it_chooses_what_its_networks_prefer(tiny: Path) -> None:
     assert np.argmax(found.scores) == np.argmin(found.poses[:, 2, 3])
     expected = 1 / (1 + np.exp(-tiny_policy.SLOPE * found.poses[:, 2, 3]))
     np.testing.assert_allclose(found.scores, expected, atol=1e-6)
-    assert policy.scorer is not None
-    few = policy.scorer.judge(found.volume, found.poses[:2], found.preshapes[:2])
+    scorer: Any = policy.finder.score
+    few = scorer.judge(found.volume, found.poses[:2], found.preshapes[:2])
     np.testing.assert_allclose(few.success, expected[:2], atol=1e-6)
     np.testing.assert_allclose(few.secure, 0.5 * expected[:2], atol=1e-6)
     assert few.logits.shape == (2, 2)
@@ -75,7 +80,11 @@ def test_it_chooses_what_its_networks_prefer(tiny: Path) -> None:
     assert again.trials == first.trials
 
 
-def changed(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:
+Content = dict[str, Any]
+Spoil = Callable[[Path], Any]
+
+
+def changed(change: Callable[[Content], Any]) -> Spoil:
     """Change the content of ``config.json``."""
 
     def apply(folder: Path) -> None:
@@ -86,41 +95,289 @@ def changed(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:
     return apply
 
 
+def put(place: str, value: Any) -> Spoil:
+    """Change the entry at a place, such as ``depth.crop.side``."""
+    *outer, last = place.split(".")
+
+    def apply(content: Content) -> None:
+        for name in outer:
+            content = content[int(name) if isinstance(content, list) else name]
+        content[last] = value
+
+    return changed(apply)
+
+
+def without(place: str) -> Spoil:
+    """Leave the entry at a place out."""
+    *outer, last = place.split(".")
+
+    def apply(content: Content) -> None:
+        for name in outer:
+            content = content[int(name) if isinstance(content, list) else name]
+        del content[last]
+
+    return changed(apply)
+
+
+def rewritten(text: str) -> Spoil:
+    return lambda folder: (folder / "config.json").write_text(text)
+
+
+def linked(name: str, target: str) -> Spoil:
+    """Put a link in the place of a file, to a copy of it elsewhere: its hash is right."""
+
+    def apply(folder: Path) -> None:
+        elsewhere = folder / target
+        (folder / name).rename(elsewhere)
+        (folder / name).symlink_to(elsewhere)
+
+    return apply
+
+
+#: Values that are no JSON object.
+_NO_OBJECTS: tuple[Any, ...] = (None, 3, [])
+#: What is spoilt: the kind of the policy, how, and what the error says beside the name of the file.
+SPOILT: list[tuple[str, Spoil, str]] = [
+    # Formats and JSON.
+    ("depth", put("format", 1), r"format is 1 \(int\), this version of graspbox reads 2; .* export it again"),
+    ("depth", without("format"), "format is missing, .* export it again"),
+    (
+        "depth",
+        put("kind", "walker"),
+        "kind is 'walker'; this version of graspbox knows depth, head, feel, network, study",
+    ),
+    ("depth", put("kind", ["depth"]), r"kind is \['depth'\]; this version"),
+    ("depth", put("kind", "head"), "(head is missing|no field depth)"),
+    ("depth", without("kind"), "kind is None"),
+    ("depth", rewritten("{"), "is no JSON"),
+    ("depth", rewritten("[" * 100_000), "is no JSON: recursion limit"),
+    ("depth", rewritten("[]"), "format is missing"),
+    ("depth", rewritten('{"format": 2, "kind": "\\ud800"}'), "is no JSON"),
+    ("depth", lambda folder: (folder / "config.json").write_bytes(b"\xff\xfe"), "is no JSON"),
+    ("depth", lambda folder: (folder / "config.json").write_bytes(b" " * (1 << 21)), "cannot be read: it is larger"),
+    ("depth", lambda folder: (folder / "config.json").unlink(), "there is no config.json in"),
+    # Fields of every policy.
+    *(
+        (kind, without(name), f"{name} is missing")
+        for kind in KINDS
+        for name in ("learned_from", "uses", "environment")
+    ),
+    *((kind, without(kind), f"{kind} is missing") for kind in KINDS),
+    *((kind, put(kind, wrong), f"{kind} is .*give an object") for kind in KINDS for wrong in _NO_OBJECTS),
+    ("depth", without("hand"), "hand is missing"),
+    ("depth", put("hand", ""), "hand is '' .*give a text of at least 1 character"),
+    ("depth", put("hand", "claw"), "there is no hand 'claw'"),
+    ("depth", put("name", 3), r"name is 3 \(int\); give a valid string"),
+    ("depth", put("nane", "x"), "there is no field nane; did you mean 'name'"),
+    ("depth", put("learned_from", [3]), r"learned_from\.0 is 3 \(int\); give a valid string"),
+    (
+        "depth",
+        put("environment", {"id": "graspbox/Grasp-v0", "obs": "state", "settings": {}}),
+        "environment is .*give null",
+    ),
+    (
+        "depth",
+        put("uses", {"depth": {"policy": "..", "sha256": "0" * 64}}),
+        "uses has depth; a policy like this uses no policy",
+    ),
+    ("feel", put("uses", {}), "uses has no policy; a policy like this uses depth"),
+    ("feel", put("uses.depth.policy", "nowhere"), "uses.depth.policy is 'nowhere', but .* holds no policy"),
+    ("feel", put("uses.depth.sha256", "0" * 64), "uses.depth.policy is 'chooser', but .* another one than that"),
+    ("feel", put("uses.depth.sha256", "0"), "uses.depth.sha256 is '0'; give a SHA-256"),
+    ("feel", put("uses.depth.policy", "hf://nobody"), "the policy is 'hf://nobody'; give hf://owner/name"),
+    # Files.
+    ("depth", put("files", {}), "files lacks 'completion.onnx'"),
+    ("depth", changed(lambda c: c["files"].update({"../x": "0" * 64})), r"files has '\.\./x'"),
+    ("depth", changed(lambda c: c["files"].update({"a\0b": "0" * 64})), r"files has 'a\\x00b'"),
+    ("depth", put("files", "all"), "files is 'all' .*give an object"),
+    ("depth", changed(lambda c: c["files"].update({"scorer.onnx": "0"})), "files.scorer.onnx is '0'; give a SHA-256"),
+    ("depth", lambda folder: (folder / "scorer.onnx").write_bytes(b"x"), "scorer.onnx is not the file"),
+    ("depth", lambda folder: (folder / "scorer.onnx").unlink(), "there is no scorer.onnx in"),
+    ("depth", linked("scorer.onnx", "../elsewhere.onnx"), "scorer.onnx is a link to a file outside its folder"),
+    ("depth", linked("config.json", "../elsewhere.json"), "config.json is a link to a file outside its folder"),
+    # Sections.
+    ("depth", put("depth.calibration", None), "depth.calibration is None .*give an object"),
+    ("depth", put("depth.calibration", 1e308), r"depth.calibration is 1e\+308 .*give an object"),
+    ("depth", put("depth.calibration.success", [0.0, 1.0]), "depth.calibration.success is .*positive slope"),
+    ("depth", put("depth.calibration.success", [1.0]), "depth.calibration.success"),
+    (
+        "depth",
+        put("depth.calibration.secure_weight", 1e308),
+        r"secure_weight is 1e\+308 .*give a number from 0 to 1000",
+    ),
+    *(("depth", without(f"depth.{n}"), f"depth.{n} is missing") for n in ("crop", "grid", "finder", "head", "members")),
+    ("depth", without("depth.crop.side"), "depth.crop.side is missing"),
+    ("depth", without("depth.finder.proposals.seeds"), "depth.finder.proposals.seeds is missing"),
+    *(("depth", put("depth.finder", value), "depth.finder is .*give an object") for value in (None, 3)),
+    ("depth", put("depth.head", 1e308), r"depth.head is 1e\+308 .*give an object"),
+    ("depth", put("depth.finder.finaliste", 3), "there is no field depth.finder.finaliste; did you mean 'finalists'"),
+    ("depth", put("depth.crop.sides", 3), "there is no field depth.crop.sides; did you mean 'side'"),
+    ("depth", put("depth.finalists", 0), "finalists is 0 .*give a number from 1 to"),
+    ("depth", put("depth.members", True), "depth.members is True .*give a valid integer"),
+    ("depth", put("depth.members", 10**30), "config.json: depth.members is an integer of 100 bits"),
+    ("depth", put("depth.width", 1.0), "depth.width is 1.0 .*give a valid integer"),
+    (
+        "depth",
+        put("depth.finder.refinements", 100_000),
+        "depth.finder.refinements is 100000 .*give a number from 0 to 64",
+    ),
+    ("depth", put("depth.finder.finalists", 2**31), "depth.finder.finalists is 2147483648"),
+    ("depth", put("depth.finder.proposals.seeds", 10**6), "`seeds` is 1000000, but it must be between"),
+    ("depth", put("depth.finder.proposals.standoffs", [0.01] * 101), r"`len\(standoffs\)` is 101"),
+    ("depth", put("depth.finder.proposals.standoffs", ["a"]), "standoffs.0 is 'a' .*give a valid number"),
+    ("depth", put("depth.crop.side", 1e308), "`side` is 1e308, but it must be between"),
+    ("depth", put("depth.crop.side", float("inf")), "(is no JSON|finite)"),
+    ("depth", put("depth.crop.resolution", 10_000), "`resolution` is 10000"),
+    ("depth", put("depth.grid.cell", 0.0), "`cell` is 0, but it must be between"),
+    ("head", put("head.head.kind", "set"), "head.kind is 'set'; heads of the kind 'anchor' alone"),
+    ("head", put("head.head.width", 0), "head.head.width is 0 .*give a number from 1"),
+    ("head", put("head.head.anchors.cells", 7), "head.head.anchors.cells is 7; give an even number"),
+    ("head", put("head.head.anchors.heights", 2**40), "head.head.anchors.heights is 1099511627776"),
+    ("head", put("head.head.anchors.spacing", 0.02), "12 anchors 0.02 m apart do not fit a crop of 48 voxels"),
+    ("head", put("head.preshapes", 0), "preshapes is 0 .*give a number from 1"),
+    ("head", without("head.filtered"), "head.filtered is missing"),
+    ("feel", put("feel.threshold", 1.5), "threshold is 1.5; give a probability"),
+    ("feel", put("feel.times", []), r"times is \(\) .*give 1 to 16 ascending numbers"),
+    ("feel", put("feel.times", [1.0, 0.5]), "times is .*ascending"),
+    ("feel", put("feel.times", [1e300]), "times is .*less than 60"),
+    ("feel", put("feel.calibration", [0.0, 0.0]), "calibration is .*positive slope"),
+    ("feel", put("feel.members", 2), "files lacks 'feel-1.safetensors'"),
+    ("network", put("environment", None), "environment is None .*give an object"),
+    ("network", put("environment.id", "CartPole-v1"), "environment.id is 'CartPole-v1'; choose from"),
+    (
+        "network",
+        put("environment.settings.objects", "dir:/"),
+        "environment.settings has 'objects'; a policy names control",
+    ),
+    ("network", without("environment.settings"), "environment.settings is missing"),
+    ("network", put("network.actions", 0), "actions is 0 .*give a number from 1"),
+    ("network", changed(lambda c: c["network"]["inputs"].pop()), r"inputs has \['proprio'\]; give one for each name"),
+    (
+        "network",
+        put("network.inputs.0.dtype", "float33"),
+        "network.inputs.0.dtype is 'float33'; give the name of a type",
+    ),
+    ("network", put("network.inputs.0.shape", [0]), r"network.inputs.0.shape is \(0,\); give integers from 1"),
+    ("study", put("study.model", 3), "study.model is 3 .*give an object"),
+    ("study", put("study.model.widht", 3), "there is no field study.model.widht"),
+    ("study", without("study.model.units"), "study.model.units is missing"),
+]
+
+
+@pytest.mark.parametrize(("kind", "spoil", "message"), SPOILT, ids=[f"{k}-{m}" for k, _, m in SPOILT])
+def test_a_spoilt_folder_is_refused(
+    made: Path,
+    tmp_path: Path,
+    kind: str,
+    spoil: Spoil,
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By the function, and by the command in one sentence with exit status 2."""
+    folder = tmp_path / "policy"
+    shutil.copytree(made / kind, folder)
+    spoil(folder)
+    with pytest.raises(errors.ConfigError, match=message) as raised:
+        policies.load(str(folder))
+    # The file is named, unless it is the name of a policy on the hub.
+    assert str(folder) in str(raised.value) or "hf://" in message
+    assert evaluated(folder, monkeypatch) == 2
+    # A progress bar that was shown leaves an empty line.
+    assert capsys.readouterr().err.strip() == f"graspbox: {raised.value}"
+    assert "\n" not in str(raised.value)
+
+
+def evaluated(folder: Path, monkeypatch: pytest.MonkeyPatch) -> object:
+    """Run ``graspbox evaluate``; its exit status."""
+    cli = pytest.importorskip("graspbox.cli")
+    words = ["graspbox", "evaluate", str(folder), "--objects", "procedural:can:0", "--trials", "1"]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as ended:
+        cli.app()
+    return ended.value.code
+
+
+VOLUMES = {"volumes": np.zeros((1, 2, 48, 48, 48), dtype=np.uint8)}
+CHANNELS = {"channels": np.zeros((1, 3, 48, 48, 48), dtype=np.uint8)}
+FULL = np.full((1, 48, 48, 48), 255, dtype=np.uint8)
+ANCHOR = {
+    "anchors": np.zeros(1, dtype=np.int64),
+    "residuals": np.zeros((1, 6), dtype=np.float32),
+    "scores": np.ones(1, dtype=np.float32),
+}
+SEEN = {name: np.zeros((1, size), dtype=np.float32) for name, size in tiny_policy.SEEN.items()}
+ACTION = np.zeros((1, 10), dtype=np.float32)
+NAN = np.full(1, np.nan, dtype=np.float32)
+
+
 @pytest.mark.parametrize(
-    ("spoil", "message"),
+    ("kind", "name", "inputs", "outputs", "message"),
     [
-        (changed(lambda c: c.update(format=2)), "has the format 2; this version of graspbox reads 1"),
-        (changed(lambda c: c.update(kind="walker")), "a policy of the kind 'walker'"),
-        (changed(lambda c: c.pop("kind")), "names no kind of policy"),
-        (changed(lambda c: c.pop("hand")), "config.json is incomplete: .*'hand'"),
-        (changed(lambda c: c.update(finaliste=3)), "no field 'finaliste'; did you mean 'finalists'"),
-        (changed(lambda c: c.update(finalists=0)), "config.json: finalists is 0; give a positive integer"),
-        (changed(lambda c: c["calibration"].update(success=[0.0, 1.0])), "success is .*positive slope"),
-        (changed(lambda c: c["crop"].update(sides=3)), "no field 'sides'; did you mean 'side'"),
-        (changed(lambda c: c.update(learned_from=[3])), r"config.json: learned_from is \[3\]; give a list of names"),
-        (changed(lambda c: c["files"].update({"../x": "0"})), "in its own folder"),
-        (lambda folder: (folder / "config.json").write_text("{"), "is no JSON"),
-        (lambda folder: (folder / "scorer.onnx").write_bytes(b"x"), "scorer.onnx is not the file"),
-        (lambda folder: (folder / "scorer.onnx").unlink(), "scorer.onnx"),
-        (lambda folder: (folder / "config.json").unlink(), "there is no policy in this folder"),
+        ("depth", "completion.onnx", CHANNELS, {"filled": FULL}, "gives filled, but no 'occupancy'"),
+        ("depth", "completion.onnx", CHANNELS, {"occupancy": FULL[0]}, r"gives 'occupancy' of shape \(48, 48, 48\)"),
+        ("depth", "completion.onnx", {"voxels": FULL}, {"occupancy": FULL}, "completion.onnx does not take channels"),
+        ("depth", "scorer.onnx", {"cells": FULL}, {"choice": NAN}, "scorer.onnx does not take cells"),
+        (
+            "head",
+            "head.onnx",
+            VOLUMES,
+            {**ANCHOR, "anchors": np.array([10**6])},
+            "anchors that are not among the 124416",
+        ),
+        ("head", "head.onnx", VOLUMES, {**ANCHOR, "anchors": np.array([-1])}, "anchors that are not among the 124416"),
+        ("head", "head.onnx", VOLUMES, {**ANCHOR, "scores": NAN}, "head.onnx gives 'scores' with numbers that are not"),
+        ("head", "head.onnx", VOLUMES, {"anchors": np.zeros(0, dtype=np.int64)}, "gives anchors, but no 'residuals'"),
+        ("network", "policy.onnx", SEEN, {"action": ACTION * np.nan}, "policy.onnx gives 'action' with numbers that"),
+        (
+            "network",
+            "policy.onnx",
+            SEEN,
+            {"action": ACTION[:, :3]},
+            r"gives 'action' of shape \(1, 3\), expected \(1, 10\)",
+        ),
+        ("network", "policy.onnx", {"state": NAN}, {"action": ACTION}, "policy.onnx does not take proprio"),
     ],
 )
-def test_a_spoilt_folder_is_refused(tmp_path: Path, spoil: Callable[[Path], Any], message: str) -> None:
-    tiny_policy.make(tmp_path)
-    spoil(tmp_path)
-    with pytest.raises((errors.ConfigError, errors.FileError), match=message):
-        policies.load(str(tmp_path))
+def test_a_network_that_does_not_fit_is_refused(
+    made: Path,
+    tmp_path: Path,
+    kind: str,
+    name: str,
+    inputs: dict[str, Any],
+    outputs: dict[str, Any],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Other inputs, outputs, shapes, indices, or numbers that are not finite."""
+    folder = tmp_path / "policy"
+    shutil.copytree(made / kind, folder)
+    tiny_policy.constant(folder / name, inputs, outputs)
+    tiny_policy.save_again(folder)
+    with pytest.raises(errors.ConfigError, match=message):
+        evaluation.evaluate(str(folder), objects="procedural:can:0", trials=1)
+    assert evaluated(folder, monkeypatch) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith("graspbox: ")
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(("kind", "name", "output"), [("depth", "scorer", "choice"), ("feel", "feel", "probability")])
+def test_nan_is_not_used_in_silence(kind: str, name: str, output: str, made: Path, tmp_path: Path) -> None:
+    """It would be the best of all scores, and less than no threshold."""
+    folder = tmp_path / "policy"
+    shutil.copytree(made / kind, folder)
+    tiny_policy.give_nan(folder, name, output)
+    with pytest.raises(errors.ConfigError, match=rf"{name}\.onnx gives '{output}' with numbers that are not finite"):
+        evaluation.evaluate(str(folder), objects="procedural:can:0", trials=1)
 
 
 def test_objects_from_which_a_policy_learned_are_left_out(tmp_path: Path) -> None:
-    tiny_policy.make(tmp_path)
-    assert read_learned_from(tmp_path) == ()
-    known = policy_hash(tmp_path)
-    write_learned_from(tmp_path, ["procedural:can:0-3/train"])
-    write_learned_from(tmp_path, ["procedural:can:0-3/train", "procedural:can:4"])
-    assert read_learned_from(tmp_path) == ("procedural:can:0-3/train", "procedural:can:4-4")
-    # It acts as before.
-    assert policy_hash(tmp_path) == known
+    config = tiny_policy.make(
+        tmp_path, learned_from=("procedural:can:0-3/train", "procedural:can:4", "procedural:can:4-4")
+    )
+    assert load(tmp_path).learned_from == config.learned_from == ("procedural:can:0-3/train", "procedural:can:4-4")
     objects = object_sets.load("procedural:can:0-5")
     learned = [spec.name for spec in objects if spec.seed == 4 or (spec.seed < 4 and spec.split == "train")]  # type: ignore[operator]
     policy = policies.load(str(tmp_path))
@@ -135,17 +392,17 @@ def test_objects_from_which_a_policy_learned_are_left_out(tmp_path: Path) -> Non
 
 
 def test_a_file_that_is_no_network_is_refused(tmp_path: Path) -> None:
-    config = tiny_policy.make(tmp_path)
+    tiny_policy.make(tmp_path)
     (tmp_path / "scorer.onnx").write_bytes(b"no network")
-    files = {**config.files, "scorer.onnx": file_hash(tmp_path / "scorer.onnx")}
-    write_depth_policy(tmp_path, replace(config, files=files))
+    tiny_policy.save_again(tmp_path)
     with pytest.raises(errors.ConfigError, match="no network that onnxruntime reads"):
         evaluation.evaluate(str(tmp_path), objects="procedural:can:0", trials=1)
 
 
-def test_without_onnxruntime_the_extra_is_named(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(errors.MissingExtraError, match=r"pip install 'graspbox\[onnx\]'"):
+@pytest.mark.parametrize("package", ["onnxruntime", "pydantic"])
+def test_without_a_package_the_extra_is_named(tiny: Path, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(errors.MissingExtraError, match=rf"the package {package}: pip install 'graspbox\[onnx\]'"):
         evaluation.evaluate(str(tiny), objects="procedural:can:0", trials=1)
 
 
@@ -178,7 +435,10 @@ def test_logits_are_made_to_say_how_often() -> None:
         Calibration(secure_weight=-1.0)
 
 
-def test_a_card_tells_what_was_measured(tiny: Path, tmp_path: Path) -> None:
+def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
+    """For people, and for the hub in its metadata."""
+    huggingface_hub = pytest.importorskip("huggingface_hub", reason="cards need the extra 'train'")
+
     class Settings:
         """What the card reads of a training's settings."""
 
@@ -190,17 +450,25 @@ def test_a_card_tells_what_was_measured(tiny: Path, tmp_path: Path) -> None:
         "calibrate-0": {"seconds": 5.0, "choices": 40, "rates": {"0.0": [0.9, 0.5], "0.3": [0.875, 0.625]}},
         "evaluate": {"seconds": 9.0, "ycb": {"trials": 100, "succeeded": 90, "secure": 60, "ece": 0.021}},
     }
-    write_card(
-        tmp_path,
-        config=read_depth_policy(tiny),
-        command="python train.py",
-        settings=Settings(),
-        scenes=SceneConfig(),
-        stages=stages,
+    config = tiny_policy.make(tmp_path)
+    given: dict[str, Any] = {
+        "command": "python train.py",
+        "settings": Settings(),
+        "scenes": SceneConfig(),
+        "stages": stages,
+    }
+    write_card(tmp_path, config, depth_card(tmp_path, config, **given))
+    card = huggingface_hub.ModelCard.load(tmp_path / "README.md")
+    assert "| `ycb/test` | 100 | 90.0% (82.6% to 94.5%) | 60.0% (50.2% to 69.1%) | 0.021 |" in card.text
+    assert "| 0 | 0.3 | 40 | 87.5% | 62.5% |" in card.text
+    assert "500 trials of `procedural:seen:0-9` and `ycb`" in card.text
+    assert "then 64 trials" in card.text
+    assert "| all | 0:01:44 |" in card.text
+    rates = {result.metric_type: result for result in card.data.eval_results}
+    assert {name: result.metric_value for name, result in rates.items()} == {"success_rate": 0.9, "secure_rate": 0.6}
+    assert rates["success_rate"].metric_args == {"trials": 100, "ci95": [0.8256, 0.9448]}
+    assert (rates["success_rate"].dataset_name, rates["success_rate"].task_name) == (
+        "ycb/test",
+        "graspbox/GraspPose-v0",
     )
-    text = (tmp_path / "README.md").read_text()
-    assert "| `ycb`, split `test` | 100 | 90.0% (82.6% to 94.5%) | 60.0% (50.2% to 69.1%) | 0.021 |" in text
-    assert "| 0 | 0.3 | 40 | 87.5% | 62.5% |" in text
-    assert "500 trials of `procedural:seen:0-9` and `ycb`" in text
-    assert "then 64 trials" in text
-    assert "| all | 0:01:44 |" in text
+    assert card.data.to_dict()["tags"] == ["robotics", "grasping", "policy-depth", "hand-reflex"]

@@ -1,4 +1,4 @@
-"""The command that trains a policy of one depth image: all stages, after SIGKILL too; ONNX gives what torch gives."""
+"""``graspbox train depth``: all stages, after SIGKILL too; ONNX gives what torch gives."""
 
 import json
 import os
@@ -14,23 +14,22 @@ import numpy as np
 import pytest
 
 from graspbox import errors, learned_sets, object_sets, policies
+from graspbox.artifacts.folders import read_depth_policy, save
+from graspbox.models.calibration import Calibration
 from graspbox.perception import HandGrid
-from graspbox.perception.calibration import Calibration
-from graspbox.perception.policy_folders import read_depth_policy, read_learned_from
-from graspbox.policy_training.learned import of_splits
-from graspbox.policy_training.settings import QUICK_OBJECTS, Sizes
-from graspbox.policy_training.stages import Run, Stage
+from graspbox.recipes.learned import of_splits
+from graspbox.recipes.settings import QUICK_OBJECTS, Sizes
 
 pytestmark = pytest.mark.train
-SCRIPT = Path(__file__).parents[2] / "scripts" / "train_depth_policy.py"
+ROOT = Path(__file__).parents[2]
 #: Stages of ``--quick``, in order.
 STAGES = ["data", "completion", "scorer", "head"]
 STAGES += ["collect-1", "round-1", "collect-2", "round-2", "collect-3", "round-3", "member-1", "member-2"]
-STAGES += ["calibrate-0", "calibrate-2", "export", "rungs", "evaluate"]
+STAGES += ["calibrate-0", "calibrate-2", "export", "ablations", "evaluate"]
 
 
 def command(out: Path) -> list[str]:
-    return [sys.executable, str(SCRIPT), "--out", str(out), "--quick"]
+    return [sys.executable, "-m", "graspbox", "train", "depth", "--out", str(out), "--quick"]
 
 
 @pytest.fixture(scope="module")
@@ -70,36 +69,38 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert read_depth_policy(trained / "policy").finder.refinements == (2 if best[2] > best[0] else 0)
     assert results["evaluate"]["procedural:bottle:30-33"]["trials"] == 6
     for name, members in (("scorer", 1), ("rounds", 1), ("ensemble", 3)):
-        rung = read_depth_policy(trained / "rungs" / name)
-        assert (rung.name, rung.members, rung.finder.refinements) == (name, members, 0)
-        assert rung.head is not None
-    geometry, whole = (read_depth_policy(trained / folder) for folder in ("rungs/geometry", "policy"))
+        ablation = read_depth_policy(trained / "ablations" / name)
+        assert (ablation.name, ablation.members, ablation.finder.refinements) == (name, members, 0)
+        assert ablation.head is not None
+    geometry, whole = (read_depth_policy(trained / folder) for folder in ("ablations/geometry", "policy"))
     assert (geometry.members, geometry.head, geometry.finder.predicted) == (3, None, 0)
     assert (whole.members, whole.finder.predicted) == (3, 32)
     assert {"head.onnx", "head.safetensors"} <= set(whole.files)
     log = (trained / "log.txt").read_text()
     # The first stages were over when the command ran for the third time.
     assert log.count("completion: begins") == 1
-    assert "completion: over since an earlier run" in log
+    assert "completion: done by an earlier run" in log
     assert all(f"{name}: begins" in log for name in STAGES)
-    learned = read_learned_from(trained / "policy")
+    learned = read_depth_policy(trained / "policy").learned_from
     assert set(of_splits(QUICK_OBJECTS["fresh"])) < set(learned)
     made = object_sets.load(QUICK_OBJECTS["objects"], split="train")
     assert not learned_sets.without(made, learned)
     card = (trained / "policy" / "README.md").read_text()
     assert "| `procedural:bottle:30-33` | 6 |" in card
     assert "--quick" in card
-    assert (trained / "policy" / "LICENSE").read_text() == (SCRIPT.parents[1] / "LICENSE").read_text()
-    again = subprocess.run(command(trained), capture_output=True, text=True, check=True)
-    assert again.stdout.count("over since an earlier run") == len(STAGES)
+    assert (trained / "policy" / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
+    again = subprocess.run([*command(trained), "--json"], capture_output=True, text=True, check=True)
+    assert again.stderr.count("done by an earlier run") == len(STAGES)
+    assert json.loads(again.stdout) == {"folder": str(trained / "policy"), **results}
     other = subprocess.run([*command(trained), "--seed", "1"], capture_output=True, text=True, check=False)
     assert other.returncode == 2
-    assert "a run with another seed" in other.stderr
+    assert "was begun with other settings: seed was 0, is now 1" in " ".join(other.stderr.split())
 
 
 def test_objects_that_are_learned_from_are_not_evaluated(tmp_path: Path) -> None:
-    words = [sys.executable, str(SCRIPT), "--out", str(tmp_path / "run"), "--evaluated", "procedural:prism:300"]
-    found = subprocess.run(words, capture_output=True, text=True, check=False)
+    words = ["--out", str(tmp_path / "run"), "--evaluated", "procedural:prism:300"]
+    command = [sys.executable, "-m", "graspbox", "train", "depth", *words]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
     assert found.returncode == 2
     assert "--evaluated is 'procedural:prism:300'; name objects from which nothing is learned" in found.stderr
     assert not (tmp_path / "run").exists()
@@ -107,7 +108,7 @@ def test_objects_that_are_learned_from_are_not_evaluated(tmp_path: Path) -> None
 
 def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -> None:
     from graspbox import evaluation
-    from graspbox.perception.onnx_files import PARITY
+    from graspbox.artifacts.onnx_files import PARITY
     from graspbox.policies import DepthGrasp
 
     folder = trained / "policy"
@@ -142,20 +143,20 @@ def test_weights_are_stored_in_half_precision_without_a_loss(trained: Path) -> N
 
 def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     torch = pytest.importorskip("torch")
-    from graspbox.perception import export, onnx_files
-    from graspbox.perception.graphs import ScorerGraph
-    from graspbox.perception.runtimes import onnx_network, torch_network
-    from graspbox.perception.scorer import ScorerNet
+    from graspbox.artifacts import exports, onnx_files
+    from graspbox.artifacts.graphs import ScorerGraph
+    from graspbox.artifacts.runtimes import onnx_network, torch_network
+    from graspbox.models.scorer.network import ScorerNet
 
     grid = HandGrid()
     torch.manual_seed(0)
     members = [ScorerNet(grid, width=8) for _ in range(2)]
-    export.export_scorer(members, Calibration((1.5, -0.2), (0.8, 0.1)), grid, tmp_path / "scorer.onnx")
+    exports.write_scorer(members, Calibration((1.5, -0.2), (0.8, 0.1)), grid, tmp_path / "scorer.onnx")
     # It takes any number of grasps from the finalists on.
     network = onnx_network(tmp_path / "scorer.onnx")
-    graph = torch_network(ScorerGraph(members, Calibration((1.5, -0.2), (0.8, 0.1)), export.FINALISTS))
+    graph = torch_network(ScorerGraph(members, Calibration((1.5, -0.2), (0.8, 0.1)), exports.FINALISTS))
     rng = np.random.default_rng(1)
-    for count in (export.FINALISTS, 61):
+    for count in (exports.FINALISTS, 61):
         inputs: dict[str, Any] = {
             "cells": rng.integers(0, 256, (count, 4, *grid.shape), dtype=np.uint8),
             "poses": rng.normal(size=(count, 4, 4)).astype(np.float32),
@@ -169,52 +170,24 @@ def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch
     with torch.no_grad():
         for member in sure:
             member.head[-1].bias.fill_(40.0)
-    export.export_scorer(sure, Calibration(), grid, tmp_path / "sure.onnx")
+    exports.write_scorer(sure, Calibration(), grid, tmp_path / "sure.onnx")
     monkeypatch.setattr(
         onnx_files,
         "torch_network",
         lambda graph: lambda inputs: {k: v + 1 for k, v in torch_network(graph)(inputs).items()},
     )
     with pytest.raises(errors.ConfigError, match="differs from the network by 1"):
-        export.export_scorer(members, Calibration(), grid, tmp_path / "other.onnx")
+        exports.write_scorer(members, Calibration(), grid, tmp_path / "other.onnx")
 
 
 def test_weights_of_another_network_are_refused(trained: Path, tmp_path: Path) -> None:
     import shutil
     from dataclasses import replace
 
-    from graspbox.perception.graphs import load_graphs
-    from graspbox.perception.policy_folders import write_depth_policy
+    from graspbox.artifacts.graphs import load_graphs
 
     folder = tmp_path / "policy"
     shutil.copytree(trained / "policy", folder)
-    write_depth_policy(folder, replace(read_depth_policy(folder), completion_width=6))
+    save(folder, replace(read_depth_policy(folder), completion_width=6))
     with pytest.raises(errors.ConfigError, match="weights of another network"):
         load_graphs(folder)
-
-
-def test_stages_keep_their_time_and_results(tmp_path: Path) -> None:
-    lines: list[str] = []
-    run = Run(tmp_path, {"seed": 0}, lines.append)
-
-    def late(stage: Stage) -> dict[str, Any]:
-        assert stage.late()
-        return {"found": (1, 2)}
-
-    assert run.stage("late", 0.0, late)["found"] == [1, 2]
-    assert Run(tmp_path, {"seed": 0}, lines.append).stage("late", 9.0, late)["found"] == [1, 2]
-    (tmp_path / "long").mkdir()
-    (tmp_path / "long" / "seconds.json").write_text("100.0\n")
-
-    def long(stage: Stage) -> dict[str, Any]:
-        with pytest.raises(errors.ConfigError, match="another process is writing"):
-            run.stage("other", 9.0, late)
-        assert stage.seconds >= 100.0
-        stage.report("half of it", 0.5)
-        assert float((stage.folder / "seconds.json").read_text()) >= 100.0
-        return {}
-
-    run.stage("long", 150.0, long)
-    assert any("half of it; 0:01:40 taken, 0:00:50 left" in line for line in lines)
-    with pytest.raises(errors.ConfigError, match="another seed"):
-        Run(tmp_path, {"seed": 1}, lines.append)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from graspbox import evaluation, policies
-from graspbox.perception.policy_folders import read_kind, read_learned_from
+from graspbox import evaluation, object_sets, policies
+from graspbox.artifacts.folders import load
 
 pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
 
@@ -40,10 +40,17 @@ def test_a_published_policy_grasps(name: str) -> None:
 @pytest.mark.parametrize("name", LEAST)
 def test_a_published_policy_has_a_card_and_a_licence(name: str) -> None:
     folder = FOLDER / name
-    assert read_kind(folder)
+    assert load(folder).learned_from
     card = (folder / "README.md").read_text()
     assert all(title in card for title in ("## Scores", "## Data and training", "## Limits", "## Licence"))
     assert "procedural:unseen:0-19" in card
-    assert read_learned_from(folder)
     assert (folder / "LICENSE").read_text() == (FOLDER.parent / "LICENSE").read_text()
-    assert sum(path.stat().st_size for path in folder.iterdir()) < 16e6
+    data = pytest.importorskip("huggingface_hub").ModelCard.load(folder / "README.md").data
+    assert (data.model_name, data.license, data.library_name) == (load(folder).name, "apache-2.0", "graspbox")
+    # Its rates are those of the table, for sets of objects that exist.
+    rates = {f"{100 * result.metric_value:.1f}%" for result in data.eval_results}
+    assert all(f"| {rate} (" in card for rate in rates)
+    for result in data.eval_results:
+        name, split = object_sets.name_and_split(result.dataset_type)
+        assert object_sets.load(name, split=split)
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 13e6

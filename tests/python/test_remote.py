@@ -117,6 +117,27 @@ def rollout_single(env: Any, steps: int) -> list[Any]:
     return seen
 
 
+def pools_of(env: Any) -> list[Any]:
+    pool = env.unwrapped._core.pool
+    return [shard.pool for shard in pool._shards] if hasattr(pool, "_shards") else [pool]
+
+
+def breaking(env: Any, before: bool) -> Any:
+    """Break every connection off before each command is sent, or between it and its answer."""
+    for pool in pools_of(env):
+
+        def begin(command: str, fields: dict[str, Any], pool: Any = pool, send: Any = pool.begin) -> int:
+            if before:
+                pool._client._break_off()
+            number: int = send(command, fields)
+            if not before:
+                pool._client._break_off()
+            return number
+
+        pool.begin = begin
+    return env
+
+
 def contact(seen: list[Any]) -> float:
     """Add up what tells of contact between hand and object, ends of episodes included."""
     infos = [info for *_, step in seen for info in (step, step.get("final_info", step))]
@@ -148,6 +169,10 @@ def check_equality(urls: Urls, case: Case) -> None:
         assert env.metadata == local.metadata
         assert same(rollout(env, steps, place=place), expected)
         env.close()
+    # Over two servers, whose connections break between each command and its answer.
+    env = breaking(make(autoreset_mode=mode, remote=urls, **settings), before=False)
+    assert same(rollout(env, steps, place=place), expected)
+    env.close()
     alone, there = make_single(**settings, **limit), make_single(remote=urls[1], **settings, **limit)
     assert there.observation_space == alone.observation_space
     assert there.unwrapped.metadata == alone.unwrapped.metadata
@@ -157,7 +182,7 @@ def check_equality(urls: Urls, case: Case) -> None:
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
 def test_equals_environments_of_this_process(urls: Urls, case: Case) -> None:
-    """Over one server, over two, and alone; with contact, and with ends of episodes in every environment."""
+    """Over one server, over two, with lost connections, and alone; with contact, and ends of episodes everywhere."""
     check_equality(urls, case)
 
 

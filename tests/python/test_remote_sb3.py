@@ -4,6 +4,7 @@ import pickle
 import warnings
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -59,13 +60,18 @@ KEYWORDS: list[Any] = [
     {"frame_skip": 0}, {"max_episode_steps": 0}, {"autoreset_mode": "sometimes"}, {"info": "brief"}, {"image_size": 8},
     {"randomization": "strong"}, {"render_mode": "ansi"}, {"split": "half"}, {"physics": {"gravty": 1}},
     {"physics": {"gravity": -1.0}}, {"success": {"hold_time": -1.0}}, {"prepare_files": -1}, {"num_threads": 0},
-    {"objects": "procedural:moon"}, {"objects": 3}, {"num_envs": 0}, {"num_envs": 1.5},
+    {"objects": "procedural:moon"}, {"objects": 3}, {"num_envs": 0}, {"num_envs": 1.5}, {"num_envs": -3},
+    {"num_envs": "x"}, {"objects": []}, {"reward": []}, {"control": {}}, {"obs": 5}, {"obs": [5]}, {"info": []},
+    {"split": []}, {"image_size": [1, 2, 3]}, {"image_size": "x"}, {"randomization": 5}, {"render_mode": []},
+    {"autoreset_mode": []}, {"reward_weights": []}, {"physics": []}, {"cameras": 5}, {"frame_skip": "x"},
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("wrong", KEYWORDS, ids=str)
 def test_wrong_keywords_are_refused_as_in_this_process(urls: Urls, wrong: dict[str, Any]) -> None:
-    assert len({error_of(partial(make, **{"remote": remote, **wrong})) for remote in (None, urls[0], urls)}) == 1
+    found = {error_of(partial(make, **{"remote": remote, **wrong})) for remote in (None, urls[0], urls)}
+    assert len(found) == 1
+    assert {kind for kind, _ in found} <= {"ConfigError", "ObjectSetError"}
 
 
 @pytest.mark.parametrize("call", ["step", "send"])
@@ -219,3 +225,20 @@ def test_ppo_learns_the_same(urls: Urls, one_thread: None) -> None:
         assert not same(learned[-1], before)
         env.close()
     assert same(*learned)
+
+
+@pytest.mark.train
+def test_a_training_on_a_server_equals_one_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_thread: None
+) -> None:
+    """By ``--set env.remote=URL``; the token is in the environment, not among the settings that the run writes."""
+    pytest.importorskip("stable_baselines3")
+    from test_sb3_training import PPO, rows_of, run
+
+    monkeypatch.setenv("GRASPBOX_TOKEN", "a-token-of-some-length")
+    with EnvironmentServer(ServerSettings(port=0, token="a-token-of-some-length")) as server:
+        assert run("ppo", tmp_path / "there", (*PPO, f"env.remote={server.url}")) == 0
+    assert run("ppo", tmp_path / "here", PPO) == 0
+    there, here = ([{**row, "seconds": 0} for row in rows_of(tmp_path / name)] for name in ("there", "here"))
+    assert there == here
+    assert not any("a-token" in file.read_text() for file in (tmp_path / "there").glob("*.json"))

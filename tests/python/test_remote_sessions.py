@@ -1,21 +1,38 @@
 """Sessions on servers: what is sent and received, connections that break, servers that go, and who is refused what."""
 
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from foreign_server import Proxy
 from graspbox import errors, load_hand
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.remote import EnvironmentServer, ServerSettings
-from test_remote import POSE, Urls, acting, begun, make, make_single, rollout, rollout_single, rows, same
+from test_remote import (
+    POSE,
+    Urls,
+    acting,
+    begun,
+    breaking,
+    make,
+    make_single,
+    pools_of,
+    rollout,
+    rollout_single,
+    rows,
+    same,
+)
 
 TOKEN = "a-token-of-many-characters"
 
@@ -37,27 +54,6 @@ def error_of(call: Callable[[], Any]) -> tuple[str, str]:
     except Exception as error:
         return type(error).__name__, str(error)
     pytest.fail("no error")
-
-
-def pools_of(env: Any) -> list[Any]:
-    pool = env.unwrapped._core.pool
-    return [shard.pool for shard in pool._shards] if hasattr(pool, "_shards") else [pool]
-
-
-def breaking(env: Any, before: bool) -> Any:
-    """Break every connection off before each command is sent, or between it and its answer."""
-    for pool in pools_of(env):
-
-        def begin(command: str, fields: dict[str, Any], pool: Any = pool, send: Any = pool.begin) -> int:
-            if before:
-                pool._client._break_off()
-            number: int = send(command, fields)
-            if not before:
-                pool._client._break_off()
-            return number
-
-        pool.begin = begin
-    return env
 
 
 @pytest.mark.parametrize("before", [True, False], ids=["before", "between"])
@@ -93,6 +89,29 @@ def until(done: Callable[[], bool]) -> None:
 
 def sessions(server: EnvironmentServer) -> int:
     return int(next(line.split()[1] for line in server.metrics().splitlines() if line.startswith("graspbox_sessions ")))
+
+
+@pytest.mark.parametrize(("code", "reason"), [(1001, ""), (1001, "proxy restarting"), (1012, "service restart")])
+def test_a_proxy_that_goes_away_ends_no_session(urls: Urls, code: int, reason: str) -> None:
+    """Any frame that closed the connection was taken for the end of the session, whatever its grace."""
+    local = begun(2)
+    with Proxy(urls[0]) as proxy:
+        env = begun(2, remote=proxy.url)
+        for action in acting(local, 3):
+            assert same(env.step(action), local.step(action))
+            proxy.close_all(code, reason)
+        env.close()
+
+
+def test_a_server_that_stops_ends_its_sessions_at_once() -> None:
+    """It says so, and the client does not try again for the grace of its session."""
+    with served() as server:
+        env = begun(2, remote=server.url)
+        server.stop()
+        started = time.monotonic()
+        with pytest.raises(errors.ConnectionLostError, match="is over: the server is stopping"):
+            env.step(acting(env, 1)[0])
+        assert time.monotonic() - started < 10.0
 
 
 def test_a_session_that_nobody_takes_up_ends() -> None:
@@ -147,6 +166,85 @@ def test_environments_are_restored_on_another_server(urls: Urls, lost: Any) -> N
                 assert same(*(one.set_state(3, local.get_state(1)) for one in (env, local)))
         assert env.call("get_state") == local.call("get_state")
         assert {pool.url for pool in pools_of(env)} == {urls[0]}
+    env.close()
+
+
+def interrupted(env: Any, which: int, call: Callable[[], Any]) -> None:
+    """Ctrl-C while the answer of a server is waited for; later ones have their command already."""
+    pool = pools_of(env)[which]
+
+    def end(_number: int) -> Any:
+        raise KeyboardInterrupt
+
+    pool.end = end
+    with pytest.raises(KeyboardInterrupt):
+        call()
+    del pool.end
+
+
+@pytest.mark.parametrize("command", ["step", "reset", "send"])
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_call_that_was_interrupted_is_not_forgotten(urls: Urls, which: int, command: str) -> None:
+    """Servers after the one that was waited for had moved, unknown to what restores them: later bits were wrong."""
+    with served() as server:
+        config = RemoteConfig((urls[0], server.url), reconnect="restore", checkpoint=50, grace=0.0)
+        env, local = begun(remote=config, max_episode_steps=4), begun(max_episode_steps=4)
+        actions = acting(local, 6)
+        for action in actions[:2]:
+            assert same(env.step(action), local.step(action))
+        calls: dict[str, Callable[[], Any]] = {
+            "step": lambda: env.step(actions[2]),
+            "send": lambda: env.send(actions[2]),
+            "reset": lambda: env.reset(seed=8, options={"reset_mask": np.array([True, False, True, True, True])}),
+        }
+        interrupted(env, which, calls[command])
+        # Wherever each environment is now, it goes on from there.
+        for index, state in enumerate(env.call("get_state")):
+            local.set_state(index, state)
+        assert same(env.step(actions[3]), local.step(actions[3]))
+        server.stop(patient=False)
+        for action in actions[4:]:
+            assert same(env.step(action), local.step(action))
+    env.close()
+
+
+def test_an_interruption_leaves_no_episode_that_is_over_unnoticed(urls: Urls) -> None:
+    """Without autoreset a step of an episode that is over is refused before any server moves."""
+    env = begun(remote=urls, autoreset_mode="Disabled", max_episode_steps=1)
+    action = acting(env, 1)[0]
+    interrupted(env, 0, lambda: env.step(action))
+    until(lambda: error_of(lambda: env.step(action))[1].startswith("the episode of environment"))
+    states = env.call("get_state")
+    assert "is over" in error_of(lambda: env.step(action))[1]
+    assert env.call("get_state") == states
+    env.reset(seed=3)
+    env.step(action)
+    env.close()
+
+
+def test_environments_that_have_not_begun_are_known_after_an_interruption(urls: Urls) -> None:
+    env = make(5, remote=RemoteConfig(urls, reconnect="restore"))
+    interrupted(env, 1, lambda: env.reset(seed=3))
+    found = env.reset(seed=4)
+    assert same(found, make(5).reset(seed=4))
+    env.close()
+
+
+def test_a_signal_ends_a_call_over_several_servers(urls: Urls) -> None:
+    """As a user sends it: the call ends at once, and the environments go on from wherever they are."""
+    env = make(128, POSE, remote=RemoteConfig(urls, reconnect="restore"))
+    env.reset(seed=3)
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    action[:, [2, 3, 7]] = [-0.3, 1.0, -1.0]
+    Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        env.step(action)
+    assert time.monotonic() - started < 3.0
+    local = make(128, POSE)
+    for index, state in enumerate(env.call("get_state")):
+        local.set_state(index, state)
+    assert same(env.reset(seed=5), local.reset(seed=5))
     env.close()
 
 

@@ -15,6 +15,7 @@ from graspbox import evaluation, load_hand, policies
 from graspbox.envs.coding import rotation_from_columns
 from graspbox.envs.motion import pose_matrix, rotation_matrix, rotation_vector
 from graspbox.errors import ConfigError
+from graspbox.evaluation.oracles import DepthOracle
 from graspbox.perception import HandGrid
 from graspbox.policies import residual
 from graspbox.policies.residual import PROPOSAL, Proposals, ResidualConfig, ResidualGrasp, moved, residual_size
@@ -32,7 +33,7 @@ def make(num_envs: int = 2, mode: str = "SameStep", **more: Any) -> Any:
 
 
 def corrected(num_envs: int = 2, mode: str = "SameStep", **more: Any) -> ResidualVectorEnv:
-    return ResidualVectorEnv(make(num_envs, mode, **more), policies.load("seen_planner"), NARROW)
+    return ResidualVectorEnv(make(num_envs, mode, **more), policies.load("partial_view_planner"), NARROW)
 
 
 def closing_place(pose: NDArray[np.float64], preshape: float) -> NDArray[np.float64]:
@@ -82,21 +83,21 @@ def test_the_largest_entry_is_the_share_of_the_bound(direction: tuple[int, int, 
 
 
 def test_zeros_are_the_proposal_to_the_bit() -> None:
-    base = policies.load("seen_planner")
+    base = policies.load("partial_view_planner")
     size = residual_size(REFLEX)
-    zero = ResidualGrasp(policies.load("seen_planner"), lambda seen: np.zeros((len(seen["proposal"]), size)))
+    zero = ResidualGrasp(policies.load("partial_view_planner"), lambda seen: np.zeros((len(seen["proposal"]), size)))
     results = [evaluation.evaluate(one, objects=OBJECTS, trials=12, seed=3, num_envs=4) for one in (base, zero)]
     assert results[0].trials == results[1].trials
     assert results[0].succeeded > 0
-    assert results[1].policy == "seen_planner + residual"
-    away = ResidualGrasp(policies.load("seen_planner"), lambda seen: np.tile([0, 0, -1, 0, 0, 0, 0], (4, 1)))
+    assert results[1].policy == "partial_view_planner + residual"
+    away = ResidualGrasp(policies.load("partial_view_planner"), lambda seen: np.tile([0, 0, -1, 0, 0, 0, 0], (4, 1)))
     moved_back = evaluation.evaluate(away, objects=OBJECTS, trials=12, seed=3, num_envs=4)
     assert [t.reward for t in moved_back.trials] != [t.reward for t in results[0].trials]
 
 
 def test_in_the_environment_a_zero_action_is_the_base_policy() -> None:
     envs, plain = corrected(3), make(3)
-    base = policies.load("seen_planner")
+    base = policies.load("partial_view_planner")
     base.bind(policies.Task.of(plain))
     _, info = envs.reset(seed=[5, 6, 7])
     observation, other = plain.reset(seed=[5, 6, 7])
@@ -142,9 +143,10 @@ def test_actions_stay_within_the_bounds_of_the_proposal() -> None:
     envs.reset(seed=1)
     base: Any = envs.proposals.base
     arm = np.linalg.norm(REFLEX.closing_center(0.0))
-    edge = base.found[0].world_from_hand.copy()
+    first = base.found[0]
+    edge = first.world_from_hand.copy()
     edge[:2, 3] = (0.249, -0.25)
-    base.found[0] = replace(base.found[0], world_from_hand=edge)
+    base.found[0] = replace(first, chosen=0, poses=(np.linalg.inv(first.world_from_crop) @ edge)[None])
     rng, outside = np.random.default_rng(0), 0
     for _ in range(50):
         actions = envs.proposals.actions(rng.uniform(-1.0, 1.0, (2, 7))).astype(np.float64)
@@ -199,10 +201,12 @@ def test_what_cannot_be_corrected_is_refused() -> None:
     with pytest.raises(ConfigError, match="the base policy is a Planner; give one that finds its grasp"):
         Proposals(policies.load("planner"))
     with pytest.raises(ConfigError, match="has oracles, which know the object"):
-        Proposals(policies.DepthGrasp(None, oracles=("scorer",)))
+        Proposals(DepthOracle(None, ("scorer",)))
     with pytest.raises(ConfigError, match=r"corrections act in graspbox/GraspPose-v0, not in 'graspbox/Grasp-v0'"):
         evaluation.evaluate(
-            ResidualGrasp(policies.load("seen_planner"), lambda seen: np.zeros((1, 7))), "graspbox/Grasp-v0", trials=1
+            ResidualGrasp(policies.load("partial_view_planner"), lambda seen: np.zeros((1, 7))),
+            "graspbox/Grasp-v0",
+            trials=1,
         )
     envs = corrected(2)
     with pytest.raises(ConfigError, match="call reset before step"):

@@ -11,42 +11,52 @@ from gymnasium.spaces import Box, Dict
 from graspbox import evaluation, policies
 from graspbox.errors import ConfigError
 from graspbox.policies.residual import ResidualConfig
-from test_scripts import script
 
 pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
 
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
-pytest.importorskip("tyro", reason="scripts/train_residual.py needs tyro, from the extra 'train'")
+pytest.importorskip("tyro", reason="graspbox train needs tyro, from the extra 'train'")
 
 from stable_baselines3.common.save_util import load_from_pkl, save_to_pkl  # noqa: E402
 from stable_baselines3.common.vec_env import VecEnvWrapper  # noqa: E402
 
+from graspbox.cli.train import train  # noqa: E402
 from graspbox.sb3 import Extractor  # noqa: E402
-from graspbox.sb3.decision_buffer import DecisionBuffer  # noqa: E402
 from graspbox.sb3.residual_training import (  # noqa: E402
-    ResidualRun,
+    DecisionBuffer,
     load_residual,
     make_residual_env,
-    train_residual,
+    train_seed,
 )
+from graspbox.sb3.settings import TEST_SEED, ResidualSettings  # noqa: E402
 
-OBJECTS = ("procedural:can:0-3", "procedural:box:0-3")
+OBJECTS, MANY = ("procedural:can:0-9",), ("procedural:can:0-9", "procedural:box:0-9")
 CONFIG = ResidualConfig(distance=0.03)
 
 
+def settings(folder: Path, **given: Any) -> Any:
+    """Make options of a small run."""
+    small = {"objects": OBJECTS, "num_envs": 4, "watched": 2, "steps": 24, "evaluations": 1, "distance": 0.03}
+    return ResidualSettings(base="seen_planner", out=folder, **{**small, **given})
+
+
+def stop(found: Any) -> None:
+    """End a run after its first step, in which nothing is learned yet."""
+    found.interrupt()
+
+
 def base() -> policies.Policy:
-    return policies.load("seen_planner")
+    return policies.load("partial_view_planner")
 
 
 @pytest.mark.parametrize("algorithm", ["sac", "ppo"])
 def test_a_run_begins_as_its_base_policy(algorithm: str, tmp_path: Path) -> None:
-    run = ResidualRun(algorithm, 4, config=CONFIG, env={"objects": list(OBJECTS), "reward": "firm"}, episodes=8)
-    found = train_residual(tmp_path, base, run, 0)
+    found = train_seed(settings(tmp_path, algorithm=algorithm, objects=MANY, watched=8), 0, tmp_path, started=stop)
     assert found.last is not None
-    policy, steps = load_residual(tmp_path / "checkpoint", base(), algorithm, CONFIG)
-    assert steps == 0
-    results = [evaluation.evaluate(one, objects=OBJECTS, trials=8, seed=10_000, num_envs=4) for one in (base(), policy)]
+    policy, _ = load_residual(tmp_path / "checkpoint", base(), algorithm, CONFIG)
+    given: dict[str, Any] = {"objects": list(MANY), "split": "validation", "seed": 10_000}
+    results = [evaluation.evaluate(one, trials=8, num_envs=4, **given) for one in (base(), policy)]
     assert results[0].trials == results[1].trials
     assert found.last["success"] == results[0].rate
 
@@ -106,67 +116,50 @@ def test_rewards_move_the_correction(tmp_path: Path) -> None:
     env.close()
 
 
-def test_the_script_resumes_and_writes_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    program = script("train_residual")
+def test_the_command_resumes_and_writes_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    words = ["seen_planner", str(out), "--objects", "procedural:can:0-9", "procedural:box:0-9"]
+    words = ["partial_view_planner", "--out", str(out), "--objects", "procedural:can:0-9", "procedural:box:0-9"]
     words += ["--unseen", "procedural:can:10-13", "--trials", "6", "--watched", "4", "--num-envs", "4"]
-    assert program.main([*words, "--steps", "8", "--evaluations", "1"]) == 0
-    rows = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()[1:]]
+    assert train("residual", [*words, "--steps", "8", "--evaluations", "1"]) == 0
+    rows = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
     assert [(row["name"], row["steps"]) for row in rows] == [("base", 0), ("seed 0", 8)]
-    alone = evaluation.evaluate(base(), objects="procedural:can:10-13", trials=6, seed=program.TEST_SEED)
+    alone = evaluation.evaluate(base(), objects="procedural:can:10-13", trials=6, seed=TEST_SEED)
     assert rows[0]["success"] == alone.rate
     first = (out / "results.jsonl").read_bytes()
-    assert program.main([*words, "--steps", "8", "--evaluations", "1"]) == 0
+    assert train("residual", [*words, "--steps", "8", "--evaluations", "1"]) == 0
     assert (out / "results.jsonl").read_bytes() == first
-    assert program.main([*words, "--steps", "16", "--evaluations", "1", "--json"]) == 0
+    capsys.readouterr()
+    assert train("residual", [*words, "--steps", "16", "--evaluations", "1", "--json"]) == 0
     assert [row["steps"] for row in json.loads(capsys.readouterr().out)["results"]] == [0, 8, 16]
     page = (out / "README.md").read_text()
     assert "| seed 0 | 16 |" in page
     assert page.count("| base | 0 |") == 1
-    assert program.main([*words, "--distance", "0.01"]) == 2
-    assert "distance was 0.02, is now 0.01" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(ConfigError, match=r"distance was 0\.02, is now 0\.01"):
+        train("residual", [*words, "--distance", "0.01"])
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("planner",), "the base policy is a Planner"),
-        (("seen_planner", "--algorithm", "td3"), "no algorithm 'td3'; choose from sac, ppo"),
-        (("seen_planner", "--distance", "1"), "distance is 1.0; give metres"),
-        (("seen_planner", "--steps", "0"), "--steps is 0; give 1 or more"),
-        (("seen_planner", "--seeds", "-1"), "--seeds is (-1,)"),
-        (("seen_planner", "--minutes", "0"), "--minutes is 0.0"),
-        (("nowhere",), "there is no policy 'nowhere'"),
-    ],
+    ("name", "message"), [("planner", "the base policy is a Planner"), ("nowhere", "there is no policy 'nowhere'")]
 )
-def test_wrong_arguments_are_named(
-    arguments: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    program = script("train_residual")
-    name, *rest = arguments
+def test_a_base_that_proposes_nothing_is_refused(name: str, message: str, tmp_path: Path) -> None:
     small = ("--trials", "1", "--watched", "1", "--num-envs", "1", "--objects", "procedural:can:0-9")
-    assert program.main([name, str(tmp_path / "out"), *small, *rest]) == 2
-    assert message in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(ConfigError, match=message):
+        train("residual", [name, "--out", str(tmp_path / "out"), *small])
 
 
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
-    run = ResidualRun("sac", 4, config=CONFIG, env={"objects": "procedural:can:0-3"}, episodes=2)
-    stopped = train_residual(tmp_path, base, run, 24, started=lambda found: found.interrupt())
+    stopped = train_seed(settings(tmp_path), 0, tmp_path, started=stop)
     assert stopped.interrupted
     assert stopped.model.num_timesteps == 4
-    done: list[int] = []
-    found = train_residual(tmp_path, base, run, 24, on_progress=lambda steps, _: done.append(steps))
-    assert done == [8, 12, 16, 20, 24]
+    found = train_seed(settings(tmp_path), 0, tmp_path)
+    assert found.model.num_timesteps == 24
     assert not found.interrupted
     # Stable-Baselines3 does not store the transitions of the step in which a callback ends the training.
     assert found.model.replay_buffer.size() == 5
-    assert [row["timesteps"] for row in found.log.rows] == [0, 24]
+    assert [row["timesteps"] for row in found.rows] == [0, 24]
 
 
 def test_a_run_is_not_continued_with_other_bounds(tmp_path: Path) -> None:
-    run = ResidualRun("ppo", 2, config=CONFIG, env={"objects": "procedural:can:0"}, episodes=2)
-    train_residual(tmp_path, base, run, 0)
-    other = ResidualRun("ppo", 2, config=ResidualConfig(), env={"objects": "procedural:can:0"}, episodes=2)
+    train_seed(settings(tmp_path, algorithm="ppo"), 0, tmp_path, started=stop)
     with pytest.raises(ConfigError, match=r"distance was 0\.03, is now 0\.02"):
-        train_residual(tmp_path, base, other, 0)
+        train_seed(settings(tmp_path, algorithm="ppo", distance=0.02), 0, tmp_path)

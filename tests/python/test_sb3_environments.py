@@ -28,19 +28,19 @@ NO_PICTURE = (
 
 
 @pytest.mark.parametrize("case", CASES, ids=label)
-def test_check_env_has_no_warning(case: Any) -> None:
+def test_check_env_has_no_warning(case: Any, remote: str | None) -> None:
     from stable_baselines3.common.env_checker import check_env
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for message in NO_PICTURE if case[1]["obs"] not in ("rgb", "state", "proprio", "tactile") else ():
             warnings.filterwarnings("ignore", message)
-        check_env(factory(case)().unwrapped)
+        check_env(factory(case, remote)().unwrapped)
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_ppo_learns_for_a_few_steps(env_id: str) -> None:
-    env = gymnasium.make(env_id, objects="procedural:ball:0-1")
+def test_ppo_learns_for_a_few_steps(env_id: str, remote: str | None) -> None:
+    env = gymnasium.make(env_id, objects="procedural:ball:0-1", remote=remote)
     model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=0, device="cpu")
     before = [p.clone() for p in model.policy.parameters()]
     model.learn(32)

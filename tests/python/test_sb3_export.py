@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from graspbox import errors, policies
+from graspbox.artifacts.configs import NetworkPolicyConfig
+from graspbox.artifacts.folders import load
+from graspbox.artifacts.runtimes import onnx_network
 from graspbox.demonstrations import record
-from graspbox.perception.runtimes import onnx_network
 from graspbox.policies import Task
-from graspbox.policies.network_folders import read_network_policy
 from test_scripts import script
 
 pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
@@ -28,9 +29,11 @@ running = pytest.importorskip("graspbox.sb3.running")
 export = pytest.importorskip("graspbox.sb3.export")
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: E402
 
-from graspbox.perception import weight_files  # noqa: E402
+from graspbox.artifacts import weight_files  # noqa: E402
+from graspbox.sb3 import cloning, training  # noqa: E402
 from graspbox.sb3.policy import ModelPolicy  # noqa: E402
-from graspbox.sb3.training import model_arguments  # noqa: E402
+from graspbox.sb3.running import model_arguments  # noqa: E402
+from graspbox.sb3.settings import CloneSettings, Sb3Settings  # noqa: E402
 
 OBJECTS = ("procedural:can:0-3",)
 HEAD = Path(__file__).parents[2] / "policies/head"
@@ -57,7 +60,7 @@ def trained(algorithm: str, env_id: str, env: dict[str, Any], *, scaled: bool = 
 
 def exported(folder: Path, policy: ModelPolicy, algorithm: str, env_id: str, env: dict[str, Any]) -> Any:
     keywords = {"algorithm": algorithm, "env_id": env_id, "env": env, "policy_kwargs": NETWORKS}
-    return export.export_policy(folder, "tiny", policy, **keywords)
+    return export.export_policy(folder, "tiny", policy, learned_from=OBJECTS, **keywords)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +83,7 @@ def test_a_published_policy_acts_as_its_model(
     env |= {} if obs == "state" else {"image_size": 20}
     model = trained(algorithm, env_id, env, scaled=scaled)
     config = exported(tmp_path, model, algorithm, env_id, env)
-    assert read_network_policy(tmp_path) == config
+    assert load(tmp_path, NetworkPolicyConfig) == config
     policy = policies.load(str(tmp_path))
     assert policy.env_id == env_id
     assert {"obs": policy.obs, **policy.settings, "objects": OBJECTS}.items() >= env.items()
@@ -166,6 +169,17 @@ def test_a_network_that_leaves_torch_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "x/policy.onnx").exists()
 
 
+def clone(source: Path, folder: Path, **given: Any) -> None:
+    """Clone demonstrations."""
+    cloning.train(CloneSettings(algorithm="ppo", demonstrations=source, out=folder, **given), "", lambda _: None)
+
+
+def train(algorithm: Any, folder: Path, **given: Any) -> None:
+    """Train by rewards."""
+    settings = Sb3Settings(algorithm=algorithm, out=folder, episodes=2, evaluations=1, **given)
+    assert training.train(settings, "", lambda _: None).status == 0
+
+
 def published(run: Path, out: Path, *more: str) -> dict[str, Any]:
     """Publish a run; the rows of its scores."""
     program = script("publish_sb3")
@@ -185,28 +199,28 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path: Path) -> None:
     """By one command each; the card tells every step with a command, and the folder runs without torch."""
-    cloning, training = script("clone_sb3"), script("train_sb3")
     changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.n_epochs=1",
                "model.policy_kwargs={net_arch: [16], log_std_init: -3.0}")  # fmt: skip
     given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": SEEING}
-    cloning.clone(cloning.Settings("ppo", shown, tmp_path / "clone", **given))
+    clone(shown, tmp_path / "clone", **given)
     found = published(tmp_path / "clone", tmp_path / "policies/cloned")
     card = found["card"]
     assert all(title in card for title in ("## Scores", "## Data and training", "## Limits", "## Licence"))
     assert "# cloned\n\nA clone of demonstrations, a policy of Stable-Baselines3's PPO" in card
     assert "observes `depth`, `proprio` and `tactile`" in " ".join(card.split())
     assert "privileged" not in card
-    assert "| `procedural:can:0-19` | 4 of 20 | 3 | " in card
-    assert "| `procedural:can:0-199/test` | 0 of " in card
-    assert "It learned from `procedural:can:0-9`, split `train`." in card
+    assert "| `procedural:can:0-19` | 3 | " in card
+    assert " | 4 of 20 | " in card
+    assert "| `procedural:can:0-199/test` | 3 | " in card
+    assert "Training objects: `procedural:can:0-9`, split `train`." in card
     (recorded,) = (line for line in card.splitlines() if line.startswith("graspbox record"))
     words = shlex.split(recorded)
     assert words[:5] == ["graspbox", "record", "expert", "--out", "out/shown"]
     assert words[words.index("--episodes") + 1] == "10"
     assert {"frame_skip=4", "image_size=16", "max_episode_steps=50"} <= set(words)
-    (cloned,) = (line for line in card.splitlines() if line.startswith("python scripts/clone_sb3.py"))
+    (cloned,) = (line for line in card.splitlines() if line.startswith("graspbox train clone"))
     words = shlex.split(cloned)
-    assert words[2:5] == ["ppo", "out/shown", "out/clone"]
+    assert words[3:7] == ["ppo", "out/shown", "--out", "out/clone"]
     assert {"num_envs=2", "model.n_steps=32"} <= set(words)
     # It has no activation_fn, unlike the file of parameters: no single value says that.
     assert "model.policy_kwargs={net_arch: [16], log_std_init: -3.0}" in words
@@ -220,14 +234,12 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
     subprocess.run([sys.executable, "-c", code], check=True)
     # Tuned, and published as it was at its best.
     env = ("env.objects=[procedural:can:0-9]", "env.reward=firm", "env.image_size=16", f"env.obs={json.dumps(SEEING)}")
-    tuned = training.Settings("ppo", tmp_path / "tuned", clone=tmp_path / "clone", steps=64, episodes=2, evaluations=1,
-                              set=(*changes, *env))  # fmt: skip
-    assert training.train(tuned) == 0
+    train("ppo", tmp_path / "tuned", clone=tmp_path / "clone", steps=64, set=(*changes, *env))
     card = published(tmp_path / "tuned", tmp_path / "policies/tuned", "--best")["card"]
-    assert "# tuned\n\nA clone of demonstrations tuned by rewards with Stable-Baselines3's PPO" in card
+    assert "# tuned\n\nA clone of demonstrations, fine-tuned by rewards with Stable-Baselines3's PPO" in card
     steps = [line.split()[1] for line in card.splitlines() if line.startswith(("| demonst", "| clone", "| train"))]
     assert steps == ["demonstrations", "clone", "training"]
-    (line,) = (line for line in card.splitlines() if line.startswith("python scripts/train_sb3.py"))
+    (line,) = (line for line in card.splitlines() if line.startswith("graspbox train sb3"))
     words = shlex.split(line)
     assert words[words.index("--clone") + 1] == "out/clone"
     assert "env.reward=firm" in words
@@ -243,10 +255,9 @@ def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp
     keywords: dict[str, Any] = {"objects": ("procedural:can:0-9",), "frame_skip": 4, "max_episode_steps": 50}
     names = ("proprio", "goal")
     record(str(base), tmp_path / "shown", episodes=10, obs=names, num_envs=4, split="train", keep="all", **keywords)
-    cloning = script("clone_sb3")
     changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.policy_kwargs={net_arch: [16]}")
     given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": names, "keep": "all"}
-    cloning.clone(cloning.Settings("ppo", tmp_path / "shown", tmp_path / "clone", **given))
+    clone(tmp_path / "shown", tmp_path / "clone", **given)
     found = published(tmp_path / "clone", tmp_path / "policies/clone")
     assert "the grasp that the policy in `../head` finds in one depth image" in " ".join(found["card"].split())
     (recorded,) = (line for line in found["card"].splitlines() if line.startswith("graspbox record"))
@@ -256,22 +267,20 @@ def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp
     assert export.load_graph(tmp_path / "policies/clone").inputs == names
     config = json.loads((base / "config.json").read_text())
     (base / "config.json").write_text(json.dumps({**config, "name": "other"}))
-    with pytest.raises(errors.ConfigError, match="the policy with which it was published"):
+    with pytest.raises(errors.ConfigError, match=r"uses\.goal\.policy is '\.\./head', but .* another one than that"):
         policies.load(str(tmp_path / "policies/clone"))
 
 
 def test_a_run_from_the_state_is_privileged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    program = script("train_sb3")
     changes = ("num_envs=2", "steps=16", "model.learning_starts=8", "model.buffer_size=64", "model.batch_size=8",
                "env.objects=[procedural:can:0-9]", "model.policy_kwargs={net_arch: [16]}")  # fmt: skip
-    settings = program.Settings("sac", tmp_path / "run", env=DECISION, set=changes, episodes=2, evaluations=1)
-    assert program.train(settings) == 0
+    train("sac", tmp_path / "run", env=DECISION, set=changes)
     found = published(tmp_path / "run", tmp_path / "policies/sac")
     assert "It is **privileged**: no sensor measures `state`" in " ".join(found["card"].split())
     assert "`graspbox/GraspPose-v0`" in found["card"]
     capsys.readouterr()
     for arguments, message in (
-        ((tmp_path / "none",), "there is no run of train_sb3.py or clone_sb3.py"),
+        ((tmp_path / "none",), "there is no run in"),
         ((tmp_path / "run", "--trials", "0"), "--trials is 0; give 1 to"),
         ((tmp_path / "run", "--objects", "procedural:chair"), "chair"),
     ):

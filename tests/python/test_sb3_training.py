@@ -1,4 +1,4 @@
-"""`scripts/train_sb3.py`: its files, interruption, resumption, evaluations, baselines. Needs the extra ``train``."""
+"""``graspbox train sb3``: its files, interruption, resumption, evaluations, baselines. Needs the extra ``train``."""
 
 import json
 import shutil
@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 
 from graspbox.errors import ConfigError
-from test_scripts import SCRIPTS, script
+from graspbox.sb3.settings import EVALUATION_SEED, PARAMETERS, Parameters, Sb3Settings
+from graspbox.training.runs import Rows, Run
+from test_scripts import script
 
 pytestmark = pytest.mark.train
 
@@ -22,6 +24,7 @@ sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 typer = pytest.importorskip("typer")
 ppo = pytest.importorskip("graspbox.sb3.ppo")
+training = pytest.importorskip("graspbox.sb3.training")
 
 SMALL = ("num_envs=4", "demonstrations=0", "env.max_episode_steps=12", 'env.objects=["procedural:can:0-9"]')
 PPO = (*SMALL, "steps=256", "model.n_steps=16", "model.batch_size=32", "model.n_epochs=1")
@@ -38,14 +41,13 @@ def one_thread() -> Iterator[None]:
 
 def run(algorithm: str, folder: Path, changes: tuple[str, ...], **settings: Any) -> int:
     """Train in this process; the exit status."""
-    program = script("train_sb3")
     given = {"episodes": 4, "evaluations": 2, **settings}
-    return int(program.train(program.Settings(algorithm, folder, set=changes, **given)))
+    options: Any = Sb3Settings(algorithm=algorithm, out=folder, set=changes, **given)
+    return int(training.train(options, "graspbox train sb3", lambda _: None).status)
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
-    lines = (folder / "evaluations.jsonl").read_text().splitlines()
-    return [json.loads(line) for line in lines[1:]]
+    return Rows(folder / "evaluations.jsonl").rows
 
 
 def test_a_run_and_its_resumption(tmp_path: Path) -> None:
@@ -59,12 +61,12 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
     assert list(folder.glob("tensorboard/*/events*"))
     assert (folder / "best/model.zip").is_file()
     first = ppo.PPO.load(folder / "checkpoint/model.zip")
-    with pytest.raises(ConfigError, match="--resume"):
-        run("ppo", folder, PPO)
-    with pytest.raises(ConfigError, match="other settings"):
-        run("ppo", folder, (*PPO, "model.gamma=0.5"), resume=True)
+    with pytest.raises(ConfigError, match="holds a run; resume it, or name another folder"):
+        run("ppo", folder, PPO, resume=False)
+    with pytest.raises(ConfigError, match=r"other settings: model\.gamma was 0\.97, is now 0\.5"):
+        run("ppo", folder, (*PPO, "model.gamma=0.5"))
     # A finished run is extended.
-    assert run("ppo", folder, PPO, resume=True, steps=512, evaluations=4) == 0
+    assert run("ppo", folder, PPO, steps=512, evaluations=4) == 0
     assert [row["timesteps"] for row in rows_of(folder)] == [0, 128, 256, 384, 512]
     second = ppo.PPO.load(folder / "checkpoint/model.zip")
     assert (first.num_timesteps, second.num_timesteps) == (256, 512)
@@ -74,7 +76,7 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
     statistics = pickle.loads((folder / "checkpoint/normalize.pkl").read_bytes())
     assert statistics.obs_rms.count == pytest.approx(512 + 2 * 4, abs=0.01)
     # Its end is reached: nothing is left to do.
-    assert run("ppo", folder, PPO, resume=True, steps=512) == 0
+    assert run("ppo", folder, PPO, steps=512) == 0
     assert len(rows_of(folder)) == 5
 
 
@@ -92,7 +94,7 @@ def test_the_same_seed_trains_the_same_policy(tmp_path: Path) -> None:
 def test_an_off_policy_run_keeps_its_replay_buffer(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert run("sac", folder, SAC) == 0
-    assert run("sac", folder, SAC, resume=True, steps=192) == 0
+    assert run("sac", folder, SAC, steps=192) == 0
     model = sb3.SAC.load(folder / "checkpoint/model.zip")
     model.load_replay_buffer(folder / "checkpoint/replay_buffer.pkl")
     assert model.replay_buffer.size() * 4 == 192
@@ -133,7 +135,7 @@ def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
     assert clone["failures"].get("no_contact", 0) <= 6
     # At first its value function learns alone.
     first = ppo.PPO.load(folder / "checkpoint/model.zip").policy
-    assert run("ppo", folder, changes, episodes=12, resume=True, steps=96) == 0
+    assert run("ppo", folder, changes, episodes=12, steps=96) == 0
     last = ppo.PPO.load(folder / "checkpoint/model.zip").policy
     for part in ("action_net", "mlp_extractor.policy_net"):
         pairs = zip(first.get_submodule(part).parameters(), last.get_submodule(part).parameters(), strict=True)
@@ -148,7 +150,7 @@ def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
 
 
 def test_demonstrations_are_half_of_what_sac_sees(tmp_path: Path) -> None:
-    from graspbox.sb3.demonstrations import DemonstratedBuffer
+    from graspbox.sb3.running import DemonstratedBuffer
 
     folder = tmp_path / "run"
     changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', "demonstrations=2", "steps=64")
@@ -188,12 +190,12 @@ def test_images_are_trained_on(tmp_path: Path) -> None:
 def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     changes = [part for change in PPO for part in ("--set", change)]
-    command = [sys.executable, str(SCRIPTS / "train_sb3.py"), "ppo", str(folder), "--episodes", "4", "--json", *changes]
+    command = [sys.executable, "-m", "graspbox", "train", "sb3", "ppo", "--out", str(folder), "--json", *changes]
     # An evaluation every 128 steps.
-    command += ["--steps", "1000064", "--evaluations", "7813"]
+    command += ["--steps", "1000064", "--evaluations", "7813", "--episodes", "4"]
     log = folder / "evaluations.jsonl"
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
-        while child.poll() is None and not (log.is_file() and len(log.read_text().splitlines()) > 3):
+        while child.poll() is None and not (log.is_file() and len(log.read_text().splitlines()) > 2):
             time.sleep(0.05)
         child.send_signal(signal.SIGINT)
         output, _ = child.communicate()
@@ -204,7 +206,7 @@ def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
     assert steps == result["timesteps"] >= 256
     assert not list(folder.glob("checkpoint.*"))
     end = steps + 128
-    assert run("ppo", folder, PPO, resume=True, steps=end) == 0
+    assert run("ppo", folder, PPO, steps=end) == 0
     assert rows_of(folder)[-1]["timesteps"] >= end
     assert np.all(np.diff([row["seconds"] for row in rows_of(folder)]) > 0)
 
@@ -212,7 +214,6 @@ def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("algorithm", "changes", "message"),
     [
-        ("dqn", (), "choose from ppo, sac, td3"),
         ("ppo", ("gamma",), "names no parameter"),
         ("ppo", ("model.gamma.x=1",), "names no parameter"),
         ("ppo", ("colour=1",), "parameters are steps"),
@@ -228,14 +229,12 @@ def test_every_entry_names_what_exists() -> None:
     """Each of the parameters makes its model, on environments and a buffer of small size."""
     import yaml
 
-    program = script("train_sb3")
-    found = yaml.safe_load((SCRIPTS / "sb3.yaml").read_text())
-    from graspbox.sb3.running import ALGORITHMS, make_env
-    from graspbox.sb3.training import model_arguments
+    found = yaml.safe_load(PARAMETERS.read_text())
+    from graspbox.sb3.running import ALGORITHMS, make_env, model_arguments
 
     for algorithm, entries in found.items():
         for env_id, values in entries.items():
-            parameters = program.Parameters(**values)
+            parameters = Parameters(**values)
             env = make_env(env_id, 1, **{**parameters.env, "objects": "procedural:ball:0"})
             settings = model_arguments(ALGORITHMS[algorithm], parameters.model, env, parameters.demonstrations)
             if "buffer_size" in settings:
@@ -272,16 +271,15 @@ def program_env() -> Any:
 
 def test_a_run_interrupted_before_its_first_checkpoint_begins_anew(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    folder.mkdir()
+    with Run(folder, {"algorithm": "none"}):
+        pass
+    assert run("ppo", folder, PPO) == 0
     log = folder / "evaluations.jsonl"
-    log.write_text('{"settings": {"algorithm": "none"}}\n')
-    assert run("ppo", folder, PPO, resume=True) == 0
     kept = log.read_text()
     # Evaluations are not thrown away.
     shutil.rmtree(folder / "checkpoint")
-    for resume in (False, True):
-        with pytest.raises(ConfigError, match="no checkpoint"):
-            run("ppo", folder, PPO, resume=resume)
+    with pytest.raises(ConfigError, match="no checkpoint"):
+        run("ppo", folder, PPO)
     assert log.read_text() == kept
 
 
@@ -294,14 +292,13 @@ def test_minutes_cap_a_run_and_space_its_evaluations(tmp_path: Path) -> None:
     assert len(rows_of(folder)) >= 8
     # The cap is that of a call: resumed, the run continues for as long.
     before = rows_of(folder)[-1]["timesteps"]
-    assert run("ppo", folder, PPO, steps=10**7, minutes=0.05, resume=True) == 0
+    assert run("ppo", folder, PPO, steps=10**7, minutes=0.05) == 0
     assert rows_of(folder)[-1]["timesteps"] > before
 
 
 def test_a_run_has_ten_evaluations_by_default(tmp_path: Path) -> None:
-    program = script("train_sb3")
-    given = {"set": PPO, "steps": 1280, "episodes": 2}
-    assert program.train(program.Settings("ppo", tmp_path / "run", **given)) == 0
+    assert Sb3Settings(algorithm="ppo", out=tmp_path).evaluations == 10
+    assert run("ppo", tmp_path / "run", PPO, steps=1280, episodes=2, evaluations=10) == 0
     assert [row["timesteps"] for row in rows_of(tmp_path / "run")] == [128 * i for i in range(11)]
 
 
@@ -311,7 +308,7 @@ def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path, capsys: py
     assert run("ppo", folder, PPO) == 0
     last, program = rows_of(folder)[-1], script("evaluate_sb3")
     keywords: dict[str, Any] = {"split": "validation"}
-    seed = script("train_sb3").EVALUATION_SEED
+    seed = EVALUATION_SEED
     found = program.measure(folder, keywords, last["episodes"], seed)["policy"]
     assert found == {name: last[name] for name in found}
     again = {"best": False, "split": "test", "objects": None, "episodes": 4, "seed": 9}
@@ -320,7 +317,7 @@ def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path, capsys: py
     shown = json.loads(capsys.readouterr().out)
     assert set(shown) == {"policy", "random", "zero", "planner"}
     assert all(row["episodes"] == 4 for row in shown.values())
-    (tmp_path / "evaluations.jsonl").write_text('{"settings": {"algorithm": "ppo"}}\n')
+    (tmp_path / "settings.json").write_text('{"algorithm": "ppo"}')
     for wrong in (tmp_path, tmp_path / "nothing"):
         with pytest.raises(typer.Exit) as ended:
             program.main(wrong, baselines=False, as_json=True, **again)

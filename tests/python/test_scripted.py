@@ -13,7 +13,7 @@ from graspbox.envs.coding import Codec
 from graspbox.envs.expert import Expert, planned
 from graspbox.envs.scripted import ScriptedMotion, ScriptedRelease
 from graspbox.perception.cameras import camera_pose, lens
-from graspbox.perception.hand_views import HandView
+from graspbox.policies._hand_view import HandView
 
 #: Labels of the hand in ``segmentation`` begin here.
 HAND_LABEL = 3

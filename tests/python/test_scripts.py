@@ -1,6 +1,8 @@
 """The programs in ``scripts``: their results, and that they resume after an interruption."""
 
 import json
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,8 +11,6 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from graspbox.errors import ConfigError
-from graspbox.resume_log import ResumeLog
 from program_files import imported
 
 typer = pytest.importorskip("typer", reason="the scripts need typer, from the extra 'cli'")
@@ -20,43 +20,6 @@ SCRIPTS = Path(__file__).parents[2] / "scripts"
 def script(name: str) -> ModuleType:
     """Import a program without running it."""
     return imported(SCRIPTS / f"{name}.py")
-
-
-def test_a_log_continues_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "log.jsonl"
-    log = ResumeLog(path, {"poses": 3})
-    log.append({"name": "a"})
-    log.append({"name": "b"})
-    path.write_bytes(path.read_bytes()[:-4])
-    again = ResumeLog(path, {"poses": 3})
-    assert again.rows == [{"name": "a"}]
-    again.append({"name": "c"})
-    assert ResumeLog(path, {"poses": 3}).rows == [{"name": "a"}, {"name": "c"}]
-    with pytest.raises(ConfigError, match=r"begun with other settings: poses was 3, is now 4; name another file"):
-        ResumeLog(path, {"poses": 4})
-    with pytest.raises(ConfigError, match=r"poses was 3, is now absent; env\.obs was absent, is now 'rgb'"):
-        ResumeLog(path, {"env": {"obs": "rgb"}})
-
-
-def test_two_processes_do_not_write_into_one_log(tmp_path: Path) -> None:
-    path = tmp_path / "log.jsonl"
-    log = ResumeLog(path, {})
-    other = "import sys; from graspbox.resume_log import ResumeLog; ResumeLog(sys.argv[1], {}).append({'name': 'b'})"
-    command = [sys.executable, "-c", other, str(path)]
-    refused = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert refused.returncode == 1
-    assert "another process is writing into" in refused.stderr
-    log.append({"name": "a"})
-    assert ResumeLog(path, {}).rows == [{"name": "a"}]
-
-
-@pytest.mark.parametrize("content", ["hello\n", "[1]\n", '{"name": "a"}\n'])
-def test_a_file_that_is_no_log_is_left_alone(tmp_path: Path, content: str) -> None:
-    path = tmp_path / "precious.txt"
-    path.write_text(content)
-    with pytest.raises(ConfigError, match="not a log of this program"):
-        ResumeLog(path, {})
-    assert path.read_text() == content
 
 
 def test_the_fit_finds_the_weights_that_made_the_labels() -> None:
@@ -79,18 +42,18 @@ def test_the_fit_finds_the_weights_that_made_the_labels() -> None:
 
 def test_the_fit_tries_no_object_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fit = script("fit_ranking")
-    log = tmp_path / "ranking.jsonl"
+    log = tmp_path / "ranking" / "objects.jsonl"
 
     def run() -> list[str]:
         """Two objects are too few to fit, which is said when they have been tried: the log keeps them."""
         with pytest.raises(typer.Exit):
-            fit.main(log=log, objects="procedural:box:0-2", top=2, others=3, ridge=8.0, seed=0, as_json=True)
+            fit.main(out=log.parent, objects="procedural:box:0-2", top=2, others=3, ridge=8.0, seed=0, as_json=True)
         assert "objects have successes and failures; it takes 6 to fit" in capsys.readouterr().err
         return log.read_text().splitlines()
 
     lines = run()
     assert len(lines) > 1
-    row = json.loads(lines[1])
+    row = json.loads(lines[0])
     assert len(row["features"]) == len(row["success"]) == len(row["rank"]) == 5
     assert row["rank"][:2] == [0, 1]
     assert run() == lines
@@ -111,17 +74,17 @@ def test_the_sweep_stops_at_a_success_and_says_why_others_leave(
 ) -> None:
     sweep = script("sweep_graspable")
     monkeypatch.setattr(sweep, "ENOUGH", 12)
-    log, names = tmp_path / "log.jsonl", tmp_path / "list.txt"
+    log, names = tmp_path / "run" / "objects.jsonl", tmp_path / "list.txt"
     write_box(tmp_path / "block.off", 0.06, 0.06, 0.12)
     write_box(tmp_path / "board.off", 0.40, 0.40, 0.008)
 
     def run() -> int:
         with pytest.raises(typer.Exit) as ended:
-            sweep.main(log=log, list_file=names, objects=f"dir:{tmp_path}", as_json=False)
+            sweep.main(out=log.parent, list_file=names, objects=f"dir:{tmp_path}", as_json=False)
         return int(ended.value.exit_code)
 
     assert run() == 0
-    block, board = (json.loads(line) for line in log.read_text().splitlines()[1:])
+    block, board = (json.loads(line) for line in log.read_text().splitlines())
     assert block["graspable"] is True
     assert block["failed"] == sum(block["failures"].values()) < 12
     assert board["graspable"] is False
@@ -132,3 +95,61 @@ def test_the_sweep_stops_at_a_success_and_says_why_others_leave(
     written = log.read_text()
     assert run() == 0
     assert log.read_text() == written
+
+
+# --- how programs end ------------------------------------------------------------------------------------------------
+
+
+def with_closed_output(words: list[str]) -> "subprocess.CompletedProcess[str]":
+    """Run a program whose output nobody reads, as of ``head`` that has read enough."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        return subprocess.run([sys.executable, *words], stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(writer)
+
+
+@pytest.mark.parametrize("name", ["bench_server.py --help", "plot_sb3.py --help"])
+def test_closed_outputs_end_a_program_without_a_word(name: str) -> None:
+    program, *words = name.split()
+    if program == "bench_server.py":
+        pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
+    done = with_closed_output([str(SCRIPTS / program), *words])
+    assert done.stderr == ""
+    assert done.returncode in (0, 1)
+
+
+def test_every_program_ends_in_the_same_way() -> None:
+    """`run_program` turns errors and closed outputs into an exit status; nothing else is in the last lines.
+
+    A program that does not use the package works without it.
+    """
+    ends = []
+    for path in sorted(SCRIPTS.glob("*.py")):
+        text, block, last = path.read_text().partition('if __name__ == "__main__":\n')
+        if block and re.search(r"^(from|import) graspbox", text, re.MULTILINE):
+            assert re.fullmatch(r"    run_program\(.+\)\n", last), path.name
+            ends.append(path.name)
+    assert len(ends) > 10
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "stderr"),
+    [
+        ("return None", 0, ""),
+        ("return 3", 3, ""),
+        ("raise SystemExit('no such run')", 1, "no such run\n"),
+        ("raise KeyboardInterrupt", 130, ""),
+        ("raise MemoryError", 1, "graspbox: there is not enough memory\n"),
+        ("raise errors.ConfigError('poses is -1')", 2, "graspbox: poses is -1\n"),
+        ("raise errors.MeshError('it is flat')", 1, "graspbox: it is flat\n"),
+        ("open('/none/x')", 1, "graspbox: No such file or directory: /none/x\n"),
+        ("print('\\udcff')", 0, ""),
+    ],
+)
+def test_errors_become_a_line_and_a_status(body: str, status: int, stderr: str) -> None:
+    code = f"from graspbox import errors\nfrom graspbox.programs import run_program\ndef main():\n    {body}\n"
+    command = [sys.executable, "-c", f"{code}run_program(main)"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (status, stderr)

@@ -10,18 +10,22 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+import typer
 
 import graspbox
+from graspbox.cli.serve import serve_until_stopped
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.remote import EnvironmentServer, ServerSettings
+from hostile_wire import Peer
+from test_remote_sessions import until
 
 TLS = Path(__file__).parents[1] / "fixtures" / "tls"
 CAN: dict[str, Any] = {"objects": "procedural:can:0", "num_envs": 2}
@@ -69,34 +73,132 @@ def test_a_server_prints_where_it_is_and_ends_at_sigterm() -> None:
             env.step(np.zeros(env.action_space.shape, dtype=np.float32))
 
 
+def decisions(url: str, count: int) -> Any:
+    """Environments whose next step takes a while: each step of one is a whole grasp."""
+    env: Any = gymnasium.make_vec("graspbox/GraspPose-v0", count, objects="procedural:can:0", remote=url)
+    env.reset(seed=0)
+    return env
+
+
+def acting(env: Any) -> Any:
+    """Grasps in the middle of the table, each of which takes a twentieth of a second."""
+    actions = np.zeros(env.action_space.shape, dtype=np.float32)
+    actions[:, [2, 3, 7]] = [-0.3, 1.0, -1.0]
+    return actions
+
+
 def test_running_calls_end_before_the_server_does() -> None:
     """A step of many decisions is under way at SIGTERM; its answer still arrives."""
     with served("--objects", "procedural", "--threads", "1") as (process, url):
-        env = gymnasium.make_vec("graspbox/GraspPose-v0", 32, objects="procedural:can:0", remote=url)
-        env.reset(seed=0)
-        pool = env.unwrapped._core.pool  # type: ignore[attr-defined]
-        number = pool.begin("step", {"actions": np.full((32, pool.description["action_space"]["shape"][0]), 0.1, "f4")})
+        env = decisions(url, 16)
+        pool = env.unwrapped._core.pool
+        number = pool.begin("step", {"actions": acting(env)})
         time.sleep(0.1)
         process.send_signal(signal.SIGTERM)
-        assert len(pool.end(number)["now"]["reward"]) == 32
+        assert len(pool.end(number)["now"]["reward"]) == 16
+        assert process.wait(timeout=15) == 0
+
+
+def test_environments_that_step_in_the_background_are_running() -> None:
+    """SIGTERM ended a server whose environments had been sent, since no command ran."""
+    with served("--objects", "procedural", "--threads", "1") as (process, url):
+        env = decisions(url, 16)
+        env.send(acting(env))
+        process.send_signal(signal.SIGTERM)
+        time.sleep(1.0)
+        assert sorted(env.recv()[-1]["env_id"].tolist()) == list(range(16))
+        assert process.wait(timeout=15) == 0
+
+
+def test_environments_that_are_asked_for_are_made() -> None:
+    """A `make` that waits for the threads that make environments is answered after SIGTERM; a new one is refused."""
+    with served("--objects", "procedural") as (process, url), ExitStack() as stack:
+        late, *peers = (stack.enter_context(Peer(url)) for _ in range(5))
+        numbers = [peer.submit("make", objects="procedural:can:0-4000") for peer in peers]
+        time.sleep(0.1)
+        process.send_signal(signal.SIGTERM)
+        until(lambda: get(url, "/healthz")[0] == 503)
+        assert "this server is stopping" in late.call("make", objects="procedural:can:0")["error"]["message"]
+        for peer, number in zip(peers, numbers, strict=True):
+            assert peer.answer(number)["description"]["objects"] == 4001
         assert process.wait(timeout=15) == 0
 
 
 def test_a_second_signal_does_not_wait() -> None:
-    with served("--objects", "procedural") as (process, _):
+    """A step is under way that takes longer than the ten seconds that the first signal gives it."""
+    with served("--objects", "procedural", "--threads", "1") as (process, url):
+        env = decisions(url, 1024)
+        pool = env.unwrapped._core.pool
+        number = pool.begin("step", {"actions": acting(env)})
+        time.sleep(0.3)
+        started = time.monotonic()
         process.send_signal(signal.SIGINT)
+        time.sleep(1.0)
+        assert process.poll() is None
+        assert get(url, "/healthz")[0] == 503
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=15) in (0, 130)
+        assert process.wait(timeout=15) == 130
+        assert time.monotonic() - started < 8.0
+        with pytest.raises(ConnectionLostError):
+            pool.end(number)
 
 
-def test_log_lines_are_json_where_asked(tmp_path: Path) -> None:
-    with served("--objects", "procedural", "--log", "json", "--idle-timeout", "1") as (process, url):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_is_heard_as_soon_as_the_address_is_printed(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A supervisor may stop a server as soon as it reads the address; that would end this process."""
+    before = {one: signal.getsignal(one) for one in (signal.SIGTERM, signal.SIGINT)}
+    monkeypatch.setattr(typer, "echo", lambda _: os.kill(os.getpid(), number))
+    server = EnvironmentServer(ServerSettings(port=0))
+    try:
+        serve_until_stopped(server, f"serving at {server.url}")
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+    with pytest.raises(ConnectionLostError):
+        gymnasium.make_vec("graspbox/Grasp-v0", remote=server.url, **CAN)
+
+
+def test_the_log_tells_who_came_and_went() -> None:
+    """From the start to the end, one JSON object per line; of a flood of refusals a few lines."""
+    with served("--objects", "procedural", "--log", "json", "--max-envs", "2") as (process, url):
         env = gymnasium.make_vec("graspbox/Grasp-v0", remote=url, **CAN)
-        env.reset(seed=0)
+        with pytest.raises(ConfigError, match="0 of 2 environments left"):
+            gymnasium.make_vec("graspbox/Grasp-v0", remote=url, **CAN)
+        for _ in range(50):
+            request = urllib.request.Request(f"{url.replace('ws', 'http', 1)}/metrics", headers={"Origin": "http://x"})
+            with pytest.raises(urllib.error.HTTPError):
+                urllib.request.urlopen(request)
+        env.close()
+        until(lambda: "graspbox_sessions 0\n" in get(url, "/metrics")[1])
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=15) == 0
         assert process.stderr is not None
-        line = json.loads(process.stderr.readline())
-        assert line["level"] == "INFO"
-        assert "session" in line["message"]
+        lines = [json.loads(line) for line in process.stderr]
+    for level, words in (
+        ("INFO", f"serving at {url}"),
+        ("INFO", r"session \d+ begins, of 127.0.0.1:\d+: 2 environments"),
+        ("WARNING", r"127.0.0.1:\d+ is refused: it asks for more environments than are left"),
+        ("WARNING", r"127.0.0.1:\d+ is refused: a browser page of its origin"),
+        ("INFO", r"session \d+ ends: its client has closed it"),
+        ("INFO", "stopping: running calls have 10 s to end"),
+        ("INFO", "stopped"),
+    ):
+        assert any(line["level"] == level and re.match(words, line["message"]) for line in lines), words
+    assert len(lines) < 25
+
+
+def test_the_counters_are_open_metrics() -> None:
+    """Prometheus reads the format that the header names; they are shown to who knows the token."""
+    with EnvironmentServer(ServerSettings(port=0, token="a-token-of-some-length")) as server:
+        url = f"{server.url.replace('ws', 'http', 1)}/metrics"
+        request = urllib.request.Request(url, headers={"Authorization": "Bearer a-token-of-some-length"})
+        with urllib.request.urlopen(request) as response:
+            kind, text = response.headers["Content-Type"], response.read().decode()
+        assert kind == "application/openmetrics-text; version=1.0.0; charset=utf-8"
+        assert text.endswith("# EOF\n")
+        assert get(server.url, "/metrics")[0] == 401
 
 
 def test_tls_and_token_let_in_who_belongs(tmp_path: Path) -> None:
@@ -117,8 +219,8 @@ def test_tls_and_token_let_in_who_belongs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"host": "0.0.0.0"}, "write insecure"),
-        ({"host": "0.0.0.0", "token": "a-token-of-some-length"}, "write insecure"),
+        ({"host": "0.0.0.0"}, "insecure=True"),
+        ({"host": "0.0.0.0", "token": "a-token-of-some-length"}, "insecure=True"),
         ({"token": "short"}, "at least 16"),
         ({"hands": ("nose",)}, "no hand 'nose'"),
         ({"objects": ("dir:/tmp",)}, "give it a name"),

@@ -2,9 +2,12 @@
 
 import base64
 import json
+import signal
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +19,11 @@ import graspbox
 import tiny_policy
 from graspbox import _core
 from graspbox.errors import ConfigError, ConnectionLostError
-from graspbox.perception.grasp_image import grasp_image
+from graspbox.policies.grasp_image import grasp_image
 from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
 from graspbox.remote.remote_policy import RemotePolicy
 from graspbox.rotations import rotation_from_quaternion
+from test_serve import served
 
 SETTINGS = PolicyServerSettings(port=0, threads=2)
 
@@ -52,8 +56,8 @@ def asked(server: PolicyServer, request: dict[str, Any]) -> Any:
     return client.receive()
 
 
-def posted(server: PolicyServer, body: bytes, kind: str = "application/json") -> tuple[int, Any]:
-    url = server.url.replace("ws", "http", 1) + "/grasps"
+def posted(url: str, body: bytes, kind: str = "application/json") -> tuple[int, Any]:
+    url = url.replace("ws", "http", 1) + "/grasps"
     try:
         with urllib.request.urlopen(urllib.request.Request(url, body, {"Content-Type": kind})) as response:
             return response.status, json.loads(response.read())
@@ -89,10 +93,10 @@ def test_json_says_the_same(server: PolicyServer, request_of_can: dict[str, Any]
     depth = request_of_can["depth"]
     packed = {"data": base64.b64encode(depth.tobytes()).decode(), "dtype": "<u2", "shape": list(depth.shape)}
     body = {name: request_of_can[name].tolist() for name in ("intrinsics", "camera_pose")}
-    status, answer = posted(server, json.dumps({**body, "depth": packed}).encode())
+    status, answer = posted(server.url, json.dumps({**body, "depth": packed}).encode())
     assert status == 200
     np.testing.assert_array_equal(answer["camera_from_hand"], asked(server, request_of_can)["camera_from_hand"])
-    status, listed = posted(server, json.dumps({**body, "depth": depth.tolist()}).encode())
+    status, listed = posted(server.url, json.dumps({**body, "depth": depth.tolist()}).encode())
     assert status == 200
     assert listed["camera_from_hand"] == answer["camera_from_hand"]
 
@@ -123,7 +127,7 @@ def test_wrong_requests_are_told_what_is_wrong(
 
 
 def test_bodies_that_are_no_request_are_refused(server: PolicyServer) -> None:
-    assert posted(server, b"{", "text/plain")[0] == 415
+    assert posted(server.url, b"{", "text/plain")[0] == 415
     for body, sentence in (
         (b"[" * 100_000, "not JSON"),
         (b"[]", "no object"),
@@ -131,10 +135,35 @@ def test_bodies_that_are_no_request_are_refused(server: PolicyServer) -> None:
         (b'{"depth": {"data": "AAAA", "dtype": "O", "shape": [3]}}', "do not fit"),
         (b"{}", "needs the entries"),
     ):
-        status, answer = posted(server, body)
+        status, answer = posted(server.url, body)
         assert status == 400, body[:40]
         assert answer["error"]["type"] == "ConfigError"
         assert sentence in answer["error"]["message"]
+
+
+def test_decisions_under_way_end_before_the_server_does(folder: Path, request_of_can: dict[str, Any]) -> None:
+    """The one that is being made, those behind it on the connection, and that of a POST; SIGTERM lost all of them."""
+    several = {**request_of_can, "depth": np.stack([request_of_can["depth"]] * 8)}
+    body = {name: request_of_can[name].tolist() for name in ("depth", "intrinsics", "camera_pose")}
+    with served(str(folder), "--threads", "1", command="serve-policy") as (process, url), ThreadPoolExecutor(1) as pool:
+        client = _core.PolicyClient(url, token=None, ca=None)
+        for _ in range(3):
+            client.send(several)
+        posting = pool.submit(posted, url, json.dumps(body).encode())
+        time.sleep(0.3)
+        process.send_signal(signal.SIGTERM)
+        assert [len(client.receive()["images"]) for _ in range(3)] == [8, 8, 8]
+        assert posting.result()[0] == 200
+        assert process.wait(timeout=15) == 0
+
+
+def test_a_server_that_stops_takes_nothing_new(folder: Path, request_of_can: dict[str, Any]) -> None:
+    with PolicyServer(folder, SETTINGS) as server:
+        server.drain()
+        status, answer = posted(server.url, b"{}")
+        assert (status, answer["error"]["type"]) == (503, "ConfigError")
+        with pytest.raises(ConfigError, match="takes no more clients"):
+            asked(server, request_of_can)
 
 
 def test_evaluation_of_a_served_policy_equals_the_policy(folder: Path, server: PolicyServer) -> None:
@@ -157,6 +186,15 @@ def test_a_policy_that_reads_the_state_is_not_served() -> None:
         PolicyServer("planner", SETTINGS)
 
 
-def test_a_server_of_environments_is_no_server_of_a_policy() -> None:
+def test_a_server_that_is_not_there() -> None:
     with pytest.raises(ConnectionLostError, match="cannot be reached"):
         RemotePolicy("ws://127.0.0.1:9")
+
+
+def test_a_policy_that_observes_nothing_is_asked_with_the_default(server: PolicyServer) -> None:
+    """It named no observation, and then wanted those of the default environment."""
+    with PolicyServer("random", SETTINGS) as running:
+        policy = RemotePolicy(running.url)
+        assert policy.obs == ("state",)
+        result = graspbox.evaluation.evaluate(policy, objects="procedural:can:0", trials=3)
+    assert result == graspbox.evaluation.evaluate("random", objects="procedural:can:0", trials=3)

@@ -3,6 +3,7 @@
 A few of each attack; ``scripts/attack_server.py`` makes millions, and measures the honest client's round trips.
 """
 
+import contextlib
 import json
 import random
 import time
@@ -16,6 +17,7 @@ import pytest
 
 from graspbox.remote import EnvironmentServer, ServerSettings
 from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
+from graspbox.remote.serving import available
 from hostile_attacks import ACTION, ATTACKS, CAN, Attack, kill, made
 from hostile_policy import POLICY_ATTACKS, grasps, post
 from hostile_wire import Peer, frame, http, msgpack
@@ -55,7 +57,7 @@ class Honest:
 
 @pytest.fixture(scope="module")
 def honest() -> Iterator[Honest]:
-    with EnvironmentServer(ServerSettings(port=0, objects=("procedural",))) as server, made(server.url) as peer:
+    with EnvironmentServer(ServerSettings(port=0, objects=available())) as server, made(server.url) as peer:
         yield Honest(server, peer, peer.call("get_state", env_id=0)["state"])
 
 
@@ -71,6 +73,27 @@ def test_an_attack_leaves_nothing_and_nobody_notices(honest: Honest, name: str) 
         until(lambda what=what: gauge(honest.server.metrics(), what) <= 1)  # type: ignore[misc]
 
 
+def test_memory_of_ended_sessions_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was kept for reuse: after a flood of sessions a server held on to three times its memory."""
+    monkeypatch.setattr("graspbox.remote.running._TRIM", 0.5)
+
+    def memory() -> float:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return int(next(line for line in lines if line.startswith("VmRSS")).split()[1]) / 1024
+
+    with EnvironmentServer(ServerSettings(port=0, objects=("procedural",))) as server:
+        made(server.url).socket.close()
+        until(lambda: gauge(server.metrics(), "sessions") == 0)
+        before = memory()
+        with contextlib.ExitStack() as stack:
+            for _ in range(60):
+                stack.enter_context(made(server.url, num_envs=2))
+            during = memory()
+        until(lambda: gauge(server.metrics(), "sessions") == 0)
+        assert during > before + 40.0
+        until(lambda: memory() < before + 0.25 * (during - before))
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
@@ -82,7 +105,9 @@ def test_an_attack_leaves_nothing_and_nobody_notices(honest: Honest, name: str) 
         ({"objects": ["procedural:can:0", "dir:/"]}, "does not offer the objects"),
         ({"objects": "procedural:mug:0-99999999999"}, "at most"),
         ({"objects": "procedural:mug:0-999999"}, "at most 100000"),
-        ({"objects": []}, "give names of object sets"),
+        ({"objects": []}, "is empty"),
+        ({"objects": ["procedural:can:0"] * 99_999}, "twice; name each set once"),
+        ({"objects": [f"procedural:can:{seed}" for seed in range(100_001)]}, "100001 names"),
         ({"keywords": {"image_size": 10**9}}, "between 16 and 1024 pixels"),
         ({"keywords": {"frame_skip": 1 << 63}}, "frame_skip"),
         ({"keywords": {"frame_skip": 4 * 10**9}}, "frame_skip"),
@@ -100,6 +125,39 @@ def test_what_nobody_may_make(honest: Honest, fields: dict[str, Any], words: str
         error = peer.call("make", **{"objects": CAN, **fields})["error"]
     assert words in error["message"]
     assert error["type"] != "InternalError"
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [
+        ({"environment": "graspbox/Moon-v0"}, "environment"),
+        ({"environment": []}, "environment"),
+        ({"vector": 5}, "vector"),
+        ({"num_envs": -3}, "num_envs"),
+        ({"num_envs": "x"}, "num_envs"),
+        ({"objects": "ycb:moon"}, "objects"),
+        ({"objects": []}, "objects"),
+        ({"objects": 5}, "objects"),
+        ({"keywords": "ab"}, "keywords"),
+        ({"keywords": {"moon": 1}}, "keywords"),
+        ({"keywords": {"hand": "nose"}}, "hand"),
+        ({"keywords": {"hand": []}}, "hand"),
+        ({"keywords": {"split": "half"}}, "split"),
+        ({"keywords": {"split": []}}, "split"),
+        ({"keywords": {"reward": []}}, "reward"),
+        ({"keywords": {"control": []}}, "control"),
+        ({"keywords": {"image_size": [1, 2, 3]}}, "image_size"),
+        ({"keywords": {"image_size": 8}}, "image_size"),
+        ({"keywords": {"physics": {"gravity": -1.0}}}, "physics"),
+        ({"keywords": {"max_episode_steps": "x"}}, "max_episode_steps"),
+        ({"keywords": {"frame_skip": 0}}, "frame_skip"),
+    ],
+)
+def test_a_refused_make_names_the_field(honest: Honest, fields: dict[str, Any], field: str) -> None:
+    """The entry of the command, or the keyword where the sentence begins with one."""
+    with Peer(honest.server.url) as peer:
+        error = peer.call("make", **{"objects": CAN, **fields})["error"]
+    assert (error["field"], error["type"]) in ((field, "ConfigError"), (field, "ObjectSetError")), error
 
 
 def test_absurd_commands_are_refused_by_name(honest: Honest) -> None:

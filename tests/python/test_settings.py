@@ -57,8 +57,8 @@ def test_defaults_are_those_that_environments_have() -> None:
     [
         (GRASP, False, "rewards", "'reward'"),
         (GRASP, True, "frameskip", "'frame_skip'"),
-        (GRASP, False, "trial", "choose from split, obs"),
-        (POSE, False, "control", "choose from split, obs"),
+        (GRASP, False, "trial", "choose from split, scale, mass, obs"),
+        (POSE, False, "control", "choose from split, scale, mass, obs"),
         (POSE, True, "auto_reset_mode", "'autoreset_mode'"),
         (POSE, False, "copy", "choose from"),
     ],

@@ -1,4 +1,4 @@
-"""The command that teaches a policy to feel: all stages, after SIGKILL too; what it exports and learns."""
+"""``graspbox train feel``: all stages, after SIGKILL too; what it exports and learns."""
 
 import json
 import os
@@ -13,16 +13,17 @@ import pytest
 
 import tiny_policy
 from graspbox import errors, evaluation, policies
-from graspbox.perception.feel_folders import read_feel
+from graspbox.artifacts.configs import FeelPolicyConfig
+from graspbox.artifacts.folders import load, used_folder
 from graspbox.policies import FeelThenLift
 
 pytestmark = pytest.mark.train
-SCRIPT = Path(__file__).parents[2] / "scripts" / "train_feel.py"
 STAGES = ["record-train", "record-held-out", "member-0", "member-1", "calibrate", "export", "threshold", "evaluate"]
 
 
 def command(base: Path, out: Path) -> list[str]:
-    return [sys.executable, str(SCRIPT), "--policy", str(base), "--out", str(out), "--quick"]
+    words = ["--policy", str(base), "--out", str(out), "--quick"]
+    return [sys.executable, "-m", "graspbox", "train", "feel", *words]
 
 
 @pytest.fixture(scope="module")
@@ -54,26 +55,27 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert first["trials"] == 4
     assert first["opened"] == 0
     card = (trained / "policy" / "README.md").read_text()
-    assert "| `procedural:bottle:30-33` | 4 |" in card
+    assert "| `procedural:bottle:30-33`, paired trials | 4 |" in card
     assert "--quick" in card
     assert (trained / "policy" / "feel.png").stat().st_size > 10_000
     assert (trained / "log.txt").read_text().count("member-0: begins") == 1
-    again = subprocess.run([*command(trained / "policy", trained), "--seed", "1"], capture_output=True, text=True)
+    base = used_folder(trained / "policy", load(trained / "policy"), "depth")
+    again = subprocess.run([*command(base, trained), "--seed", "1"], capture_output=True, text=True)
     assert again.returncode == 2
-    assert "a run with another seed" in again.stderr
+    assert "was begun with other settings: seed was 0, is now 1" in " ".join(again.stderr.split())
 
 
 def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
     import torch
 
-    from graspbox.perception.onnx_files import PARITY
-    from graspbox.perception.runtimes import load_stability
-    from graspbox.perception.stability_net import StabilityGraph, StabilityNet
-    from graspbox.perception.training import load_weights
-    from graspbox.policy_training.felt_trials import FeltTrials
+    from graspbox.artifacts.onnx_files import PARITY
+    from graspbox.artifacts.runtimes import load_stability
+    from graspbox.models.stability.network import StabilityGraph, StabilityNet
+    from graspbox.recipes.stability_trials import FeltTrials
+    from graspbox.training.trainer import load_weights
 
     folder = trained / "policy"
-    config = read_feel(folder)
+    config = load(folder, FeelPolicyConfig)
     assert config.threshold == json.loads((trained / "threshold.json").read_text())["threshold"]
     parts = [FeltTrials.load(path) for path in sorted((trained / "record-train").glob("*.npz"))]
     trials = FeltTrials.joined(parts)
@@ -86,15 +88,14 @@ def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
     np.testing.assert_allclose([stability(row) for row in trials.felt], expected, atol=PARITY)
     policy = policies.load(str(folder))
     assert isinstance(policy, FeelThenLift)
-    # The folder stays a policy of one depth image.
-    assert type(policies.DepthGrasp(folder)) is policies.DepthGrasp
+    assert policy.learned_from == ("procedural:can:10-19", "procedural:can:20-23")
     evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:20", trials=1, num_envs=1, include_learned=True)
     assert 0.0 < policy.attempts[0][0].probability < 1.0
 
 
 def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
     """The recording looks and tries in other environments, from another start; its first grasps are the policy's."""
-    from graspbox.policy_training.felt_trials import FeltTrials
+    from graspbox.recipes.stability_trials import FeltTrials
 
     trials = FeltTrials.load(trained / "record-train" / "0000000.npz")
     policy = FeelThenLift(trained / "policy", threshold=0.0)
@@ -114,9 +115,9 @@ def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
 
 def test_a_network_learns_what_tells_grasps_apart(tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    from graspbox.perception.scorer_training import auc
-    from graspbox.perception.stability_net import logits_of, train_stability
-    from graspbox.perception.training import TrainConfig
+    from graspbox.models.scorer.training import auc
+    from graspbox.models.stability.network import logits_of, train_stability
+    from graspbox.training.trainer import TrainConfig
 
     rng = np.random.default_rng(0)
     felt = (rng.normal(size=(1200, 10)) * np.logspace(-1, 2, 10)).astype(np.float32)

@@ -1,25 +1,22 @@
-"""``scripts/train_heads.py``: it trains, measures, resumes and publishes heads, also with what a policy chose."""
+"""``graspbox train head``: it trains, measures, resumes and publishes heads, also with what a policy chose."""
 
 import json
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
+import tiny_policy
 from graspbox import dataset, policies
-from graspbox.perception.policy_folders import read_learned_from
-from graspbox.perception.trials import GraspTrials
-from program_files import imported
+from graspbox.artifacts.folders import load
+from graspbox.models.trials import GraspTrials
 
 pytest.importorskip("torch")
-pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
+pytest.importorskip("tyro", reason="the command needs tyro, from the extra 'train'")
+
+from graspbox.cli.train import train
+from graspbox.errors import ConfigError
 
 pytestmark = pytest.mark.train
-
-
-@pytest.fixture(scope="module")
-def script() -> ModuleType:
-    return imported(Path(__file__).parents[2] / "scripts" / "train_heads.py")
 
 
 @pytest.fixture(scope="module")
@@ -36,39 +33,36 @@ def arguments(data: Path, out: Path, published: Path) -> list[str]:
     return [*given, "--objects", "procedural:can:7", "--trials", "2", "--publish", str(published), "--heads"]
 
 
-def test_it_trains_measures_and_resumes(
-    script: ModuleType, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_trains_measures_and_resumes(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ["--untried", "procedural:cup:0", "--untried-scenes", "2"]
     given += arguments(data, tmp_path / "out", tmp_path / "head")
-    assert script.main([*given, "anchor", "--json"]) == 0
+    assert train("head", [*given, "anchor", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["head"], row["filtered"], row["trials"]) for row in rows] == [("anchor", f, 2) for f in (False, True)]
     saved = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "anchor").iterdir()}
-    assert script.main([*given, "anchor", "set", "constant", "--json"]) == 0
+    assert train("head", [*given, "anchor", "set", "constant", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[:2] == rows
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "anchor").iterdir()} == saved
     assert "| constant | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
     assert "| set | procedural:can:7 | 2 |" in (tmp_path / "out" / "heads.md").read_text()
     assert "| `procedural:can:7`, collisions filtered | 2 |" in (tmp_path / "head" / "README.md").read_text()
     assert policies.load(str(tmp_path / "head")).name == "head"
-    assert script.main([*given, "leg"]) == 2
-    assert script.main([*given, "set", "--seed", "1"]) == 2
+    with pytest.raises(SystemExit):
+        train("head", [*given, "leg"])
+    with pytest.raises(ConfigError, match="seed was 0, is now 1"):
+        train("head", [*given, "set", "--seed", "1"])
+    with pytest.raises(ConfigError, match="is of the hand 'reflex'; give --hand reflex"):
+        train("head", [*given, "set", "--hand", "soft_hand"])
 
 
-def test_it_learns_from_what_a_policy_chose(
-    script: ModuleType, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_learns_from_what_a_policy_chose(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     given = ["--on-policy", str(run), *arguments(data, tmp_path / "out", tmp_path / "head"), "anchor"]
     trials = GraspTrials.from_dataset(data, "train")
     trials.save(run / "collect-1" / "train" / "0000000.npz")
-    assert script.main(given) == 2
-    assert "no finished run" in " ".join(capsys.readouterr().err.split())
-    (run / "policy").mkdir()
-    (run / "policy" / "config.json").write_text(
-        '{"format": 1, "kind": "depth-grasp", "learned_from": ["procedural:cup:3-5/train"]}'
-    )
-    assert script.main(given) == 0
-    assert "procedural:cup:3-5/train" in read_learned_from(tmp_path / "head")
+    with pytest.raises(ConfigError, match="no finished run"):
+        train("head", given)
+    tiny_policy.make(run / "policy", learned_from=("procedural:cup:3-5/train",))
+    assert train("head", given) == 0
+    assert "procedural:cup:3-5/train" in load(tmp_path / "head").learned_from
     assert f"{2 * len(trials)} trials in {2 * len(trials.source)} scenes" in (tmp_path / "head/README.md").read_text()

@@ -17,15 +17,15 @@ pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 
-from graspbox.learning.model import ModelConfig, PoseModel  # noqa: E402
-from graspbox.learning.regressor import cameras, centered_image, cropped_voxels  # noqa: E402
+from graspbox.models.head.configs import HeadConfig  # noqa: E402
+from graspbox.models.head.heads import head_of  # noqa: E402
 from graspbox.perception.anchors import AnchorConfig  # noqa: E402
-from graspbox.perception.head_configs import HeadConfig  # noqa: E402
-from graspbox.perception.heads import head_of  # noqa: E402
 from graspbox.sb3 import TrunkExtractor, VecEnv  # noqa: E402
+from graspbox.study.model import ModelConfig, PoseModel  # noqa: E402
+from graspbox.study.regressor import cameras, centered_image, cropped_voxels  # noqa: E402
 
 ID = "graspbox/GraspPose-v0"
-PAGE = Path(__file__).parents[2] / "docs" / "training.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guides" / "train.md"
 SMALL = HeadConfig(width=8, features=8, hidden=16, anchors=AnchorConfig(cells=12, heights=14))
 
 

@@ -1,4 +1,4 @@
-"""Labels of our own solver and of rapier, held against each other."""
+"""Labels of the engines `newton` and `rapier` compared."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ OBJECTS = ("can", "box", "mug", "bottle", "ball", "hammer")
 
 def test_both_engines_give_most_grasps_the_same_label() -> None:
     """60 poses, chosen at random among the planner's of six objects: at least 85 % equal, kappa at least 0.6."""
-    labels: dict[str, list[bool]] = {"graspbox": [], "rapier": []}
+    labels: dict[str, list[bool]] = {"newton": [], "rapier": []}
     for number, family in enumerate(OBJECTS):
         rest = graspbox.Scene(graspbox.object_sets.load(f"procedural:{family}:1")[0].load())
         sampled = sample_trials(rest, 10, np.random.default_rng([0, number]), "planner-any")

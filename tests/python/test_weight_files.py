@@ -6,18 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from graspbox import errors
+from graspbox.models.head.configs import HeadConfig
 from graspbox.perception import HandGrid
 from graspbox.perception.anchors import AnchorConfig
-from graspbox.perception.head_configs import HeadConfig
 
 torch = pytest.importorskip("torch")
 
-from graspbox.perception.anchor_net import AnchorNet  # noqa: E402
-from graspbox.perception.completion import CompletionNet  # noqa: E402
-from graspbox.perception.onnx_files import write_onnx  # noqa: E402
-from graspbox.perception.runtimes import onnx_network  # noqa: E402
-from graspbox.perception.scorer import ScorerNet  # noqa: E402
-from graspbox.perception.weight_files import fold_norms, restore_weights, round_weights, save_weights  # noqa: E402
+from graspbox.artifacts.onnx_files import write_onnx  # noqa: E402
+from graspbox.artifacts.runtimes import onnx_network  # noqa: E402
+from graspbox.artifacts.weight_files import fold_norms, restore_weights, round_weights, save_weights  # noqa: E402
+from graspbox.models.completion.network import CompletionNet  # noqa: E402
+from graspbox.models.head.network import AnchorNet  # noqa: E402
+from graspbox.models.scorer.network import ScorerNet  # noqa: E402
 
 pytestmark = pytest.mark.train
 #: Numbers of each constant.
@@ -96,3 +97,11 @@ def test_constants_take_half_the_space_where_that_is_exact(tmp_path: Path) -> No
     # Numbers of 2, 4 and 8 bytes, and the graph.
     assert 14 * _ROWS < path.stat().st_size < 15 * _ROWS
     assert str(Path(__file__).parent).encode() not in path.read_bytes()
+
+
+@pytest.mark.parametrize("content", [b"", b"x" * 100, b"\xff" * 16, b"\x02" + bytes(7) + b"[]"])
+def test_a_file_without_weights_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "net.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(errors.ConfigError, match=r"net\.safetensors holds no weights"):
+        restore_weights(CompletionNet(4), path)

@@ -1,4 +1,4 @@
-"""docs/your_hand.md does what it says: its files, code and commands, as a reader would use them."""
+"""docs/guides/hand.md does what it says: its files, code and commands, as a reader would use them."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import graspbox
 from graspbox import cli, errors
 
-PAGE = (Path(__file__).parents[2] / "docs/your_hand.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs/guides/hand.md").read_text()
 
 
 def blocks(language: str) -> list[str]:
@@ -35,10 +35,20 @@ def hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, str]:
 def test_code_and_commands_run(hand: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, object] = {}
     code = blocks("python")
-    assert len(code) == 3
+    assert len(code) == 4
+    write_finger(Path("finger.obj"))
     for block in code:
-        exec(compile(block, "your_hand.md", "exec"), names)
-    assert "pincher ['left_knuckle', 'right_knuckle'] ['motor']" in capsys.readouterr().out
+        exec(compile(block, "hand.md", "exec"), names)
+    output = capsys.readouterr().out
+    assert "pincher ['left_knuckle', 'right_knuckle'] ['motor']" in output
+    # The boxes of the mesh make a hand.
+    boxes = "\n".join(re.findall(r"^ *</?(?:collision|origin|geometry).*$", output, flags=re.MULTILINE))
+    assert boxes.count("<collision") >= 1
+    urdf = re.sub(
+        r'<collision name="left_bone">.*?</collision>', boxes, Path("pincher.urdf").read_text(), flags=re.DOTALL
+    )
+    Path("boxes.urdf").write_text(urdf)
+    graspbox.load_hand(("boxes.urdf", "pincher.toml"))
     assert Path("pincher.png").read_bytes()[:4] == b"\x89PNG"
     # Commands alone stand in blocks without a language: one line here, tried on one object of the set.
     (command,) = re.findall(r"^```\n(graspbox grasp .*)\n```$", PAGE, flags=re.MULTILINE)
@@ -50,6 +60,29 @@ def test_code_and_commands_run(hand: tuple[str, str], capsys: pytest.CaptureFixt
     assert row["tried"] == 5
     assert row["succeeded"] > 0
     assert row["survived_shake"] > 0
+
+
+def write_finger(path: Path) -> None:
+    """Write a finger of two bars that make a bend."""
+    lines: list[str] = []
+    for x, low, high in ((0.0, 0.0, 0.05), (0.004, 0.05, 0.09)):
+        base = 8 * len(lines) // 14
+        lines += [f"v {x + dx} {y} {z}" for dx in (0.0, 0.008) for y in (0.0, 0.024) for z in (low, high)]
+        quads = ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
+        lines += ["f " + " ".join(str(base + corner) for corner in quad) for quad in quads]
+    path.write_text("\n".join(lines))
+
+
+def test_collision_meshes_are_refused_with_what_to_do(hand: tuple[str, str]) -> None:
+    text = Path("pincher.urdf").read_text()
+    text = text.replace('<box size="0.008 0.024 0.09"/>', '<mesh filename="package://pincher/finger.stl"/>', 1)
+    Path("pincher.urdf").write_text(text)
+    line = next(n for n, content in enumerate(text.splitlines(), 1) if 'name="left_bone"' in content)
+    mesh = r'"left_bone" is the mesh "package://pincher/finger\.stl"'
+    said = rf"pincher\.urdf:{line}: .*{mesh}; .*graspbox\.decompose.*docs/your_hand\.md"
+    with pytest.raises(errors.HandError, match=said):
+        graspbox.load_hand(hand)
+    assert "## Collision meshes" in PAGE
 
 
 def test_the_error_that_the_page_quotes_is_what_is_said(hand: tuple[str, str]) -> None:

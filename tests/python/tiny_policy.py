@@ -1,20 +1,66 @@
-"""A policy of a few kilobytes that several test modules run: it completes nothing and prefers grasps near the table."""
+"""Published policies of a few kilobytes, one of each kind, that several test modules run.
 
+That of the kind ``depth`` completes nothing and prefers grasps near the table.
+"""
+
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from graspbox.perception.calibration import Calibration
-from graspbox.perception.configs import ProposalConfig
-from graspbox.perception.feel_folders import FeelConfig, write_feel
+from graspbox.artifacts.configs import (
+    DepthPolicyConfig,
+    Environment,
+    FeelPolicyConfig,
+    HeadPolicyConfig,
+    NetworkInput,
+    NetworkPolicyConfig,
+    PolicyConfig,
+)
+from graspbox.artifacts.folders import CONFIG, file_hash, save, use_of
+from graspbox.artifacts.schema import parse
+from graspbox.models.calibration import Calibration
+from graspbox.models.head.configs import HeadConfig
+from graspbox.perception.configs import CropConfig, HandGridConfig, ProposalConfig
 from graspbox.perception.finder_configs import FinderConfig
-from graspbox.perception.policy_folders import DepthPolicyConfig, file_hash, write_depth_policy
+from graspbox.study.model_configs import ModelConfig
+from graspbox.study.pose_folders import PosePolicyConfig
 
 #: The probability of success that it states is that of the logit -10 z, with z the height of the hand in metres.
 SLOPE = -10.0
 FINALISTS = 4
+#: A file of weights without a tensor.
+NO_WEIGHTS = b"\x02" + bytes(7) + b"{}"
+#: Observations of the policy of the kind ``network``, and their lengths in ``Grasp-v0`` with a ReFlex.
+SEEN = {"proprio": 28, "tactile": 27}
+
+Config = TypeVar("Config", bound=PolicyConfig)
+
+
+def constant(path: Path, inputs: dict[str, Any], outputs: dict[str, Any]) -> None:
+    """Write a network that always gives the same; inputs are examples."""
+    from onnx import helper, numpy_helper
+
+    def info(name: str, value: Any) -> Any:
+        array = np.asarray(value)
+        return helper.make_tensor_value_info(name, helper.np_dtype_to_tensor_dtype(array.dtype), array.shape)
+
+    nodes = [
+        helper.make_node("Constant", [], [name], value=numpy_helper.from_array(values, name))
+        for name, values in outputs.items()
+    ]
+    given, made = ([info(*item) for item in each.items()] for each in (inputs, outputs))
+    _save(path, nodes, given, made, {})
+
+
+def finish(folder: Path, config: Config) -> Config:
+    """Write the weights and ``config.json`` of a policy whose networks are there."""
+    for name in config.holds:
+        if name.endswith(".safetensors"):
+            (folder / name).write_bytes(NO_WEIGHTS)
+    return save(folder, replace(config, files={name: file_hash(folder / name) for name in config.holds}))
 
 
 def _save(path: Path, nodes: list[Any], inputs: list[Any], outputs: list[Any], constants: dict[str, Any]) -> None:
@@ -70,42 +116,140 @@ def _save_networks(folder: Path) -> None:
     )
 
 
+def save_again(folder: Path) -> None:
+    """Give the files of a policy the hashes that they have now."""
+    config = parse((folder / CONFIG).read_bytes(), CONFIG)
+    save(folder, replace(config, files={name: file_hash(folder / name) for name in config.holds}))
+
+
+def give_nan(folder: Path, network: str, output: str) -> None:
+    """Make an output of a network of a policy NaN."""
+    import onnx
+
+    path = folder / f"{network}.onnx"
+    model = onnx.load(str(path))
+    for node in model.graph.node:
+        node.output[:] = ["whole" if name == output else name for name in node.output]
+    model.graph.initializer.append(onnx.numpy_helper.from_array(np.array(np.nan, dtype=np.float32), "nan"))
+    model.graph.node.append(onnx.helper.make_node("Add", ["whole", "nan"], [output]))
+    onnx.save(model, str(path))
+    save_again(folder)
+
+
 def make(folder: Path, **changes: Any) -> DepthPolicyConfig:
-    """Write the policy's folder; fields of the config may be changed."""
+    """Write a policy of the kind ``depth``; fields of the config may be changed."""
     folder.mkdir(parents=True, exist_ok=True)
     _save_networks(folder)
     config = DepthPolicyConfig(
         name="tiny",
-        graspbox="0",
         hand="reflex",
         calibration=Calibration(),
-        files={name: file_hash(folder / name) for name in ("completion.onnx", "scorer.onnx")},
         members=1,
         width=8,
         finalists=FINALISTS,
         completion_width=4,
+        crop=CropConfig(),
+        grid=HandGridConfig(),
         finder=FinderConfig(ProposalConfig(most=24), refinements=1),
+        head=None,
     )
-    config = replace(config, **changes)
-    write_depth_policy(folder, config)
-    return config
+    return finish(folder, replace(config, **changes))
 
 
-def make_feeling(folder: Path, threshold: float = 0.5, times: tuple[float, ...] = (1.1, 1.3)) -> FeelConfig:
-    """Write a policy that feels: the probability that a grasp holds is that of the logit of its mean input."""
+def make_feel(
+    folder: Path, threshold: float = 0.5, times: tuple[float, ...] = (1.1, 1.3), weight: float = 1.0
+) -> FeelPolicyConfig:
+    """Write one of the kind ``feel``: the probability is that of the logit of a multiple of its mean input."""
     from onnx import TensorProto, helper
 
-    make(folder)
+    make(folder / "chooser")
     _save(
         folder / "feel.onnx",
         [
-            helper.make_node("ReduceMean", ["felt", "axis"], ["logit"], keepdims=0),
+            helper.make_node("ReduceMean", ["felt", "axis"], ["mean"], keepdims=0),
+            helper.make_node("Mul", ["mean", "weight"], ["logit"]),
             helper.make_node("Sigmoid", ["logit"], ["probability"]),
         ],
         [helper.make_tensor_value_info("felt", TensorProto.FLOAT, ["n", "k"])],
         [helper.make_tensor_value_info("probability", TensorProto.FLOAT, ["n"])],
-        {"axis": np.array([1], dtype=np.int64)},
+        {"axis": np.array([1], dtype=np.int64), "weight": np.array(weight, dtype=np.float32)},
     )
-    config = FeelConfig(times, threshold, (1.0, 0.0), 8, 1, {"feel.onnx": file_hash(folder / "feel.onnx")})
-    write_feel(folder, config)
-    return config
+    config = FeelPolicyConfig(
+        name="tiny-feel",
+        hand="reflex",
+        uses={"depth": use_of(folder, folder / "chooser")},
+        times=times,
+        threshold=threshold,
+        calibration=(1.0, 0.0),
+        width=8,
+        members=1,
+    )
+    return finish(folder, config)
+
+
+def make_head(folder: Path, anchor: int = 0) -> HeadPolicyConfig:
+    """Write one of the kind ``head``, which always names the same anchor."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found: dict[str, Any] = {
+        "anchors": np.array([anchor], dtype=np.int64),
+        "residuals": np.zeros((1, 6), dtype=np.float32),
+        "scores": np.ones(1, dtype=np.float32),
+    }
+    constant(folder / "head.onnx", {"volumes": np.zeros((1, 2, 48, 48, 48), dtype=np.uint8)}, found)
+    config = HeadPolicyConfig(
+        name="tiny", hand="reflex", preshapes=3, filtered=False, head=HeadConfig(), crop=CropConfig()
+    )
+    return finish(folder, config)
+
+
+def make_study(folder: Path) -> PosePolicyConfig:
+    """Write one of the kind ``study``, which always predicts the pose of the object's base."""
+    folder.mkdir(parents=True, exist_ok=True)
+    poses = {"poses": np.eye(4, dtype=np.float32)[None]}
+    constant(folder / "pose.onnx", {"inputs": np.zeros((1, 64, 64, 64), dtype=np.uint8)}, poses)
+    return finish(folder, PosePolicyConfig(name="tiny", hand="reflex", model=ModelConfig("cnn3d", "psi4", "binary")))
+
+
+def make_network(folder: Path) -> NetworkPolicyConfig:
+    """Write one of the kind ``network``: its actions are the first entries of ``proprio``, halved and clipped."""
+    from onnx import TensorProto, helper
+
+    folder.mkdir(parents=True, exist_ok=True)
+    _save(
+        folder / "policy.onnx",
+        [
+            helper.make_node("MatMul", ["proprio", "weight"], ["moved"]),
+            helper.make_node("MatMul", ["tactile", "none"], ["nothing"]),
+            helper.make_node("Add", ["moved", "nothing"], ["sum"]),
+            helper.make_node("Clip", ["sum", "low", "high"], ["action"]),
+        ],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", size]) for name, size in SEEN.items()],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", 10])],
+        {
+            "weight": 0.5 * np.eye(SEEN["proprio"], 10, dtype=np.float32),
+            "none": np.zeros((SEEN["tactile"], 10), dtype=np.float32),
+            "low": np.array(-1, dtype=np.float32),
+            "high": np.array(1, dtype=np.float32),
+        },
+    )
+    settings = {"control": "twist", "frame_skip": 4, "max_episode_steps": 6}
+    config = NetworkPolicyConfig(
+        name="tiny",
+        hand="reflex",
+        environment=Environment("graspbox/Grasp-v0", tuple(SEEN), settings),
+        inputs=tuple(NetworkInput(name, (size,), "float32") for name, size in SEEN.items()),
+        actions=10,
+        algorithm="ppo",
+        policy_kwargs={},
+    )
+    return finish(folder, config)
+
+
+#: Makers of a policy of each kind.
+MAKERS: dict[str, Callable[[Path], Any]] = {
+    "depth": make,
+    "feel": make_feel,
+    "head": make_head,
+    "network": make_network,
+    "study": make_study,
+}

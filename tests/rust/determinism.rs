@@ -4,7 +4,7 @@
 //! from a clone or snapshot.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_episode::{Progress, Sample, Scene, Trial, TrialConfig, TrialOutcome, run_trials};
+use graspbox_episode::{Finished, Progress, Sample, Scene, Study, Trial, TrialConfig, run_observed_trials};
 use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, PhysicsConfig, SimError, Template, World};
@@ -118,9 +118,18 @@ fn objects(families: &[Family]) -> Vec<(Arc<Scene>, Vec<GraspPose>)> {
     families.iter().copied().enumerate().map(one).collect()
 }
 
-fn outcome_bits(o: &TrialOutcome) -> Vec<u64> {
+/// Trials of the poses with the study's observer.
+fn observed(scene: &Arc<Scene>, poses: &[GraspPose], config: TrialConfig) -> Vec<Finished<Study>> {
+    let factors = vec![[1.0, 1.0]; poses.len()];
+    run_observed_trials(scene, poses, &factors, config, &Progress::default(), Study::new).unwrap()
+}
+
+fn outcome_bits(trial: &Finished<Study>) -> Vec<u64> {
+    let o = &trial.outcome;
+    let measures = trial.observer.as_ref().map(Study::measures).unwrap_or_default();
     let label = [o.success, o.secure].map(u64::from);
-    let numbers = [o.lift, o.kindness_rate.unwrap(), o.time, o.kindness.unwrap_or(-1.0)].map(f64::to_bits);
+    let kindness = measures.reading.map_or(-1.0, |reading| reading.kindness);
+    let numbers = [o.lift, measures.kindness_rate, o.time, kindness].map(f64::to_bits);
     let why = o.failure.map_or(0, |f| 1 + f as u64);
     label.into_iter().chain(numbers).chain([why]).collect()
 }
@@ -142,10 +151,11 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 }
 
 fn traced(scene: &Arc<Scene>, pose: &GraspPose) -> Vec<u64> {
-    let trial = Trial::new(scene, pose, TrialConfig::default(), true);
-    let (outcome, trace) = trial.run(&|| false).unwrap().unwrap();
-    let mut all = outcome_bits(&outcome);
-    all.extend(trace_bits(&trace.unwrap()));
+    let trial = Trial::new(scene, pose, [1.0, 1.0], TrialConfig::default(), Study::new, true);
+    let trial = trial.run(&|| false).unwrap().unwrap();
+    assert!(!trial.trace.is_empty());
+    let mut all = outcome_bits(&trial);
+    all.extend(trace_bits(&trial.trace));
     all
 }
 
@@ -154,8 +164,7 @@ fn trials_do_not_depend_on_threads_or_company() {
     let config = TrialConfig::default();
     for (scene, poses) in objects(&[Family::Can, Family::Box, Family::Mug]) {
         let batch = |poses: &[GraspPose]| -> Vec<Vec<u64>> {
-            let done = run_trials(&scene, poses, config, &Progress::default()).unwrap();
-            done.iter().map(outcome_bits).collect()
+            observed(&scene, poses, config).iter().map(outcome_bits).collect()
         };
         let whole = in_pool(1, || batch(&poses));
         for threads in [2, 5] {
@@ -180,7 +189,7 @@ fn trials_do_not_depend_on_threads_or_company() {
 fn a_scene_built_again_gives_the_same_trials() {
     let labels = || -> Vec<Vec<u64>> {
         let run = |(scene, poses): (Arc<Scene>, Vec<GraspPose>)| {
-            run_trials(&scene, &poses[..poses.len().min(3)], TrialConfig::default(), &Progress::default()).unwrap()
+            observed(&scene, &poses[..poses.len().min(3)], TrialConfig::default())
         };
         let objects = objects(&[Family::Mug]);
         objects.into_iter().flat_map(run).map(|o| outcome_bits(&o)).collect()
@@ -331,7 +340,7 @@ fn a_snapshot_of_another_world_is_refused() {
         ("another mass", template(reflex(), &can, 0.3, PhysicsConfig::default())),
         ("another time step", template(reflex(), &can, 0.2, slower)),
     ] {
-        let why = Some("it was taken with another hand, object or physics setting");
+        let why = Some("it belongs to another hand, object or physics setting");
         assert_eq!(refused(&template, &bytes).as_deref(), why, "a snapshot was restored into {what}");
     }
 }

@@ -136,7 +136,7 @@ fn hold_planned(body: &Body, tried: usize) -> (Option<Held>, usize) {
 }
 
 /// Every family; at least 80 % of them must have a successful grasp among their first 12 poses. One family may exceed the limits, by at
-/// most 10 %. Penetration is deepest for light objects, since the stiffness of a contact is proportional to the mass that it supports.
+/// most 10 %.
 /// Four grasps are passed over: one loses the bracket, a finger slides over an edge of the carton (0.53 kg), and two let it slip by
 /// 0.12 and 0.15 mm/s.
 #[test]

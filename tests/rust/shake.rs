@@ -190,7 +190,7 @@ fn can(engine: EngineKind, friction: f64) -> (Arc<Scene>, Vec<GraspPose>) {
 #[test]
 fn a_power_grasp_of_a_can_survives_in_both_engines() {
     let config = TrialConfig { shake: Some(ShakeConfig::default()), ..TrialConfig::default() };
-    for engine in [EngineKind::Graspbox, EngineKind::Rapier] {
+    for engine in [EngineKind::Newton, EngineKind::Rapier] {
         let tried = |friction| {
             let (scene, poses) = can(engine, friction);
             run_trials(&scene, &poses, config, &Progress::default()).unwrap()
@@ -209,7 +209,7 @@ fn a_power_grasp_of_a_can_survives_in_both_engines() {
 #[test]
 fn shaken_trials_are_traced_and_equal_on_any_number_of_threads() {
     let config = TrialConfig { shake: Some(ShakeConfig::default()), ..TrialConfig::default() };
-    let (scene, poses) = can(EngineKind::Graspbox, 1.0);
+    let (scene, poses) = can(EngineKind::Newton, 1.0);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| run_trials(&scene, &poses, config, &Progress::default()).unwrap())
@@ -217,7 +217,8 @@ fn shaken_trials_are_traced_and_equal_on_any_number_of_threads() {
     let outcomes = on(1);
     assert_eq!(outcomes, on(3));
     let shaken = outcomes.iter().position(|o| o.shake_shift.is_some()).unwrap();
-    let (outcome, trace) = trace_trial(&scene, &poses[shaken], config, &Progress::default()).unwrap();
+    let trial = trace_trial(&scene, &poses[shaken], config, &Progress::default(), |_| ()).unwrap();
+    let (outcome, trace) = (trial.outcome, trial.trace);
     assert_eq!(outcome, outcomes[shaken]);
     let calm = config.close_time + config.lift_time + config.hold_time;
     let last = &trace[trace.len() - 1];

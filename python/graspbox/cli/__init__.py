@@ -4,11 +4,7 @@ Exit status: 0 if the command did its work, 1 if it could not (or could not for 
 call, 130 after Ctrl-C.
 """
 
-import errno
-import io
-import os
-import sys
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -26,9 +22,10 @@ from graspbox.cli import (
     record,
     serve,
     serve_policy,
+    train,
     voxelize,
 )
-from graspbox.errors import ConfigError, GraspboxError, InternalError, MissingExtraError, ObjectSetError
+from graspbox.programs import run_program
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 typer_app.command("objects")(objects.objects)
@@ -40,6 +37,7 @@ typer_app.command("grasp-image")(grasp_image.grasp_image_command)
 typer_app.command("dataset")(dataset.dataset)
 typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)
+typer_app.add_typer(train.train_app, name="train")
 typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("serve")(serve.serve)
 typer_app.command("serve-policy")(serve_policy.serve_policy)
@@ -62,51 +60,6 @@ def _main(
     """From a mesh to simulated grasps."""
 
 
-def app() -> None:
+def app() -> NoReturn:
     """Run the command line; errors that graspbox raises on purpose become one line and an exit status."""
-    for stream in (sys.stdout, sys.stderr):
-        # Names of files need not be text in the encoding of the terminal.
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-    raise SystemExit(_status())
-
-
-def _status() -> int:
-    """Run the command; its exit status."""
-    try:
-        try:
-            typer_app()
-            code: object = 0
-        except SystemExit as ended:
-            code = ended.code
-        sys.stdout.flush()
-        return code if isinstance(code, int) else 0 if code is None else 1
-    except InternalError:
-        raise
-    except GraspboxError as error:
-        _complain(str(error))
-        return 2 if isinstance(error, ConfigError | ObjectSetError | MissingExtraError) else 1
-    except KeyboardInterrupt:
-        return 130
-    except MemoryError:
-        _complain("there is not enough memory")
-        return 1
-    except OSError as error:
-        if error.filename is not None:
-            _complain(f"{error.strerror}: {error.filename}")
-            return 1
-        _close_output()
-        if error.errno != errno.EPIPE:
-            _complain(f"the output cannot be written: {error.strerror}")
-        return 1
-
-
-def _complain(sentence: str) -> None:
-    print(f"graspbox: {sentence}", file=sys.stderr)
-
-
-def _close_output() -> None:
-    """Drop what is still to be printed, which Python would try again when it ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
+    run_program(typer_app)

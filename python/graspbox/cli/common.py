@@ -1,6 +1,7 @@
 """Options, tables and progress bars that the commands share."""
 
 import sys
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import typer
@@ -12,6 +13,7 @@ from graspbox import object_sets, policies
 from graspbox.errors import ObjectSetError
 from graspbox.files import dumps
 from graspbox.hands import Hand, load_hand
+from graspbox.mesh_folders import MASSES
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of all random numbers.")]
@@ -28,6 +30,7 @@ HandName = Annotated[
     typer.Option("--hand", help="A hand by its name, or its two files with a comma between: hand.urdf,hand.toml."),
 ]
 Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
+Mass = Annotated[float | None, typer.Option("--mass", help="Kilograms of the object, where there is just one.")]
 
 #: Progress and remarks go to standard error; standard output holds results alone.
 console = Console(stderr=True, markup=False, highlight=False, emoji=False)
@@ -54,9 +57,31 @@ def print_table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]
     Console(file=sys.stdout, markup=False, highlight=False, emoji=False).print(table)
 
 
-def find(objects: list[str], split: str | None, scale: float) -> object_sets.ObjectSet:
-    """Load the object sets that the command line names."""
-    return object_sets.load(objects, split=split, scale=scale)  # type: ignore[arg-type]
+def find(
+    objects: list[str] | None, split: str | None, scale: float, mass: float | None = None
+) -> object_sets.ObjectSet:
+    """Load the object sets that the command line names; ``procedural`` where it names none.
+
+    Raises
+    ------
+    ObjectSetError
+        As `graspbox.object_sets.load`; if `mass` is given for several objects.
+    """
+    found = object_sets.load(objects or ["procedural"], split=split, scale=scale, mass=mass)  # type: ignore[arg-type]
+    if mass is not None and len(found) != 1:
+        raise ObjectSetError(
+            f"--mass is the mass of one object, and {found.name!r} has {len(found)}; write their masses into a table "
+            f"{MASSES} in their folder"
+        )
+    return found
+
+
+def end_with(refused: Mapping[str, str]) -> None:
+    """Name the objects that could not be used on standard error, and end with exit status 1 if there are any."""
+    for name, why in refused.items():
+        console.print(f"{name}: {why}", style="red", soft_wrap=True)
+    if refused:
+        raise typer.Exit(1)
 
 
 def find_hand(name: str) -> Hand:

@@ -12,10 +12,12 @@ from graspbox import dataset as data
 from graspbox.cli.common import (
     HandName,
     Json,
+    Mass,
     Scale,
     Seed,
     Split,
     console,
+    end_with,
     find,
     find_hand,
     print_json,
@@ -102,14 +104,18 @@ def dataset(
     hand: HandName = "reflex",
     split: Split = None,
     scale: Scale = 1.0,
+    mass: Mass = None,
     seed: Seed = 0,
     workers: Workers = None,
     ray: Ray = False,
     resume: Annotated[bool, typer.Option(help="Continue the data set in the folder.")] = True,
     as_json: Json = False,
 ) -> None:
-    """Try candidate poses on every object of a set and store each trial as a row of Parquet files."""
-    found, loaded = find(objects or ["procedural"], split, scale), find_hand(hand)
+    """Try candidate poses on every object of a set and store each trial as a row of Parquet files.
+
+    The exit status is 1 if some objects cannot be used.
+    """
+    found, loaded = find(objects, split, scale, mass), find_hand(hand)
     config = data.DatasetConfig(
         poses=poses,
         rests=rests,
@@ -130,7 +136,4 @@ def dataset(
         print_json(result.table())
     else:
         _print(result)
-    for name, why in result.manifest["refused"].items():
-        console.print(f"{name}: {why}", style="red")
-    if result.manifest["refused"]:
-        raise typer.Exit(1)
+    end_with(result.manifest["refused"])

@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 from graspbox import Scene, object_sets, plan
-from graspbox.cli.common import Json, Seed, Threads, console, print_json, print_table
+from graspbox.cli.common import Json, Seed, Threads, console, end_with, print_json, print_table
 from graspbox.cli.grasp import run, summary, table_rows
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError, MissingExtraError
 from graspbox.files import check_output, dumps, write_text
-from graspbox.validation import study
+from graspbox.study import comparison
 
 #: Procedural families: round, with a handle, hollow, with spout and arch.
 _PROCEDURAL = ("bottle", "mug", "bowl", "kettle")
@@ -30,7 +30,7 @@ def demo_objects() -> list[str]:
     except MissingExtraError as error:
         console.print(f"without YCB objects: {error}")
         return names
-    return [*names, _TRACED, *study.study_objects()]
+    return [*names, _TRACED, *comparison.study_objects()]
 
 
 def demo(
@@ -43,7 +43,7 @@ def demo(
     """Grasp a few objects, among them those of the reference study, and write tables and pictures into a folder."""
     # matplotlib is slow to import, and no other command needs it.
     from graspbox import pictures
-    from graspbox.validation import study_chart
+    from graspbox.study import comparison_chart
 
     check_output(out / "grasps.json")
     found = object_sets.load(demo_objects())
@@ -58,10 +58,10 @@ def demo(
                 out / f"{spec.name}.png", example.mesh, example.plan, example.outcomes, trial=example.trial
             )
     known = _TRACED.partition(":")[2] in found.names
-    comparison = study.Comparison.of(result)
+    compared = comparison.Comparison.of(result)
     if known:
-        write_text(out / "table_3_1.md", comparison.markdown())
-        study_chart.save_comparison(out / "table_3_1.png", comparison)
+        write_text(out / "table_3_1.md", compared.markdown())
+        comparison_chart.save_comparison(out / "table_3_1.png", compared)
     plot_sweeps_and_trials(out, seed, ycb=known)
     if as_json:
         print_json(table)
@@ -70,11 +70,10 @@ def demo(
         print_table(f"{poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
         if known:
-            print_table("table 3.1 of the study, and graspbox", study.COLUMNS, comparison.rows())
-            typer.echo(study.CUP_GUESS)
+            print_table("table 3.1 of the study, and graspbox", comparison.COLUMNS, compared.rows())
+            typer.echo(comparison.CUP_GUESS)
         typer.echo(f"tables and pictures are in {out}")
-    if any(r.error for r in result.objects):
-        raise typer.Exit(1)
+    end_with(table["refused"])
 
 
 def plot_sweeps_and_trials(out: Path, seed: int, *, ycb: bool) -> None:

@@ -1,23 +1,59 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from graspbox.cli.common import Json, PolicyName, Scale, Seed, Split, Threads, find, print_json, print_table, progress
-from graspbox.cli.serve import TokenFile, token_in
+from graspbox.cli.common import (
+    Json,
+    Mass,
+    PolicyName,
+    Scale,
+    Seed,
+    Split,
+    Threads,
+    end_with,
+    find,
+    print_json,
+    print_table,
+    progress,
+)
 from graspbox.envs import IDS
+from graspbox.envs.remote_config import RemoteConfig, client_token
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
+from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.files import check_output, dumps, write_text
+from graspbox.mesh_folders import MASSES
 from graspbox.policies import Policy
 from graspbox.remote.remote_policy import RemotePolicy
 
+NumEnvs = Annotated[
+    int,
+    typer.Option(
+        "--num-envs",
+        min=1,
+        max=MAX_ENVS,
+        help="Number of environments stepped together; results do not depend on it.",
+    ),
+]
+Condition = Annotated[str, typer.Option("--condition", help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
 Remote = Annotated[
     list[str] | None,
     typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
+]
+ServerToken = Annotated[
+    str | None,
+    typer.Option(
+        "--token-file",
+        help="File with the token of the servers that are named; by default the variable GRASPBOX_TOKEN.",
+    ),
+]
+CaFile = Annotated[
+    str | None,
+    typer.Option("--ca-file", help="Certificates to trust beside those of the public authorities, a PEM file."),
 ]
 Obs = Annotated[
     list[str] | None,
@@ -35,7 +71,8 @@ Chunk = Annotated[
 def _print(result: Evaluation) -> None:
     rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
     sums = ("total", str(len(result.trials)), str(result.succeeded), str(result.secure))
-    print_table(f"{result.policy} in {result.env_id}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
+    where = result.env_id if result.condition == "nominal" else f"{result.env_id}, {result.condition}"
+    print_table(f"{result.policy} in {where}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
     secure, (low, high) = result.secure / len(result.trials), result.secure_ci95
     typer.echo(
         f"success {result.rate:.1%} (95 % interval {result.ci95[0]:.1%} to {result.ci95[1]:.1%}); "
@@ -46,6 +83,8 @@ def _print(result: Evaluation) -> None:
             f"left out: {result.objects_left_out} of {result.objects_given} objects, from which the policy learned "
             "(--include-learned keeps them)"
         )
+    if result.refused:
+        typer.echo(f"left out: {len(result.refused)} objects that cannot be used: {', '.join(result.refused)}")
     if result.failures:
         typer.echo("failures: " + ", ".join(f"{count} {kind}" for kind, count in result.failures.items()))
 
@@ -54,13 +93,37 @@ def _is_url(policy: str) -> bool:
     return policy.startswith(("ws://", "wss://"))
 
 
-def _remote_policy(
-    url: str, obs: list[str] | None, keys: list[str] | None, chunk: int, token_file: Path | None
-) -> Policy:
+def _policy(
+    policy: str,
+    obs: list[str] | None,
+    keys: list[str] | None,
+    chunk: int,
+    token_file: str | None,
+    ca_file: str | None,
+) -> Policy | str:
+    """Make the policy of a server; the name of any other one stays as it is."""
+    if not _is_url(policy):
+        if obs or keys or chunk != 1:
+            raise ConfigError("--obs, --key and --chunk are for a policy on a server; name one as ws://HOST:PORT")
+        return policy
     pairs = dict(pair.partition("=")[::2] for pair in keys or ())
     if not all(pairs.values()):
         raise ConfigError(f"--key is {keys}; write it as OURS=THEIRS, such as depth=observation/depth")
-    return RemotePolicy(url, obs=tuple(obs) if obs else None, keys=pairs, chunk=chunk, token=token_in(token_file))
+    token, names = client_token(token_file), tuple(obs) if obs else None
+    return RemotePolicy(policy, obs=names, keys=pairs, chunk=chunk, token=token, ca=ca_file)
+
+
+def _servers(
+    remote: list[str] | None, mass: float | None, token_file: str | None, ca_file: str | None
+) -> RemoteConfig | None:
+    """Name the servers that step the environments."""
+    if not remote:
+        return None
+    if mass is not None:
+        raise ConfigError(
+            f"--mass is for meshes of this machine; write masses into a table {MASSES} in the server's folder"
+        )
+    return RemoteConfig(tuple(remote), token_file, ca_file)
 
 
 def evaluate(
@@ -75,52 +138,56 @@ def evaluate(
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
     split: Split = None,
     scale: Scale = 1.0,
+    mass: Mass = None,
     include_learned: Annotated[
         bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
     ] = False,
+    condition: Condition = "nominal",
     seed: Seed = 0,
-    num_envs: Annotated[
-        int,
-        typer.Option(
-            "--num-envs",
-            min=1,
-            max=MAX_ENVS,
-            help="Number of environments stepped together; results do not depend on it.",
-        ),
-    ] = 16,
+    num_envs: NumEnvs = 16,
     threads: Threads = None,
     remote: Remote = None,
     obs: Obs = None,
     keys: Keys = None,
     chunk: Chunk = 1,
-    token_file: TokenFile = None,
+    token_file: ServerToken = None,
+    ca_file: CaFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
     as_json: Json = False,
 ) -> None:
     """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson).
 
-    The policy may be on a server: ws://HOST:PORT of any server that speaks openpi's protocol.
+    The policy may be on a server: ws://HOST:PORT of any server that speaks openpi's protocol. The exit status is 1 if
+    some objects cannot be used; other trials replace theirs.
     """
-    found = find(objects or ["procedural"], split, scale)
     if out is not None:
         check_output(out)
-    chosen = _remote_policy(policy, obs, keys, chunk, token_file) if _is_url(policy) else policy
-    settings: dict[str, Any] = {"remote": remote} if remote else {}
+    if (token_file or ca_file) and not remote and not _is_url(policy):
+        raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
+    chosen, servers = (
+        _policy(policy, obs, keys, chunk, token_file, ca_file),
+        _servers(remote, mass, token_file, ca_file),
+    )
     with progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
             chosen,
             env,
-            found,
+            # A server has names of its own for what it offers.
+            (objects or ["procedural"]) if remote else find(objects, split, scale, mass),
             trials,
             seed,
+            scale=scale if remote else 1.0,
+            split=split if remote else None,  # type: ignore[arg-type]
             include_learned=include_learned,
+            condition=condition,
             num_envs=num_envs,
             num_threads=threads,
-            **settings,
+            remote=servers,
             progress=lambda done: bar.update(task, completed=done),
         )
     _report(result, out, as_json)
+    end_with(result.refused)
 
 
 def _report(result: Evaluation, out: Path | None, as_json: bool) -> None:

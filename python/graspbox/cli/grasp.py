@@ -8,11 +8,13 @@ import typer
 from graspbox.cli.common import (
     HandName,
     Json,
+    Mass,
     Scale,
     Seed,
     Split,
     Threads,
     console,
+    end_with,
     find,
     find_hand,
     print_json,
@@ -26,14 +28,12 @@ from graspbox.planner_trials import ObjectResult, SetResult, try_set
 
 
 def run(objects: ObjectSet, **settings: Any) -> SetResult:
-    """Evaluate a set with a progress bar; objects that could not be tried are reported on standard error."""
+    """Evaluate a set with a progress bar."""
     with progress() as bar:
         task = bar.add_task("grasping", total=len(objects))
 
-        def done(result: ObjectResult) -> None:
+        def done(_: ObjectResult) -> None:
             bar.advance(task)
-            if result.error:
-                console.print(f"{result.name}: {result.error}", style="red")
 
         return try_set(objects, done=done, **settings)
 
@@ -89,6 +89,7 @@ def grasp(
     hand: HandName = "reflex",
     split: Split = None,
     scale: Scale = 1.0,
+    mass: Mass = None,
     seed: Seed = 0,
     threads: Threads = None,
     out: Annotated[
@@ -99,12 +100,15 @@ def grasp(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Plan grasps for every object of a set and try the best ones in simulation."""
+    """Plan grasps for every object of a set and try the best ones in simulation.
+
+    The exit status is 1 if some objects cannot be used.
+    """
     if details and not as_json:
         raise typer.BadParameter("it needs --json; --out always writes the details", param_hint="--details")
     if out is not None:
         check_output(out)
-    found, loaded = find(objects or ["procedural"], split, scale), find_hand(hand)
+    found, loaded = find(objects, split, scale, mass), find_hand(hand)
     trial = TrialConfig(legacy=legacy, shake=ShakeConfig() if shake else None)
     result = run(found, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
     table = result.table()
@@ -117,5 +121,4 @@ def grasp(
     if out is not None:
         write_text(out, dumps(result.table(details=True)) + "\n")
         console.print(f"wrote {out}")
-    if any(r.error for r in result.objects):
-        raise typer.Exit(1)
+    end_with(table["refused"])

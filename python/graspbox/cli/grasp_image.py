@@ -1,4 +1,4 @@
-"""``graspbox grasp-image``: grasps for a depth image of one's own."""
+"""``graspbox grasp-image``: grasps for a depth image of your own."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from graspbox.cli.common import Json, Seed, console, print_json, print_table
 from graspbox.errors import ConfigError
 from graspbox.files import check_output, dumps, write_text
-from graspbox.perception.depth_images import camera_over_table, check_intrinsics, fit_table, read_depth, read_pose
-from graspbox.perception.grasp_image import ImageGrasps, grasp_image
+from graspbox.perception.depth_images import camera_over_table, read_depth, read_pose
 from graspbox.perception.perturbations import PoseNoise
+from graspbox.policies.grasp_image import ImageGrasps, grasp_image
 
 HandErrorOption = Annotated[
     tuple[float, float] | None,
@@ -25,14 +25,8 @@ HandErrorOption = Annotated[
 ]
 
 
-def _pose(
-    depth: NDArray[np.float64],
-    lens: NDArray[np.float64],
-    file: Path | None,
-    height: float | None,
-    tilt: float | None,
-) -> NDArray[np.float64]:
-    """Find the camera's pose in the way that the options say."""
+def _pose(file: Path | None, height: float | None, tilt: float | None) -> NDArray[np.float64] | None:
+    """Give the camera's pose that the options state; None where the table is searched for."""
     if file is not None and (height is not None or tilt is not None):
         raise ConfigError("--camera-pose and --camera-height are two ways to say where the camera is; give one")
     if (height is None) != (tilt is None):
@@ -41,20 +35,22 @@ def _pose(
         return read_pose(file)
     if height is not None and tilt is not None:
         return camera_over_table(height, float(np.radians(tilt)))
-    pose = fit_table(depth, lens)
-    tilted = np.degrees(np.arcsin(-pose[2, 2]))
-    console.print(f"table found: the camera is {pose[2, 3]:.3f} m above it and looks down by {tilted:.1f} degrees")
-    return pose
+    return None
 
 
 def _check_outputs(out: Path | None, picture: Path | None) -> None:
-    """Refuse what cannot be written before anything is computed."""
+    """Refuse files that cannot be written before anything is computed."""
     if out is not None:
         check_output(out)
     if picture is not None:
         from graspbox import pictures
 
         pictures.check_path(picture)
+
+
+def _print_table(pose: NDArray[np.float64]) -> None:
+    down = np.degrees(np.arcsin(-pose[2, 2]))
+    console.print(f"table found: the camera is {pose[2, 3]:.3f} m above it and looks down by {down:.1f} degrees")
 
 
 def _print(found: ImageGrasps) -> None:
@@ -72,7 +68,7 @@ def grasp_image_command(
     image: Annotated[
         Path, typer.Argument(metavar="DEPTH", help="Depth image: .npy (H, W), or .png with 16 bits per pixel.")
     ],
-    policy: Annotated[Path, typer.Option("--policy", help="Folder of a published policy.")],
+    policy: Annotated[str, typer.Option("--policy", help="Folder of a published policy, or hf://owner/name.")],
     intrinsics: Annotated[
         tuple[float, float, float, float],
         typer.Option("--intrinsics", metavar="FX FY CX CY", help="Focal lengths and principal point, pixels."),
@@ -113,11 +109,13 @@ def grasp_image_command(
     """
     depth = read_depth(image, depth_scale)
     fx, fy, cx, cy = intrinsics
-    lens = check_intrinsics([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], (depth.shape[0], depth.shape[1]))
+    lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     _check_outputs(out, picture)
-    pose = _pose(depth, lens, camera_pose, camera_height, tilt)
+    pose = _pose(camera_pose, camera_height, tilt)
     error = None if hand_error is None else PoseNoise.in_millimetres(*hand_error)
     found = grasp_image(depth, lens, pose, policy, count=count, region=region, hand_error=error, seed=seed)
+    if pose is None:
+        _print_table(found.table_from_camera)
     if out is not None:
         write_text(out, dumps(found.to_json()) + "\n")
     if picture is not None:

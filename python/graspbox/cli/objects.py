@@ -17,7 +17,7 @@ def objects(
 
     Nothing is random here, so there is no --seed.
     """
-    found = find(sets or ["procedural"], split, scale)
+    found = find(sets, split, scale)
     if as_json:
         keys = ("name", "split", "mass", "mass_known")
         print_json([{key: getattr(spec, key) for key in keys} for spec in found])

@@ -7,7 +7,19 @@ from typing import Annotated, Any
 import typer
 
 from graspbox import demonstrations
-from graspbox.cli.common import Json, PolicyName, Seed, Split, Threads, print_json, progress
+from graspbox.cli.common import (
+    Json,
+    Mass,
+    PolicyName,
+    Scale,
+    Seed,
+    Split,
+    Threads,
+    end_with,
+    find,
+    print_json,
+    progress,
+)
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS
@@ -49,6 +61,7 @@ def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
         "steps": sum(row.steps for row in rows),
         "success": sum(row.success for row in rows),
         "secure": sum(row.secure for row in rows),
+        "refused": made.refused,
     }
 
 
@@ -72,12 +85,21 @@ def record(
         typer.Option("--set", help="Other keyword of the environment, such as frame_skip=4; may be repeated."),
     ] = None,
     split: Split = None,
+    scale: Scale = 1.0,
+    mass: Mass = None,
     seed: Seed = 0,
     num_envs: Environments = 32,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
-    """Record episodes of a policy as Parquet files, to learn from them."""
+    """Record episodes of a policy as Parquet files, to learn from them.
+
+    The exit status is 1 if some objects cannot be used.
+    """
+    find(objects, split, scale, mass)
+    # What is not given is no setting of the environment.
+    given: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
+    given |= {"mass": mass} if mass is not None else {}
     with progress() as bar:
         task = bar.add_task(policy, total=episodes)
         made = demonstrations.record(
@@ -93,16 +115,17 @@ def record(
             split=split,  # type: ignore[arg-type]
             num_envs=num_envs,
             progress=lambda kept, trials: bar.update(task, completed=kept, description=f"{policy}, {trials} trials"),
-            **{"num_threads": threads, **_keywords(settings)},
+            **{"num_threads": threads, **given, **_keywords(settings)},
         )
     found = _counts(made)
     if as_json:
         print_json(found)
-        return
-    typer.echo(
-        f"{out}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
-        f"{found['success']} successes, {found['secure']} secure"
-    )
+    else:
+        typer.echo(
+            f"{out}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
+            f"{found['success']} successes, {found['secure']} secure"
+        )
+    end_with(made.refused)
 
 
 def export(

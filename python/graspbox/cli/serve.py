@@ -2,19 +2,26 @@
 
 import json
 import logging
+import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import typer
 
-from graspbox.cli.common import console
-from graspbox.errors import FileError
+from graspbox.envs.remote_config import token_in
+from graspbox.errors import ConfigError
 from graspbox.hands import Hand
-from graspbox.remote.serving import EnvironmentServer, ServerSettings, available
+from graspbox.remote.running import DRAIN, RunningServer
+from graspbox.remote.serving import EnvironmentServer, available
+from graspbox.remote.settings import ListenerSettings, ServerSettings
 
+_log = logging.getLogger(__name__)
 _DEFAULTS = ServerSettings()
 
 Host = Annotated[str, typer.Option("--host", help="Address to listen at; 0.0.0.0 for all of this machine.")]
@@ -48,20 +55,47 @@ def log_to_stderr(kind: str) -> None:
     logger.setLevel(logging.INFO)
 
 
-def token_in(path: Path | None) -> str | None:
-    """Read a token.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    """
-    if path is None:
-        return None
+@contextmanager
+def options_named(kind: type[ListenerSettings]) -> Iterator[None]:
+    """Name options instead of the fields of settings: an error of a field begins with its name."""
     try:
-        return path.read_text().strip()
-    except OSError as error:
-        raise FileError(error.errno, error.strerror, str(path)) from None
+        yield
+    except ConfigError as error:
+        word, space, rest = str(error).partition(" ")
+        field = word.strip("`:")
+        if field not in {one.name for one in fields(kind)}:
+            raise
+        raise ConfigError(f"--{field.replace('_', '-')}{space}{rest}") from None
+
+
+def serve_until_stopped(server: RunningServer, *said: str) -> None:
+    """Serve until SIGTERM or SIGINT, which let running calls end; a second one ends everything at once.
+
+    The lines of `said` go to standard output once clients can connect and signals are heard.
+    """
+    signals = 0
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal signals
+        signals += 1
+        (server.hurry if signals > 1 else server.drain)()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, stop)
+    server.start()
+    _log.info("%s", said[0])
+    for line in said:
+        typer.echo(line)
+    sys.stdout.flush()
+    server.wait()
+    _log.info("stopping: running calls have %g s to end", DRAIN)
+    if server.stop():
+        _log.info("stopped")
+        return
+    _log.warning("stopped, although calls were running")
+    logging.shutdown()
+    # Threads that are still at work cannot be waited for.
+    os._exit(130 if signals > 1 else 1)
 
 
 def serve(
@@ -83,8 +117,10 @@ def serve(
     token_file: TokenFile = None,
     origins: Origins = None,
     insecure: Insecure = False,
-    max_envs: Annotated[int, typer.Option("--max-envs", help="Most environments of all sessions.")] = 1024,
-    max_sessions: Annotated[int, typer.Option("--max-sessions", help="Most sessions.")] = 256,
+    max_envs: Annotated[int, typer.Option("--max-envs", help="Most environments of all sessions.")] = (
+        _DEFAULTS.max_envs
+    ),
+    max_sessions: Annotated[int, typer.Option("--max-sessions", help="Most sessions.")] = _DEFAULTS.max_sessions,
     max_message: MaxMessage = _DEFAULTS.max_message,
     idle_timeout: Annotated[
         float, typer.Option("--idle-timeout", help="Seconds without a command after which a session ends.")
@@ -104,7 +140,7 @@ def serve(
         port=port,
         objects=tuple(objects or available()),
         hands=tuple(hands or Hand.names()),
-        token=token_in(token_file),
+        token=None if token_file is None else token_in(token_file),
         tls_cert=tls_cert,
         tls_key=tls_key,
         origins=tuple(origins or ()),
@@ -115,35 +151,8 @@ def serve(
         idle_timeout=idle_timeout,
         threads=threads,
     )
-    server = EnvironmentServer(settings)
+    with options_named(ServerSettings):
+        server = EnvironmentServer(settings)
     offer = server.offer
-    typer.echo(f"serving at {server.url}")
-    typer.echo(f"objects: {', '.join(offer.names)}; hands: {', '.join(offer.hands)}; up to {max_envs} environments")
-    sys.stdout.flush()
-    stop_at_signals(server)
-    server.serve()
-    console.print("stopping; running calls have 10 s to end")
-    server.stop()
-
-
-class Stoppable(Protocol):
-    """A server that runs."""
-
-    def drain(self) -> None: ...  # noqa: D102
-    def stop(self, patient: bool = True) -> None: ...  # noqa: D102
-
-
-def stop_at_signals(server: Stoppable) -> None:
-    """Drain a server at SIGTERM or SIGINT; a second one does not wait for running calls."""
-    signals = 0
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal signals
-        signals += 1
-        if signals > 1:
-            server.stop(patient=False)
-            raise SystemExit(130)
-        server.drain()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, stop)
+    offered = f"objects: {', '.join(offer.names)}; hands: {', '.join(offer.hands)}; up to {max_envs} environments"
+    serve_until_stopped(server, f"serving at {server.url}", offered)

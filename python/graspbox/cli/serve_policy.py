@@ -1,11 +1,9 @@
 """``graspbox serve-policy``: grasps and actions for robots and clients on other machines."""
 
-import sys
 from typing import Annotated
 
 import typer
 
-from graspbox.cli.common import console
 from graspbox.cli.serve import (
     Host,
     Insecure,
@@ -16,11 +14,13 @@ from graspbox.cli.serve import (
     TlsKey,
     TokenFile,
     log_to_stderr,
-    stop_at_signals,
-    token_in,
+    options_named,
+    serve_until_stopped,
 )
 from graspbox.envs import IDS
-from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
+from graspbox.envs.remote_config import token_in
+from graspbox.remote.policy_serving import PolicyServer
+from graspbox.remote.settings import PolicyServerSettings
 
 _DEFAULTS = PolicyServerSettings()
 
@@ -41,7 +41,7 @@ def serve_policy(
     max_message: MaxMessage = _DEFAULTS.max_message,
     threads: Annotated[
         int, typer.Option("--threads", min=1, max=64, help="Decisions that are made at once.")
-    ] = _DEFAULTS.threads,
+    ] = _DEFAULTS.num_threads,
     log: Log = "text",
 ) -> None:
     """Serve a policy: depth images in, grasps out, over openpi's WebSocket protocol and POST /grasps.
@@ -52,7 +52,7 @@ def serve_policy(
     settings = PolicyServerSettings(
         host=host,
         port=port,
-        token=token_in(token_file),
+        token=None if token_file is None else token_in(token_file),
         tls_cert=tls_cert,
         tls_key=tls_key,
         origins=tuple(origins or ()),
@@ -62,10 +62,7 @@ def serve_policy(
         env_id=env,
         threads=threads,
     )
-    server = PolicyServer(policy, settings)
-    stop_at_signals(server)
-    with server:
-        typer.echo(f"serving {policy} at {server.url}; POST {server.url.replace('ws', 'http', 1)}/grasps for JSON")
-        sys.stdout.flush()
-        server.wait()
-        console.print("stopping; requests have 10 s to end")
+    with options_named(PolicyServerSettings):
+        server = PolicyServer(policy, settings)
+    grasps = f"{server.url.replace('ws', 'http', 1)}/grasps"
+    serve_until_stopped(server, f"serving {policy} at {server.url}; POST {grasps} for JSON")

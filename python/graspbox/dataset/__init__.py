@@ -1,18 +1,18 @@
-"""Data sets of simulated grasp trials: made, resumed, read, and rendered again (extra ``data``).
+"""Data sets of simulated grasp trials: generation, resuming, reading, and rendering (extra ``data``).
 
     graspbox dataset --objects procedural:0-99 --poses 128 --views 4 --out out/data
 
 A data set is a folder: ``trials`` holds Parquet files (zstd) by split, one row per trial with the columns of
-`graspbox.dataset.schema.TRIALS`; ``images`` holds the images of its scenes, if they are stored; ``manifest.json`` says
-how it was made. The same settings give the same rows, whoever makes them.
+`graspbox.dataset.schema.TRIALS`; ``images`` holds the images of its scenes, if they are stored; ``manifest.json``
+records its settings. The same settings give the same rows with every runner.
 
-| module | what it does |
+| module | contents |
 |---|---|
 | `settings` | `DatasetConfig` |
 | `schema` | the columns |
 | `candidates`, `scenes` | candidate poses from five sources; one scene with its trials |
-| `shards`, `runners`, `generate` | the unit of work, who does it, and the whole |
-| `manifest` | what a folder holds |
+| `shards`, `runners`, `generate` | the unit of work, its execution, and the whole generation |
+| `manifest` | the record of a folder's contents |
 | `tables`, `images`, `mappings` | rows as tables and arrays, images and voxels of rows, pairs for training |
 """
 

@@ -1,7 +1,7 @@
-"""Candidate poses of a scene from every source but the planner's own, for any hand.
+"""Candidate poses of a scene from every source except the planner, for any hand.
 
-All geometry is in the world: the table is the plane z = 0. Hand frames have z along the approach and x along the
-direction in which opposing fingers close.
+All geometry is in the world frame: the table is the plane z = 0. Hand frames have z along the approach and x along the
+closing direction of opposing fingers.
 """
 
 from collections.abc import Callable
@@ -18,24 +18,24 @@ __all__ = ["HandGeometry", "Poses", "Surface", "deviated", "jittered", "low", "o
 
 Floats = NDArray[np.float64]
 
-#: Points of the surface from which poses are made.
+#: Number of surface points from which poses are made.
 _POINTS = 1000
-#: Directions, over half a turn, among which the least extent is searched.
+#: Number of directions, over half a turn, among which the least extent is searched.
 _DIRECTIONS = 18
-#: Extents are those of the points within this distance of the axis of approach, metres: half an open hand.
+#: Extents use the points within this distance of the approach axis, metres: half an open hand.
 _NEIGHBOURHOOD = 0.07
-#: The closing direction is off the least extent by up to this, radians.
+#: Greatest deviation of the closing direction from the least extent, radians.
 _ROLL_ERROR = 0.2
-#: Normals that point down steeper than this (sine) are left out: the hand would come through the table.
+#: Normals that point down steeper than this (sine) are left out: the hand would pass through the table.
 _STEEPEST = -0.5
-#: A pose from above leans by up to this, radians.
+#: Greatest tilt of a pose from above, radians.
 _LEAN = 0.15
 #: Height of the lowest point of the hand in low poses, metres.
 _LOW = (0.001, 0.002)
-#: The step of closing at which this is its height, as a share of the way from the step in which it reaches lowest to
-#: the last: least, most frequent and greatest. On seven flat YCB objects, success was highest at about a third.
+#: The step of closing at which this height applies, as a share of the way from the step of the lowest reach to the
+#: last: least, most frequent and greatest. On seven flat YCB objects, success was highest at about a third.
 _LATER = (0.0, 0.35, 0.8)
-#: Depth of a point of the surface in the hand, as shares of the depth at which the hand closes.
+#: Depth of a surface point in the hand, as shares of the depth at which the hand closes.
 _DEPTH = (0.2, 1.1)
 #: Standard deviations of jitter along and about each axis, metres and radians.
 _JITTER = (0.008, 0.14)
@@ -50,14 +50,14 @@ class Poses(NamedTuple):
 
 @dataclass(frozen=True)
 class HandGeometry:
-    """What candidates need to know of a hand; the first axis of every array is over its preshapes.
+    """Hand geometry for candidates; the first axis of every array is over its preshapes.
 
     Attributes
     ----------
     preshapes : (p,) float64
         The hand's preshapes.
     centers : (p, 3) float64
-        Where the hand closes, hand frame, metres.
+        The point where the hand closes, hand frame, metres.
     corners : (p, s, k, 3) float64
         Corners of the collision shapes of the open hand, and of s - 1 steps of closing, hand frame, metres.
     """
@@ -110,7 +110,7 @@ def _directions(count: int, rng: np.random.Generator) -> Floats:
 
 
 def _rotations(vectors: Floats) -> Floats:
-    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), radians."""
+    """Convert rotation vectors (n, 3), radians, to rotation matrices (n, 3, 3)."""
     angle = np.linalg.norm(vectors, axis=1)
     axis = vectors / np.where(angle > 0.0, angle, 1.0)[:, None]
     cross = np.zeros((len(vectors), 3, 3))
@@ -122,21 +122,21 @@ def _rotations(vectors: Floats) -> Floats:
 
 
 def _across(approach: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors (n, 3) that are perpendicular to each approach (n, 3) and to each other."""
+    """Two unit vectors (n, 3), perpendicular to each approach (n, 3) and to each other."""
     least = np.eye(3)[np.abs(approach).argmin(axis=1)]
     first = _unit(np.cross(approach, least))
     return first, np.cross(approach, first)
 
 
 def _least_extent(surface: Surface, point: Floats, approach: Floats) -> tuple[Floats, Floats]:
-    """Find closing directions along which the surface near the axis of approach is narrowest.
+    """Find the closing directions along which the surface near the approach axis is narrowest.
 
     Returns
     -------
     (n, 3) float64
         Unit vectors, perpendicular to the approach.
     (n,) float64
-        How far along them the middle between the two sides is from `point`, metres.
+        Offset along them from `point` to the middle between the two sides, metres.
     """
     first, second = _across(approach)
     offset = surface.points[None] - point[:, None]
@@ -165,7 +165,7 @@ def _placed(rotation: Floats, origin: Floats) -> Floats:
 
 
 def _closing(surface: Surface, point: Floats, approach: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Rotations (n, 3, 3) that close along the least extent, either way around, and the middles (n, 3) to close on."""
+    """Rotations (n, 3, 3) that close along the least extent, either way around, and middles (n, 3) between sides."""
     direction, middle = _least_extent(surface, point, approach)
     target = point + direction * middle[:, None]
     turned = _rotations(approach * rng.uniform(-_ROLL_ERROR, _ROLL_ERROR, len(point))[:, None])
@@ -192,8 +192,8 @@ def on_normals(surface: Surface, hand: HandGeometry, count: int, rng: np.random.
 def low(surface: Surface, hand: HandGeometry, count: int, rng: np.random.Generator) -> Poses:
     """Poses from above whose lowest point is 1 to 2 mm above the table at some step of closing.
 
-    Fingers that swing in reach lowest half-way, and rise as they close further. A hand that is low enough for a later
-    step presses them on the table before, and they slide along it to flat objects.
+    Fingers that swing in reach lowest half-way, and rise as they close further. A hand low enough for a later
+    step presses them on the table earlier, and they slide along it to flat objects.
     """
     point = surface.points[rng.integers(len(surface.points), size=count)]
     lean = rng.uniform(-_LEAN, _LEAN, (count, 3)) * [1.0, 1.0, 0.0]
@@ -221,7 +221,7 @@ def randomly(surface: Surface, hand: HandGeometry, count: int, rng: np.random.Ge
 
 
 def jittered(good: Poses, count: int, rng: np.random.Generator) -> Poses:
-    """Poses near `good` ones, of which there is at least one."""
+    """Poses near `good` ones; needs at least one."""
     chosen = rng.integers(len(good.preshape), size=count)
     sigma = np.repeat(_JITTER, 3)
     moved = rng.standard_normal((count, 6)) * sigma
@@ -229,9 +229,9 @@ def jittered(good: Poses, count: int, rng: np.random.Generator) -> Poses:
 
 
 def deviated(world_from_hand: Floats, position: float, rotation: float, rng: np.random.Generator) -> Floats:
-    """Poses (n, 4, 4) that miss each given one, along and about each axis of the hand, uniformly within the bounds.
+    """Add uniform errors to poses (n, 4, 4), along and about each axis of the hand.
 
-    `position` is in metres, `rotation` in radians.
+    The bounds are `position`, metres, and `rotation`, radians.
     """
     moved = rng.uniform(-1.0, 1.0, (len(world_from_hand), 6)) * np.repeat([position, rotation], 3)
     return _moved(world_from_hand, moved)

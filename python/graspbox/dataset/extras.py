@@ -1,4 +1,4 @@
-"""Packages of the extras ``data`` and ``ray``, imported when they are needed."""
+"""Packages of the extras ``data`` and ``ray``, imported on demand."""
 
 from importlib import import_module
 from typing import Any

@@ -1,9 +1,10 @@
-"""Making a data set: shard after shard, each written whole, resumed where it was interrupted."""
+"""Generation of a data set shard by shard, each written atomically; resumes after an interruption."""
 
 import hashlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,9 @@ from typing import Any
 from graspbox import object_sets
 from graspbox._core import Hand
 from graspbox.dataset import extras, manifest
-from graspbox.dataset.runners import Runner, local
+from graspbox.dataset.manifest import KINDS
+from graspbox.dataset.runners import MOST_WORKERS, Runner, local
+from graspbox.dataset.scenes import Subject
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.shards import Shard, divide, stored_facts
 from graspbox.errors import ConfigError, FileError
@@ -21,20 +24,21 @@ from graspbox.object_sets import ObjectSet
 
 __all__ = ["Progress", "Result", "generate"]
 
-#: The manifest is written again after a shard once this time has passed, seconds; the shards hold all that it says.
-_MANIFEST_EVERY = 30.0
+#: The manifest is rewritten after a shard once this multiple of its own writing time has passed. Shards that it does
+#: not name when the process is killed are made again.
+_PAUSE = 20.0
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a data set is.
+    """Progress of a data set.
 
     Attributes
     ----------
     trials, total : int
-        Trials that are on the disk, and all that are wanted. Objects that are refused, or have few poses, have fewer.
+        Trials on disk, and the requested total. Refused objects, or objects with few poses, have fewer.
     made : int
-        Those of them that this run made.
+        Trials made by this run.
     seconds : float
         Time of this run.
     """
@@ -51,22 +55,22 @@ class Progress:
 
     @property
     def remaining(self) -> float:
-        """Expected time to the end, seconds; infinity before the first shard."""
+        """Expected remaining time, seconds; infinity before the first shard."""
         return (self.total - self.trials) / self.rate if self.rate else float("inf")
 
 
 @dataclass(frozen=True)
 class Result:
-    """What `generate` did.
+    """Result of `generate`.
 
     Attributes
     ----------
     folder : Path
-        Where the data set is.
+        Folder of the data set.
     manifest : dict
-        As ``manifest.json`` has it.
+        Contents of ``manifest.json``.
     made, resumed : int
-        Shards that this run made, and those that it found.
+        Number of shards that this run made, and number that it found.
     seconds : float
         Time of this run.
     trials : int
@@ -81,7 +85,7 @@ class Result:
     trials: int = 0
 
     def table(self) -> dict[str, Any]:
-        """Sum it up, as ``graspbox dataset --json`` prints it."""
+        """Summarize it, as ``graspbox dataset --json`` prints it."""
         found = self.manifest
         return {
             "folder": str(self.folder),
@@ -107,29 +111,30 @@ def generate(
     runner: Runner | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
 ) -> Result:
-    """Make a data set of simulated grasp trials, or continue one that was interrupted.
+    """Generate a data set of simulated grasp trials, or resume an interrupted one.
 
     Parameters
     ----------
     objects : str, Path, ObjectSet, or sequence of str
         See `graspbox.object_sets`.
     folder : str or PathLike
-        Where to; it is created. At every moment it holds whole shards alone, and none twice.
+        The target folder, created if needed. At every moment it holds complete shards alone, and none twice.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     config : DatasetConfig
-        What to make. The same settings give the same rows, whoever makes them and however often it is interrupted.
+        Settings. The same settings give the same rows, with every runner and after any number of interruptions.
     resume : bool
-        Continue what the folder holds; otherwise it must hold no data set.
+        Resume the folder's data set; otherwise it must hold none.
     runner : Runner, optional
-        Who makes the shards: `graspbox.dataset.local` (all cores, by default) or `graspbox.dataset.on_ray`.
+        Executes the shards: `graspbox.dataset.local` (all cores, by default) or `graspbox.dataset.on_ray`.
     progress : callable
         Called at the beginning and after each shard.
 
     Raises
     ------
     ConfigError
-        If a setting is wrong, the folder holds a data set with other settings, or another process is writing there.
+        If a setting is wrong, if the folder holds a data set with other settings, a damaged shard or a foreign file, or
+        if another process is writing there.
     ObjectSetError
         If the objects cannot be found.
     FileError
@@ -148,11 +153,17 @@ def generate(
     with locked(place):
         before = manifest.read(place)
         _check(before, settings, place, resume)
-        work = _Work(place, loaded, config, settings, shards, started)
-        work.prepare()
-        work.write_manifest(subjects)
-        made = work.run(runner or local(os.cpu_count() or 1), progress, subjects)
-        return Result(place, work.write_manifest(subjects), made, len(shards) - made, work.seconds(), work.trials)
+        work = _Work(place, loaded, config, settings, shards, subjects, started)
+        work.prepare(before)
+        work.write_manifest()
+        try:
+            made = work.run(runner or local(min(os.cpu_count() or 1, MOST_WORKERS)), progress)
+        except BaseException:
+            # Shards that the manifest does not name are made again.
+            with suppress(FileError):
+                work.write_manifest()
+            raise
+        return Result(place, work.write_manifest(), made, len(shards) - made, work.seconds(), work.trials)
 
 
 def _check(before: dict[str, Any] | None, settings: dict[str, Any], folder: Path, resume: bool) -> None:
@@ -169,7 +180,7 @@ def _check(before: dict[str, Any] | None, settings: dict[str, Any], folder: Path
 
 
 class _Work:
-    """A data set in the making."""
+    """Generation in progress."""
 
     def __init__(
         self,
@@ -178,34 +189,43 @@ class _Work:
         config: DatasetConfig,
         settings: dict[str, Any],
         shards: list[Shard],
+        subjects: list[Subject],
         started: float,
     ) -> None:
         self.folder, self.hand, self.config, self.settings, self.shards = folder, hand, config, settings, shards
-        self.started, self.trials, self._last = started, 0, float("-inf")
+        self.subjects, self.started, self.trials = subjects, started, 0
         self.done: dict[str, dict[str, Any]] = {}
+        #: Time of the next write of the manifest.
+        self._due = 0.0
 
     def seconds(self) -> float:
         """Time of this run."""
         return time.perf_counter() - self.started
 
-    def prepare(self) -> None:
-        """Find the shards that exist, and remove what an interruption left half-written."""
+    def prepare(self, before: Mapping[str, Any] | None) -> None:
+        """Find the shards that exist and that the manifest names, and remove half-written files of an interruption."""
         kinds = ("trials", "images") if self.config.images else ("trials",)
         for kind in kinds:
             (self.folder / kind).mkdir(exist_ok=True)
         for pattern in ("trials/.*.parquet", "images/.*.parquet", ".manifest-*.json", ".README-*.md"):
             for left in self.folder.glob(pattern):
                 left.unlink()
+        mine = {self.folder / kind / shard.name for kind in kinds for shard in self.shards}
+        if strangers := {*self.folder.glob("trials/*.parquet"), *self.folder.glob("images/*.parquet")} - mine:
+            raise ConfigError(f"{str(min(strangers))!r} is no file of this data set; move it elsewhere")
+        listed = {shard["name"]: shard for shard in before["shards"]} if before else {}
         for shard in self.shards:
-            paths = [self.folder / kind / shard.name for kind in kinds]
-            if all(path.is_file() for path in paths):
-                facts = stored_facts(paths[0])
+            entry = listed.get(shard.name, {})
+            whole = all(KINDS[kind] in entry and (self.folder / kind / shard.name).is_file() for kind in kinds)
+            if whole:
+                trials, *_ = [manifest.content_of(self.folder, kind, entry) for kind in kinds]
+                facts = stored_facts(trials, self.folder / "trials" / shard.name)
                 if facts["fingerprint"] != shard.fingerprint:
-                    raise ConfigError(f"{str(paths[0])!r} has other settings than its folder; remove it, or the folder")
-                self.done[shard.name] = facts
+                    raise ConfigError(f"{shard.name!r} has other settings than its folder; remove it, or the folder")
+                self.done[shard.name] = {**facts, **{KINDS[kind]: entry[KINDS[kind]] for kind in kinds}}
 
-    def run(self, runner: Runner, progress: Callable[[Progress], None], subjects: list[Any]) -> int:
-        """Make the shards that are missing; return how many. They are shuffled: a part of them is diverse too."""
+    def run(self, runner: Runner, progress: Callable[[Progress], None]) -> int:
+        """Make the missing shards in random order, so that a partial data set is diverse too; return their number."""
         missing = [shard for shard in self.shards if shard.name not in self.done]
         missing.sort(key=lambda shard: hashlib.sha256(shard.name.encode()).digest())
         sizes = {shard.name: len(shard.tasks) * self.config.poses for shard in self.shards}
@@ -218,13 +238,13 @@ class _Work:
             self.done[files.name] = files.facts
             self.trials += sum(source["trials"] for source in files.facts["counts"].values())
             made += sizes[files.name]
-            if time.perf_counter() - self._last > _MANIFEST_EVERY:
-                self.write_manifest(subjects)
+            if time.perf_counter() > self._due:
+                self.write_manifest()
             progress(Progress(kept + made, total, made, self.seconds()))
         return len(missing)
 
     def _store(self, name: str, images: bytes | None, trials: bytes) -> None:
-        """Write a shard; its trials come last, so that they are never without their images."""
+        """Write a shard; its trials come last, so that they always have their images."""
         try:
             if images is not None:
                 _write(self.folder / "images" / name, images)
@@ -233,17 +253,19 @@ class _Work:
             done = f"{len(self.done)} of {len(self.shards)} shards are complete, and the same command resumes"
             raise FileError(error.errno, f"{error.strerror} ({done})", error.filename or name) from None
 
-    def write_manifest(self, subjects: list[Any]) -> dict[str, Any]:
-        """Write the manifest as things are, and the page for readers of data sets."""
-        self._last = time.perf_counter()
-        found = manifest.summary(self.settings, subjects, self.done, len(self.shards))
+    def write_manifest(self) -> dict[str, Any]:
+        """Write the manifest of the current state, and the data set card."""
+        began = time.perf_counter()
+        found = manifest.summary(self.settings, self.subjects, self.done, len(self.shards))
         write_text(self.folder / manifest.FILE, manifest.write_text_of(found))
         write_text(self.folder / "README.md", manifest.card([shard.name for shard in self.shards], self.config.images))
+        ended = time.perf_counter()
+        self._due = ended + _PAUSE * (ended - began)
         return found
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all, also if the machine loses power."""
+    """Write a file atomically, even if the machine loses power."""
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(content)
         file.flush()

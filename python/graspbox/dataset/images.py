@@ -1,4 +1,4 @@
-"""Images and voxels of the rows of a data set, rendered again when they are needed, on all threads."""
+"""Images and voxels of the rows of a data set, rendered on demand, on all threads."""
 
 import json
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Rendered", "load_mesh_of", "render", "scene_images", "voxels"]
 
-#: Meshes that are kept between calls.
+#: Meshes that are cached between calls.
 _KEPT = 512
 #: Clipping distances, metres.
 _NEAR, _FAR = 0.02, 5.0
@@ -35,15 +35,15 @@ class Rendered:
     Attributes
     ----------
     depth : (n, v, H, W) float32
-        Metres along the optical axis; 0 where nothing was seen.
+        Metres along the optical axis; 0 where no surface is visible.
     rgb : (n, v, H, W, 3) uint8 or None
         Red, green, blue.
     segmentation : (n, v, H, W) uint8 or None
         0 background, 1 table and ground, 2 object.
     intrinsics : (3, 3) float64
-        Takes a point in the camera's frame to homogeneous image positions, pixels.
+        Maps a point in the camera frame to homogeneous image coordinates, pixels.
     world_from_camera, camera_from_object : (n, v, 4, 4) float64
-        Poses.
+        Homogeneous transforms, metres.
     """
 
     depth: NDArray[np.float32]
@@ -56,12 +56,12 @@ class Rendered:
 
 @lru_cache(maxsize=_KEPT)
 def load_mesh_of(source: str, scale: float, sha256: str) -> Mesh:
-    """Load the mesh of a row again; the last 512 are kept.
+    """Load the mesh of a row; the last 512 are cached.
 
     Raises
     ------
     ConfigError
-        If the mesh is no longer the one that the row was made with.
+        If the mesh has changed since the row was made.
     ObjectSetError, FileError, MeshError
         If it cannot be found or read.
     """
@@ -84,24 +84,24 @@ def render(
     world_from_camera: NDArray[np.float64] | None = None,
     num_threads: int | None = None,
 ) -> Rendered:
-    """Render what the cameras of each row see: the object at rest, without the hand.
+    """Render the views of each row's cameras: the object at rest, without the hand.
 
     Rows of one scene that share their cameras are rendered once.
 
     Parameters
     ----------
     rows : pyarrow.Table
-        Rows of trials, as `graspbox.dataset.load` gives them: whole, or some (``table.take``, ``table.slice``).
+        Rows of trials from `graspbox.dataset.load`: all, or some (``table.take``, ``table.slice``).
     view : int, optional
         Index of one camera; all cameras of the row by default.
     image_size : int or (int, int)
         Rows and columns.
     rgb, segmentation : bool
-        Images beside depth.
+        Images to render besides depth.
     table : bool
         Whether to render table and ground.
     world_from_camera : (n, v, 4, 4) array_like, optional
-        Other cameras than those of the rows, for augmentation.
+        Replacement of the rows' cameras, for augmentation.
     num_threads : int, optional
         Threads to use; images do not depend on it.
 
@@ -195,7 +195,7 @@ def _images(
 
 
 def _intrinsics(size: Any, fov: float) -> NDArray[np.float64]:
-    """Square pixels, the optical axis through the middle of the image."""
+    """Intrinsics with square pixels and the optical axis through the middle of the image."""
     height, width = size
     focal = height / (2.0 * np.tan(fov / 2.0))
     return np.array([[focal, 0.0, width / 2.0], [0.0, focal, height / 2.0], [0.0, 0.0, 1.0]])
@@ -226,19 +226,19 @@ def voxels(
     world_from_grid: NDArray[np.float64] | None = None,
     num_threads: int | None = None,
 ) -> NDArray[np.uint8]:
-    """Fuse the depth images of each row into voxels: what its cameras tell of the space around its object.
+    """Fuse the depth images of each row into voxels of the space around its object.
 
     Parameters
     ----------
     rendered : Rendered
-        Images of n rows; sensor noise may have been added to their depth.
+        Images of n rows, possibly with sensor noise added to their depth.
     resolution : int
         Voxels along each side.
     side : float
         Side of the cube, metres.
     world_from_grid : (n, 4, 4) array_like, optional
-        Frame of each cube, whose middle is at x = y = 0 and whose floor is at z = 0. By default the world's axes, with
-        the origin on the table below the middle of the object's seen points.
+        Frame of each cube, with its middle at x = y = 0 and its floor at z = 0. By default the world's axes, with
+        the origin on the table below the middle of the object's visible points.
     num_threads : int, optional
         Threads to use; voxels do not depend on it.
 
@@ -271,7 +271,7 @@ def voxels(
 
 
 def grid_frames(rendered: Rendered) -> NDArray[np.float64]:
-    """Frames with the world's axes, on the table below the middle of the object's seen points: (n, 4, 4).
+    """Frames with the world's axes, on the table below the middle of the object's visible points: (n, 4, 4).
 
     Raises
     ------

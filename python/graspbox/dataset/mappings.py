@@ -1,4 +1,4 @@
-"""Three views of the same trials as pairs of input images and target poses: one-to-many, one-to-one, many-to-one.
+"""Three pairings of input images and target poses from the same trials: one-to-many, one-to-one, many-to-one.
 
 Each pairs views of a scene with rows of the table; nothing is copied. A scene without a success has no pair.
 """
@@ -20,7 +20,7 @@ __all__ = ["Example", "many_to_one", "one_to_many", "one_to_one"]
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """Images of a scene, and the poses that a network is to learn from them.
+    """Images of a scene, and their target poses.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Example:
     views : (v,) int64
         Indices of its cameras.
     rows : (k,) int64
-        Rows of the table with the target poses, the best first.
+        Rows of the table with the target poses, best first.
     """
 
     scene: str
@@ -38,9 +38,9 @@ class Example:
 
 
 def _scenes(table: "pa.Table") -> Iterator[tuple[str, int, NDArray[np.int64]]]:
-    """Give each scene in the table's order: its name, its number of views, and its successes from best to worst.
+    """Yield each scene in the table's order: its name, its number of views, and its successes from best to worst.
 
-    Better is: more successes in replays, secure, less motion in the hand, an earlier row.
+    The order is by successful replays, then security, then less motion in the hand, then the row.
     """
     names, success, secure = (column(table, name) for name in ("scene", "success", "secure"))
     replays, wins = column(table, "replays"), column(table, "replay_successes")
@@ -61,12 +61,12 @@ def _scenes(table: "pa.Table") -> Iterator[tuple[str, int, NDArray[np.int64]]]:
 
 
 def one_to_many(table: "pa.Table") -> list[Example]:
-    """Pair each image with every pose that succeeded in its scene: ambiguous targets, for networks that give several.
+    """Pair each image with every pose that succeeded in its scene: ambiguous targets, for multimodal networks.
 
     Parameters
     ----------
     table : pyarrow.Table
-        Trials, as `graspbox.dataset.load` gives them; its columns ``scene``, ``success``, ``secure``, ``replays``,
+        Trials from `graspbox.dataset.load`; the columns ``scene``, ``success``, ``secure``, ``replays``,
         ``replay_successes``, ``kindness_rate`` and ``world_from_camera`` are used.
     """
     return [Example(name, np.array([v]), rows) for name, views, rows in _scenes(table) for v in range(views)]

@@ -1,4 +1,4 @@
-"""Who makes the shards: this process, processes of this machine, or a Ray cluster. The rows are the same."""
+"""Runners that make the shards: this process, processes of this machine, or a Ray cluster. The rows are the same."""
 
 import os
 import signal
@@ -12,25 +12,35 @@ from multiprocessing import active_children, get_context, parent_process
 from typing import Any
 
 from graspbox._core import Hand
+from graspbox.arguments import natural
 from graspbox.dataset import extras
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.shards import Shard, ShardFiles, make
 from graspbox.errors import ConfigError, GraspboxError
 
-__all__ = ["Runner", "local", "on_ray"]
+__all__ = ["MOST_WORKERS", "Runner", "local", "on_ray"]
 
-#: Makes shards, and gives each as soon as it is made, in any order.
+#: Makes shards, and yields each as soon as it is complete, in any order.
 Runner = Callable[[Iterable[Shard], Hand, DatasetConfig], Iterator[ShardFiles]]
 
-#: Shards that wait at each worker, so that none is idle while another's result is written.
+#: Shards queued per worker, so that none is idle while another's result is written.
 _AHEAD = 2
+#: Greatest number of processes.
+MOST_WORKERS = 1024
 
 
 def local(workers: int) -> Runner:
-    """Make shards with so many processes of this machine, one thread each; with one worker, in this process.
+    """Make shards in several single-threaded processes of this machine; with one worker, in this process.
 
-    A script that makes a data set with several must guard its main program with ``if __name__ == "__main__":``.
+    A script that uses several must guard its main program with ``if __name__ == "__main__":``.
+
+    Raises
+    ------
+    ConfigError
+        If `workers` is not a number of processes, 1 to 1024.
     """
+    if not 1 <= natural(workers, "workers") <= MOST_WORKERS:
+        raise ConfigError(f"workers is {workers}; give a number from 1 to {MOST_WORKERS}")
 
     def run(shards: Iterable[Shard], hand: Hand, config: DatasetConfig) -> Iterator[ShardFiles]:
         if workers == 1:
@@ -61,7 +71,7 @@ def local(workers: int) -> Runner:
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             if not done:
-                # Whoever interrupts does not wait for the shards that are being made.
+                # An interruption does not wait for the shards in progress.
                 for child in active_children():
                     if child.pid in mine:
                         child.terminate()
@@ -70,7 +80,7 @@ def local(workers: int) -> Runner:
 
 
 def _start_worker() -> None:
-    """Leave Ctrl-C to the main process, and end when it ends, however it ends."""
+    """Leave Ctrl-C to the main process, and end when it ends for any reason."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
 
@@ -88,7 +98,7 @@ def on_ray(address: str | None = None) -> Runner:
     Parameters
     ----------
     address : str, optional
-        The cluster; by default that of ``RAY_ADDRESS``, else the one that runs on this machine, else a new one here.
+        The cluster; by default that of ``RAY_ADDRESS``, else the one running on this machine, else a new local one.
         Every node needs the same version of graspbox, and mesh files at the same paths.
 
     Raises
@@ -108,7 +118,7 @@ def on_ray(address: str | None = None) -> Runner:
             except (ConnectionError, ValueError) as error:
                 raise ConfigError(f"Ray cannot be reached at {address!r}: {error}") from None
         try:
-            # Rows do not depend on the number of threads; one for each CPU that Ray counts.
+            # Rows do not depend on the number of threads; use one per CPU that Ray counts.
             task = ray.remote(num_cpus=1, max_retries=3)(make)
             given = (ray.put(hand), ray.put(config))
             waiting, running = iter(shards), list[Any]()

@@ -1,4 +1,4 @@
-"""One scene of a data set: an object at rest, its candidates, their trials, and the rows that they make."""
+"""One scene of a data set: an object at rest, its candidates, their trials, and the resulting rows."""
 
 import hashlib
 from dataclasses import dataclass, field, fields
@@ -18,28 +18,29 @@ from graspbox.object_sets import ObjectSpec
 from graspbox.outcomes import Outcomes
 from graspbox.plan_files import mesh_hash
 from graspbox.planning import plan
+from graspbox.refusals import errors_of
 from graspbox.simulation import Scene
 
 __all__ = ["SceneTask", "Subject", "label", "scene_seed"]
 
 Floats = NDArray[np.float64]
 
-#: Resting poses less probable than this are left out, and all but so many: as in the environments.
+#: Least probability of resting poses, and their greatest number: as in the environments.
 _LEAST_PROBABILITY, _MOST_RESTS = 0.05, 6
-#: Rounds in which candidates of a source are made before it counts as exhausted, and how many are made for one wanted.
+#: Rounds of candidates before a source counts as exhausted, and candidates made per requested one.
 _ROUNDS, _SURPLUS = 6, 4
-#: Sources that stand in for one that finds too few poses, in this order.
+#: Sources that replace one that finds too few poses, in this order.
 _STAND_INS = ("planner", "normal", "random")
 
 
 @dataclass(frozen=True)
 class Subject:
-    """An object as the rows name it.
+    """An object and its identification in the rows.
 
     Attributes
     ----------
     spec : ObjectSpec
-        Where its mesh comes from.
+        Source of its mesh.
     group, split : str
         Group of near-duplicates, and the split of the group.
     """
@@ -51,7 +52,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class SceneTask:
-    """One scene to label: a subject, and the number of its resting pose in 0 .. `DatasetConfig.rests` - 1."""
+    """A scene to label: a subject, and the number of its resting pose in 0 .. `DatasetConfig.rests` - 1."""
 
     subject: Subject
     rest: int
@@ -74,7 +75,7 @@ def scene_seed(config: DatasetConfig, task: SceneTask) -> int:
 
 @dataclass
 class _Found:
-    """Candidates of a scene, gathered source by source: `world_from_hand`, preshape, source, rank and score of each."""
+    """Candidates of a scene, collected source by source: `world_from_hand`, preshape, source, rank and score."""
 
     poses: list[Floats] = field(default_factory=list)
     preshape: list[Floats] = field(default_factory=list)
@@ -108,8 +109,9 @@ class _Labeller:
         self._unused: NDArray[np.int64] | None = None
 
     def _settle(self, mesh: Mesh) -> Scene:
-        """Put the object down in a resting pose; where it does not rest, in the next one."""
-        poses, probabilities = mesh.resting_poses()
+        """Place the object in a resting pose; if it does not come to rest, in the next one."""
+        with errors_of(self.task.subject.spec.name):
+            poses, probabilities = mesh.resting_poses()
         kept = max(1, min(_MOST_RESTS, int((probabilities >= _LEAST_PROBABILITY).sum())))
         weights = np.cumsum(probabilities[:kept]) / probabilities[:kept].sum()
         # One offset per object spreads its scenes evenly over the probabilities.
@@ -131,7 +133,7 @@ class _Labeller:
         return np.ascontiguousarray(self.object_from_world @ world_from_hand)
 
     def _free(self, found: Poses) -> Poses:
-        """Keep the poses that the planner's collision filter passes."""
+        """Keep the poses that pass the planner's collision filter."""
         planning = self.config.planning
         passed = self.scene.check(
             self._in_object(found.world_from_hand),
@@ -143,7 +145,7 @@ class _Labeller:
         return Poses(found.world_from_hand[passed], found.preshape[passed])
 
     def _made(self, make: Any, count: int) -> Poses:
-        """Make `count` poses that pass the collision filter, or as many as a few rounds give."""
+        """Make `count` poses that pass the collision filter, or fewer after a few rounds."""
         kept: list[Poses] = []
         have = 0
         for _ in range(_ROUNDS):
@@ -155,7 +157,7 @@ class _Labeller:
         return Poses(poses, np.concatenate([np.zeros(0), *(k.preshape for k in kept)])[:count])
 
     def _planned(self, found: _Found, count: int) -> int:
-        """Add poses of the plan: half the best that are left, half at random."""
+        """Add poses of the plan: half the best remaining ones, half at random."""
         if self._plan is None:
             self._plan = plan(
                 self.scene.mesh,
@@ -195,7 +197,7 @@ class _Labeller:
                 missing -= self._add(found, source, missing)
 
     def run(self) -> dict[str, Any]:
-        """Gather candidates, try them, and return the columns."""
+        """Collect candidates, try them, and return the columns."""
         counts = _quotas(self.config)
         jitter = counts.pop("jitter")
         first = _Found()
@@ -216,7 +218,7 @@ class _Labeller:
         return self._complete(merged)
 
     def _trials(self, nominal: Poses) -> tuple[Floats, Floats, Outcomes]:
-        """Try each pose once with an error, friction and mass of its own: executed poses, factors (n, 2), outcomes."""
+        """Try each pose once with its own error, friction and mass: executed poses, factors (n, 2), outcomes."""
         config, count = self.config, len(nominal.preshape)
         executed = sources.deviated(nominal.world_from_hand, config.hand_position, config.hand_rotation, self.rng)
         factors = np.stack(
@@ -263,7 +265,7 @@ class _Labeller:
         }
 
     def _complete(self, columns: dict[str, Any]) -> dict[str, Any]:
-        """Add what is the same for all trials of the scene."""
+        """Add the columns that are constant over the scene."""
         subject, count = self.task.subject, len(columns["preshape"])
         rest, view_seed = self.scene.world_from_object, _entropy(self.seed, "views")
         same = {
@@ -284,7 +286,7 @@ class _Labeller:
         return {**columns, "trial": np.arange(count), **{name: [value] * count for name, value in same.items()}}
 
     def _cameras(self, seed: int) -> Floats:
-        """Where the cameras stand around the middle of the object's bounds: (V, 4, 4)."""
+        """Poses of the cameras around the middle of the object's bounds: (V, 4, 4)."""
         points = self.scene.mesh.vertices @ self.scene.world_from_object[:3, :3].T + self.scene.world_from_object[:3, 3]
         middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
         return _core.camera_poses(to_json(self.config.cameras), middle.tolist(), self.config.views, seed)

@@ -1,4 +1,4 @@
-"""The columns of a data set, in one table: files, documentation and checks all follow from it."""
+"""The columns of a data set in one table, the source of files, documentation and checks."""
 
 import inspect
 import re
@@ -13,7 +13,10 @@ from graspbox.outcomes import Outcome, Outcomes
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["IMAGES", "TRIALS", "Column", "arrow_schema", "image_schema"]
+__all__ = ["IMAGES", "SPLITS", "TRIALS", "Column", "arrow_schema", "image_schema"]
+
+#: Splits of a data set, in their order.
+SPLITS = ("train", "validation", "test")
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Column:
     type : str
         A type of Arrow; ``matrix``: 16 float64, a 4x4 homogeneous matrix row by row; ``matrices``: a list of these.
     meaning : str
-        What it holds, with frame and unit.
+        Its contents, with frame and unit.
     """
 
     name: str
@@ -39,7 +42,7 @@ _OUTCOME_TYPES = {bool: "bool", str: "string", float: "double", int: "int64"}
 
 
 def _outcome_columns() -> Iterator[Column]:
-    """Turn each field of `Outcome` into a column, with the meaning that the docstring of `Outcomes` gives."""
+    """Turn each field of `Outcome` into a column, with the meaning from the docstring of `Outcomes`."""
     text = inspect.cleandoc(Outcomes.__doc__ or "").partition("Attributes\n----------\n")[2]
     meanings: dict[str, str] = {}
     for names, meaning in re.findall(r"^(\w[\w, ]*) : .*\n((?:    .*\n?)+)", text, flags=re.MULTILINE):

@@ -1,4 +1,4 @@
-"""Settings of a data set: how many trials, which candidates, what varies from trial to trial."""
+"""Settings of a data set: number of trials, candidates, and variation between trials."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -11,23 +11,23 @@ __all__ = ["CandidateShares", "DatasetConfig"]
 
 #: Anywhere above the table but near its plane.
 _CAMERAS = ViewPlan("random", (0.0, 0.0, 1.0), cap=1.2, distance=(0.5, 0.8), shift=0.02)
-#: Largest counts: beyond them a number is a mistake.
+#: Upper bounds of counts; a larger number is a mistake.
 _MOST_POSES, _MOST_VIEWS, _MOST_RESTS, _MOST_REPLAYS, _MOST_SHARD = 100_000, 1_000, 1_000, 1_000, 1_000_000
 
 
 @dataclass(frozen=True)
 class CandidateShares:
-    """Share of the trials of a scene that each source of candidate poses has; they sum to 1.
+    """Share of a scene's trials for each source of candidate poses; they sum to 1.
 
-    A source that finds too few poses leaves its trials to ``planner``, ``normal`` and ``random``, in this order.
+    The trials of a source that finds too few poses go to ``planner``, ``normal`` and ``random``, in this order.
 
     Attributes
     ----------
     planner : float
         `graspbox.plan`: half of them its best-ranked poses, half at random from the others.
     normal : float
-        Onto a point of the surface, along the inward normal or straight down, closing along the least local extent,
-        with all preshapes of the hand.
+        At surface points, along the inward normal or straight down, closing along the least local extent, with all
+        preshapes of the hand.
     low : float
         From above, with the lowest point of the hand 1 to 2 mm above the table: for flat objects.
     jitter : float
@@ -45,37 +45,37 @@ class CandidateShares:
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """What the rows of a data set depend on, beside its objects and the hand.
+    """Settings that determine the rows of a data set, together with its objects and the hand.
 
     Attributes
     ----------
     poses : int
         Trials per scene, 1 to 100,000.
     rests : int
-        Scenes per object, each with a resting pose and a yaw of its own, 1 to 1,000. Resting poses are sampled by their
+        Scenes per object, each with its own resting pose and yaw, 1 to 1,000. Resting poses are sampled by their
         probability.
     views : int
         Cameras per scene, 0 to 1,000.
     seed : int
-        Seed of everything, 0 to 2^64 - 1.
+        Seed of the data set, 0 to 2^64 - 1.
     replays : int
-        Further trials of each pose of the splits validation and test, each with a disturbance of its own, 0 to 1,000.
+        Further trials of each pose of the splits validation and test, each with its own disturbance, 0 to 1,000.
     images : bool
-        Store the images of the views; otherwise they are rendered from the rows when they are needed.
+        Store the images of the views; otherwise they are rendered from the rows on demand.
     image_size : pair of int
         Rows and columns of these images.
     fov : float
         Vertical field of view of the cameras, radians.
     cameras : ViewPlan
-        Where the cameras stand, around the middle of the object's bounds.
+        Placement of the cameras around the middle of the object's bounds.
     candidates : CandidateShares
-        Where the poses come from.
+        Sources of the poses.
     hand_position, hand_rotation : float
-        The hand misses each pose by up to this much along and about each of its axes, metres and radians.
+        Bounds of the pose error of the hand along and about each of its axes, metres and radians.
     friction, mass : pair of float
         Bounds of the factors on the object's friction and mass.
     shard_trials : int
-        Trials of a shard, which is the unit of work; scenes are not divided. 1 to 1,000,000.
+        Trials per shard, the unit of work; scenes are not divided. 1 to 1,000,000.
     planning, trial, physics
         Settings of the planner, of a trial and of the engine.
     """
@@ -100,12 +100,12 @@ class DatasetConfig:
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
 
     def check(self) -> None:
-        """Refuse values that no data set can have; the core checks planner, trial, engine and cameras.
+        """Validate the values; the core checks planner, trial, engine and cameras.
 
         Raises
         ------
         ConfigError
-            Naming the first such field.
+            Names the first invalid field.
         """
         counts = {
             "poses": (1, _MOST_POSES),

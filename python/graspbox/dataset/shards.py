@@ -1,33 +1,36 @@
-"""Shards, the unit of work: a shard is a Parquet file of whole scenes of one split, written whole."""
+"""Shards, the unit of work: a shard is a Parquet file of complete scenes of one split, written atomically."""
 
 import hashlib
 import json
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from graspbox import schemas
 from graspbox._core import Hand, Mesh
 from graspbox.dataset.candidates import HandGeometry
 from graspbox.dataset.extras import parquet, pyarrow
 from graspbox.dataset.images import scene_images
+from graspbox.dataset.manifest import KINDS
 from graspbox.dataset.scenes import SceneTask, Subject, label
 from graspbox.dataset.schema import TRIALS, arrow_schema, image_schema
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.errors import ConfigError, GraspboxError, InternalError
 from graspbox.plan_files import mesh_hash
+from graspbox.refusals import is_refusal, reason
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = ["Shard", "ShardFiles", "divide", "make", "stored_facts"]
 
-#: Key of the facts about a shard in the metadata of its file.
+#: Metadata key of the facts about a shard in its file.
 _KEY = b"graspbox"
-#: Trials of a row group.
+#: Trials per row group.
 _ROW_GROUP = 4096
 _COMPRESSION_LEVEL = 3
 
@@ -53,7 +56,7 @@ class Shard:
 
 @dataclass(frozen=True)
 class ShardFiles:
-    """A shard that was made: the content of its files, and what the manifest says of it (`facts`)."""
+    """A complete shard: the contents of its files, and its entry in the manifest (`facts`)."""
 
     name: str
     trials: bytes
@@ -81,12 +84,12 @@ def _geometry(hand: Hand) -> HandGeometry:
 def make(shard: Shard, hand: Hand, config: DatasetConfig) -> ShardFiles:
     """Make a shard: label its scenes one after the other, on one thread.
 
-    An object that graspbox refuses has no rows; the facts name it, and why.
+    A refused object has no rows; the facts name it, and the reason.
 
     Raises
     ------
     ConfigError
-        If a setting is wrong, which no other object would change.
+        If a setting is wrong, independent of the object.
     """
     started = time.perf_counter()
     tables, images, objects, refused = [], [], {}, {}
@@ -98,10 +101,10 @@ def make(shard: Shard, hand: Hand, config: DatasetConfig) -> ShardFiles:
                 mesh = None
                 mesh = spec.load()
             columns = label(task, mesh, hand, _geometry(hand), config)
-        except (ConfigError, InternalError):
-            raise
         except GraspboxError as error:
-            refused[task.name] = f"{type(error).__name__}: {error}"
+            if not is_refusal(error):
+                raise
+            refused[task.name] = reason(error, spec.path)
             continue
         objects[spec.name] = {"sha256": mesh_hash(mesh), "mass": mesh.mass}
         tables.append(_table(columns))
@@ -117,8 +120,10 @@ def make(shard: Shard, hand: Hand, config: DatasetConfig) -> ShardFiles:
     }
     stored = _parquet_bytes(image_schema(config.image_size), images, facts) if config.images else None
     trials = _parquet_bytes(arrow_schema(), [table], facts)
-    made = {**facts, "sha256": hashlib.sha256(trials).hexdigest(), "seconds": time.perf_counter() - started}
-    return ShardFiles(shard.name, trials, stored, made)
+    hashes = {KINDS["trials"]: hashlib.sha256(trials).hexdigest()}
+    if stored is not None:
+        hashes[KINDS["images"]] = hashlib.sha256(stored).hexdigest()
+    return ShardFiles(shard.name, trials, stored, {**facts, **hashes, "seconds": time.perf_counter() - started})
 
 
 def _table(columns: dict[str, Any]) -> "pa.Table":
@@ -136,7 +141,7 @@ def _image_table(columns: dict[str, Any], config: DatasetConfig) -> "pa.Table":
 
 
 def _array(values: Any, kind: "pa.DataType") -> "pa.Array":
-    """Convert a column; what lies behind the first axis of an array becomes one list of fixed size."""
+    """Convert a column; the axes of an array after the first become one list of fixed size."""
     pa = pyarrow()
     if pa.types.is_fixed_size_list(kind):
         flat = np.ascontiguousarray(np.asarray(values).reshape(-1), dtype=kind.value_type.to_pandas_dtype())
@@ -173,21 +178,35 @@ def _parquet_bytes(schema: "pa.Schema", tables: list["pa.Table"], facts: dict[st
     return bytes(sink.getvalue())
 
 
-def stored_facts(path: Path) -> dict[str, Any]:
-    """Read what `make` wrote about a shard into its file.
+@dataclass(frozen=True)
+class _ObjectFacts:
+    sha256: str
+    mass: float
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """Facts about a shard that `make` writes into its file."""
+
+    fingerprint: str
+    scenes: tuple[str, ...]
+    refused: dict[str, str]
+    objects: dict[str, _ObjectFacts]
+    counts: dict[str, dict[str, int]]
+
+
+def stored_facts(content: bytes, path: Path) -> dict[str, Any]:
+    """Read the facts that `make` wrote about a shard into its file `path`.
 
     Raises
     ------
     ConfigError
-        If the file is no shard.
+        If the file is not a shard.
     """
     pa = pyarrow()
+    complaint = f"{str(path)!r} is no shard of a data set; remove it, and the same command makes it again"
     try:
-        content = path.read_bytes()
-        metadata = parquet().read_schema(pa.BufferReader(content)).metadata or {}
-        facts: dict[str, Any] = json.loads(metadata[_KEY])
-    except (KeyError, ValueError, pa.ArrowException):
-        raise ConfigError(
-            f"{str(path)!r} is no shard of a data set; remove it, and the same command makes it again"
-        ) from None
-    return {**facts, "sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}
+        facts = (parquet().read_schema(pa.BufferReader(content)).metadata or {})[_KEY]
+    except (KeyError, OSError, pa.ArrowException):
+        raise ConfigError(complaint) from None
+    return asdict(schemas.parse(_Facts, facts, complaint))

@@ -1,4 +1,4 @@
-"""Rows of a data set as tables of Arrow, and their columns as arrays."""
+"""Rows of a data set as Arrow tables, and their columns as arrays."""
 
 import os
 from collections.abc import Iterator
@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.dataset import manifest
 from graspbox.dataset.extras import parquet, pyarrow
+from graspbox.dataset.schema import IMAGES, SPLITS, TRIALS
 from graspbox.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -16,25 +18,27 @@ if TYPE_CHECKING:
 
 __all__ = ["column", "lists", "load", "load_images", "matrices", "shards", "stored_images"]
 
-SPLITS = ("train", "validation", "test")
-
 
 def load(folder: str | os.PathLike[str], split: str | None = None, columns: list[str] | None = None) -> "pa.Table":
-    """Read the trials of a data set that ``graspbox dataset`` wrote, also while it is still being made.
+    """Read the trials of a data set from ``graspbox dataset``, even while it is still being made.
+
+    It reads the shards named in ``manifest.json``, and compares each with its hash there.
 
     Parameters
     ----------
     folder : str or PathLike
         The folder.
     split : {"train", "validation", "test"}, optional
-        Only this split; by default all, in this order.
+        Read only this split; by default all, in this order.
     columns : list of str, optional
-        Only these columns.
+        Read only these columns.
 
     Raises
     ------
     ConfigError
-        If the split does not exist, or the folder has no shard of it.
+        If the split or a column does not exist, the folder has no shard of the split, or a shard is damaged.
+    MissingExtraError
+        Without pyarrow or pydantic (extra ``data``).
     """
     return _read(folder, "trials", split, columns)
 
@@ -62,16 +66,29 @@ def _shards(
 ) -> Iterator["pa.Table"]:
     if split is not None and split not in SPLITS:
         raise ConfigError(f"there is no split {split!r}; choose from {', '.join(SPLITS)}")
+    known = [column.name for column in (TRIALS if kind == "trials" else IMAGES)]
+    if unknown := [name for name in columns or () if name not in known]:
+        raise ConfigError(f"there is no column {unknown[0]!r}; choose from {', '.join(known)}")
+    made = manifest.read(Path(folder))
+    listed = [] if made is None or (kind == "images" and not made["config"].get("images")) else made["shards"]
     wanted = SPLITS if split is None else (split,)
-    paths = [path for name in wanted for path in sorted((Path(folder) / kind).glob(f"{name}-*.parquet"))]
-    if not paths:
+    chosen = [shard for name in wanted for shard in listed if shard["name"].startswith(f"{name}-")]
+    if not chosen:
         raise ConfigError(f"{os.fspath(folder)!r} holds no {kind}" + (f" of the split {split!r}" if split else ""))
-    for path in paths:
-        yield parquet().read_table(path, columns=columns).replace_schema_metadata(None)
+    for shard in chosen:
+        yield _table(manifest.content_of(Path(folder), kind, shard), columns, f"{kind}/{shard['name']}")
+
+
+def _table(content: bytes, columns: list[str] | None, name: str) -> "pa.Table":
+    pa = pyarrow()
+    try:
+        return parquet().read_table(pa.BufferReader(content), columns=columns).replace_schema_metadata(None)
+    except (OSError, pa.ArrowException) as error:
+        raise ConfigError(f"{name} cannot be read: {error}") from None
 
 
 def column(table: "pa.Table", name: str) -> NDArray[Any]:
-    """Give a column of numbers, flags or text as an array (n,); null is NaN, or -1 among integers.
+    """Return a column of numbers, flags or text as an array (n,); null becomes NaN, or -1 among integers.
 
     Raises
     ------
@@ -88,7 +105,7 @@ def column(table: "pa.Table", name: str) -> NDArray[Any]:
 
 
 def lists(table: "pa.Table", name: str) -> list[Any]:
-    """Give a column as a list of Python's values; raises as `column`."""
+    """Return a column as a list of Python values; raises as `column`."""
     return list(_column(table, name).to_pylist())
 
 
@@ -99,7 +116,7 @@ def _column(table: "pa.Table", name: str) -> Any:
 
 
 def _flat(array: Any) -> NDArray[Any]:
-    """Values of nested lists, one after the other; slices of a table keep to their rows."""
+    """Concatenate the values of nested lists; a slice of a table yields only its own rows."""
     pa = pyarrow()
     while pa.types.is_nested(array.type):
         array = array.flatten()
@@ -107,12 +124,12 @@ def _flat(array: Any) -> NDArray[Any]:
 
 
 def matrices(table: "pa.Table", name: str) -> NDArray[np.float64]:
-    """Give a column of matrices as an array (n, 4, 4), or of lists of matrices as (n, v, 4, 4).
+    """Return a column of matrices as an array (n, 4, 4), or of lists of matrices as (n, v, 4, 4).
 
     Raises
     ------
     ConfigError
-        If the table has no such column, it holds no matrices, or its lists differ in length.
+        If the table has no such column, the column holds no matrices, or its lists differ in length.
     """
     found = _column(table, name).combine_chunks()
     found = found.combine_chunks() if hasattr(found, "combine_chunks") else found
@@ -127,7 +144,7 @@ def matrices(table: "pa.Table", name: str) -> NDArray[np.float64]:
 
 
 def stored_images(table: "pa.Table", image_size: int | tuple[int, int]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Give stored images as arrays: depth (n, H, W) uint16, millimetres, and segmentation (n, H, W) uint8.
+    """Return stored images as arrays: depth (n, H, W) uint16, millimetres, and segmentation (n, H, W) uint8.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Demonstrations: episodes of a policy, recorded for learning from them (extra ``[data]``).
+"""Demonstrations: episodes of a policy, recorded for imitation learning (extra ``[data]``).
 
-`record` runs a policy in many environments at once and keeps the episodes that are worth imitating; ``graspbox record``
+`record` runs a policy in many environments in parallel and keeps the episodes worth imitating; ``graspbox record``
 does the same on the command line. The folder holds
 
 | file | contents |
@@ -8,12 +8,12 @@ does the same on the command line. The folder holds
 | ``manifest.json`` | settings, environment (``env_spec``), observations, counts |
 | ``episodes-00000.parquet``, ... | a row per observation: ``episode``, ``step``, ``observation.NAME``, ``action``, ``reward``, ``terminated``, ``truncated`` |
 
-The last row of an episode holds its last observation; what follows an action is null there. Each file is written whole;
-an interrupted call continues after the last one. Episodes do not depend on the number of environments or threads, nor
-do the bytes of the files.
+The last row of an episode holds its last observation; its columns of an action and its result are null. Each file is
+written atomically; an interrupted recording resumes after the last one. Neither the episodes nor the bytes of the
+files depend on the number of environments or threads.
 
-`Demonstrations` reads them, `to_minari` and `to_lerobot` write them in the formats of these projects, and
-``scripts/clone_sb3.py`` trains a policy of Stable-Baselines3 on them.
+`Demonstrations` reads them, `to_minari` and `to_lerobot` convert them to the formats of these projects, and
+``graspbox train clone`` trains a policy of Stable-Baselines3 on them.
 
 >>> import graspbox.demonstrations as demonstrations
 >>> made = demonstrations.record("expert", "out/shown", objects="procedural:can:0-3", episodes=2, obs=("proprio",))
@@ -22,8 +22,9 @@ do the bytes of the files.
 """  # noqa: E501 (table)
 
 from graspbox.demonstrations.lerobot import to_lerobot
+from graspbox.demonstrations.manifest import Episode
 from graspbox.demonstrations.minari import to_minari
 from graspbox.demonstrations.recording import KEEP, record
-from graspbox.demonstrations.store import Demonstrations, Episode, EpisodeSteps
+from graspbox.demonstrations.store import Demonstrations, EpisodeSteps
 
 __all__ = ["KEEP", "Demonstrations", "Episode", "EpisodeSteps", "record", "to_lerobot", "to_minari"]

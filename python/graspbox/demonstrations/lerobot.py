@@ -1,22 +1,22 @@
 """Demonstrations as a LeRobotDataset, version 3.0 of the format (extra ``[lerobot]``).
 
-The folder can be loaded with ``lerobot.datasets.LeRobotDataset(repo_id, root=folder)``, and uploaded as it is. The
+``lerobot.datasets.LeRobotDataset(repo_id, root=folder)`` loads the folder, which can be uploaded unchanged. The
 layout is that of https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
 
-| feature | what it is here |
+| feature | contents |
 |---|---|
-| ``observation.state`` | ``proprio``: what the arm and the hand measure |
+| ``observation.state`` | ``proprio``: measurements of the arm and the hand |
 | ``observation.environment_state`` | ``state``: the privileged vector |
-| ``observation.images.NAME`` | colour images as PNG, and depth images as TIFF: float32 metres, without loss |
+| ``observation.images.NAME`` | colour images as PNG, and depth images as lossless TIFF: float32 metres |
 | ``observation.NAME`` | every other observation, such as ``tactile`` or ``points`` |
 | ``action`` | in [-1, 1] |
-| ``next.reward``, ``next.done``, ``next.success`` | what followed the action |
+| ``next.reward``, ``next.done``, ``next.success`` | result of the action |
 
-The last observation of an episode, which no action follows, is left out, as LeRobot does.
+As in LeRobot, the last observation of an episode, which no action follows, is left out.
 
-Depth images are marked as LeRobot 0.6 marks its own (``info.is_depth_map``, ``info.depth_unit``). It converts them and
-their statistics to millimetres when it reads them, unless it is told ``depth_output_unit="m"``; 0 means that nothing
-was seen. LeRobot before 0.6 does not know the mark and reads metres.
+Depth images carry the marks of LeRobot 0.6 (``info.is_depth_map``, ``info.depth_unit``). It converts them and
+their statistics to millimetres on reading, unless called with ``depth_output_unit="m"``; 0 means no measurement.
+LeRobot before 0.6 ignores the marks and reads metres.
 """
 
 import io
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 __all__ = ["TASK", "to_lerobot"]
 
-#: The instruction, which all episodes share.
+#: The instruction of all episodes.
 TASK = "Grasp the object and lift it."
 _VERSION = "v3.0"
 _CHUNK = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-#: Files of a chunk, and megabytes of a file (LeRobot's defaults).
+#: Files per chunk, and megabytes per file (LeRobot's defaults).
 _FILES, _MEGABYTES = 1000, 100
 _QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 _NAMES = {"proprio": "observation.state", "state": "observation.environment_state"}
-#: Columns that every data set has; all of them are one number a frame.
+#: Columns of every data set, with one number per frame.
 _DEFAULT = {
     "timestamp": "float32",
     "frame_index": "int64",
@@ -64,7 +64,7 @@ def to_lerobot(demonstrations: Demonstrations, out: str | Path) -> Path:
     demonstrations : Demonstrations
         At least one episode.
     out : str or Path
-        The folder, which must not exist; it is written whole or not at all.
+        The folder, which must not exist; it is written atomically.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def _is_image(name: str, shape: tuple[int, ...], dtype: str) -> bool:
 
 
 def _features(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
-    """Describe the features for ``info.json``; gives the name of each observation's too."""
+    """Describe the features for ``info.json``; also returns the feature name of each observation."""
     features: dict[str, Any] = {}
     names: dict[str, str] = {}
     for name, space in settings["observations"].items():
@@ -236,7 +236,7 @@ class _Writer:
 
 
 def _image_file(image: NDArray[Any]) -> bytes:
-    """Write colours as PNG, depth as TIFF, which holds float32."""
+    """Encode colours as PNG, depth as TIFF, which supports float32."""
     try:
         from PIL import Image
     except ModuleNotFoundError as error:
@@ -252,7 +252,7 @@ def _image_file(image: NDArray[Any]) -> bytes:
 
 
 def _as_numbers(values: NDArray[Any], image: bool) -> NDArray[np.float64]:
-    """Rows of which statistics are taken; those of an image are of its channels: colours in [0, 1], depth in metres."""
+    """Rows for the statistics; those of an image are its channels: colours in [0, 1], depth in metres."""
     if image:
         scale = 255.0 if values.dtype == np.uint8 else 1.0
         return values.reshape(-1, values.shape[-1], 1, 1) / scale
@@ -260,7 +260,7 @@ def _as_numbers(values: NDArray[Any], image: bool) -> NDArray[np.float64]:
 
 
 class _Stats:
-    """Statistics over rows that come in parts; quantiles too where all rows can be kept."""
+    """Statistics over rows added in parts; with quantiles if all rows can be kept."""
 
     def __init__(self, keeps: bool) -> None:
         self.keeps = keeps

@@ -16,11 +16,9 @@ from graspbox.policies.goals import GOAL_NAME
 
 __all__ = ["to_minari"]
 
-_CODE = "https://github.com/graspbox/graspbox"
-
 
 def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
-    """Write demonstrations where Minari keeps its data sets: ``MINARI_DATASETS_PATH``, or ``~/.minari/datasets``.
+    """Write demonstrations to Minari's folder: ``MINARI_DATASETS_PATH``, or ``~/.minari/datasets``.
 
     ``minari.load_dataset(dataset_id)`` loads them, and its ``recover_environment()`` makes the environment. Images are
     stored without loss. One file of demonstrations is in memory at a time. The metadata of an episode hold its seed,
@@ -31,7 +29,7 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
     demonstrations : Demonstrations
         At least one episode.
     dataset_id : str
-        Such as ``graspbox/expert-v0``.
+        A name such as ``graspbox/expert-v0``.
 
     Returns
     -------
@@ -40,7 +38,7 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
     Raises
     ------
     ConfigError
-        If there is no episode, Minari does not take the id, or has such a data set already.
+        If there is no episode, or Minari rejects the id or has such a data set already.
     MissingExtraError
         Without Minari.
     """
@@ -60,18 +58,17 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
         raise ConfigError(f"{str(folder)!r} exists; remove it, or give another id")
     about = {
         "algorithm_name": settings["policy"],
-        "code_permalink": _CODE,
         "description": f"Episodes of the policy {settings['policy']!r} in {settings['env_id']}, made by graspbox "
         f"{settings['versions']['graspbox']}; kept: {settings['keep']}.",
         "requirements": ["graspbox"],
     }
     try:
         with warnings.catch_warnings():
-            # Authors are for who publishes the data set to name.
-            warnings.filterwarnings("ignore", message=r"`(author|author_email|eval_env)` is set to None")
+            # The publisher of the data set adds authors and the address of the code.
+            warnings.filterwarnings("ignore", message=r"`(author|author_email|code_permalink|eval_env)` is set to None")
             found = minari.create_dataset_from_buffers(
                 dataset_id,
-                # Any iterable will do: the storage takes one episode after the other.
+                # Any iterable works: the storage takes one episode after the other.
                 _buffers(demonstrations, buffers.EpisodeBuffer),
                 env=spec,
                 data_format="parquet",
@@ -87,7 +84,7 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
 
 
 def _buffers(demonstrations: Demonstrations, kind: Any) -> Iterator[Any]:
-    # An environment with one name of an observation gives a mapping all the same: it was made with a sequence of names.
+    # An environment made with a sequence of one observation name returns a mapping too.
     for index, one in enumerate(demonstrations.read()):
         yield kind(
             id=index,

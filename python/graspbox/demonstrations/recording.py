@@ -1,8 +1,10 @@
-"""Recording: a policy acts in many environments at once, and what is worth imitating goes to the disk."""
+"""Recording: a policy acts in many environments in parallel, and the episodes worth imitating are written to disk."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any, SupportsIndex
 
@@ -12,27 +14,28 @@ from gymnasium.vector import AutoresetMode
 
 from graspbox import _core, object_sets, policies
 from graspbox.arguments import natural
-from graspbox.demonstrations.store import Demonstrations, Episode, EpisodeSteps, Store
+from graspbox.demonstrations.manifest import Episode
+from graspbox.demonstrations.store import Demonstrations, EpisodeSteps, Store
 from graspbox.envs import IDS
 from graspbox.envs.settings import ObjectsArgument
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.results import TrialResult
-from graspbox.evaluation.trials import Steps, TrialRun, trial_seeds
+from graspbox.evaluation.trials import Refusals, Steps, TrialRun, trial_seeds
 from graspbox.files import locked
 from graspbox.policies import Actions, Policy, Task
 from graspbox.policies.goals import GOAL_NAME, Goals, goal_space
 
 __all__ = ["KEEP", "record"]
 
-#: Which episodes are kept: secure successes, all successes, or all episodes.
+#: Episodes to keep: secure successes, all successes, or all episodes.
 KEEP: dict[str, Callable[[TrialResult], bool]] = {
     "secure": lambda result: result.secure,
     "success": lambda result: result.success,
     "all": lambda result: True,
 }
-#: Recording gives up after this many trials, and this many for each wanted episode.
+#: Recording gives up after the first number of trials, plus the second for each requested episode.
 _TRIALS, _TRIALS_EACH = 100, 20
-#: Trials whose seeds are made at a time.
+#: Number of trials whose seeds are made at a time.
 _BLOCK = 4096
 
 
@@ -56,12 +59,13 @@ def record(
     """Record episodes of a policy, until a number of them are worth keeping.
 
     The trials are those of `graspbox.evaluation.trial_seeds`, one after the other; kept episodes are stored in their
-    order. A folder with fewer episodes is continued after its last trial.
+    order. A folder with fewer episodes resumes after its last trial, and missing files are recorded again.
+    Trials whose object cannot be read or simulated are left out: `Demonstrations.refused` names the objects.
 
     Parameters
     ----------
     policy : Policy or str
-        A policy, or a name that `graspbox.policies.load` takes, such as ``expert`` or ``planner``.
+        A policy, or a name for `graspbox.policies.load`, such as ``expert`` or ``planner``.
     out : str or Path
         The folder.
     env_id : str
@@ -71,39 +75,41 @@ def record(
     episodes : int
         Number of episodes to keep.
     obs : str or sequence of str
-        Observations to record; what the policy itself observes need not be among them. ``"goal"``, beside others, is
-        the grasp that the policy found, if it finds one in a depth image, and is given by the name of its folder: see
-        `graspbox.policies.goals`. The policy looks when it has moved the hand out of the image, which may be a step
-        later than a policy that observes goals does.
+        Observations to record; they need not include the policy's own. ``"goal"``, together with others, is the grasp
+        that the policy found, if it finds one in a depth image; the environment takes it from the policy's folder: see
+        `graspbox.policies.goals`. The policy decides once it has moved the hand out of the image, possibly a step later
+        than a policy that observes goals.
     seed : int
         Determines the seeds of the trials.
     keep : {"secure", "success", "all"}
-        Which episodes are kept.
+        Episodes to keep.
     noise : float
-        Standard deviation of what is added to the actions before they are carried out, in shares of an action, at most
-        1; what is recorded are the policy's own actions. A clone then learns how to come back where it errs (Laskey,
-        Lee, Fox, Dragan, Goldberg, "DART: noise injection for robust imitation learning", 2017).
+        Standard deviation of the noise on executed actions, as a share of the action range, at most 1; the recording
+        holds the policy's own actions. A clone then learns to recover from its errors (Laskey, Lee, Fox, Dragan,
+        Goldberg, "DART: noise injection for robust imitation learning", 2017).
     split : {"train", "validation", "test"}, optional
         Sample objects from this split only.
     num_envs : int
-        Environments that step at once; the episodes do not depend on it.
+        Environments stepped in parallel; the episodes do not depend on it.
     file_episodes : int
-        Episodes of a file: what is held in memory, and what an interruption loses.
+        Episodes per file: kept in memory until written, and lost by an interruption.
     progress : callable
-        Called with the number of episodes that are kept, and that of trials.
+        Called with the number of kept episodes, and the number of trials.
     **settings
-        Other keywords of the environment, of plain values.
+        Other keywords of the environment, plain values only.
 
     Returns
     -------
     Demonstrations
-        All of the folder; at least `episodes`.
+        All demonstrations of the folder; at least `episodes`.
 
     Raises
     ------
     ConfigError
-        If an argument cannot be used, the folder was begun with other settings, another process is writing into it, or
-        too few trials are worth keeping.
+        If an argument is invalid, the folder was begun with other settings, a file in it is damaged, another process is
+        writing to it, or too few trials are worth keeping.
+    MeshError, FileError, SimulationError
+        If no object can be used.
     MissingExtraError
         Without pyarrow.
     """
@@ -134,15 +140,15 @@ def record(
         "versions": {"graspbox": _core.__version__, "numpy": version("numpy"), "pyarrow": version("pyarrow")},
     }
     with locked(Path(out)):
-        store, done = Store(Path(out), described), Demonstrations(out)
-        if len(done.episodes) < wanted:
+        store = Store(Path(out), described)
+        if store.gaps or store.kept < wanted:
             needed = (chosen.obs,) if isinstance(chosen.obs, str) else tuple(chosen.obs or ())
             together = tuple(name for name in dict.fromkeys([*names, *needed]) if name != GOAL_NAME)
             envs = gymnasium.make_vec(env_id, width, obs=together, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
             try:
                 noisy = _Noisy(chosen, noise, goals)
                 noisy.bind(Task.of(envs))
-                _Recording(noisy, envs, names, store, wanted, KEEP[keep]).run(described, done, progress)
+                _Recording(noisy, envs, names, store, wanted, KEEP[keep]).run(described, progress)
             finally:
                 envs.close()
         return Demonstrations(out)
@@ -181,7 +187,7 @@ def _describe(env_id: str, names: tuple[str, ...], kwargs: dict[str, Any]) -> di
 
 
 class _Noisy(Policy):
-    """Adds noise to the actions of a policy, and remembers what they were."""
+    """Adds noise to the actions of a policy, and stores the original ones."""
 
     def __init__(self, policy: Policy, noise: float, goals: Goals | None) -> None:
         self._policy, self._noise, self._goals = policy, noise, goals
@@ -194,7 +200,7 @@ class _Noisy(Policy):
         self.chosen = self._zeros()
 
     def reset(self, seed: Any = None, *, mask: Any = None, info: Any = None) -> None:
-        """Begin episodes, and the noise of each with its seed."""
+        """Begin episodes, and seed the noise of each."""
         self._policy.reset(seed, mask=mask, info=info)
         super().reset(seed, mask=mask, info=info)
 
@@ -203,7 +209,7 @@ class _Noisy(Policy):
         self._streams[env] = np.random.default_rng(seed)
 
     def act(self, observation: Any) -> Actions:
-        """Act as the policy does, with noise."""
+        """Act as the policy, with noise."""
         chosen: Actions = np.clip(self._policy.act(observation), -1.0, 1.0)
         self.chosen = chosen
         if self._goals is not None:
@@ -215,18 +221,18 @@ class _Noisy(Policy):
         return disturbed
 
     def before(self, name: str, steps: Steps, row: int) -> Any:
-        """Give what was observed before a step."""
+        """Return an observation from before a step."""
         return self._shown[name][steps.env[row]] if name in self._shown else steps.observation[name][row]
 
     def after(self, name: str, steps: Steps, row: int) -> Any:
-        """Give what was observed after the last step of an episode."""
+        """Return an observation from after the last step of an episode."""
         if name in self._shown and self._goals is not None:
             return self._goals.after(int(steps.env[row]), steps.following["proprio"][row])
         return steps.following[name][row]
 
 
 class _Recording:
-    """Episodes in progress, and finished ones that wait for those of earlier trials."""
+    """Episodes in progress, and finished ones that wait for earlier trials."""
 
     def __init__(
         self,
@@ -239,41 +245,66 @@ class _Recording:
     ) -> None:
         self._policy, self._envs, self._names, self._store = policy, envs, names, store
         self._wanted, self._worth = wanted, worth
+        self._refusals = Refusals(policy.task.objects.names, policy.task.objects)
         #: Steps of the trials in progress: observations, action, reward, ends, by index of the trial.
         self._open: dict[int, list[tuple[Any, ...]]] = {}
-        #: Trials that ended before an earlier one; None where the episode is not kept.
-        self._waiting: dict[int, EpisodeSteps | None] = {}
+        #: Trials that ended before an earlier one; None if the episode is not kept.
+        self._waiting: dict[int, EpisodeSteps | GraspboxError | None] = {}
 
-    def run(self, described: dict[str, Any], done: Demonstrations, progress: Callable[[int, int], None]) -> None:
-        """Run trials until enough episodes are kept."""
-        per_file, kept, trial = described["file_episodes"], len(done.episodes), done.trials
-        most = _TRIALS + _TRIALS_EACH * self._wanted
+    def run(self, described: dict[str, Any], progress: Callable[[int, int], None]) -> None:
+        """Run trials until enough episodes are kept; those of missing files come first."""
+        store, seed = self._store, described["seed"]
+        for first, last in store.gaps:
+            store.fill(first, [episode for _, episode in self._in_order(seed, first, last) if episode is not None])
+        kept, most = store.kept, _TRIALS + _TRIALS_EACH * self._wanted
+        if kept >= self._wanted:
+            return
         unwritten: list[EpisodeSteps] = []
-        while kept < self._wanted:
-            if trial >= most:
-                raise ConfigError(
-                    f"{kept} of {trial} trials were worth keeping (keep={described['keep']!r}), {self._wanted} are "
-                    "wanted; keep others too, or record other objects"
-                )
-            first, last = trial, min(trial + _BLOCK, most)
-            seeds = trial_seeds(described["seed"], last)[first:]
-            run = TrialRun(self._policy, self._envs, seeds, self._watch)
-            for index, result in run.results():
-                self._waiting[first + index] = self._finish(first + index, index, result)
-                while trial in self._waiting and kept < self._wanted:
-                    episode = self._waiting.pop(trial)
+        for trial, episode in self._in_order(seed, store.next_trial, most):
+            if episode is not None:
+                kept += 1
+                unwritten.append(episode)
+            if len(unwritten) == described["file_episodes"] or (unwritten and kept >= self._wanted):
+                store.append(unwritten, trial + 1)
+                unwritten = []
+            progress(kept, trial + 1)
+            if kept >= self._wanted:
+                return
+        raise ConfigError(
+            f"{kept} of {most} trials were worth keeping (keep={described['keep']!r}), {self._wanted} are wanted; keep "
+            "others too, or record other objects"
+        )
+
+    def _in_order(self, seed: int, first: int, last: int) -> Iterator[tuple[int, EpisodeSteps | None]]:
+        """Run the trials from `first` to the one before `last`; yields each in order, with its episode if kept."""
+        self._open, self._waiting = {}, {}
+        trial = first
+        for begin in range(first, last, _BLOCK):
+            end = min(begin + _BLOCK, last)
+            refused = partial(self._refused, begin)
+            run = TrialRun(self._policy, self._envs, trial_seeds(seed, end)[begin:], self._watch, refused)
+            results: Iterator[tuple[int, TrialResult] | None] = chain(run.results(), [None])
+            for ended in results:
+                if ended is not None:
+                    index, result = ended
+                    self._waiting[begin + index] = self._finish(begin + index, index, result)
+                while trial in self._waiting:
+                    yield trial, self._taken(trial)
                     trial += 1
-                    if episode is not None:
-                        kept += 1
-                        unwritten.append(episode)
-                    if len(unwritten) == per_file:
-                        self._store.append(unwritten, trial)
-                        unwritten = []
-                progress(kept, trial)
-                if kept >= self._wanted:
-                    break
-        if unwritten:
-            self._store.append(unwritten, trial)
+
+    def _refused(self, begin: int, index: int, error: GraspboxError) -> None:
+        self._waiting[begin + index] = error
+
+    def _taken(self, trial: int) -> EpisodeSteps | None:
+        """Take the trial that is next in order."""
+        found = self._waiting.pop(trial)
+        if not isinstance(found, GraspboxError):
+            return found
+        self._refusals.add(found)
+        self._store.refused |= self._refusals.reasons
+        if self._refusals.all:
+            raise found
+        return None
 
     def _watch(self, steps: Steps) -> None:
         for row, trial in enumerate(steps.trial.tolist()):

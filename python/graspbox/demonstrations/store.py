@@ -1,9 +1,8 @@
-"""The files of demonstrations: how they are written and read."""
+"""The files of demonstrations: writing and reading."""
 
 import hashlib
-import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,55 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.dataset.extras import parquet, pyarrow
+from graspbox.demonstrations.manifest import FILE, Episode, File, content_of, read_manifest, write_manifest
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, read_bounded, write_bytes, write_text
+from graspbox.files import write_bytes
 from graspbox.policies.goals import GOAL_NAME
-from graspbox.resume_log import changes
+from graspbox.training.runs import refuse_changes
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Demonstrations", "Episode", "EpisodeSteps", "Store"]
+__all__ = ["Demonstrations", "EpisodeSteps", "Store"]
 
-_MANIFEST = "manifest.json"
-_FORMAT, _VERSION = "graspbox.demonstrations", 1
-_MAX_MANIFEST = 1 << 26
-#: Key of the facts about the episodes of a file in its metadata.
-_KEY = b"graspbox"
 _COMPRESSION_LEVEL = 3
-#: Keywords of the environment that were those of the recording alone.
+#: Keywords of the environment that apply to the recording alone.
 _OWN = ("obs", "split", "num_threads")
-#: Rows of a row group: what is decompressed at once.
+#: Rows per row group: the unit of decompression.
 _ROW_GROUP = 1024
-
-
-@dataclass(frozen=True)
-class Episode:
-    """An episode.
-
-    Attributes
-    ----------
-    trial : int
-        Index of its seed in `graspbox.evaluation.trial_seeds`.
-    seed : int
-        Seed of its reset.
-    object : str
-        Name of its object.
-    success, secure : bool
-        As `graspbox.simulation` defines them.
-    steps : int
-        Number of its actions.
-    reward : float
-        Sum of its rewards.
-    """
-
-    trial: int
-    seed: int
-    object: str
-    success: bool
-    secure: bool
-    steps: int
-    reward: float
 
 
 @dataclass(frozen=True)
@@ -69,9 +35,9 @@ class EpisodeSteps:
     Attributes
     ----------
     episode : Episode
-        What came of it.
+        Its outcome.
     observations : dict
-        By name: (n + 1, ...) arrays; the last one follows the last action.
+        Arrays (n + 1, ...) by name; the last row follows the last action.
     actions : (n, k) float32 array
         In [-1, 1].
     rewards : (n,) float64 array
@@ -94,31 +60,40 @@ class Demonstrations:
     Parameters
     ----------
     folder : str or Path
-        What `record` wrote.
+        A folder that `record` wrote.
 
     Attributes
     ----------
     folder : Path
         The folder.
     settings : dict
-        What the episodes depend on: ``env_id``, ``env_spec``, ``policy``, ``keep``, ``seed``, ``fps`` and others.
+        Settings of the episodes: ``env_id``, ``env_spec``, ``policy``, ``keep``, ``seed``, ``fps`` and others.
     episodes : tuple of Episode
         All of them.
     trials : int
-        Trials that were run for them.
+        Number of trials that were run.
+    refused : dict
+        Reasons why objects could not be used, by name; no episode has such an object.
 
     Raises
     ------
     ConfigError
-        If the folder holds no demonstrations.
+        If the folder holds no demonstrations, or a file of them is missing.
+    MissingExtraError
+        Without pydantic (extra ``data``).
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self.settings = _read_manifest(self.folder)["settings"]
-        self._files = [(path, _facts(path)) for path in _paths(self.folder)]
-        self.episodes = tuple(Episode(**row) for _, facts in self._files for row in facts["episodes"])
-        self.trials: int = self._files[-1][1]["next_trial"] if self._files else 0
+        manifest = read_manifest(self.folder)
+        self.settings, self.refused, self._files = manifest.settings, manifest.refused, manifest.files
+        for file in self._files:
+            if not (self.folder / file.name).is_file():
+                raise ConfigError(
+                    f"{str(self.folder / file.name)!r} is missing; the same call of record makes its episodes again"
+                )
+        self.episodes = tuple(episode for file in self._files for episode in file.episodes)
+        self.trials = self._files[-1].next_trial if self._files else 0
 
     @property
     def observations(self) -> dict[str, tuple[int, ...]]:
@@ -136,7 +111,7 @@ class Demonstrations:
         Parameters
         ----------
         obs : tuple of str
-            What the policy observes; one name gives an array, several give a mapping, none gives ``state``.
+            The policy's observations; one name gives an array, several give a mapping, none gives ``state``.
         """
         spec = self.settings["env_spec"]
         keywords = {name: value for name, value in spec["kwargs"].items() if name not in _OWN and value is not None}
@@ -166,13 +141,13 @@ class Demonstrations:
                 )
         wanted = tuple(known) if names is None else names
         columns = ["action", "reward", "terminated", "truncated", *(f"observation.{name}" for name in wanted)]
-        for path, facts in self._files:
-            table = _read_table(path, columns)
+        for file in self._files:
+            table = _read_table(self.folder, file, self.settings, columns)
             first = 0
-            for row in facts["episodes"]:
-                count = row["steps"]
-                yield _steps(Episode(**row), table.slice(first, count + 1), {name: known[name] for name in wanted})
-                first += count + 1
+            for episode in file.episodes:
+                steps = table.slice(first, episode.steps + 1)
+                yield _steps(episode, steps, {name: known[name] for name in wanted})
+                first += episode.steps + 1
 
     def steps(
         self,
@@ -188,9 +163,9 @@ class Demonstrations:
         names : tuple of str
             Observations to read.
         chosen : callable
-            Which episodes count.
+            Predicate that selects episodes.
         limit : int, optional
-            Take the first ones only.
+            Use only the first ones.
 
         Returns
         -------
@@ -201,12 +176,12 @@ class Demonstrations:
         rewards : (steps,) float64 array
             Rewards of the actions.
         episode : (steps,) int64 array
-            Counts the episodes that were taken, from 0.
+            Number of the episode among those selected, from 0.
 
         Raises
         ------
         ConfigError
-            As `read`; if no episode is taken, or there are fewer than `limit`.
+            As `read`; if no episode is selected, or fewer than `limit`.
         """
         taken: list[EpisodeSteps] = []
         for one in self.read(names):
@@ -224,93 +199,106 @@ class Demonstrations:
 
 
 class Store:
-    """Writes demonstrations: file after file, each whole.
+    """Writes demonstrations file by file, each atomically.
+
+    The manifest names a file before the file is written. A named file that is missing was interrupted, or removed as
+    damaged; it is a gap to be filled again.
 
     Parameters
     ----------
     folder : Path
-        Where they go; made if need be. Files of an interrupted call are kept.
+        Its folder, created if needed. Files of an interrupted recording are kept.
     settings : dict
-        What the episodes depend on, as plain JSON values.
+        Settings that determine the episodes, as plain JSON values.
+
+    Attributes
+    ----------
+    refused : dict
+        Reasons why objects could not be used, by name.
 
     Raises
     ------
     ConfigError
-        If the folder holds demonstrations with other settings.
+        If the folder holds demonstrations with other settings, a damaged file, or a foreign one.
     """
 
     def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
-        self.folder, self._settings = folder, settings
-        if (folder / _MANIFEST).exists():
-            found = "; ".join(changes(_read_manifest(folder)["settings"], settings))
-            if found:
-                raise ConfigError(f"{str(folder)!r} was begun with other settings: {found}; name another folder")
-        elif _paths(folder):
-            raise ConfigError(f"{str(folder)!r} holds episodes without their {_MANIFEST}; name another folder")
+        self._folder, self._settings = folder, settings
+        self._files: list[File] = []
+        self.refused: dict[str, str] = {}
+        if (folder / FILE).exists():
+            found = read_manifest(folder)
+            refuse_changes(folder, found.settings, settings)
+            self._files, self.refused = list(found.files), dict(found.refused)
+        known = {file.name for file in self._files}
+        if strangers := sorted(path.name for path in folder.glob("episodes-*.parquet") if path.name not in known):
+            raise ConfigError(
+                f"{str(folder)!r} holds {strangers[0]!r}, which its {FILE} does not name; move it elsewhere, or "
+                "name another folder"
+            )
+        for file in self._files:
+            if (folder / file.name).is_file():
+                content_of(folder, file)
         folder.mkdir(parents=True, exist_ok=True)
         for left in folder.glob(".*.parquet"):
-            # Of a call that was killed while it wrote.
+            # Left by a call that was killed while writing.
             left.unlink()
-        self._write_manifest()
+        write_manifest(folder, self._files, self.refused, settings)
+
+    @property
+    def kept(self) -> int:
+        """Number of episodes, those of gaps included."""
+        return sum(len(file.episodes) for file in self._files)
+
+    @property
+    def next_trial(self) -> int:
+        """The trial after the last file."""
+        return self._files[-1].next_trial if self._files else 0
+
+    @property
+    def gaps(self) -> list[tuple[int, int]]:
+        """First trial and next trial of each missing file."""
+        missing = (file for file in self._files if not (self._folder / file.name).is_file())
+        return [(file.first_trial, file.next_trial) for file in missing]
 
     def append(self, episodes: list[EpisodeSteps], next_trial: int) -> None:
-        """Write a file of episodes; the next one goes on with the trial `next_trial`."""
-        done = Demonstrations(self.folder)
-        facts = {"next_trial": next_trial, "episodes": [asdict(one.episode) for one in episodes]}
-        table = _table(episodes, len(done.episodes), self._settings)
-        table = table.replace_schema_metadata({_KEY: json.dumps(facts)})
+        """Write a file of episodes; the next one continues with the trial `next_trial`."""
+        number = int(self._files[-1].name[len("episodes-") : -len(".parquet")]) + 1 if self._files else 0
+        self._write(len(self._files), f"episodes-{number:05d}.parquet", episodes, self.next_trial, next_trial)
+
+    def fill(self, first_trial: int, episodes: list[EpisodeSteps]) -> None:
+        """Write the file of a gap again."""
+        index = next(index for index, file in enumerate(self._files) if file.first_trial == first_trial)
+        self._write(index, self._files[index].name, episodes, first_trial, self._files[index].next_trial)
+
+    def _write(self, index: int, name: str, episodes: list[EpisodeSteps], first_trial: int, next_trial: int) -> None:
+        before = sum(len(file.episodes) for file in self._files[:index])
         sink = pyarrow().BufferOutputStream()
         options = {"compression": "zstd", "compression_level": _COMPRESSION_LEVEL, "row_group_size": _ROW_GROUP}
-        parquet().write_table(table, sink, **options)
-        write_bytes(self.folder / f"episodes-{len(_paths(self.folder)):05d}.parquet", bytes(sink.getvalue()))
-        self._write_manifest()
-
-    def _write_manifest(self) -> None:
-        files = [(path, _facts(path)) for path in _paths(self.folder)]
-        rows = [row for _, facts in files for row in facts["episodes"]]
-        counts = {
-            "trials": files[-1][1]["next_trial"] if files else 0,
-            "episodes": len(rows),
-            "steps": sum(row["steps"] for row in rows),
-            "success": sum(row["success"] for row in rows),
-            "secure": sum(row["secure"] for row in rows),
-        }
-        hashes = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path, _ in files}
-        manifest = {"format": _FORMAT, "version": _VERSION, "counts": counts, "files": hashes}
-        write_text(self.folder / _MANIFEST, dumps({**manifest, "settings": self._settings}) + "\n")
+        parquet().write_table(_table(episodes, before, self._settings), sink, **options)
+        content = bytes(sink.getvalue())
+        digest, rows = hashlib.sha256(content).hexdigest(), tuple(one.episode for one in episodes)
+        self._files[index : index + 1] = [File(name, digest, first_trial, next_trial, rows)]
+        write_manifest(self._folder, self._files, self.refused, self._settings)
+        write_bytes(self._folder / name, content)
 
 
-def _paths(folder: Path) -> list[Path]:
-    return sorted(folder.glob("episodes-*.parquet"))
-
-
-def _read_manifest(folder: Path) -> dict[str, Any]:
-    path = folder / _MANIFEST
-    if not path.is_file():
-        raise ConfigError(f"there are no demonstrations in {str(folder)!r}: it has no {_MANIFEST}")
+def _read_table(folder: Path, file: File, settings: Mapping[str, Any], columns: list[str]) -> "pa.Table":
+    """Read columns of a file, and check its rows and types against the settings."""
+    pa, path = pyarrow(), folder / file.name
+    content = pa.BufferReader(content_of(folder, file))
+    rows = sum(episode.steps + 1 for episode in file.episodes)
+    complaint = f"{str(path)!r} does not hold the episodes that {FILE} says"
     try:
-        found: dict[str, Any] = json.loads(read_bounded(path, _MAX_MANIFEST))
-        known = found["format"] == _FORMAT and found["version"] == _VERSION and isinstance(found["settings"], dict)
-    except (ValueError, LookupError, TypeError):
-        known = False
-    if not known:
-        raise ConfigError(f"{str(path)!r} is no manifest of demonstrations, or one of another version")
-    return found
-
-
-def _facts(path: Path) -> dict[str, Any]:
-    try:
-        facts: dict[str, Any] = json.loads((parquet().read_schema(path).metadata or {})[_KEY])
-    except (KeyError, ValueError, pyarrow().ArrowException):
-        raise ConfigError(f"{str(path)!r} holds no demonstrations; remove it and record again") from None
-    return facts
-
-
-def _read_table(path: Path, columns: list[str]) -> "pa.Table":
-    try:
-        return parquet().read_table(path, columns=columns)
-    except (OSError, pyarrow().ArrowException) as error:
-        raise ConfigError(f"{str(path)!r} cannot be read ({error}); remove it and record again") from None
+        schema = _table([], 0, settings).schema
+        found = parquet().ParquetFile(content)
+        if found.metadata.num_rows != rows or not found.schema_arrow.equals(schema):
+            raise ConfigError(complaint)
+        return found.read(columns=columns)
+    except (OSError, OverflowError, ValueError, pa.ArrowException) as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"{complaint}: {error}") from None
 
 
 def _steps(episode: Episode, table: "pa.Table", spaces: Mapping[str, Any]) -> EpisodeSteps:
@@ -329,7 +317,7 @@ def _steps(episode: Episode, table: "pa.Table", spaces: Mapping[str, Any]) -> Ep
 
 
 def _table(episodes: list[EpisodeSteps], first: int, settings: Mapping[str, Any]) -> "pa.Table":
-    """Rows of episodes, the first of which has the index `first`."""
+    """Convert episodes to rows; the first episode has the index `first`."""
     pa = pyarrow()
     counts = [one.episode.steps + 1 for one in episodes]
     last = np.concatenate([np.arange(count) == count - 1 for count in counts] or [np.zeros(0, dtype=bool)])

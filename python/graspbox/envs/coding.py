@@ -1,14 +1,14 @@
-"""Poses in states and actions: read one off the observation ``state``, write one as an action of a control mode.
+"""Poses in states and actions: read poses from the observation ``state``, encode poses as actions.
 
-| function | what it does |
+| function | result |
 |---|---|
 | `object_pose` | ``world_from_object`` of a state of either environment |
 | `hand_pose` | ``world_from_hand`` of a state of ``Grasp-v0`` |
 | `encode_action` | the action that moves the hand to a pose, in any control mode |
-| `rotation_from_columns` | a rotation from two columns, as the core makes it from an action |
+| `rotation_from_columns` | a rotation from its first two columns, computed as the core decodes an action |
 
-The places of columns and the meaning of actions come from the core's tables (`graspbox.envs.spaces.tables`), so that
-all of it holds for any hand. `Codec` does the same for one hand and control mode without looking them up again.
+Column indices and the meaning of actions come from the core's tables (`graspbox.envs.spaces.tables`), so the functions
+work for any hand. `Codec` keeps the tables of one hand and control mode.
 
 >>> import gymnasium, graspbox
 >>> from graspbox.envs.coding import encode_action, object_pose
@@ -37,14 +37,14 @@ __all__ = ["Codec", "encode_action", "hand_pose", "object_pose", "rotation_from_
 Pose = NDArray[np.float64]
 HandArgument = str | Hand | tuple[str, str]
 
-#: A direction shorter than this, or two directions with a smaller sine between them, name no rotation.
+#: Columns are degenerate if the first is shorter than this, or if the sine of the angle between them is smaller.
 _DEGENERATE = 1e-3
-#: Entries of an action by the axis of the position that they hold.
+#: Axis of the position for each action entry that holds a coordinate.
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Make a rotation (3, 3) from its first two columns, by Gram-Schmidt in this order; None where they name none."""
+    """Make a rotation (3, 3) from its first two columns by Gram-Schmidt, in this order; None if they are degenerate."""
     length = np.linalg.norm(first)
     if length < _DEGENERATE:
         return None
@@ -57,21 +57,21 @@ def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64
 
 
 class Codec:
-    """States and actions of one hand in one control mode.
+    """Reads states and encodes actions of one hand in one control mode.
 
     Parameters
     ----------
     control : {"twist", "delta_pose", "target_pose", "grasp_pose"}
-        The control mode; ``grasp_pose`` is that of ``GraspPose-v0``.
+        The control mode; ``GraspPose-v0`` uses ``grasp_pose``.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     vector : {"state", "proprio"}
-        The observation that it reads.
+        The observation to read.
 
     Raises
     ------
     ConfigError
-        For a mode that does not exist.
+        For an unknown control mode.
     """
 
     def __init__(self, control: str, hand: HandArgument = "reflex", vector: str = "state") -> None:
@@ -86,16 +86,16 @@ class Codec:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns of the observation that it reads."""
+        """Names of the observation's columns."""
         return tuple(self._places)
 
     def column(self, state: ArrayLike, name: str) -> NDArray[np.float64]:
-        """Read a column of a state (or of the other vector), by its name in the table of observations.
+        """Read a column of an observation by its name in the table of observations.
 
         Raises
         ------
         ConfigError
-            If the state has another size, or no such field.
+            If the observation has another size, or no such column.
         """
         values = np.asarray(state, dtype=np.float64)
         if values.shape != (self.state_size,):
@@ -111,19 +111,19 @@ class Codec:
         return values[self._places[name]]
 
     def pose(self, state: ArrayLike, name: str) -> Pose:
-        """Read the pose (4, 4) whose fields are ``{name}_position`` and ``{name}_rotation``.
+        """Read the pose (4, 4) given by the columns ``{name}_position`` and ``{name}_rotation``.
 
-        The columns of a state are float32 and so slightly non-orthonormal; they are projected back to SO(3).
+        Rounding to float32 leaves the rotation slightly non-orthonormal; it is projected back to SO(3).
 
         Raises
         ------
         ConfigError
-            As `column`, or if the columns name no rotation.
+            As `column`, or if the two columns of the rotation are degenerate.
         """
         columns = self.column(state, f"{name}_rotation")
         rotation = rotation_from_columns(columns[:3], columns[3:])
         if rotation is None:
-            raise ConfigError(f"{name}_rotation of the {self._vector} is {columns}; these columns name no rotation")
+            raise ConfigError(f"{name}_rotation of the {self._vector} is {columns}; they are degenerate")
         pose = np.eye(4)
         pose[:3, 3], pose[:3, :3] = self.column(state, f"{name}_position"), rotation
         return pose
@@ -137,7 +137,7 @@ class Codec:
         world_from_start: ArrayLike | None = None,
         frame_skip: int = 1,
     ) -> NDArray[np.float32]:
-        """Write a pose as an action: see the function `encode_action`."""
+        """Encode a pose as an action: see the function `encode_action`."""
         goal = np.asarray(world_from_hand, dtype=np.float64)
         start = None if world_from_start is None else np.asarray(world_from_start, dtype=np.float64)
         for name, pose in (("world_from_hand", goal), ("world_from_start", start)):
@@ -167,11 +167,11 @@ class Codec:
         return action
 
     def _motion(self, name: str, start: Pose | None, goal: Pose, limit: float, frame_skip: int) -> NDArray[np.float64]:
-        """Share of the limit that a motion from one pose to another takes, in the axes of the first."""
+        """Entries of a motion from one pose to another, in the axes of the first, as shares of the limit."""
         if start is None:
             raise ConfigError(f"an action of control mode {self._control!r} is a motion; give world_from_start too")
         turned_back = start[:3, :3].T
-        # Rates are followed for all of the step, steps are those of one control period.
+        # A velocity holds for the whole step; `step` and `turn` are applied once per control period.
         time = self._period * frame_skip if name in ("linear", "angular") else float(frame_skip)
         if name in ("linear", "step"):
             return np.asarray(turned_back @ (goal[:3, 3] - start[:3, 3]) / (limit * time))
@@ -184,12 +184,12 @@ def _codec(control: str, hand: str | Hand) -> Codec:
 
 
 def codec(control: str, hand: HandArgument) -> Codec:
-    """Find the codec of a control mode and a hand; one of a hand that was loaded is kept."""
+    """Return the codec of a control mode and a hand; codecs are cached unless the hand is a pair of paths."""
     return Codec(control, hand) if isinstance(hand, tuple) else _codec(control, hand)
 
 
 def _codec_for(state: ArrayLike, control: str | None, hand: HandArgument) -> Codec:
-    """Find the codec for a state, by its size where no control mode is given."""
+    """Return the codec for a state; without a control mode, the first one whose states have this size."""
     if control is not None:
         return codec(control, hand)
     loaded = load_hand(hand) if isinstance(hand, tuple) else hand
@@ -200,21 +200,19 @@ def _codec_for(state: ArrayLike, control: str | None, hand: HandArgument) -> Cod
         if shape == (one.state_size,):
             return one
     sizes = ", ".join(f"{one.state_size} ({mode})" for mode, one in zip(modes, found, strict=True))
-    raise ConfigError(
-        f"the state has shape {shape}; obs='state' gives as many numbers as the control mode has: {sizes}"
-    )
+    raise ConfigError(f"the state has shape {shape}; obs='state' has length {sizes}")
 
 
 def object_pose(state: ArrayLike, *, control: str | None = None, hand: HandArgument = "reflex") -> Pose:
-    """Read the object's pose off a state of either environment.
+    """Read the object's pose from a state of either environment.
 
     Parameters
     ----------
     state : (n,) array_like
         The observation ``state``.
     control : str, optional
-        The control mode; by default the one whose states have this size (where several do, their poses are in the same
-        columns).
+        The control mode; by default it follows from the size of the state (modes with states of the same size have the
+        poses in the same columns).
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
 
@@ -226,18 +224,20 @@ def object_pose(state: ArrayLike, *, control: str | None = None, hand: HandArgum
     Raises
     ------
     ConfigError
-        If it is not a state, or its columns name no rotation.
+        If `state` is not a state of the hand, or the columns of its rotation are degenerate.
     """
     return _codec_for(state, control, hand).pose(state, "object")
 
 
 def hand_pose(state: ArrayLike, *, control: str | None = None, hand: HandArgument = "reflex") -> Pose:
-    """Read ``world_from_hand`` (4, 4) as the arm knows it off a state of ``Grasp-v0``; parameters as `object_pose`.
+    """Read ``world_from_hand`` (4, 4), as the arm measures it, from a state of ``Grasp-v0``.
+
+    Parameters are those of `object_pose`.
 
     Raises
     ------
     ConfigError
-        As `object_pose`; also for a state of ``GraspPose-v0``, which holds no pose of the hand.
+        As `object_pose`; also for a state of ``GraspPose-v0``, which does not contain the hand's pose.
     """
     return _codec_for(state, control, hand).pose(state, "hand")
 
@@ -252,34 +252,35 @@ def encode_action(
     world_from_start: ArrayLike | None = None,
     frame_skip: int = 1,
 ) -> NDArray[np.float32]:
-    """Write a pose of the hand as an action.
+    """Encode a pose of the hand as an action.
 
     Parameters
     ----------
     world_from_hand : (4, 4) array_like
-        Pose of the grasp frame that the hand is to reach. What lies beyond the limits of the action space is clipped.
+        Target pose of the grasp frame. Entries beyond the limits of the action space are clipped.
     preshape : float
-        See `graspbox.Hand.preshape_limits`; a hand without preshapes needs none.
+        See `graspbox.Hand.preshape_limits`; ignored for a hand without preshapes.
     control : {"grasp_pose", "twist", "delta_pose", "target_pose"}
         The control mode; by default that of ``GraspPose-v0``.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     actuator_speed : float or (k,) array_like
-        Speed of each actuator but the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` does without.
+        Speed of each actuator except the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` ignores it.
     world_from_start : (4, 4) array_like, optional
-        Where the motion of ``twist`` (where the hand is) or of ``delta_pose`` (where the last action led) begins.
+        Start of the motion; required by ``twist`` (the present pose of the hand) and ``delta_pose`` (the goal of the
+        last action).
     frame_skip : int
-        That of the environment: a motion may take this many control periods.
+        Control periods per step, as in the environment.
 
     Returns
     -------
     (n,) float32
-        In [-1, 1].
+        The action, in [-1, 1].
 
     Raises
     ------
     ConfigError
-        For a pose of another shape, or a motion without its start.
+        For a pose of another shape, or if `world_from_start` is missing.
     """
     return codec(control, hand).encode_action(
         world_from_hand,

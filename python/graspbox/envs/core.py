@@ -1,4 +1,4 @@
-"""What all environments share, single and vector: a pool, and what its rows mean."""
+"""Core of all environments, single and vector: a pool, and the conversion of its rows to Gymnasium's values."""
 
 import json
 import os
@@ -33,12 +33,12 @@ _AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] =
 
 
 def checked_options(options: Any, name: str = "options", hint: str = "") -> dict[str, Any]:
-    """Take the options of a reset; None stands for none.
+    """Check the options of a reset; None means no options.
 
     Raises
     ------
     ConfigError
-        If they, called `name`, are not a mapping; the message ends with the hint.
+        If they are not a mapping; the message calls them `name` and ends with `hint`.
     """
     if options is not None and not isinstance(options, Mapping):
         raise ConfigError(f"{name} is {shown(options)}; give a dictionary of reset options, or None{hint}")
@@ -46,12 +46,12 @@ def checked_options(options: Any, name: str = "options", hint: str = "") -> dict
 
 
 def options_json(options: Mapping[str, Any] | None) -> str:
-    """Write the options of a reset as the core reads them."""
+    """Serialise the options of a reset for the core."""
     return json.dumps(plain(checked_options(options), "reset options"))
 
 
 def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
-    """Take an autoreset mode by its value too."""
+    """Return an autoreset mode, given as such or by its value."""
     try:
         return AutoresetMode(given)
     except ValueError:
@@ -60,12 +60,12 @@ def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
 
 
 def checked_seed(seed: Any) -> int:
-    """Take a seed, also a numpy integer, as an int; refuse one that the core does not take."""
+    """Return a seed as an int; numpy integers are accepted, seeds out of the core's range are not."""
     return natural(seed, "seed", bits=64)
 
 
 def frames_per_second(tables: spaces.Tables, frame_skip: int = 1) -> int:
-    """Return steps per second of simulated time, so that videos run at the speed of the simulation."""
+    """Return the number of steps per second of simulated time: the frame rate of a video at real speed."""
     return max(1, round(1.0 / (tables["control_period"] * frame_skip)))
 
 
@@ -77,8 +77,8 @@ def fresh_seed() -> int:
 class GraspCore:
     """A pool of environments with its spaces, weights and names.
 
-    It can be pickled and copied, and so can an environment that holds it: the settings are written and, for every
-    environment that has begun, its state.
+    It can be pickled and copied, and so can an environment that holds it: a pickle contains the settings and the state
+    of every environment that has begun an episode.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class GraspCore:
     objects : str, Path, ObjectSet or sequence of str
         Object sets to sample from.
     given : Mapping
-        Keywords of that kind; those that are missing have their defaults.
+        Keywords of that kind; missing ones take their defaults.
     """
 
     def __init__(self, kind: type, num_envs: int, objects: ObjectsArgument, given: Mapping[str, Any]) -> None:
@@ -105,7 +105,7 @@ class GraspCore:
             raise ConfigError(f"info is {settings['info']!r}; choose from 'full', 'numeric'")
         self._numeric = settings["info"] == "numeric"
         cameras = completed(settings["cameras"], spaces.image_names(settings["obs"]), settings["image_size"])
-        # An environment that begins its next episode in a step must not wait for a mesh file.
+        # With autoreset, a step that begins the next episode must not wait for a mesh file.
         prepare_files = natural(settings.get("prepare_files", 0), "prepare_files")
         self.autoreset_mode = checked_autoreset(settings.get("autoreset_mode", AutoresetMode.DISABLED))
         self._prepare_files = 0 if self.autoreset_mode is AutoresetMode.DISABLED else prepare_files
@@ -120,7 +120,7 @@ class GraspCore:
         """Make spaces, weights and the pool."""
         obs = settings["obs"]
         self.hand, self.tables = self.source.hand, self.source.tables
-        # A decision has a trial instead of a control mode.
+        # An environment with one decision per episode has a trial instead of a control mode.
         self._decides = "trial" in settings
         control = "grasp_pose" if self._decides else settings["control"]
         if not self._decides and control not in self.tables["actions"]:
@@ -130,7 +130,7 @@ class GraspCore:
         self.action_size = spaces.size(spaces.columns_of(control, self.tables)[0])
         seen = self.source.images(cameras)
         self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
-        # A space sorts its names.
+        # A Dict space sorts its names.
         self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
         names = (self.obs,) if isinstance(self.obs, str) else self.obs
         known = DECISION_WEIGHTS if self._decides else WEIGHTS
@@ -146,7 +146,7 @@ class GraspCore:
             randomization=_randomization(settings["randomization"]),
             cameras=cameras,
             success=success,
-            # In closed loop there is no trial whose lift the criterion would have to fit.
+            # The closed loop has no trial whose lift height would have to reach the criterion's.
             trial=replace(trial, success=success) if self._decides else trial,
         )
         self.picture = to_json(settings["picture"])
@@ -156,22 +156,22 @@ class GraspCore:
         self.begun = np.zeros(num_envs, dtype=np.bool_)
         self._terms = [term["name"] for term in self.tables["terms"]]
         self._entries = spaces.entries(control, self.tables)
-        # Only infos with names need those of the objects, which may be many.
+        # Numeric infos contain no names; do not load those of the objects, which may be many.
         names_of = {} if self._numeric else {"failures": self.tables["failures"], "objects": self.source.names()}
         self._names = {kind: np.array(found, dtype=object) for kind, found in names_of.items()}
 
     @staticmethod
     def _source_of(kind: type, num_envs: int, objects: ObjectsArgument, settings: Settings) -> Source:
-        """Find out where the environments come from: this process, or servers."""
+        """Make the source of the environments: this process, or servers."""
         remote = remote_config(settings["remote"])
         if remote is not None:
             return RemoteSource(remote, kind, num_envs, objects, settings)
-        found = object_sets.load(objects, split=settings["split"])
+        found = object_sets.load(objects, scale=settings["scale"], mass=settings["mass"], split=settings["split"])
         return LocalSource(found, settings["hand"], settings["physics"], settings["num_threads"])
 
     @property
     def object_set(self) -> object_sets.ObjectSet:
-        """The objects; those of servers are looked up here when they are asked for."""
+        """The objects; those of servers are loaded in this process on first use."""
         return self.source.objects()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -186,7 +186,7 @@ class GraspCore:
 
     @property
     def pool(self) -> Pool:
-        """The pool, in the process that made it and until it is closed."""
+        """The pool; an error after it is closed, and in any process but the one that made it."""
         if self._pool is None:
             raise gymnasium.error.ClosedEnvironmentError("this environment is closed; make another one")
         if os.getpid() != self._process:
@@ -198,7 +198,7 @@ class GraspCore:
 
     @property
     def local_pool(self) -> "_core.EnvPool":
-        """The pool of this process, for what needs the core itself."""
+        """The core's pool, of environments in this process."""
         pool = self.pool
         if not isinstance(pool, LocalPool):
             raise ConfigError("these environments are on a server; make them without the keyword remote")
@@ -206,12 +206,12 @@ class GraspCore:
 
     @property
     def fps(self) -> int:
-        """Frames per second of a video: one frame per step, of a decision one per second."""
+        """Frames per second of a video with one frame per step; with one decision per episode, 1."""
         return 1 if self._decides else frames_per_second(self.tables, self.frame_skip)
 
     @property
     def idle_action(self) -> NDArray[np.float32]:
-        """The action that moves nothing, and keeps the preshape at its lower limit; of motions alone."""
+        """The action without motion, with the preshape at its lower limit, for modes whose actions are motions."""
         action = np.zeros(self.action_size, dtype=np.float32)
         action[self.action_places("preshape")] = -1.0
         return action
@@ -222,7 +222,7 @@ class GraspCore:
         return np.repeat([row["name"] == name for row in columns], [row["size"] for row in columns])
 
     def close(self) -> None:
-        """Give the memory of the environments back and close the window; a second time does nothing."""
+        """Free the environments and close the window; repeated calls do nothing."""
         if self._pool is not None and os.getpid() == self._process:
             self._pool.close()
         self._pool = None
@@ -230,11 +230,11 @@ class GraspCore:
             self._window.close()
 
     def prepare(self, progress: bool, delay: float = 0.0, skip_errors: bool = False) -> None:
-        """Prepare all objects, with a progress bar on standard error if wanted, and if it takes longer than `delay`."""
+        """Prepare all objects; with `progress`, a bar appears on standard error after `delay` seconds."""
         self.pool.prepare(progress, delay, skip_errors)
 
     def _prepare_first(self) -> None:
-        """Prepare all objects before the first episodes, if mesh files are among them and they are few enough."""
+        """Prepare all objects before the first episodes if some are mesh files and there are few enough of them."""
         few = self.source.has_files and self.source.count <= self._prepare_files
         if few and not self.begun.any():
             self.prepare(progress=True, delay=2.0, skip_errors=True)
@@ -246,7 +246,7 @@ class GraspCore:
         options: Sequence[Mapping[str, Any] | None],
         out: dict[str, Any] | None = None,
     ) -> "_core.EnvArrays":
-        """Begin episodes where the mask says so; `options` are for all, or one for each environment."""
+        """Begin episodes in the environments of the mask; `options` has one entry for all of them, or one for each."""
         texts = [options_json(one) or "{}" for one in options]
         self._prepare_first()
         arrays = self.pool.reset(seeds, mask, texts, out)
@@ -257,7 +257,7 @@ class GraspCore:
     def step(
         self, actions: Any, out: dict[str, Any] | None = None
     ) -> tuple["_core.EnvArrays", "_core.EnvArrays | None"]:
-        """Act in all environments: what they show, and the ends of episodes that began anew in the same step."""
+        """Step all environments: their rows, and the final rows of episodes whose successors began in this step."""
         pool = self.pool
         self._check_begun("step")
         found = pool.step(self.action(actions, len(self.begun)), out)
@@ -269,7 +269,7 @@ class GraspCore:
             raise gymnasium.error.ResetNeeded(f"call reset before {method}")
 
     def restore(self, env: int, state: bytes) -> "_core.EnvArrays":
-        """Take up a state."""
+        """Restore a state of one environment."""
         if not isinstance(state, bytes):
             raise ConfigError(f"state is {shown(state)}; give the bytes that get_state returned")
         arrays = self.pool.set_state(env, state)
@@ -277,19 +277,19 @@ class GraspCore:
         return arrays
 
     def observations(self, arrays: "_core.EnvArrays") -> Any:
-        """Pick the observations of all rows: an array, or a dictionary of arrays."""
+        """Return the observations of all rows: an array, or a dictionary of arrays."""
         if isinstance(self.obs, str):
             return arrays[self.obs]  # type: ignore[literal-required]
         return {name: arrays[name] for name in self.obs}  # type: ignore[literal-required]
 
     def first(self, arrays: "_core.EnvArrays") -> tuple[Any, dict[str, Any]]:
-        """Observation and info of the first row."""
+        """Return observation and info of the first row."""
         found = self.observations(arrays)
         observation = {name: rows[0] for name, rows in found.items()} if isinstance(found, dict) else found[0]
         return observation, row(self.columns(arrays), 0)
 
     def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8] | None:
-        """Take pictures of some environments, (n, H, W, 3); None but with ``render_mode="rgb_array"``."""
+        """Render pictures of some environments, (n, H, W, 3), with ``render_mode="rgb_array"``; otherwise None."""
         pool = self.pool
         if self.render_mode is None:
             return None
@@ -305,18 +305,18 @@ class GraspCore:
             self._window.show(self.pool.pictures([0])[0], self.fps)
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera at present, by name."""
         return self.pool.cameras()
 
     def rewards(self, arrays: "_core.EnvArrays") -> NDArray[np.float64]:
-        """Weigh the terms of every row."""
+        """Return the reward of every row: the weighted sum of its terms."""
         return total(self.weights, arrays["terms"])
 
     def columns(self, arrays: "_core.EnvArrays") -> dict[str, Any]:
-        """Info of all rows, as the core's table lists it: an array per entry, and one per reward term."""
+        """Return the infos of all rows: an array per entry of the core's table, and one per reward term."""
         terms = np.ascontiguousarray(arrays["terms"].T, dtype=np.float64)
         if arrays["reset"].any():
-            # Where an episode ended and the next began in one step, the terms are those of the end.
+            # In rows that begin an episode, the terms belong to the end of the one before.
             terms[:, arrays["reset"]] = 0.0
         if self._numeric:
             numbers: dict[str, Any] = {entry["name"]: arrays["info"][entry["name"]] for entry in self._entries}
@@ -325,16 +325,18 @@ class GraspCore:
         return {**info, "reward_terms": dict(zip(self._terms, terms, strict=True))}
 
     def _entry(self, entry: spaces.Entry, values: NDArray[Any]) -> NDArray[Any]:
-        """Replace indices by the names that they mean."""
+        """Replace indices by names."""
         names: NDArray[Any] | None = self._names.get(entry["names"] or "")
         return values if names is None else names[values]
 
     def action(self, action: Any, rows: int) -> NDArray[np.float32]:
-        """Actions as the core takes them; it checks that they are finite where they count."""
+        """Convert actions for the core, which checks that they are finite in environments that step."""
         size = self.action_size
         given = np.asarray(action, dtype=np.float32)
         if given.shape != (rows, size) and (rows, *given.shape) != (1, size):
-            raise ConfigError(f"the action has shape {given.shape}; give {size} numbers for each of {rows} envs")
+            raise ConfigError(
+                f"the action has shape {given.shape}; give {size} numbers for each of {rows} environments"
+            )
         return np.ascontiguousarray(given.reshape(rows, size))
 
 
@@ -351,7 +353,7 @@ def _randomization(given: Literal["standard"] | Randomization | None) -> Randomi
 def completed(
     cameras: CamerasConfig, images: tuple[str, ...], image_size: int | tuple[int, int] | None
 ) -> CamerasConfig:
-    """Complete the cameras by what `obs` and `image_size` ask for."""
+    """Add the images of `obs` and the image size to the cameras."""
     if cameras.images:
         raise ConfigError(f"cameras.images is {cameras.images!r}; name images in obs")
     size = cameras.image_size if image_size is None else image_size
@@ -362,7 +364,7 @@ def completed(
 
 
 def row(columns: dict[str, Any], index: int) -> dict[str, Any]:
-    """One row of the columns, as plain Python values."""
+    """Return one row of the columns, as plain Python values."""
     return {
         name: row(values, index) if isinstance(values, dict) else values[index : index + 1].tolist()[0]
         for name, values in columns.items()

@@ -1,4 +1,4 @@
-"""One environment of a vector environment, with the attributes and methods of the single one."""
+"""A view of one environment of a vector environment, with attributes and methods of the single one."""
 
 from typing import Any, Protocol
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 __all__ = ["EnvView", "VectorAccess"]
 
-#: Attributes that all environments share, and where the vector environment has them.
+#: Attributes shared by all environments, and their names in the vector environment.
 _SHARED = {
     "objects": "objects",
     "render_mode": "render_mode",
@@ -18,7 +18,7 @@ _SHARED = {
 
 
 class VectorAccess(Protocol):
-    """What a view needs of its vector environment; indices are those of environments."""
+    """The part of a vector environment that its views use; `env` is the index of an environment."""
 
     @property
     def np_random_seed(self) -> tuple[int | None, ...]: ...  # noqa: D102
@@ -29,21 +29,21 @@ class VectorAccess(Protocol):
 
 
 class EnvView:
-    """What `NativeVectorEnv.call`, ``get_attr`` and ``set_attr`` see; any other attribute can be set.
+    """The environment that `NativeVectorEnv.call`, ``get_attr`` and ``set_attr`` access; new attributes can be set.
 
     Parameters
     ----------
     vector : VectorAccess
-        Where it is.
+        The vector environment.
     index : int
-        Which one it is.
+        Index of the environment.
     """
 
     def __init__(self, vector: VectorAccess, index: int) -> None:
         self._vector, self._index = vector, index
 
     def __getattr__(self, name: str) -> Any:
-        # Called for what is found nowhere else; while a copy is made there is no vector environment yet.
+        # Called for attributes not found otherwise; a copy under construction has no vector environment yet.
         if name in _SHARED and "_vector" in self.__dict__:
             return getattr(self._vector, _SHARED[name])
         raise AttributeError(f"an environment has no attribute {name!r} here")
@@ -55,11 +55,11 @@ class EnvView:
 
     @property
     def np_random_seed(self) -> int | None:
-        """The seed that its random stream began with; None before its first reset, -1 where it is unknown."""
+        """The initial seed of its random stream; None before its first reset, -1 if unknown."""
         return self._vector.np_random_seed[self._index]
 
     def get_state(self) -> bytes:
-        """Return all that its future depends on."""
+        """Return the complete state of the environment."""
         return self._vector.get_state(self._index)
 
     def set_state(self, state: bytes) -> tuple[Any, dict[str, Any]]:
@@ -72,5 +72,5 @@ class EnvView:
         return {name: (intrinsics, poses[self._index]) for name, (intrinsics, poses) in found}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Take a picture, (H, W, 3); None without a render mode."""
+        """Render a picture, (H, W, 3); None without a render mode."""
         return self._vector.picture(self._index)

@@ -1,10 +1,11 @@
-"""A scripted expert for ``graspbox/Grasp-v0``: it moves the hand to a planned pose by ordinary actions alone.
+"""A scripted expert for ``graspbox/Grasp-v0``: it moves the hand to a planned pose with ordinary actions.
 
-The hand rises, moves over and turns at a height that clears the object, descends to the standoff behind the pose, and
-approaches along its z; then it closes, lifts and holds. That is the trial of `graspbox.simulate` (standoff, times and
-lift height are those of `graspbox.TrialConfig`), with a simulated approach. `graspbox.envs.scripted` has the motions.
+The hand rises, moves and turns at a height that clears the object, descends to the standoff behind the pose, and
+approaches along its z; then it closes, lifts and holds. This is the trial of `graspbox.simulate` (with the standoff,
+times and lift height of `graspbox.TrialConfig`), with a simulated approach. The motions are in
+`graspbox.envs.scripted`.
 
-`graspbox.policies` has this expert as a policy for many environments: ``load("expert")``.
+``graspbox.policies.load("expert")`` returns this expert as a policy for many environments.
 
 >>> import gymnasium, graspbox
 >>> from graspbox.envs.expert import Expert, planned
@@ -43,7 +44,7 @@ def planned(
     hand: str | Hand | tuple[str, str] = "reflex",
     **settings: Any,
 ) -> planning.Plan:
-    """Plan grasps of an object at its present pose; feasible poses only, best first.
+    """Plan grasps of an object at its present pose; returns the feasible poses, best first.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def planned(
 
 
 class Expert(ScriptedGrasp):
-    """Drives one episode: moves the hand to a planned pose, closes it, lifts and holds.
+    """Controls one episode: moves the hand to a planned pose, closes it, lifts and holds.
 
     Parameters
     ----------
@@ -78,15 +79,14 @@ class Expert(ScriptedGrasp):
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     frame_skip : int
-        That of the environment.
+        Control periods per step, as in the environment.
     trial : TrialConfig
-        Standoff, times of closing, lifting and holding, and lift height; without a shake, which no action can
-        command.
+        Standoff, lift height, and the times to close, lift and hold; without a shake, which no action can command.
 
     Raises
     ------
     ConfigError
-        If the state is not one of that control mode and hand, or the trial ends with a shake.
+        If the state does not belong to this control mode and hand, or the trial ends with a shake.
     """
 
     def __init__(
@@ -122,10 +122,11 @@ class Expert(ScriptedGrasp):
         Parameters
         ----------
         state : (n,) array_like
-            The current observation ``state``; only the hand pose that the arm measures is read.
+            The current observation ``state``; only the hand's pose as the arm measures it is used.
 
         Returns
         -------
         (k,) float32
+            The action.
         """
         return self.follow(self._codec.pose(state, "hand"))

@@ -1,19 +1,19 @@
 """``graspbox/Grasp-v0``: a hand, a table, an object; closed loop at 20 Hz.
 
-An object lies near the middle of a table in one of its resting poses. The hand begins open above it; the agent moves
-it, closes it, lifts. An episode ends with success as `graspbox.simulation` defines it (``success`` sets the criterion; by
-default the object is held for 0.5 s, 0.15 m above where it lay, free and still), or when the object is lost: off the
-table, or further than 0.5 m from its middle.
+An object lies near the middle of a table in one of its resting poses. The hand starts open above it; the agent moves
+the hand, closes it and lifts. An episode ends with success as defined in `graspbox.simulation` (``success`` sets the
+criterion; by default the object is held free and still for 0.5 s, 0.15 m above its resting height), or when the object is
+lost: off the table, or more than 0.5 m from its middle.
 
-The object lies within 5 cm of the table's middle, turned by any angle. The grasp frame begins within 10 cm of the
-middle, 0.15 to 0.30 m above the table, the palm facing down but for a tilt of up to 0.2 rad, turned about the vertical
-by any angle; where the hand would stand in the object it begins higher, in steps of 5 cm.
+The object lies within 5 cm of the table's middle, at any angle about the vertical. The grasp frame starts within 10 cm of
+the middle and 0.15 to 0.30 m above the table, the palm facing down with a tilt of up to 0.2 rad, at any angle about the
+vertical; if the hand would intersect the object, it starts higher, in steps of 5 cm.
 
 Keywords
 --------
-Of the single environment, of the native vector environment (`gymnasium.make_vec`), or of both; `GraspEnv` and
-`graspbox.envs.vector.GraspVectorEnv` document them. ``gymnasium.make`` and ``make_vec`` take ``max_episode_steps`` too,
-200 by default.
+The last column names the environments that take a keyword: the single one, the native vector environment
+(`gymnasium.make_vec`), or both. `GraspEnv` and `graspbox.envs.vector.GraspVectorEnv` document the keywords.
+``gymnasium.make`` and ``make_vec`` also take ``max_episode_steps``, 200 by default.
 
 <!-- generated: keywords of Grasp-v0 -->
 
@@ -22,6 +22,8 @@ Of the single environment, of the native vector environment (`gymnasium.make_vec
 | num_envs | 1 | vector |
 | objects | 'procedural' | both |
 | split | None | both |
+| scale | 1.0 | both |
+| mass | None | both |
 | obs | 'state' | both |
 | reward | 'sparse' | both |
 | reward_weights | None | both |
@@ -47,10 +49,10 @@ Of the single environment, of the native vector environment (`gymnasium.make_vec
 
 Action
 ------
-``Box(-1, 1, float32)``; numbers beyond are clipped. Accelerations are limited to 5 m/s2 and 20 rad/s2, speeds to what
-``twist`` allows; the goal of ``delta_pose`` is at most 5 cm and 0.2 rad ahead of the hand. The palm cannot be driven
-into the table nor out of the workspace, and a protective stop ends motion against more than 60 N. A closed hand keeps
-its preshape, since changing it under load releases the object.
+``Box(-1, 1, float32)``; values outside are clipped. Accelerations are limited to 5 m/s2 and 20 rad/s2, speeds to the
+limits of ``twist``; the goal of ``delta_pose`` is at most 5 cm and 0.2 rad ahead of the hand. The palm cannot be driven
+into the table or out of the workspace, and a protective stop ends motion against more than 60 N. A closed hand keeps
+its preshape, because changing it under load releases the object.
 
 ``control="twist"``, a velocity in the hand's axes:
 
@@ -103,9 +105,9 @@ Observation
 -----------
 ``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The second
 table lists the indices of each column in each vector, for the control mode ``twist``; ``last_action`` is as long as an
-action. Values beyond their range are clipped. ``state`` is **privileged**: no sensor of a real robot measures it.
+action. Values outside their range are clipped. ``state`` is **privileged**: no sensor of a real robot measures it.
 ``proprio``, ``tactile`` and the images do not contain the object's pose. A hand without tactile sensors has no
-``tactile``: asking for it is an error (``graspbox.envs.spaces.tables(hand)["absent"]`` names what a hand lacks).
+``tactile``: requesting it is an error (``graspbox.envs.spaces.tables(hand)["absent"]`` lists such observations).
 
 <!-- generated: vectors of Grasp-v0 -->
 
@@ -153,11 +155,11 @@ action. Values beyond their range are clipped. ``state`` is **privileged**: no s
 
 <!-- end -->
 
-Images are taken by the first camera of ``cameras``, ``front`` by default, in front of the workspace; ``depth_palm`` is
-taken by the camera ``palm``, on the palm, and so on for every kind and camera. ``voxels`` combines the depth images of
-all cameras in a cube of 0.4 m over the table's middle, whose lowest layer has the table's top in its middle;
-``voxels_front`` uses one. A camera's frame has z forward, x right, y down; ``cameras()`` returns their poses. At the
-default size of 64 x 64 (``image_size``; a single bound applies to all channels):
+The first camera of ``cameras``, by default ``front`` in front of the workspace, takes ``depth`` and the other images
+without a suffix; the camera ``palm``, on the palm, takes ``depth_palm``, and so on for every kind and camera. ``voxels``
+combines the depth images of all cameras in a cube of 0.4 m above the table's middle, with the table top halfway through
+its lowest layer; ``voxels_front`` uses one camera. A camera's frame has z forward, x right, y down; ``cameras()`` returns
+their poses. At the default size of 64 x 64 (``image_size``; a single bound applies to all channels):
 
 <!-- generated: images -->
 
@@ -172,13 +174,13 @@ default size of 64 x 64 (``image_size``; a single bound applies to all channels)
 
 <!-- end -->
 
-Links of the ReFlex, from label 3 on: base; swivel, proximal and distal link of finger 1; the same of finger 2; proximal
-and distal link of finger 3. ``segmentation`` is privileged, since its labels come from the simulation.
+Labels of the ReFlex's links, from 3 on: base; swivel, proximal and distal link of finger 1; the same of finger 2;
+proximal and distal link of finger 3. ``segmentation`` is privileged, because its labels come from the simulation.
 
 Reward
 ------
-The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; ``reward="dense"`` has the weights
-`graspbox.envs.reward.DENSE`, and ``reward="firm"`` those of `graspbox.envs.reward.FIRM`, which pay for a secure hold.
+The weighted sum of the terms. ``reward="sparse"`` is 1 for a success, else 0; ``reward="dense"`` has the weights
+`graspbox.envs.reward.DENSE`, and ``reward="firm"`` has `graspbox.envs.reward.FIRM`, which rewards a secure hold.
 ``reward_weights`` replaces weights by name.
 
 <!-- generated: reward of Grasp-v0 -->
@@ -203,7 +205,7 @@ The sum of weights times terms. ``reward="sparse"`` is 1 for a success, else 0; 
 
 Info
 ----
-After a reset and after a step; success is defined in `graspbox.simulation`:
+Returned by ``reset`` and ``step``; success is defined in `graspbox.simulation`:
 
 <!-- generated: info of Grasp-v0 -->
 
@@ -221,13 +223,13 @@ After a reset and after a step; success is defined in `graspbox.simulation`:
 
 <!-- end -->
 
-With ``info="numeric"`` it is flat and holds numbers alone: ``failure`` is an index into
-``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` one into ``env.objects``, and every reward term is an
-entry, such as ``reward_reach``.
+With ``info="numeric"`` it is flat and contains only numbers: ``failure`` is an index into
+``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index into ``env.objects``, and every reward term is an
+entry such as ``reward_reach``.
 
 Options of a reset
 ------------------
-Options replace parts of the initial state; the other parts are sampled as they would be without them.
+Options replace parts of the initial state; all other parts are sampled as without options.
 
 | option | value |
 |---|---|
@@ -243,12 +245,12 @@ Options replace parts of the initial state; the other parts are sampled as they 
 
 Pictures
 --------
-With ``render_mode="rgb_array"``, ``render`` returns antialiased pictures of 480 x 640 pixels from the side, of the whole
-workspace; ``picture`` sets their size and camera. `gymnasium.wrappers.RecordVideo` writes them with moviepy:
-``pip install 'graspbox[video]'``. With ``render_mode="human"`` every reset and step shows such a picture in a window, at
-``metadata["render_fps"]`` frames per second, until ``close``: ``pip install 'graspbox[human]'``. A vector environment
-shows its first environment there; ``send`` and ``recv`` show nothing. `gymnasium.utils.play.play` takes the keys of `GraspEnv.get_keys_to_action`, with
-``noop=env.unwrapped.idle_action``.
+With ``render_mode="rgb_array"``, ``render`` returns antialiased pictures of the whole workspace from the side, 480 x 640
+pixels; ``picture`` sets their size and camera. `gymnasium.wrappers.RecordVideo` writes them to videos with moviepy
+(``pip install 'graspbox[video]'``). With ``render_mode="human"``, every reset and step shows such a picture in a window
+at ``metadata["render_fps"]`` frames per second, until ``close`` (``pip install 'graspbox[human]'``). A vector environment
+shows its first environment; ``send`` and ``recv`` do not update the window. `gymnasium.utils.play.play` uses the keys of
+`GraspEnv.get_keys_to_action`; give it ``noop=env.unwrapped.idle_action``.
 
 Version history
 ---------------
@@ -270,7 +272,7 @@ from graspbox.hands import load_hand
 
 __all__ = ["GraspEnv"]
 
-#: Keys of `GraspEnv.get_keys_to_action`: the entries of a motion in the hand's axes, and the direction.
+#: Motion keys of `GraspEnv.get_keys_to_action`: the index of the action entry in the hand's axes, and its sign.
 _MOTION_KEYS = {
     "d": (0, 1.0), "a": (0, -1.0), "w": (1, 1.0), "s": (1, -1.0), "e": (2, 1.0), "q": (2, -1.0),
     "i": (3, 1.0), "k": (3, -1.0), "u": (4, 1.0), "o": (4, -1.0), "j": (5, 1.0), "l": (5, -1.0),
@@ -289,6 +291,10 @@ class GraspEnv(SingleEnv):
         Object sets to sample from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
         Sample from this split only.
+    scale : float
+        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
+    mass : float, optional
+        Kilograms of every object, instead of the masses of the set.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
     reward : {"sparse", "dense", "firm"}
@@ -296,23 +302,23 @@ class GraspEnv(SingleEnv):
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.
     success : SuccessCriterion, optional
-        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
     info : {"full", "numeric"}
-        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
-        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
-        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
+        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
+        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
     image_size : int or pair of int, optional
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
-        What varies besides object and start; by default nothing.
+        Properties that vary from episode to episode besides the object and the start; by default none.
     render_mode : {"human", "rgb_array"}, optional
         ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
-        ``human``); of a vector environment it shows the first environment.
+        ``human``); a vector environment shows its first environment.
     num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
     remote : str, sequence of str or RemoteConfig, optional
-        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
-        which they are spread. Results do not depend on it.
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
+        addresses to distribute them over. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths
@@ -322,10 +328,10 @@ class GraspEnv(SingleEnv):
     picture : PictureConfig
         Size, samples per pixel and camera of the pictures of `render`.
     control : {"twist", "delta_pose", "target_pose"}
-        The control mode: what an action means.
+        Control mode: the meaning of actions.
     frame_skip : int
-        Control periods of 0.05 s per step: the action holds for all of them, and their reward terms are added. Slower
-        control is easier to explore.
+        Control periods of 0.05 s per step: the action is held for all of them, and their reward terms are added. Slower
+        control eases exploration.
 
     Raises
     ------
@@ -344,7 +350,7 @@ class GraspEnv(SingleEnv):
 
     @property
     def idle_action(self) -> NDArray[np.float32]:
-        """The action of ``twist`` or ``delta_pose`` that moves nothing: the ``noop`` of `gymnasium.utils.play.play`."""
+        """The ``twist`` or ``delta_pose`` action without motion, the ``noop`` of `gymnasium.utils.play.play`."""
         if self._core.control == "target_pose":
             raise ConfigError("every action of control='target_pose' names a pose; use 'twist' or 'delta_pose'")
         return self._core.idle_action
@@ -358,12 +364,12 @@ class GraspEnv(SingleEnv):
         | i, k; u, o; j, l | about +x, -x; +y, -y; +z, -z |
         | space; x | close all fingers; open them |
 
-        A key of a motion can be pressed together with one of the fingers.
+        A motion key and a finger key can be pressed together.
 
         Raises
         ------
         ConfigError
-            In the control mode ``target_pose``, whose actions are no motions.
+            In the control mode ``target_pose``, whose actions are poses.
         """
         idle, fingers = self.idle_action, self._core.action_places("actuator")
         actions = {}

@@ -1,13 +1,13 @@
 """``graspbox/GraspPose-v0``: one decision per episode.
 
-An object rests near the middle of a table. The agent names one hand pose and a preshape; the hand closes
-there, lifts and holds; the episode ends.
+An object rests near the middle of a table. The agent chooses a hand pose and a preshape; the hand closes there, lifts
+and holds, and the episode ends.
 
 Keywords
 --------
-Those of `graspbox.envs.grasp`; instead of ``control`` and ``frame_skip`` there is ``trial``, which sets how the hand
-closes, lifts and holds. An episode ends after one step, and ``max_episode_steps`` is 1: under ``gymnasium.make`` and
-``make_vec`` that step also truncates it, but ``terminated`` is True first of all.
+Those of `graspbox.envs.grasp`, with ``trial``, which sets how the hand closes, lifts and holds, instead of ``control``
+and ``frame_skip``. An episode ends after one step, and ``max_episode_steps`` is 1: under ``gymnasium.make`` and
+``make_vec`` that step sets both ``terminated`` and ``truncated``.
 
 <!-- generated: keywords of GraspPose-v0 -->
 
@@ -16,6 +16,8 @@ closes, lifts and holds. An episode ends after one step, and ``max_episode_steps
 | num_envs | 1 | vector |
 | objects | 'procedural' | both |
 | split | None | both |
+| scale | 1.0 | both |
+| mass | None | both |
 | obs | 'state' | both |
 | reward | 'sparse' | both |
 | reward_weights | None | both |
@@ -40,8 +42,8 @@ closes, lifts and holds. An episode ends after one step, and ``max_episode_steps
 
 Action
 ------
-``Box(-1, 1, (10,), float32)``, in the world's frame (z up, table top at z = 0). The box of positions is fixed in the
-world; the object is not at its centre.
+``Box(-1, 1, (10,), float32)``, in the world frame (z up, table top at z = 0). The range of positions is fixed in the
+world, not centred on the object.
 
 <!-- generated: action of grasp_pose -->
 
@@ -55,9 +57,9 @@ world; the object is not at its centre.
 
 <!-- end -->
 
-The two columns are made orthonormal in this order. Where that is impossible (a column shorter than 0.001, or the two
-within a thousandth of a radian of parallel), or where the hand collides with the object or the table at the pose or
-on the straight approach of 0.10 m along its -z, the attempt is ``infeasible``: no trial, reward 0.
+The two columns are orthonormalised in this order. If they are degenerate (one shorter than 0.001, or both parallel to
+within a thousandth of a radian), or if the hand collides with the object or the table at the pose or on the straight
+approach of 0.10 m along its z, the attempt is ``infeasible``: there is no trial, and the sparse reward is 0.
 
 Observation
 -----------
@@ -97,21 +99,22 @@ in `graspbox.envs.grasp`. ``state`` is **privileged** and describes the object a
 
 <!-- end -->
 
-Before the decision the hand waits, open, where ``Grasp-v0`` would begin but 0.35 m higher, and all of that tipped by 50
-degrees about the table's middle towards +y: its palm faces the object from 0.5 to 0.65 m, and neither the camera
-``front`` nor one overhead sees it. ``proprio`` and ``tactile`` are its own. The camera ``palm`` looks between the
-fingers, often past an object so far away; an eye in hand that sees it from there is, in ``cameras``,
-``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)``.
+Before the decision the hand waits open, at a start pose of ``Grasp-v0`` raised by 0.35 m and then rotated by 50 degrees
+about the table's middle towards +y. Its palm faces the object from 0.5 to 0.65 m, and neither the camera ``front`` nor
+one overhead sees the hand. ``proprio`` and ``tactile`` describe this waiting hand. The camera ``palm`` looks between the
+fingers and often misses an object at that distance; a hand camera that sees it from there is
+``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)`` in ``cameras``.
 
-Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``, and those of single cameras, as
+Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``, and those of one camera, such as
 ``depth_palm``; `graspbox.envs.grasp` has the table of shapes, units and bounds) do not contain the object's pose. The
 last observation of an episode shows the scene after the attempt.
 
 Reward
 ------
-The sum of weights times terms, as in `graspbox.envs.grasp`; ``reward_weights`` replaces weights by name.
-``reward="sparse"`` is 1 for a success as `graspbox.simulation` defines it, else 0; ``reward="dense"`` has the weights
-`graspbox.envs.reward.DECISION`, ``reward="firm"`` those of `graspbox.envs.reward.FIRM_DECISION`. The terms of an attempt, of which those of ``Grasp-v0`` that are missing here are 0:
+The weighted sum of the terms, as in `graspbox.envs.grasp`; ``reward_weights`` replaces weights by name.
+``reward="sparse"`` is 1 for a success as defined in `graspbox.simulation`, else 0; ``reward="dense"`` has the weights
+`graspbox.envs.reward.DECISION`, and ``reward="firm"`` has `graspbox.envs.reward.FIRM_DECISION`. The terms of an attempt
+(other terms of ``Grasp-v0`` are 0):
 
 <!-- generated: reward of GraspPose-v0 -->
 
@@ -152,14 +155,14 @@ As in `graspbox.envs.grasp`:
 
 <!-- end -->
 
-``trial=graspbox.TrialConfig(shake=graspbox.ShakeConfig())`` shakes what an attempt holds, for ``survives_shake``. The shake
-happens in a copy of the world: reward, other infos and the last observation are those of the end of the hold.
+``trial=graspbox.TrialConfig(shake=graspbox.ShakeConfig())`` adds a shake after the hold, which sets ``survives_shake``. It
+runs in a copy of the world: the reward, the other infos and the last observation are those at the end of the hold.
 
 Options of a reset
 ------------------
-As in `graspbox.envs.grasp`; but an object that is dropped at ``world_from_object`` comes to rest before it is observed,
-and ``world_from_hand`` (within 1 m) and ``preshape`` set how the hand waits, not how it grasps. The randomization is the
-same too: a calibration error moves the hand away from the pose of the action.
+As in `graspbox.envs.grasp`, except that an object dropped at ``world_from_object`` comes to rest before it is observed,
+and ``world_from_hand`` (within 1 m) and ``preshape`` apply to the waiting hand, not to the grasp. The randomization is
+also the same: a calibration error moves the hand away from the pose of the action.
 
 Version history
 ---------------
@@ -194,6 +197,10 @@ class GraspPoseEnv(SingleEnv):
         Object sets to sample from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
         Sample from this split only.
+    scale : float
+        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
+    mass : float, optional
+        Kilograms of every object, instead of the masses of the set.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
     reward : {"sparse", "dense", "firm"}
@@ -201,23 +208,23 @@ class GraspPoseEnv(SingleEnv):
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.
     success : SuccessCriterion, optional
-        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
     info : {"full", "numeric"}
-        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
-        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
-        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
+        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
+        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
     image_size : int or pair of int, optional
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
-        What varies besides object and start; by default nothing.
+        Properties that vary from episode to episode besides the object and the start; by default none.
     render_mode : {"human", "rgb_array"}, optional
         ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
-        ``human``); of a vector environment it shows the first environment.
+        ``human``); a vector environment shows its first environment.
     num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
     remote : str, sequence of str or RemoteConfig, optional
-        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
-        which they are spread. Results do not depend on it.
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
+        addresses to distribute them over. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths
@@ -243,9 +250,9 @@ class GraspPoseEnv(SingleEnv):
 
 
 class GraspPoseVectorEnv(NativeVectorEnv):
-    """Decisions side by side, their trials in one call: ``gymnasium.make_vec("graspbox/GraspPose-v0", num_envs=64)``.
+    """Vector environment of ``GraspPose-v0``: ``gymnasium.make_vec("graspbox/GraspPose-v0", num_envs=64)``.
 
-    Every environment is the single one, bit for bit. Its methods are those of `graspbox.envs.vector.NativeVectorEnv`.
+    Each environment equals the single one bit for bit. The methods are those of `graspbox.envs.vector.NativeVectorEnv`.
     With ``max_episode_steps=1``, as registered, the step that ends an episode also truncates it, as under
     ``gymnasium.make``.
 
@@ -257,6 +264,10 @@ class GraspPoseVectorEnv(NativeVectorEnv):
         Object sets to sample from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
         Sample from this split only.
+    scale : float
+        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
+    mass : float, optional
+        Kilograms of every object, instead of the masses of the set.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
     reward : {"sparse", "dense", "firm"}
@@ -264,23 +275,23 @@ class GraspPoseVectorEnv(NativeVectorEnv):
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.
     success : SuccessCriterion, optional
-        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
     info : {"full", "numeric"}
-        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
-        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
-        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
+        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
+        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
     image_size : int or pair of int, optional
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
-        What varies besides object and start; by default nothing.
+        Properties that vary from episode to episode besides the object and the start; by default none.
     render_mode : {"human", "rgb_array"}, optional
         ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
-        ``human``); of a vector environment it shows the first environment.
+        ``human``); a vector environment shows its first environment.
     num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
     remote : str, sequence of str or RemoteConfig, optional
-        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
-        which they are spread. Results do not depend on it.
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
+        addresses to distribute them over. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths
@@ -292,15 +303,15 @@ class GraspPoseVectorEnv(NativeVectorEnv):
     trial : TrialConfig
         How the hand closes, lifts and holds.
     autoreset_mode : AutoresetMode or its value
-        When a finished environment begins again.
+        When the next episode begins after an end.
     max_episode_steps : int, optional
         Episodes are truncated after this number of steps.
     prepare_files : int
-        The first reset prepares all objects before the first step if some are mesh files, and at most this many; 0:
-        only those of the first episodes. The first time that takes about a second for each file, later results come
-        from the cache. Episodes do not depend on it.
+        The first reset prepares all objects if some of them are mesh files and there are at most this many; otherwise
+        it prepares only those of the first episodes. Preparation takes about a second per file the first time; later
+        the results come from the cache. Episodes do not depend on it.
     copy : bool
-        Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
+        Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.
 
     Raises
     ------

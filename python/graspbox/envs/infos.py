@@ -1,6 +1,6 @@
-"""Infos of vector environments: a column per entry, each with its mask ``_entry``, as Gymnasium has them.
+"""Infos of vector environments in Gymnasium's format: a column per entry, each with its mask ``_entry``.
 
-Columns are arrays, or dictionaries of columns.
+A column is an array, or a dictionary of columns.
 """
 
 from typing import Any
@@ -12,19 +12,19 @@ __all__ = ["full", "mask_of", "scattered", "taken"]
 
 
 def mask_of(rows: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
-    """Make a mask (count,) that is True at some rows."""
+    """Make a mask (count,) that is True at the given rows."""
     mask = np.zeros(count, dtype=np.bool_)
     mask[rows] = True
     return mask
 
 
 def taken(columns: dict[str, Any], rows: NDArray[np.intp]) -> dict[str, Any]:
-    """Take some rows of all columns."""
+    """Select rows of all columns."""
     return {name: taken(v, rows) if isinstance(v, dict) else v[rows] for name, v in columns.items()}
 
 
 def full(columns: dict[str, Any], count: int) -> dict[str, Any]:
-    """Give every column its mask: all rows have one."""
+    """Add to every column a mask that is True in all rows."""
     infos: dict[str, Any] = {}
     every = np.ones(count, dtype=np.bool_)
     for name, values in columns.items():
@@ -34,7 +34,7 @@ def full(columns: dict[str, Any], count: int) -> dict[str, Any]:
 
 
 def scattered(columns: dict[str, Any], rows: NDArray[np.intp], count: int) -> dict[str, Any]:
-    """Put columns of a few rows into columns of `count`, with their masks; elsewhere stands zero, or None."""
+    """Scatter columns of a few rows into columns of `count`, with their masks; other rows are zero, or None."""
     infos: dict[str, Any] = {}
     for name, values in columns.items():
         if isinstance(values, dict):

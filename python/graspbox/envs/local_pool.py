@@ -1,4 +1,4 @@
-"""Environments of this process, and what a `Source` of environments is."""
+"""Interfaces of pools and sources of environments, and those of this process."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -23,7 +23,7 @@ Cameras = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 class Pool(Protocol):
-    """Environments side by side: of this process, or on servers. Methods as `graspbox._core.EnvPool` has them."""
+    """Parallel environments, in this process or on servers. The methods are those of `graspbox._core.EnvPool`."""
 
     @property
     def num_envs(self) -> int: ...  # noqa: D102
@@ -46,13 +46,15 @@ class Pool(Protocol):
 
 
 class Source(Protocol):
-    """Where environments come from: their hand's tables, their objects, and the pool itself."""
+    """Makes pools of environments, and has their hand, tables and objects."""
 
     hand: Hand
     tables: spaces.Tables
-    #: Whether some objects are mesh files, and how many objects there are.
+    #: Whether some objects are mesh files; the number of objects.
     has_files: bool
     count: int
+    #: Whether servers step the environments, whose objects need not be on this machine.
+    is_remote: bool
 
     def images(self, cameras: CamerasConfig) -> list[spaces.Image]: ...  # noqa: D102
     def names(self) -> list[str]: ...  # noqa: D102
@@ -62,7 +64,7 @@ class Source(Protocol):
 
 
 class LocalPool:
-    """A pool of this process; see `Pool`."""
+    """A pool in this process; see `Pool`."""
 
     def __init__(
         self, core: "_core.EnvPool", handle: "_core.Objects", picture: str, models: bool, num_threads: int | None
@@ -74,39 +76,41 @@ class LocalPool:
         self.get_state, self.set_state, self.poses = core.get_state, core.set_state, core.poses
 
     def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]:
-        """Take pictures of some environments, (n, H, W, 3)."""
+        """Render pictures of some environments, (n, H, W, 3)."""
         return _core.pictures(self.core, envs, self._picture)
 
     def cameras(self) -> Cameras:
-        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera at present, by name."""
         return _core.poses_of_cameras(self.core)
 
     def prepare(self, progress: bool, delay: float, skip_errors: bool) -> None:
-        """Prepare all objects, with a progress bar on standard error if wanted, and if it takes longer than `delay`."""
+        """Prepare all objects; with `progress`, a bar appears on standard error after `delay` seconds."""
         with ProgressBar("prepare objects", len(self._handle), progress, delay) as bar:
             prepare_objects(self._handle, self._models, self._threads, bar.update, skip_errors=skip_errors)
 
     def close(self) -> None:
-        """Do nothing: the memory is given back with the pool."""
+        """Do nothing: the memory is freed with the pool."""
 
 
 class LocalSource:
-    """Objects and hand of this process; see `Source`."""
+    """Objects and hand loaded in this process; see `Source`."""
+
+    is_remote = False
 
     def __init__(self, objects: ObjectSet, hand: HandArgument, physics: PhysicsConfig, num_threads: int | None) -> None:
         self._objects, self._threads = objects, num_threads
-        # Kept, so that environments made later find it.
+        # Kept alive so that environments made later share it.
         self.handle, self.hand = load_objects(objects, hand, physics)
         self.tables = spaces.tables(self.hand)
         self.has_files = any(spec.path is not None for spec in objects)
         self.count = len(objects)
 
     def images(self, cameras: CamerasConfig) -> list[spaces.Image]:
-        """Rows of the images of a config."""
+        """Return a row for each image in a config."""
         return spaces.images(self.hand, cameras)
 
     def names(self) -> list[str]:
-        """Names of the objects, in order."""
+        """Return the names of the objects, in order."""
         return self.handle.names
 
     def objects(self) -> ObjectSet:
@@ -114,7 +118,7 @@ class LocalSource:
         return self._objects
 
     def close(self) -> None:
-        """Do nothing: handles are given back with the source."""
+        """Do nothing: handles are freed with the source."""
 
     def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> LocalPool:
         """Make the environments; `picture` is the JSON of a `PictureConfig`."""

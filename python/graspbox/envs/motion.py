@@ -1,10 +1,10 @@
-"""Minimum-jerk motions between poses, for the scripted expert and for replays of a trial.
+"""Minimum-jerk motions between poses, for the scripted expert and for replays of trials.
 
-| name | what it is |
+| name | meaning |
 |---|---|
-| `minimum_jerk` | share of the way after a share of the time |
-| `Motion` | a timed motion from one pose to another: a straight line, and a turn about one axis |
-| `rotation_vector`, `rotation_matrix` | axis times angle of a rotation, and back |
+| `minimum_jerk` | fraction of the path covered after a fraction of the time |
+| `Motion` | a timed motion between two poses: translation along a line, rotation about one axis |
+| `rotation_vector`, `rotation_matrix` | rotation matrix to rotation vector, and back |
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ _MIN_DURATION = 0.1
 
 
 def minimum_jerk(time: float) -> float:
-    """Share of the way after a share of the time; both in [0, 1], times beyond are clipped.
+    """Return the fraction of the path covered after a fraction of the time, which is clipped to [0, 1].
 
     Source: Flash and Hogan, "The coordination of arm movements", Journal of Neuroscience 5(7), 1985.
     """
@@ -30,14 +30,14 @@ def minimum_jerk(time: float) -> float:
 
 
 def pose_matrix(position: ArrayLike, rotation: ArrayLike) -> Array:
-    """Homogeneous matrix (4, 4) of a position (3,) and a rotation (3, 3)."""
+    """Make the homogeneous matrix (4, 4) of a position (3,) and a rotation (3, 3)."""
     pose = np.eye(4)
     pose[:3, 3], pose[:3, :3] = position, rotation
     return pose
 
 
 def rotation_vector(rotation: Array) -> Array:
-    """Axis times angle (3,) of a rotation (3, 3), radians; where the angle is pi, either of the two axes."""
+    """Return the rotation vector (3,) of a rotation (3, 3), radians; at an angle of pi, one of the two."""
     skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
     sine, cosine = np.linalg.norm(skew) / 2, (np.trace(rotation) - 1) / 2
     angle = np.arctan2(sine, cosine)
@@ -45,14 +45,14 @@ def rotation_vector(rotation: Array) -> Array:
         return np.asarray(skew / (2 * sine) * angle)
     if cosine > 0:
         return np.zeros(3)
-    # R = 2 a a^T - 1 here: the longest column of a a^T points along the axis.
+    # Here R = 2 a a^T - 1, and the longest column of a a^T points along the axis a.
     outer = (rotation + np.eye(3)) / 2
     axis = outer[:, np.argmax(np.diag(outer))]
     return np.asarray(axis / np.linalg.norm(axis) * angle)
 
 
 def rotation_matrix(vector: Array) -> Array:
-    """Rotation (3, 3) of an axis times an angle (3,), radians, by Rodrigues' formula."""
+    """Return the rotation (3, 3) of a rotation vector (3,), radians, by Rodrigues' formula."""
     angle = np.linalg.norm(vector)
     if angle < 1e-12:
         return np.eye(3)
@@ -62,7 +62,7 @@ def rotation_matrix(vector: Array) -> Array:
 
 
 class Motion:
-    """A minimum-jerk motion from one pose to another: a straight line, and a turn about one axis.
+    """A minimum-jerk motion between two poses: translation along a line, rotation about one axis.
 
     Parameters
     ----------
@@ -78,13 +78,13 @@ class Motion:
 
     @classmethod
     def within(cls, start: Array, end: Array, linear: float, angular: float) -> "Motion":
-        """Make the fastest motion whose speeds (m/s, rad/s) stay below the given ones."""
+        """Make the fastest motion within limits on the linear and angular speed, m/s and rad/s."""
         way = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
         turn = float(np.linalg.norm(rotation_vector(end[:3, :3] @ start[:3, :3].T)))
         return cls(start, end, max(PEAK_SPEED * way / linear, PEAK_SPEED * turn / angular, _MIN_DURATION))
 
     def at(self, time: float) -> Array:
-        """Pose (4, 4) this many seconds after the start; the end pose after `duration`."""
+        """Return the pose (4, 4) `time` seconds after the start; after `duration`, the end pose."""
         share = minimum_jerk(time / self.duration)
         position = self._start[:3, 3] + share * (self.end[:3, 3] - self._start[:3, 3])
         return pose_matrix(position, rotation_matrix(share * self._turn) @ self._start[:3, :3])

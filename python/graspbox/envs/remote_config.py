@@ -9,7 +9,10 @@ from typing import Any, Literal, get_args
 from graspbox.arguments import natural, shown
 from graspbox.errors import ConfigError, FileError
 
-__all__ = ["RemoteConfig", "remote_config"]
+__all__ = ["RemoteConfig", "check_token", "client_token", "remote_config", "token_in"]
+
+#: Where a client finds the token if nothing else names one.
+_VARIABLE = "GRASPBOX_TOKEN"
 
 Depth = Literal["float32", "uint16"]
 Reconnect = Literal["resume", "restore"]
@@ -59,17 +62,59 @@ class RemoteConfig:
 
         Raises
         ------
-        FileError
-            If the file cannot be read.
+        FileError, ConfigError
+            If the file cannot be read, or there is no token in it.
         """
         if self.token_text is not None:
+            check_token(self.token_text, "remote.token_text")
             return self.token_text
-        if self.token_file is None:
-            return environ.get("GRASPBOX_TOKEN")
-        try:
-            return Path(self.token_file).read_text().strip()
-        except OSError as error:
-            raise FileError(error.errno, error.strerror, str(self.token_file)) from None
+        return client_token(self.token_file)
+
+
+def client_token(file: str | Path | None) -> str | None:
+    """Find the token of a server: in a file, else in the environment variable ``GRASPBOX_TOKEN``, else there is none.
+
+    Raises
+    ------
+    FileError, ConfigError
+        As `token_in`.
+    """
+    if file is not None:
+        return token_in(file)
+    found = environ.get(_VARIABLE) or None
+    if found is not None:
+        check_token(found, f"the environment variable {_VARIABLE}")
+    return found
+
+
+def token_in(file: str | Path) -> str:
+    """Read a token from a file, without the white space around it.
+
+    Raises
+    ------
+    FileError, ConfigError
+        If the file cannot be read, or there is no token in it.
+    """
+    try:
+        found = Path(file).read_bytes().strip().decode("latin-1")
+    except OSError as error:
+        raise FileError(error.errno, error.strerror, str(file)) from None
+    check_token(found, f"the token in {str(file)!r}")
+    return found
+
+
+def check_token(token: str, name: str) -> None:
+    """Refuse a token, called `name`, that no header of HTTP can hold.
+
+    Raises
+    ------
+    ConfigError
+        For anything but printable ASCII; the message does not repeat the token.
+    """
+    if not token:
+        raise ConfigError(f"{name} is empty; give a token, such as 'openssl rand -base64 24' prints")
+    if not (token.isascii() and token.isprintable() and token == token.strip()):
+        raise ConfigError(f"{name} has characters that no header can hold; give printable ASCII, on one line")
 
 
 def _check_types(config: RemoteConfig) -> None:
@@ -84,6 +129,8 @@ def _check_types(config: RemoteConfig) -> None:
         value = getattr(config, name)
         if value is not None and not isinstance(value, str | Path):
             raise ConfigError(f"remote.{name} is {shown(value)}; give a path")
+    if config.token_text is not None and not isinstance(config.token_text, str):
+        raise ConfigError(f"remote.token_text is of the type {type(config.token_text).__name__}; give a text")
     if config.ca_file is not None and not Path(config.ca_file).is_file():
         raise FileError(2, "there is no file of certificates", str(config.ca_file))
 

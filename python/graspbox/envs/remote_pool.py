@@ -1,7 +1,7 @@
 """Environments on a server, with the methods of a pool of this process.
 
-Every call is one command and its answer over a WebSocket; ``docs/server.md`` specifies both. Arrays are those of the
-server, bit for bit, and errors have its sentences.
+Every call is one command and its answer over a WebSocket; ``docs/reference/protocol.md`` specifies both. Arrays are
+those of the server, bit for bit, and errors have its sentences.
 """
 
 import time
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core, errors
+from graspbox.arguments import shown
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.errors import ConfigError, GraspboxError, InternalError
+from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError, InternalError
 
 __all__ = ["PROTOCOL", "RemotePool"]
 
@@ -21,6 +22,8 @@ __all__ = ["PROTOCOL", "RemotePool"]
 PROTOCOL = 1
 #: Commands whose answers hold observations; there is one of them at a time.
 _ROWS = ("reset", "step", "observe", "set_state")
+#: What is read of the description of environments.
+_DESCRIBED = ("autoreset", "has_files", "images", "objects", "tables")
 #: Seconds for which a cancelled call may still bring its answer.
 _GRACE = 0.5
 
@@ -58,22 +61,36 @@ class RemotePool:
         self._check_server()
         more = {"grace": min(config.grace, self.hello["limits"]["max_grace"]), "depth": config.depth}
         made = self.call("make", {**request, **more, "share": config.shm})
-        self.description: dict[str, Any] = made["description"]
+        self.description: dict[str, Any] = self._description_in(made)
         if config.shm:
             self._client.open_segment(made["segment"])
             self._shared = {"shm": True}
 
     def _check_server(self) -> None:
         """Refuse a server that is none of ours, or of another version."""
-        if self.hello.get("protocol") != "graspbox":
+        hello = self.hello
+        if not isinstance(hello, dict) or hello.get("protocol") != "graspbox":
             raise ConfigError(f"{self.url} is no server of environments; start one with 'graspbox serve'")
-        theirs, ours = self.hello["protocol_version"], PROTOCOL
+        theirs, ours = hello.get("protocol_version"), PROTOCOL
         if theirs != ours:
-            version = self.hello["version"]
+            version = hello.get("version")
             raise ConfigError(
                 f"{self.url} speaks version {theirs} of the protocol (graspbox {version}), this client version {ours} "
                 f"(graspbox {_core.__version__}); install the same version on both sides"
             )
+        limits = hello.get("limits")
+        if not isinstance(limits, dict) or not isinstance(limits.get("max_grace"), int | float):
+            raise ConfigError(f"the first frame of {self.url} has no limits; this is no server of graspbox")
+
+    def _description_in(self, made: dict[str, Any]) -> dict[str, Any]:
+        """Take the description of the environments; its entries are those that are read here."""
+        found = made.get("description")
+        missing = [name for name in _DESCRIBED if not isinstance(found, dict) or name not in found]
+        if not isinstance(found, dict) or missing:
+            raise ConfigError(
+                f"{self.url} describes its environments without {missing[0]}; this is no server of graspbox"
+            )
+        return found
 
     def begin(self, command: str, fields: dict[str, Any]) -> int:
         """Send a command; `end` waits for its answer."""
@@ -88,6 +105,19 @@ class RemotePool:
             self._cancel(number)
             raise
         return checked(answer)
+
+    def abandon(self, number: int) -> None:
+        """Cancel a command for whose answer nobody waits; it ends before any later command begins."""
+        try:
+            for late in (number, self._client.submit("cancel", {})):
+                self._client.forget(late)
+        except ConnectionLostError:
+            return
+
+    def answer(self, command: str, fields: dict[str, Any]) -> dict[str, Any]:
+        """Send a command and wait for its answer, which may hold an error."""
+        found: dict[str, Any] = self._client.wait(self.begin(command, fields))
+        return found
 
     def poll(self, number: int) -> dict[str, Any] | None:
         """Return the answer to a command; None if it has not come within a tenth of a second."""
@@ -188,12 +218,16 @@ def checked(answer: dict[str, Any]) -> dict[str, Any]:
     error = answer.get("error")
     if error is None:
         return answer
-    kind = getattr(errors, error["type"], None)
-    if error["type"] == "KeyboardInterrupt":
+    if not isinstance(error, dict) or not isinstance(name := error.get("type"), str):
+        raise InternalError(f"the server reports an error that is none: {shown(error)}")
+    if name == "KeyboardInterrupt":
         raise KeyboardInterrupt
+    kind, message = getattr(errors, name, None), str(error.get("message"))
     if not (isinstance(kind, type) and issubclass(kind, GraspboxError)):
-        raise InternalError(f"the server reports an error of the kind {error['type']!r}: {error['message']}")
-    raise kind(error["message"])
+        raise InternalError(f"the server reports an error of the kind {name!r}: {message}")
+    raised = kind(message)
+    raised.object = error.get("object") or None
+    raise raised
 
 
 def now_of(answer: dict[str, Any], out: dict[str, Any] | None) -> "_core.EnvArrays":

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.envs.remote_pool import RemotePool, Stepped, stepped_of
+from graspbox.envs.remote_pool import RemotePool, Stepped, checked, stepped_of
 from graspbox.errors import ConfigError, ConnectionLostError
 
-__all__ = ["Shard"]
+__all__ = ["CHANGES", "Shard"]
 
 #: Commands that change environments.
-_CHANGES = ("reset", "step", "set_state", "send")
+CHANGES = ("reset", "step", "set_state", "send")
 
 
 @dataclass
@@ -29,13 +29,15 @@ class Shard:
     first: int
     last: int
     pool: RemotePool
-    #: Saved states, and the commands since then.
-    states: list[bytes] = field(default_factory=list)
+    #: Saved states (None where no episode has begun), and the commands since then.
+    states: list[bytes | None] = field(default_factory=list)
     log: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     #: Environments that were sent and have not come back, and the command that waits for the next one.
     away: set[int] = field(default_factory=set)
     arrived: list[Stepped] = field(default_factory=list)
     waiting: int | None = None
+    #: A command was interrupted, or failed: nobody knows how far it came, until `settle`.
+    unsettled: bool = False
 
     @property
     def envs(self) -> range:
@@ -61,7 +63,14 @@ class Shard:
             return None
 
     def end(self, number: int | None, command: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Wait for the answer to a command."""
+        """Wait for the answer to a command; an interruption cancels it."""
+        try:
+            return self._end(number, command, fields)
+        except KeyboardInterrupt:
+            self.unsettled = True
+            raise
+
+    def _end(self, number: int | None, command: str, fields: dict[str, Any]) -> dict[str, Any]:
         try:
             if number is None:
                 raise ConnectionLostError(f"the server {self.pool.url} cannot be reached")
@@ -73,11 +82,71 @@ class Shard:
             answer = self.pool.call(command, fields)
         if command == "send":
             self.away |= set(fields["env_ids"])
-        if self.restores and command in _CHANGES:
+        if self.restores and command in CHANGES:
             self.log.append((command, fields))
             if not self.away and (len(self.log) >= self.remote.checkpoint or not self.states):
                 self._save()
         return answer
+
+    def abandon(self, number: int | None) -> None:
+        """Cancel a command for whose answer nobody waits."""
+        self.unsettled = True
+        if number is not None:
+            self.pool.abandon(number)
+
+    def settle(self) -> list[bool | None]:
+        """Find out where the environments are after a command that was interrupted or failed.
+
+        Those that were on their way have come back afterwards, or were called back. States are saved anew.
+
+        Returns
+        -------
+        list of bool or None
+            Whether the episode of each environment is over; None where none has begun.
+        """
+        while True:
+            try:
+                return self._settled()
+            except ConnectionLostError as error:
+                if not self.restores:
+                    raise self.named(error) from None
+                # There they are as they were before that command.
+                self.away.clear()
+                self._restore(error)
+
+    def _settled(self) -> list[bool | None]:
+        pool, envs = self.pool, range(self.last - self.first)
+        if self.waiting is not None:
+            pool.abandon(self.waiting)
+        for _ in range(
+            2 * len(envs) + 2
+        ):  # an environment comes back once; its error, or one of the cancelled, is one more
+            if pool.answer("recv", {"count": 1}).get("error", {}).get("field") == "count":
+                break  # none is on its way any more
+        states = self._states()
+        over: list[bool | None] = []
+        for env, state in zip(envs, states, strict=True):
+            if state is None:
+                over.append(None)
+                continue
+            now = checked(pool.answer("set_state", {"env_id": env, "state": state}))["now"]
+            over.append(bool(now["terminated"][0] or now["truncated"][0]))
+        self.away, self.arrived, self.waiting, self.unsettled = set(), [], None, False
+        if self.restores:
+            self.states = states
+            self.log.clear()
+        return over
+
+    def _states(self) -> list[bytes | None]:
+        """States of all environments; None where no episode has begun."""
+        numbers = [self.pool.begin("get_state", {"env_id": env}) for env in range(self.last - self.first)]
+        states: list[bytes | None] = []
+        for number in numbers:
+            try:
+                states.append(self.pool.end(number)["state"])
+            except ConfigError:
+                states.append(None)
+        return states
 
     def call(self, command: str, fields: dict[str, Any]) -> dict[str, Any]:
         """Send a command and wait for its answer."""
@@ -109,11 +178,9 @@ class Shard:
     def _save(self) -> None:
         """Save the states of all environments; where that fails, the log goes on."""
         try:
-            numbers = [self.pool.begin("get_state", {"env_id": env}) for env in range(self.last - self.first)]
-            states = [self.pool.end(number)["state"] for number in numbers]
-        except (ConnectionLostError, ConfigError):  # the server is gone, or not all environments have begun
+            self.states = self._states()
+        except ConnectionLostError:
             return
-        self.states = states
         self.log.clear()
 
     def _restore(self, error: ConnectionLostError) -> None:
@@ -137,7 +204,8 @@ class Shard:
     def _repeat(self, pool: RemotePool) -> None:
         """Restore the states on another server, and repeat the commands since then."""
         for env, state in enumerate(self.states):
-            pool.call("set_state", {"env_id": env, "state": state})
+            if state is not None:
+                pool.call("set_state", {"env_id": env, "state": state})
         arrived: list[Stepped] = []
         last = {
             env: index for index, (name, asked) in enumerate(self.log) if name == "send" for env in asked["env_ids"]

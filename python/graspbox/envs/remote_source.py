@@ -1,7 +1,7 @@
 """Where environments on servers come from: what is asked of the servers, and what they tell."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from gymnasium.vector import AutoresetMode
 
@@ -19,6 +19,7 @@ from graspbox.envs.settings import (
     GraspVectorSettings,
     ObjectsArgument,
     Settings,
+    keywords,
 )
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
@@ -34,7 +35,9 @@ KINDS: dict[type, tuple[str, bool]] = {
     GraspPoseVectorSettings: ("graspbox/GraspPose-v0", True),
 }
 #: Keywords that concern the client alone.
-_LOCAL = ("remote", "num_threads", "copy", "split", "prepare_files")
+_LOCAL = ("remote", "num_threads", "copy", "prepare_files")
+#: Keywords that choose objects; a server is told of those that have not their default.
+_CHOICE: tuple[Literal["scale", "mass", "split"], ...] = ("scale", "mass", "split")
 
 
 def kind_of(environment: str, vector: bool) -> type:
@@ -69,6 +72,8 @@ class RemoteSource:
         All keywords.
     """
 
+    is_remote = True
+
     def __init__(
         self, remote: RemoteConfig, kind: type, num_envs: int, objects: ObjectsArgument, settings: Settings
     ) -> None:
@@ -76,7 +81,8 @@ class RemoteSource:
         if not isinstance(hand, str):
             raise ConfigError(f"hand is {shown(hand)}; environments on a server take a hand by its name")
         _core.num_threads(settings["num_threads"])  # is checked, although nothing runs here
-        self._objects, self._split = objects, settings["split"]
+        self._objects = objects
+        self._choice: dict[str, Any] = {name: settings[name] for name in _CHOICE}
         environment, vector = KINDS[kind]
         request = {
             "environment": environment,
@@ -111,7 +117,7 @@ class RemoteSource:
         ObjectSetError, MissingExtraError
             If the set has another name here, or is not here.
         """
-        return object_sets.load(self._objects, split=self._split)
+        return object_sets.load(self._objects, **self._choice)
 
     def close(self) -> None:
         """Give the environments back."""
@@ -126,7 +132,7 @@ def _named(objects: ObjectsArgument) -> list[str]:
     """Names of object sets, as a server finds them."""
     if isinstance(objects, ObjectSet):
         for spec in objects:
-            if spec.mass_known == "given" or spec.scale != 1.0:
+            if spec.mass_known in ("given", "table") or spec.scale != 1.0:
                 raise ConfigError(
                     f"object {spec.name!r} has a scale or mass of its own; a server takes objects as in their sets"
                 )
@@ -138,7 +144,7 @@ def _keywords(settings: Settings) -> dict[str, Any]:
     """Keywords for a server, as JSON holds them."""
     found: dict[str, Any] = {}
     for name, value in settings.items():
-        if name in _LOCAL:
+        if name in _LOCAL or (name in _CHOICE and value == keywords(Settings)[name].default):
             continue
         if isinstance(value, AutoresetMode):
             value = value.value
@@ -148,6 +154,4 @@ def _keywords(settings: Settings) -> dict[str, Any]:
     if settings["render_mode"] is not None:
         # The window is here; the server takes the pictures.
         found["render_mode"] = "rgb_array"
-    if settings["split"] is not None:
-        found["split"] = settings["split"]
     return found

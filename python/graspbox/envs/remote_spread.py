@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspbox import _core
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.envs.remote_pool import Cameras, RemotePool, Stepped, now_of, reset_fields, stepped_of
-from graspbox.envs.remote_shard import Shard
+from graspbox.envs.remote_shard import CHANGES, Shard
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
 
 __all__ = ["SpreadPool"]
@@ -54,18 +54,42 @@ class SpreadPool:
         self._arrived: list[tuple[Shard, Stepped]] = []
 
     def _each(self, asked: Sequence[tuple[Shard, str, dict[str, Any]]]) -> list[dict[str, Any]]:
-        """Send a command to several shards, and wait for all answers; the first error is raised at the end."""
-        numbers = [shard.begin(command, fields) for shard, command, fields in asked]
+        """Send a command to several shards, and wait for all answers; the first error is raised at the end.
+
+        After an error, and after an interruption, which cancels what still runs, `_settle` finds out who has moved.
+        """
+        running: list[tuple[Shard, int | None]] = []
         answers: list[dict[str, Any]] = []
         failed: GraspboxError | None = None
-        for number, (shard, command, fields) in zip(numbers, asked, strict=True):
-            try:
-                answers.append(shard.end(number, command, fields))
-            except GraspboxError as error:
-                failed = failed or error
+        try:
+            for shard, command, fields in asked:
+                running.append((shard, shard.begin(command, fields)))
+            for shard, command, fields in asked:
+                _, number = running.pop(0)
+                try:
+                    answers.append(shard.end(number, command, fields))
+                except GraspboxError as error:
+                    failed = failed or error
+        finally:
+            for shard, number in running:
+                shard.abandon(number)
+            if len(answers) < len(asked):
+                for shard, command, _ in asked:
+                    shard.unsettled |= command in CHANGES
         if failed is not None:
             raise failed
         return answers
+
+    def _settle(self) -> None:
+        """Find out where the environments are whose last command did not end well: some may have moved."""
+        for shard in self._shards:
+            if shard.unsettled:
+                over = shard.settle()
+                own = slice(shard.first, shard.last)
+                self._begun[own] = [one is not None for one in over]
+                self._over[own] = [bool(one) for one in over]
+                self._away -= set(shard.envs)
+                self._arrived = [(where, stepped) for where, stepped in self._arrived if where is not shard]
 
     def reset(
         self,
@@ -75,6 +99,7 @@ class SpreadPool:
         out: dict[str, Any] | None,
     ) -> "_core.EnvArrays":
         """Begin episodes, as `graspbox._core.EnvPool.reset`; options are JSON."""
+        self._settle()
         self._check_here(range(self.num_envs))
         asked = []
         for shard in self._shards:
@@ -93,12 +118,14 @@ class SpreadPool:
 
     def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped:
         """Step all environments, as `graspbox._core.EnvPool.step`."""
+        self._settle()
         self._check_actions(range(self.num_envs), actions)
         asked = [(shard, "step", {"actions": actions[shard.first : shard.last]}) for shard in self._shards]
         return self._stepped([stepped_of(answer, None) for answer in self._each(asked)], self._shards, out)
 
     def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None:
         """Step environments in the background, as `graspbox._core.EnvPool.send`."""
+        self._settle()
         self._check_actions(envs, actions)
         given = np.asarray(envs)
         asked = []
@@ -112,6 +139,7 @@ class SpreadPool:
 
     def recv(self, count: int) -> Stepped:
         """Receive environments that were sent, as `graspbox._core.EnvPool.recv`."""
+        self._settle()
         if count == 0 or count > len(self._away):
             raise ConfigError(f"count is {count}; {len(self._away)} environments are on their way")
         while len(self._arrived) < count:
@@ -147,6 +175,7 @@ class SpreadPool:
 
     def cameras(self) -> Cameras:
         """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        self._settle()
         found = [shard.call("cameras", {})["cameras"] for shard in self._shards]
         return {
             name: (one["intrinsics"], np.concatenate([other[name]["world_from_camera"] for other in found]))
@@ -173,6 +202,7 @@ class SpreadPool:
             shard.pool.close()
 
     def _shard_of(self, env: int) -> Shard:
+        self._settle()
         for shard in self._shards:
             if env in shard.envs:
                 self._check_here([env])

@@ -1,4 +1,4 @@
-"""Seeds, options and mask of a reset of a vector environment, checked and one for each environment."""
+"""Arguments of a vector environment's reset, checked and split by environment: seeds, options, mask."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ __all__ = ["options_of_each", "reset_mask", "seeds_of"]
 def seeds_of(
     seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None, before: Sequence[int | None]
 ) -> list[int | None]:
-    """Find the seeds of a reset; a stream that has not begun (None in `before`) gets a fresh one."""
+    """Return one seed per environment; a stream that has not begun (None in `before`) gets a fresh seed."""
     count = len(before)
     given: list[int | None]
     if seed is None:
@@ -37,18 +37,18 @@ def seeds_of(
 
 
 def reset_mask(given: Any, count: int) -> NDArray[np.bool_] | None:
-    """Check the mask of a reset; None stands for all."""
+    """Check the mask of a reset; None selects all environments."""
     if given is None:
         return None
     if not isinstance(given, np.ndarray) or given.dtype != np.bool_ or given.shape != (count,):
-        raise ConfigError(f"reset_mask must be an array of {count} bool")
+        raise ConfigError(f"reset_mask must be an array of {count} bools")
     if not given.any():
-        raise ConfigError("reset_mask names no environment; give at least one True")
+        raise ConfigError("reset_mask selects no environment; set at least one entry to True")
     return np.ascontiguousarray(given)
 
 
 def options_of_each(given: Any, shared: Mapping[str, Any], count: int) -> list[Mapping[str, Any]]:
-    """Options of a reset: those for all, or for each environment with its own ones added."""
+    """Return the options shared by all environments, or one mapping per environment with its own options added."""
     if given is None:
         return [shared]
     if isinstance(given, Mapping | str) or not isinstance(given, Sequence) or len(given) != count:

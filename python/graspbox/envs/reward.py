@@ -1,7 +1,7 @@
-"""Rewards: the core gives named terms, the weights stand here.
+"""Weights of the reward terms.
 
-A reward is the sum of weights times terms. ``graspbox.envs.spaces.tables(hand)["terms"]`` lists the terms with their
-ranges and meanings.
+A reward is the weighted sum of named terms, which the core computes. ``graspbox.envs.spaces.tables(hand)["terms"]``
+lists them with their ranges and meanings.
 """
 
 from collections.abc import Mapping
@@ -29,9 +29,9 @@ __all__ = [
 #: 1 for a success, else 0.
 SPARSE: Mapping[str, float] = MappingProxyType({"success": 1.0})
 
-#: Shaped. The shaping terms are differences of bounded potentials, so that what they pay in an episode depends on where
-#: it began and ended, whatever way the hand took. Their weights rise towards the goal: a grasp that lifts is worth more
-#: than all that leads up to it, and a success more than everything before it. What costs, costs less than any progress.
+#: Shaped reward. The shaping terms are differences of bounded potentials, so their sum over an episode depends only on
+#: its first and last state, not on the path. Weights rise towards the goal: lifting pays more than all progress before
+#: it, and success pays more than everything before it. Penalties are smaller than the reward of any progress.
 DENSE: Mapping[str, float] = MappingProxyType(
     {
         "reach": 1.0,
@@ -48,8 +48,8 @@ DENSE: Mapping[str, float] = MappingProxyType(
     }
 )
 
-#: Shaped, for one decision an episode. Being near pays before anything is touched, and an attempt that the table or the
-#: object forbids costs less than being near is worth.
+#: Shaped reward for one decision per episode. Proximity pays even without contact, and the penalty of an infeasible
+#: attempt is smaller than the reward of proximity.
 DECISION: Mapping[str, float] = MappingProxyType(
     {
         "reach": 1.0,
@@ -63,16 +63,16 @@ DECISION: Mapping[str, float] = MappingProxyType(
     }
 )
 
-#: `DENSE`, but a success is worth more where it is secure, and what moves in the hand costs as much as lifting it pays:
-#: half of the reward is for a firm hold.
+#: `DENSE` with half of the reward for a firm hold: a secure success pays more than a success, and motion of the object
+#: in the hand costs as much as lifting pays.
 FIRM: Mapping[str, float] = MappingProxyType({**DENSE, "success": 5.0, "secure": 10.0, "slip": 3.0})
 
-#: `DECISION`, changed in the same way.
+#: `DECISION` with the same change.
 FIRM_DECISION: Mapping[str, float] = MappingProxyType({**DECISION, "success": 2.0, "secure": 4.0, "slip": 1.0})
 
 #: Weights by the name of the reward.
 WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE, "dense": DENSE, "firm": FIRM})
-#: The same for one decision an episode.
+#: The same for one decision per episode.
 DECISION_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"sparse": SPARSE, "dense": DECISION, "firm": FIRM_DECISION}
 )
@@ -81,27 +81,28 @@ DECISION_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 def term_weights(
     reward: str, given: Mapping[str, float] | None, found: Tables, known: Mapping[str, Mapping[str, float]] = WEIGHTS
 ) -> NDArray[np.float64]:
-    """Weights in the order of the core's terms.
+    """Return the weights in the order of the core's terms.
 
     Parameters
     ----------
     reward : {"sparse", "dense", "firm"}
-        Which weights.
+        Name of the weights.
     given : mapping of str to float, optional
         Weights that replace those of the same name.
     found : Tables
-        What `graspbox.envs.spaces.tables` gave.
+        The result of `graspbox.envs.spaces.tables`.
     known : mapping
         Weights by the name of the reward.
 
     Returns
     -------
     (terms,) float64
+        The weights.
 
     Raises
     ------
     ConfigError
-        For a reward or a term that does not exist, or a weight that is not finite.
+        For an unknown reward or term, or a weight that is not finite.
     """
     if reward not in known:
         raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(known)}")
@@ -118,7 +119,7 @@ def term_weights(
 
 
 def total(weights: NDArray[np.float64], terms: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Sum up rewards (rows,) of terms (rows, terms), one by one: a row's bits do not depend on its neighbours."""
-    # Adding zero turns -0.0, which zero terms with negative weights give, into 0.0.
+    """Return the rewards (rows,) of terms (rows, terms), summed in order: a row's bits do not depend on other rows."""
+    # Adding zero turns the -0.0 of zero terms with negative weights into 0.0.
     rewards: NDArray[np.float64] = np.cumsum(terms * weights, axis=1)[:, -1] + 0.0
     return rewards

@@ -1,10 +1,10 @@
-"""Scripted motions of the hand in ``Grasp-v0``, carried out by ordinary actions; none of them knows an object.
+"""Scripted motions of the hand in ``Grasp-v0``, executed with ordinary actions and independent of the object.
 
-| class | what it does |
+| class | motion |
 |---|---|
-| `ScriptedMotion`  | follows timed motions, one after the other, with the fingers at rest |
-| `ScriptedGrasp`   | goes to a grasp pose, closes, lifts, holds |
-| `ScriptedRelease` | takes a grasp back: lowers the hand, opens it, backs off |
+| `ScriptedMotion`  | follows timed motions one after the other, with the fingers at rest |
+| `ScriptedGrasp`   | moves to a grasp pose, closes, lifts, holds |
+| `ScriptedRelease` | undoes a grasp: lowers the hand, opens it, retreats |
 
 Every motion is a minimum-jerk curve within the hand's limits.
 """
@@ -26,9 +26,9 @@ __all__ = ["ScriptedGrasp", "ScriptedMotion", "ScriptedRelease"]
 
 Pose = NDArray[np.float64]
 
-#: A motion's peak speed, as a share of the hand's limit; the arm's controller needs the rest to catch up.
+#: A motion's peak speed as a share of the hand's limit; the rest lets the arm's controller catch up.
 _SPEED_SHARE = 0.9
-#: Height of the hand above the object's highest point on the way, metres: longer than the fingers of any hand here.
+#: Clearance between the hand and the object's highest point, metres: longer than the fingers of any hand here.
 _CLEARANCE = 0.20
 
 
@@ -38,7 +38,7 @@ class ScriptedMotion:
     Parameters
     ----------
     stops : sequence of (4, 4) array_like
-        Poses ``world_from_hand`` that it goes through, the present one first.
+        Waypoints ``world_from_hand``, the present pose first.
     preshape : float
         See `graspbox.Hand.preshape_limits`.
     control : {"twist", "delta_pose", "target_pose"}
@@ -46,7 +46,7 @@ class ScriptedMotion:
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     frame_skip : int
-        That of the environment.
+        Control periods per step, as in the environment.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class ScriptedMotion:
         self._control, self._frame_skip = control, frame_skip
         self._period = found["control_period"] * frame_skip
         self._ceiling = found["workspace"][1][2]
-        # Limits of a step are those of a twist for one control period.
+        # A step is limited to the motion of a twist in one control period.
         twist = {row["name"]: row["high"] for row in found["actions"]["twist"]}
         self._limits = twist["linear"], twist["angular"]
         self._encode = codec(control, loaded).encode_action
@@ -77,21 +77,21 @@ class ScriptedMotion:
 
     @property
     def time(self) -> float:
-        """Seconds since it began."""
+        """Seconds since the motion began."""
         return self._steps * self._period
 
     @property
     def finished(self) -> bool:
-        """Whether all of it is over."""
+        """Whether the motion has ended."""
         return self.time >= self._length
 
     def _between(self, stops: Sequence[Pose]) -> list[Motion]:
-        """Motions from each stop to the next."""
+        """Make the motions from each waypoint to the next."""
         speeds = [_SPEED_SHARE * limit for limit in self._limits]
         return [Motion.within(a, b, *speeds) for a, b in pairwise(stops)]
 
     def _wanted(self, time: float) -> Pose:
-        """Desired ``world_from_hand``, `time` seconds after it began."""
+        """Desired ``world_from_hand``, `time` seconds after the start."""
         for motion in self._motions:
             if time <= motion.duration:
                 return motion.at(time)
@@ -99,16 +99,16 @@ class ScriptedMotion:
         return self._motions[-1].end
 
     def _actuator_speed(self, now: float) -> ArrayLike:
-        """Speed of each actuator but the preshape's, `now` seconds after it began; positive closes."""
+        """Speed of each actuator except the preshape's, `now` seconds after the start; positive closes."""
         del now
         return 0.0
 
     def follow(self, world_from_hand: Pose) -> NDArray[np.float32]:
-        """Choose the next action (k,), from where the hand is now, ``world_from_hand`` (4, 4)."""
+        """Return the next action (k,), given the present pose of the hand ``world_from_hand`` (4, 4)."""
         now = self.time
         self._steps += 1
         wanted = self._wanted(now + self._period)
-        # A twist leads from where the hand is, a step from where the last one led.
+        # A twist starts at the present pose, a step at the goal of the last step.
         start = world_from_hand if self._control == "twist" else self._reference
         self._reference = wanted
         return self._encode(
@@ -121,22 +121,22 @@ class ScriptedMotion:
 
 
 class ScriptedGrasp(ScriptedMotion):
-    """Moves the hand to a pose, closes it, lifts and holds; it knows nothing of the object but its height.
+    """Moves the hand to a pose, closes it, lifts and holds; of the object it knows only the height.
 
     Parameters
     ----------
     world_from_hand : (4, 4) array_like
-        Where the hand is, metres.
+        Present pose of the hand, metres.
     goal : (4, 4) array_like
         Grasp pose, ``world_from_hand``.
     preshape : float
         See `graspbox.Hand.preshape_limits`.
     top : float
-        Height of the highest point that the hand must clear on its way, metres.
+        Height of the highest point that the hand must clear, metres.
     control, hand, frame_skip
         As for `ScriptedMotion`.
     trial : TrialConfig
-        Standoff, times of closing, lifting and holding, and lift height.
+        Standoff, lift height, and the times to close, lift and hold.
     """
 
     def __init__(
@@ -156,13 +156,13 @@ class ScriptedGrasp(ScriptedMotion):
         #: Grasp pose, ``world_from_hand`` (4, 4).
         self.goal = np.asarray(goal, dtype=np.float64)
         self._motions = self._path(start, self.goal, top, trial)
-        #: Seconds after which it closes, and after which it lifts.
+        #: Times at which the hand starts to close and to lift, seconds.
         self.closes_at = sum(motion.duration for motion in self._motions[:-2])
         self.lifts_at = self.closes_at + trial.close_time
         self._length = self.lifts_at + trial.lift_time + trial.hold_time
 
     def _path(self, start: Pose, goal: Pose, top: float, trial: TrialConfig) -> list[Motion]:
-        """Motions from the start pose to the end of the lift; during the last but one the hand rests and closes."""
+        """Make the motions from the start pose to the end of the lift; the hand closes during the last but one."""
         behind = goal.copy()
         behind[:3, 3] -= trial.standoff * goal[:3, 2]
         height = min(max(top + _CLEARANCE, behind[2, 3]), self._ceiling)
@@ -179,22 +179,22 @@ class ScriptedGrasp(ScriptedMotion):
 
 
 class ScriptedRelease(ScriptedMotion):
-    """Takes a grasp back: lowers the hand to where it closed, opens it as fast as it closed, backs off along its -z.
+    """Undoes a grasp: lowers the hand to the grasp pose, opens it as fast as it closed, retreats along its -z.
 
     Parameters
     ----------
     world_from_hand : (4, 4) array_like
-        Where the hand is, metres.
+        Present pose of the hand, metres.
     goal : (4, 4) array_like
-        Where it closed, ``world_from_hand``.
+        Pose at which it closed, ``world_from_hand``.
     preshape : float
         See `graspbox.Hand.preshape_limits`.
     then : sequence of (4, 4) array_like
-        Poses to go through after that, ``world_from_hand``.
+        Waypoints after the retreat, ``world_from_hand``.
     control, hand, frame_skip
         As for `ScriptedMotion`.
     trial : TrialConfig
-        Standoff, and the time of closing, which opening takes as well.
+        Standoff, and the time to close; opening takes as long.
     """
 
     def __init__(
@@ -221,5 +221,5 @@ class ScriptedRelease(ScriptedMotion):
         self._length = sum(motion.duration for motion in self._motions)
 
     def _actuator_speed(self, now: float) -> ArrayLike:
-        """Open; on the way down the tendons stay as they are."""
+        """Open; while the hand is lowered, the actuators keep their positions."""
         return -self._close_speeds if now >= self._opens_at - 1e-9 else 0.0

@@ -1,8 +1,8 @@
-"""Keywords of the environments: one row each, with its type, default and meaning.
+"""Keywords of the environments: one row each, with type, default and meaning.
 
-Constructors take them as ``**settings: Unpack[...]``, so that type checkers know every keyword; `signed` gives the same
-list with its defaults to `inspect.signature` and ``help``, and ``scripts/generate_docs.py`` writes the docstrings from
-it.
+Constructors take them as ``**settings: Unpack[...]``, so type checkers know every keyword. `signed` adds the same list
+with its defaults to their signatures, for `inspect.signature` and ``help``, and ``scripts/generate_docs.py`` writes
+their docstrings from it.
 
 | class | environment |
 |---|---|
@@ -14,7 +14,7 @@ it.
 Every keyword that takes a config also takes a dictionary of its fields, so that ``EnvSpec.to_json`` and ``from_json``
 work for environments whose hand is given by name or by paths.
 
-The rows of ``objects`` and ``num_envs``, which can be given by position too, are `OBJECTS` and `NUM_ENVS`.
+`OBJECTS` and `NUM_ENVS` are the rows of ``objects`` and ``num_envs``, which can also be given by position.
 """
 
 import difflib
@@ -23,7 +23,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypedDict, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    SupportsFloat,
+    SupportsIndex,
+    TypedDict,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from gymnasium.vector import AutoresetMode
 
@@ -54,20 +66,20 @@ Reward = Literal["sparse", "dense", "firm"]
 Info = Literal["full", "numeric"]
 Rendering = Literal["human", "rgb_array"]
 RenderMode = Rendering | None
-#: What ``metadata["render_modes"]`` lists.
+#: The value of ``metadata["render_modes"]``.
 RENDER_MODES: tuple[str, ...] = get_args(Rendering)
 
 
 @dataclass(frozen=True)
 class Keyword:
-    """A keyword: its default, and its type and meaning as numpy docstrings write them."""
+    """A keyword: its default, and its type and meaning in the form of numpy docstrings."""
 
     default: Any
     type: str
     meaning: str
 
 
-#: Can be given by position.
+#: Keywords that can be given by position.
 OBJECTS = Keyword(
     "procedural", "str, Path, ObjectSet or sequence of str", "Object sets to sample from: see `graspbox.object_sets`."
 )
@@ -80,6 +92,12 @@ class _Common(TypedDict, total=False):
     split: Annotated[
         object_sets.Split | None,
         Keyword(None, '{"train", "validation", "test"}, optional', "Sample from this split only."),
+    ]
+    scale: Annotated[
+        float, Keyword(1.0, "float", "Metres per unit of the mesh files: see `graspbox.object_sets.load`.")
+    ]
+    mass: Annotated[
+        float | None, Keyword(None, "float, optional", "Kilograms of every object, instead of the masses of the set.")
     ]
     obs: Annotated[
         str | Sequence[str],
@@ -95,7 +113,7 @@ class _Common(TypedDict, total=False):
         Keyword(
             None,
             "SuccessCriterion, optional",
-            "What counts as success; by default ``SuccessCriterion()``, or that of `trial`.",
+            "Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.",
         ),
     ]
     info: Annotated[
@@ -103,9 +121,9 @@ class _Common(TypedDict, total=False):
         Keyword(
             "full",
             '{"full", "numeric"}',
-            "Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos "
-            'into tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), '
-            "``object`` an index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.",
+            "Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn "
+            'infos into tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, '
+            "``object`` an index into ``env.objects``, and reward terms are entries such as ``reward_reach``.",
         ),
     ]
     image_size: Annotated[
@@ -119,7 +137,9 @@ class _Common(TypedDict, total=False):
     randomization: Annotated[
         Literal["standard"] | Randomization | None,
         Keyword(
-            None, '"standard" or Randomization, optional', "What varies besides object and start; by default nothing."
+            None,
+            '"standard" or Randomization, optional',
+            "Properties that vary from episode to episode besides the object and the start; by default none.",
         ),
     ]
     render_mode: Annotated[
@@ -128,7 +148,7 @@ class _Common(TypedDict, total=False):
             None,
             '{"human", "rgb_array"}, optional',
             "``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra "
-            "``human``); of a vector environment it shows the first environment.",
+            "``human``); a vector environment shows its first environment.",
         ),
     ]
     num_threads: Annotated[
@@ -136,7 +156,7 @@ class _Common(TypedDict, total=False):
         Keyword(
             None,
             "int, optional",
-            "Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.",
+            "Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.",
         ),
     ]
     remote: Annotated[
@@ -144,8 +164,8 @@ class _Common(TypedDict, total=False):
         Keyword(
             None,
             "str, sequence of str or RemoteConfig, optional",
-            "Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, "
-            "over which they are spread. Results do not depend on it.",
+            "Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several "
+            "addresses to distribute them over. Results do not depend on it.",
         ),
     ]
     physics: Annotated[
@@ -166,15 +186,15 @@ class _ClosedLoop(TypedDict, total=False):
     """Keywords of ``Grasp-v0`` alone."""
 
     control: Annotated[
-        Control, Keyword("twist", '{"twist", "delta_pose", "target_pose"}', "The control mode: what an action means.")
+        Control, Keyword("twist", '{"twist", "delta_pose", "target_pose"}', "Control mode: the meaning of actions.")
     ]
     frame_skip: Annotated[
         int,
         Keyword(
             1,
             "int",
-            "Control periods of 0.05 s per step: the action holds for all of them, and their reward terms are added. "
-            "Slower control is easier to explore.",
+            "Control periods of 0.05 s per step: the action is held for all of them, and their reward terms are added. "
+            "Slower control eases exploration.",
         ),
     ]
 
@@ -190,7 +210,7 @@ class _Vector(TypedDict, total=False):
 
     autoreset_mode: Annotated[
         AutoresetMode | str,
-        Keyword(AutoresetMode.NEXT_STEP, "AutoresetMode or its value", "When a finished environment begins again."),
+        Keyword(AutoresetMode.NEXT_STEP, "AutoresetMode or its value", "When the next episode begins after an end."),
     ]
     max_episode_steps: Annotated[
         int | None, Keyword(None, "int, optional", "Episodes are truncated after this number of steps.")
@@ -200,9 +220,9 @@ class _Vector(TypedDict, total=False):
         Keyword(
             128,
             "int",
-            "The first reset prepares all objects before the first step if some are mesh files, and at most this many; "
-            "0: only those of the first episodes. The first time that takes about a second for each file, later "
-            "results come from the cache. Episodes do not depend on it.",
+            "The first reset prepares all objects if some of them are mesh files and there are at most this many; "
+            "otherwise it prepares only those of the first episodes. Preparation takes about a second per file the "
+            "first time; later the results come from the cache. Episodes do not depend on it.",
         ),
     ]
     copy: Annotated[
@@ -210,8 +230,7 @@ class _Vector(TypedDict, total=False):
         Keyword(
             True,
             "bool",
-            "Whether observations are fresh arrays; otherwise they are views into buffers that the next call "
-            "overwrites.",
+            "Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.",
         ),
     ]
 
@@ -236,21 +255,25 @@ class Settings(_Common, _ClosedLoop, _Decision, _Vector, total=False):
     """Keywords of any environment."""
 
 
+#: Keywords whose types are checked by what takes them.
+_CHECKED_LATER = ("remote", "hand", "num_threads")
+
+
 @cache
 def keywords(kind: type) -> Mapping[str, Keyword]:
-    """Rows of the keywords of one of the classes above, by name."""
+    """Return the rows of the keywords of one of the classes above, by name."""
     hints = get_type_hints(kind, include_extras=True)
     return {name: get_args(hint)[-1] for name, hint in hints.items()}
 
 
 def complete(kind: type, given: Mapping[str, Any]) -> Settings:
-    """Add the defaults of what is not given, and make configs of dictionaries.
+    """Add missing keywords with their defaults, and convert dictionaries to configs.
 
     Raises
     ------
     ConfigError
-        For a keyword that the environment does not have, where the message names the nearest one, or if a keyword that
-        takes a config is given something else.
+        For an unknown keyword (the message suggests the nearest one), or a value of the wrong type for a keyword that
+        takes a config.
     """
     rows = keywords(kind)
     for name in given:
@@ -260,11 +283,14 @@ def complete(kind: type, given: Mapping[str, Any]) -> Settings:
             raise ConfigError(f"this environment has no keyword {name!r}; {hint}")
     hints = get_type_hints(kind)
     chosen = {name: _configured(name, value, hints[name]) for name, value in given.items()}
+    for name, value in chosen.items():
+        if name not in _CHECKED_LATER and not _fits(value, hints[name]):
+            raise ConfigError(f"{name} is {shown(value)}; its type is {rows[name].type}")
     return cast(Settings, {**{name: row.default for name, row in rows.items()}, **chosen})
 
 
 def _configured(name: str, value: Any, hint: Any) -> Any:
-    """Take a config, a dictionary of its fields (as ``EnvSpec.from_json`` gives it), or what else the hint allows."""
+    """Accept a config, a dictionary of its fields (as from ``EnvSpec.from_json``), or another type of the hint."""
     config = config_in(hint)
     if config is None or isinstance(value, config):
         return value
@@ -278,11 +304,28 @@ def _configured(name: str, value: Any, hint: Any) -> Any:
     raise ConfigError(f"{name} is {shown(value)}; give a {config.__name__}, or a dictionary of its fields")
 
 
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value has a type that an annotation allows; names and ranges are checked where they are used."""
+    if isinstance(hint, type):
+        kind = {int: SupportsIndex, float: SupportsFloat}.get(hint, hint)
+        return isinstance(value, kind) and isinstance(value, bool) <= (hint is bool)
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return isinstance(value, str)
+    if origin is Mapping:
+        return isinstance(value, Mapping)
+    if origin is tuple:  # for which JSON has a list
+        return isinstance(value, list | tuple) and len(value) == len(parts) and all(map(_fits, value, parts))
+    if origin is Sequence:
+        return isinstance(value, Sequence) and not isinstance(value, str) and all(_fits(x, parts[0]) for x in value)
+    return any(_fits(value, part) for part in parts)
+
+
 _Init = TypeVar("_Init", bound=Callable[..., None])
 
 
 def signed(kind: type) -> Callable[[_Init], _Init]:
-    """Give a constructor that takes ``**settings`` the signature with every keyword and its default."""
+    """Give a constructor that takes ``**settings`` a signature with every keyword and its default."""
 
     def mark(init: _Init) -> _Init:
         own = inspect.signature(init)

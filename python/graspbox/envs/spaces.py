@@ -1,8 +1,8 @@
-"""Spaces of the environments, made from the core's tables: one place for shapes, dtypes and bounds.
+"""Spaces of the environments, built from the core's tables of shapes, dtypes and bounds.
 
 A vector observation is a list of columns, each with its size, bounds and unit; its space is a ``Box`` of float32. An
-image is one row: kind, camera, shape, dtype, bounds. An observation is requested by name, or several by a sequence of
-names, which gives a ``Dict``.
+image is one row: kind, camera, shape, dtype, bounds. One name selects one observation; a sequence of names selects a
+``Dict``.
 """
 
 import json
@@ -38,12 +38,12 @@ __all__ = [
     "terms",
 ]
 
-#: Kinds of images; ``kind_camera`` names one of a certain camera.
+#: Kinds of images; ``kind_camera`` names the image of one camera.
 IMAGES = tuple(_core.image_kinds())
 
 
 class Column(TypedDict):
-    """Neighbouring entries of an observation or an action."""
+    """Consecutive entries of an observation or an action."""
 
     name: str
     size: int
@@ -72,7 +72,7 @@ class Image(TypedDict):
 
 
 class Term(TypedDict):
-    """A reward term: its range in one step, and its meaning."""
+    """A reward term: its range per step, and its meaning."""
 
     name: str
     low: float
@@ -94,7 +94,7 @@ class Entry(TypedDict):
 
 
 class Decision(TypedDict):
-    """What environments with one decision per episode take and return."""
+    """Actions, observations, reward terms and infos of environments with one decision per episode."""
 
     actions: list[Column]
     observations: dict[str, list[Column]]
@@ -103,9 +103,9 @@ class Decision(TypedDict):
 
 
 class Tables(TypedDict):
-    """What a hand's environments take and return; observations are by control mode, then by name.
+    """Tables of a hand's environments; ``observations`` are keyed by control mode, then by name.
 
-    ``absent`` names the observations of sensors that the hand does not have; they are in no space.
+    ``absent`` names the observations of sensors that the hand lacks; no space contains them.
     """
 
     actions: dict[str, list[Column]]
@@ -129,23 +129,23 @@ def _parse(text: str) -> Tables:
 
 
 def tables(hand: Hand) -> Tables:
-    """Everything that the environments of a hand take and return; to be read, not changed."""
+    """Return the tables of a hand's environments; do not modify them."""
     return _parse(_core.agent_tables(hand))
 
 
 def image_names(obs: str | Iterable[str]) -> tuple[str, ...]:
-    """Pick the names of images, in order; whether their cameras exist is the core's to say."""
+    """Pick the names of images, in order; the core checks whether their cameras exist."""
     names = (obs,) if isinstance(obs, str) else tuple(obs)
     return tuple(name for name in names if name.split("_")[0] in IMAGES)
 
 
 def images(hand: Hand, cameras: CamerasConfig) -> list[Image]:
-    """Rows of the images of a config.
+    """Return a row for each image in a config.
 
     Raises
     ------
     ConfigError
-        For an image or a camera that cannot be.
+        For an invalid image or camera.
     """
     rows: list[Image] = json.loads(_core.image_tables(hand, to_json(cameras)))
     return rows
@@ -158,7 +158,7 @@ def image_space(row: Image) -> gymnasium.Space[Any]:
 
 
 def _bounds(columns: Sequence[Column]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Least and greatest value of every entry of a vector."""
+    """Lower and upper bound of every entry of a vector."""
     sizes = [column["size"] for column in columns]
     low = np.repeat(np.array([column["low"] for column in columns], dtype=np.float32), sizes)
     high = np.repeat(np.array([column["high"] for column in columns], dtype=np.float32), sizes)
@@ -166,12 +166,12 @@ def _bounds(columns: Sequence[Column]) -> tuple[NDArray[np.float32], NDArray[np.
 
 
 def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
-    """Find the names that `obs` asks for.
+    """Return the names in `obs`.
 
     Raises
     ------
     ConfigError
-        For a name that is not known, one that comes twice, or none at all.
+        For an unknown name, a repeated name, or no name at all.
     """
     names = (obs,) if isinstance(obs, str) else tuple(obs)
     choices = tuple(known)
@@ -184,12 +184,12 @@ def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[s
 
 
 def columns_of(control: str, found: Tables) -> tuple[list[Column], dict[str, list[Column]]]:
-    """Find the columns of the actions and of the observations of a control mode, or of ``"grasp_pose"``.
+    """Return the columns of the actions and observations of a control mode, or of ``"grasp_pose"``.
 
     Raises
     ------
     ConfigError
-        For a mode that does not exist.
+        For an unknown control mode.
     """
     if control == "grasp_pose":
         return found["decision"]["actions"], found["decision"]["observations"]
@@ -201,23 +201,23 @@ def columns_of(control: str, found: Tables) -> tuple[list[Column], dict[str, lis
 def observation_space(
     obs: str | Iterable[str], control: str, found: Tables, image_rows: Iterable[Image] = ()
 ) -> gymnasium.Space[Any]:
-    """Space of one observation, or a ``Dict`` of several.
+    """Return the space of one observation, or a ``Dict`` of several.
 
     Parameters
     ----------
     obs : str or iterable of str
         Names from the table of observations.
     control : str
-        The control mode: the state holds the last action.
+        The control mode: the state contains the last action.
     found : Tables
-        What `tables` returned.
+        The result of `tables`.
     image_rows : iterable of Image
-        What `images` returned.
+        The result of `images`.
 
     Raises
     ------
     ConfigError
-        As `observation_names`, and for an observation of sensors that the hand does not have.
+        As `observation_names`, and for an observation of sensors that the hand lacks.
     """
     for name in (obs,) if isinstance(obs, str) else (obs := tuple(obs)):
         if name in found["absent"]:
@@ -240,22 +240,22 @@ def size(columns: Sequence[Column]) -> int:
 
 
 def action_space(control: str, found: Tables) -> gymnasium.Space[Any]:
-    """Space of the actions of a control mode: every entry in [-1, 1].
+    """Return the action space of a control mode: every entry in [-1, 1].
 
     Raises
     ------
     ConfigError
-        For a mode that does not exist.
+        For an unknown control mode.
     """
     actions, _ = columns_of(control, found)
     return gymnasium.spaces.Box(-1.0, 1.0, (size(actions),), dtype=np.float32)
 
 
 def terms(control: str, found: Tables) -> list[Term]:
-    """Find the reward terms of a control mode; those that are always 0 are left out."""
+    """Return the reward terms of a control mode, without those that are always 0."""
     return found["decision"]["terms"] if control == "grasp_pose" else found["terms"]
 
 
 def entries(control: str, found: Tables) -> list[Entry]:
-    """Find the entries of a control mode's info."""
+    """Return the info entries of a control mode."""
     return found["decision"]["info"] if control == "grasp_pose" else found["info"]

@@ -1,16 +1,16 @@
 """Many environments of ``graspbox/Grasp-v0`` in one call: ``gymnasium.make_vec("graspbox/Grasp-v0", num_envs=64)``.
 
-Every environment is the single one of `graspbox.envs.grasp`, bit for bit, infos included, whatever runs beside it. All
-worlds are stepped by one call into Rust, on as many threads as there are, while other Python threads run.
+Each environment equals the single one of `graspbox.envs.grasp` bit for bit, infos included, regardless of the others.
+One call into Rust steps all worlds on all threads, while other Python threads run.
 
-Three modes of autoreset, as Gymnasium defines them: ``NEXT_STEP`` (the step after the last one begins the next episode
-and ignores its action), ``SAME_STEP`` (the next episode begins at once; ``final_obs`` and ``final_info`` hold the end
-of the last one), ``DISABLED`` (``reset(options={"reset_mask": done})`` begins the next episodes).
+The three autoreset modes are Gymnasium's: ``NEXT_STEP`` (the step after the end of an episode begins the next one and
+ignores its action), ``SAME_STEP`` (the next episode begins in the same step; ``final_obs`` and ``final_info`` describe
+the end of the last one), ``DISABLED`` (``reset(options={"reset_mask": done})`` begins the next episodes).
 
-Of Gymnasium's wrapper `RecordEpisodeStatistics`, use version 1.4 or later with ``SAME_STEP``: before, it counts these
-episodes one step short.
+With ``SAME_STEP``, use the wrapper `RecordEpisodeStatistics` of Gymnasium 1.4 or later: earlier versions count one step
+too few per episode.
 
-A reset takes the options of the single environment for all, and ``each`` for options that differ:
+A reset takes the single environment's options for all environments, and ``each`` for options that differ:
 ``reset(options={"friction": 0.8, "each": [{"object": "mug-000000"}, None, {"resting": 1}]})``.
 """
 
@@ -39,17 +39,17 @@ Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dic
 
 
 class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
-    """A pool of environments, with Gymnasium's interface of vector environments.
+    """A pool of environments with Gymnasium's interface of vector environments.
 
-    It can be pickled and copied (by `pickle`, `cloudpickle`, `copy.deepcopy`), as the single one, unless environments
-    are on their way between `send` and `recv`.
+    Like the single one, it can be pickled and copied (by `pickle`, `cloudpickle`, `copy.deepcopy`), except while steps
+    are pending between `send` and `recv`.
 
     Parameters
     ----------
     core : GraspCore
         The pool.
     copy : bool
-        Whether observations are fresh arrays.
+        Whether observations are new arrays.
     """
 
     def __init__(self, core: GraspCore, copy: bool) -> None:
@@ -82,8 +82,18 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         return self._core.object_set
 
     @property
+    def object_names(self) -> list[str]:
+        """Names of the objects that episodes sample from, in order; those of a server need not be on this machine."""
+        return self._core.source.names()
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether servers step the environments."""
+        return self._core.source.is_remote
+
+    @property
     def np_random_seed(self) -> tuple[int | None, ...]:  # type: ignore[override]
-        """The seed that each environment's random stream began with; None before its first reset."""
+        """The initial seed of each environment's random stream; None before its first reset, -1 if unknown."""
         return tuple(self._seeds)
 
     def reset(
@@ -94,12 +104,12 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         Parameters
         ----------
         seed : int or sequence of int, optional
-            Seed of the first environment, the others' follow by ones; or one per environment, where None continues its
-            stream.
+            Seed of the first environment, from which those of the others count up; or one per environment, where None
+            continues its stream.
         options : dict, optional
-            Those of the single environment, for all; and ``each``, a sequence of ``num_envs`` such dictionaries or
-            None, whose entries replace them in one environment; and ``reset_mask``, (num_envs,) bool: which
-            environments begin an episode. The others stay as they are, and infos cover those that begin.
+            Options of the single environment, for all environments. ``each`` is a sequence of ``num_envs`` such
+            dictionaries or None, whose entries override them in one environment. ``reset_mask``, (num_envs,) bool,
+            selects the environments that begin an episode; the others do not change, and infos do not cover them.
 
         Raises
         ------
@@ -120,12 +130,12 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         return observations, scattered(taken(columns, begun), begun, self.num_envs)
 
     def step(self, actions: NDArray[np.float32]) -> Step:
-        """Act in every environment for one step, as the single environment does.
+        """Step every environment.
 
         Parameters
         ----------
         actions : (num_envs, n) array
-            As the single environment's; the row of an environment that begins an episode instead is ignored.
+            One action per environment; ignored for an environment that begins an episode in this step.
 
         Returns
         -------
@@ -135,27 +145,27 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         Raises
         ------
         ConfigError
-            As the single environment; then nothing has moved.
+            As the single environment; no environment has been stepped then.
         """
         now, last = self._core.step(actions, self._out)
         return self._results(now, last, self.num_envs)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Take a picture of every environment, (H, W, 3) each, with ``render_mode="rgb_array"``.
+        """Render a picture of every environment, (H, W, 3) each, with ``render_mode="rgb_array"``.
 
-        With ``render_mode="human"`` show the first environment in the window, as every reset and step does.
+        With ``render_mode="human"``, update the window with the first environment, as every reset and step does.
         """
         pictures = self._core.pictures(range(self.num_envs))
         return None if pictures is None else tuple(pictures)
 
     def picture(self, env: int) -> NDArray[np.uint8] | None:
-        """Take a picture of one environment, as `render` does of all."""
+        """Render a picture of one environment, as `render` does for all."""
         pictures = self._core.pictures([env])
         return None if pictures is None else pictures[0]
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Give the memory back; after that only another close is allowed."""
-        # A constructor that failed has no core.
+        """Free the environments; afterwards only another close is allowed."""
+        # A constructor that failed leaves no core.
         if hasattr(self, "_core"):
             self._core.close()
 
@@ -165,7 +175,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         Parameters
         ----------
         name : str
-            Of the single environment: ``get_state``, ``set_state``, ``cameras``, ``render``, or an attribute.
+            A method of the single environment (``get_state``, ``set_state``, ``cameras``, ``render``) or an attribute.
         *args, **kwargs
             Arguments of the method, the same for all environments.
 
@@ -178,7 +188,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         return tuple(one(*args, **kwargs) if callable(one) else one for one in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Read an attribute of every environment: of the single environment's, or one that `set_attr` added.
+        """Read an attribute of every environment: one of the single environment, or one added by `set_attr`.
 
         Raises
         ------
@@ -193,14 +203,14 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         Parameters
         ----------
         name : str
-            Any but those that all environments share, such as ``objects`` or ``render_mode``.
+            Any name except those of shared attributes, such as ``objects`` or ``render_mode``.
         values : list, tuple or object
-            A value per environment, or one for all.
+            One value per environment, or one for all.
 
         Raises
         ------
         ConfigError
-            For another number of values, or an attribute that cannot be set.
+            For a wrong number of values, or a shared attribute.
         """
         if not isinstance(values, list | tuple):
             values = [values] * self.num_envs
@@ -214,13 +224,13 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
 
     @property
     def envs(self) -> tuple["EnvView", ...]:
-        """Every environment by itself, with the names of the single one."""
+        """A view of each environment, with attributes and methods of the single one."""
         if not self._views:
             self._views = tuple(EnvView(self, env) for env in range(self.num_envs))
         return self._views
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera as it stands, by name."""
+        """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera at present, by name."""
         return self._core.cameras()
 
     def send(self, actions: NDArray[np.float32], envs: Sequence[int] | NDArray[np.integer[Any]] | None = None) -> None:
@@ -229,14 +239,14 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         Parameters
         ----------
         actions : (k, n) array
-            One row for each of them.
+            One action for each of them.
         envs : (k,) sequence of int, optional
-            Which; by default all.
+            Indices of the environments to step; by default all.
 
         Raises
         ------
         ConfigError
-            As `step`, or if one of them has not been received since it was sent.
+            As `step`, or if a step of one of them is still pending.
         """
         indices = range(self.num_envs) if envs is None else [int(env) for env in envs]
         if any(not 0 <= env < self.num_envs for env in indices):
@@ -244,22 +254,22 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         self._core.pool.send(self._core.action(actions, len(indices)), list(indices))
 
     def recv(self, count: int | None = None) -> Step:
-        """Receive environments that were sent, in the order in which they finish.
+        """Receive results of steps begun by `send`, in the order in which they finish.
 
         Parameters
         ----------
         count : int, optional
-            How many to wait for; by default ``num_envs``.
+            Number of results to wait for; by default ``num_envs``.
 
         Returns
         -------
         observations, rewards, terminated, truncated, infos
-            As `step`, with one row for each that arrived: ``infos["env_id"]`` tells which.
+            As `step`, with one row per result; ``infos["env_id"]`` has the indices of their environments.
 
         Raises
         ------
         ConfigError
-            If fewer are on their way.
+            If fewer steps are pending.
         """
         count = self.num_envs if count is None else natural(count, "count")
         now, last = self._core.pool.recv(count)
@@ -268,16 +278,16 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         return results
 
     def get_state(self, env: int) -> bytes:
-        """Return all that the future of an environment depends on, its random stream included."""
+        """Return the complete state of an environment, its random stream included."""
         return self._core.pool.get_state(natural(env, "env"))
 
     def set_state(self, env: int, state: bytes) -> tuple[Any, dict[str, Any]]:
-        """Restore a state that `get_state` of this or of a single environment returned.
+        """Restore a state returned by `get_state` of this environment or of a single one.
 
         Returns
         -------
         observation, info
-            Of this environment, as they were then.
+            Those of the environment at that time.
 
         Raises
         ------
@@ -286,15 +296,15 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         """
         arrays = self._core.restore(natural(env, "env"), state)
         if self._seeds[env] is None:
-            # The stream is that of the state, whose seed is not known.
+            # The random stream comes from the state; its seed is unknown.
             self._seeds[env] = -1
         return self._core.first(arrays)
 
     def _results(self, now: "_core.EnvArrays", last: "_core.EnvArrays | None", count: int) -> Step:
-        """Put together what a step of `count` environments returns."""
+        """Assemble the results of a step of `count` environments."""
         infos = full(self._core.columns(now), count)
         if last is not None:
-            # `last` has a row for each environment whose episode ended in this step; `now` has them all.
+            # `last` has a row for each environment whose episode ended in this step, `now` for each that stepped.
             ended = np.flatnonzero(np.isin(now["env"], last["env"]))
             order = np.argsort(last["env"])[np.argsort(np.argsort(now["env"][ended]))]
             infos |= self._final(last, ended, order, count)
@@ -304,7 +314,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
     def _final(
         self, last: "_core.EnvArrays", ended: NDArray[np.intp], order: NDArray[np.intp], count: int
     ) -> dict[str, Any]:
-        """Tell of the episodes that ended: rows `order` of `last` belong to the rows `ended` of the step."""
+        """Assemble the final observations and infos; rows `order` of `last` belong to rows `ended` of the step."""
         observations = self._core.observations(last)
         final_obs = np.full(count, None, dtype=object)
         for target, source in zip(ended, order, strict=True):
@@ -324,7 +334,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
 
 # The section Parameters is written by scripts/generate_docs.py.
 class GraspVectorEnv(NativeVectorEnv):
-    """Environments of ``Grasp-v0`` side by side: see the module, and `NativeVectorEnv` for its methods.
+    """Vector environment of ``Grasp-v0``: see the module, and `NativeVectorEnv` for its methods.
 
     Parameters
     ----------
@@ -334,6 +344,10 @@ class GraspVectorEnv(NativeVectorEnv):
         Object sets to sample from: see `graspbox.object_sets`.
     split : {"train", "validation", "test"}, optional
         Sample from this split only.
+    scale : float
+        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
+    mass : float, optional
+        Kilograms of every object, instead of the masses of the set.
     obs : str or sequence of str
         Observation: a name, or several names, which give a ``Dict``.
     reward : {"sparse", "dense", "firm"}
@@ -341,23 +355,23 @@ class GraspVectorEnv(NativeVectorEnv):
     reward_weights : mapping of str to float, optional
         Weights that replace those of the same name in `reward`.
     success : SuccessCriterion, optional
-        What counts as success; by default ``SuccessCriterion()``, or that of `trial`.
+        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
     info : {"full", "numeric"}
-        Contents of the info dictionary. ``numeric`` is flat and holds numbers alone, for clients that turn infos into
-        tensors: ``failure`` is a code (the index in ``graspbox.envs.spaces.tables(hand)["failures"]``), ``object`` an
-        index into ``env.objects``, and reward terms are entries ``reward_reach`` and so on.
+        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
+        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
+        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
     image_size : int or pair of int, optional
         Rows and columns of the images, 16 to 1024; by default those of `cameras`.
     randomization : "standard" or Randomization, optional
-        What varies besides object and start; by default nothing.
+        Properties that vary from episode to episode besides the object and the start; by default none.
     render_mode : {"human", "rgb_array"}, optional
         ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
-        ``human``); of a vector environment it shows the first environment.
+        ``human``); a vector environment shows its first environment.
     num_threads : int, optional
-        Threads to use; by default ``GRASPBOX_THREADS``, else all. Results do not depend on it.
+        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
     remote : str, sequence of str or RemoteConfig, optional
-        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several, over
-        which they are spread. Results do not depend on it.
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
+        addresses to distribute them over. Results do not depend on it.
     physics : PhysicsConfig
         Settings of the engine; the time step must divide 0.05 s.
     hand : str, Hand or pair of paths
@@ -367,20 +381,20 @@ class GraspVectorEnv(NativeVectorEnv):
     picture : PictureConfig
         Size, samples per pixel and camera of the pictures of `render`.
     control : {"twist", "delta_pose", "target_pose"}
-        The control mode: what an action means.
+        Control mode: the meaning of actions.
     frame_skip : int
-        Control periods of 0.05 s per step: the action holds for all of them, and their reward terms are added. Slower
-        control is easier to explore.
+        Control periods of 0.05 s per step: the action is held for all of them, and their reward terms are added. Slower
+        control eases exploration.
     autoreset_mode : AutoresetMode or its value
-        When a finished environment begins again.
+        When the next episode begins after an end.
     max_episode_steps : int, optional
         Episodes are truncated after this number of steps.
     prepare_files : int
-        The first reset prepares all objects before the first step if some are mesh files, and at most this many; 0:
-        only those of the first episodes. The first time that takes about a second for each file, later results come
-        from the cache. Episodes do not depend on it.
+        The first reset prepares all objects if some of them are mesh files and there are at most this many; otherwise
+        it prepares only those of the first episodes. Preparation takes about a second per file the first time; later
+        the results come from the cache. Episodes do not depend on it.
     copy : bool
-        Whether observations are fresh arrays; otherwise they are views into buffers that the next call overwrites.
+        Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.
 
     Raises
     ------

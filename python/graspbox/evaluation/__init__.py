@@ -1,21 +1,21 @@
-"""Measure a policy: success and security of a fixed set of seeded trials, with Wilson intervals.
+"""Evaluation of policies: success and security on a fixed set of seeded trials, with Wilson intervals.
 
 >>> import graspbox
 >>> result = graspbox.evaluation.evaluate("planner", "graspbox/GraspPose-v0", "procedural:can:0-9", trials=8, seed=0)
 >>> result.succeeded, result.rate, [round(bound, 2) for bound in result.ci95]
 (8, 1.0, [0.68, 1.0])
 
-| name | what it is |
+| name | purpose |
 |---|---|
-| `evaluate`    | makes the environments, runs the trials, counts |
+| `evaluate`    | makes the environments, runs the trials, counts outcomes |
 | `Evaluation`  | the result: trials, counts, intervals |
 | `run_trials`  | runs seeded trials in existing environments |
 | `trial_seeds` | the seeds of the trials |
 | `wilson`      | interval of a rate |
 
-A trial is one episode with a seed of its own, which fixes object, pose, and what is random in the policy. All trials
-run to their end, in whatever environment is free: neither the number of environments nor the length of an episode
-changes what is counted.
+A trial is one episode with its own seed, which determines object, pose, and the policy's random numbers. All trials
+run to completion, in any free environment: neither the number of environments nor the length of an episode
+changes the result.
 """
 
 from collections.abc import Callable
@@ -29,9 +29,10 @@ from graspbox import learned_sets, object_sets, policies
 from graspbox.arguments import natural
 from graspbox.envs import IDS
 from graspbox.envs.settings import ObjectsArgument
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, MissingExtraError, ObjectSetError
+from graspbox.evaluation.conditions import settings_of
 from graspbox.evaluation.results import Evaluation, ObjectCount, TrialResult, wilson
-from graspbox.evaluation.trials import run_trials, trial_seeds
+from graspbox.evaluation.trials import run_trials, run_usable, trial_seeds
 from graspbox.policies import Policy, Task
 
 __all__ = [
@@ -46,9 +47,9 @@ __all__ = [
     "wilson",
 ]
 
-#: Most trials of an evaluation.
+#: Greatest number of trials of an evaluation.
 MAX_TRIALS = 1_000_000
-#: Most environments that step at once.
+#: Greatest number of environments stepped in parallel.
 MAX_ENVS = 4096
 
 
@@ -59,76 +60,112 @@ def evaluate(
     trials: SupportsIndex = 200,
     seed: SupportsIndex = 0,
     *,
+    scale: float = 1.0,
+    mass: float | None = None,
     split: object_sets.Split | None = None,
     include_learned: bool = False,
+    condition: str = "nominal",
     num_envs: SupportsIndex = 16,
     progress: Callable[[int], None] = lambda _: None,
     **settings: Any,
 ) -> Evaluation:
-    """Evaluate a policy on seeded trials; the same seed gives the same trials, whatever `num_envs` is.
+    """Evaluate a policy on seeded trials; the same seed gives the same trials for any `num_envs`.
 
-    Objects from which the policy learned (`Policy.learned_from`) are left out.
+    Training objects of the policy (`Policy.learned_from`) are left out, and so are objects that cannot be read or
+    simulated: `Evaluation.refused` names them, and further seeds replace their trials.
 
     Parameters
     ----------
     policy : Policy or str
-        A policy, or a name that `graspbox.policies.load` takes.
+        A policy, or a name for `graspbox.policies.load`.
     env_id : str, optional
-        One of `graspbox.envs.IDS`; by default the one that the policy acts in, else ``graspbox/GraspPose-v0``.
+        One of `graspbox.envs.IDS`; by default the policy's own, else ``graspbox/GraspPose-v0``.
     objects : str, Path, ObjectSet or sequence of str
-        Object sets, from which each trial samples one object: see `graspbox.object_sets`.
+        Object sets, from which each trial samples one object: see `graspbox.object_sets`. With ``remote`` those that
+        the server offers.
     trials : int
         Number of trials, 1 to `MAX_TRIALS`.
     seed : int
         Determines the seeds of the trials (`trial_seeds`); at least 0.
+    scale, mass : float
+        As for `graspbox.object_sets.load`.
     split : {"train", "validation", "test"}, optional
         Sample from this split only.
     include_learned : bool
-        Sample from objects from which the policy learned, too.
+        Also sample training objects of the policy.
+    condition : str
+        Variation of the trials: a name in `graspbox.evaluation.conditions.CONDITIONS`.
     num_envs : int
-        Environments that step at once, 1 to `MAX_ENVS`.
+        Environments stepped in parallel, 1 to `MAX_ENVS`.
     progress : callable
         Called with the number of finished trials.
     **settings
-        Other keywords of the environment. ``obs`` is by default what the policy observes.
+        Other keywords of the environment. ``obs`` is by default the policy's observation.
 
     Raises
     ------
     ConfigError, ObjectSetError, MissingExtraError
-        If an argument cannot be used, or the policy learned from all objects.
+        If an argument is invalid, or all objects are training objects of the policy.
     MeshError, FileError, SimulationError
-        If an object cannot be read or simulated.
+        If no object can be read and simulated.
     """
     chosen = policies.load(policy) if isinstance(policy, str) else policy
     if not isinstance(chosen, policies.Policy):
         raise ConfigError(f"policy is a {type(policy).__name__}; give a graspbox.policies.Policy, or the name of one")
     count = _within("trials", trials, MAX_TRIALS)
-    seeds = trial_seeds(natural(seed, "seed", bits=64), count)
+    first = natural(seed, "seed", bits=64)
     width = min(_within("num_envs", num_envs, MAX_ENVS), count)
     env_id = env_id or chosen.env_id or IDS[0]
     if env_id.removeprefix("graspbox:") not in IDS:
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
+    changed = settings_of(condition, env_id.removeprefix("graspbox:"))
+    if twice := [name for name in changed if name in settings]:
+        raise ConfigError(f"{twice[0]} is given, and the condition {condition!r} gives it too; leave one of them out")
     if chosen.obs is not None:
         settings.setdefault("obs", chosen.obs)
-    settings = {**chosen.settings, **settings}
-    found = object_sets.load(objects, split=split)
-    kept = found if include_learned else learned_sets.without(found, chosen.learned_from)
-    if not kept:
-        raise ConfigError(
-            f"the policy {chosen.name!r} learned from all {len(found)} objects of {found.name!r}; name others, such as "
-            "'procedural:unseen' or split='test', or give include_learned=True (--include-learned)"
-        )
-    envs = gymnasium.make_vec(env_id, width, objects=kept, autoreset_mode=AutoresetMode.DISABLED, **settings)
+    settings = {"scale": scale, "mass": mass, "split": split, **chosen.settings, **changed, **settings}
+    learned_from = () if include_learned else chosen.learned_from
+    left_out = 0
+    if settings.get("remote") is None or learned_from:
+        found = _looked_up(objects, settings)
+        objects = learned_sets.without(found, learned_from)
+        left_out = len(found) - len(objects)
+        if not objects:
+            raise ConfigError(
+                f"the policy {chosen.name!r} learned from all {len(found)} objects of {found.name!r}; name others, "
+                "such as 'procedural:unseen' or split='test', or give include_learned=True (--include-learned)"
+            )
+    envs = gymnasium.make_vec(env_id, width, objects=objects, autoreset_mode=AutoresetMode.DISABLED, **settings)
     try:
         chosen.bind(Task.of(envs))
-        result = run_trials(chosen, envs, seeds, progress=progress)
-        return replace(result, objects_given=len(found), objects_left_out=len(found) - len(kept))
+        result = run_usable(chosen, envs, count, first, progress=progress)
+        given = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
+        return replace(result, condition=condition, objects_given=given, objects_left_out=left_out)
     finally:
         envs.close()
 
 
+def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_sets.ObjectSet:
+    """Find the objects on this machine, to leave out those from which the policy learned.
+
+    The settings that chose them are taken out: the environments get what is kept.
+    """
+    remote = settings.get("remote") is not None
+    # A server applies the others.
+    chosen = {name: settings.pop(name) for name in (("split",) if remote else ("scale", "mass", "split"))}
+    try:
+        return object_sets.load(objects, **chosen)
+    except (MissingExtraError, ObjectSetError) as error:
+        if not remote:
+            raise
+        raise ConfigError(
+            f"objects from which the policy learned cannot be left out of a set that only the server knows ({error}); "
+            "give include_learned=True (--include-learned)"
+        ) from None
+
+
 def _within(name: str, value: Any, high: int) -> int:
-    """Check a count, which is at least 1."""
+    """Check a count of at least 1."""
     found = natural(value, name)
     if not 1 <= found <= high:
         raise ConfigError(f"{name} is {found}; it must be between 1 and {high}")

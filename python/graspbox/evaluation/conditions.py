@@ -1,6 +1,6 @@
-"""Conditions under which a policy of ``GraspPose-v0`` is measured: one row each.
+"""Conditions of an evaluation, one row each.
 
-Each differs from the first in one thing, so that a table of them tells what a policy depends on.
+Each differs from the first in one respect, so a table of them shows the policy's sensitivity to each.
 """
 
 from collections.abc import Mapping
@@ -10,8 +10,10 @@ from typing import Any
 
 from graspbox.camera_configs import FRONT, CamerasConfig
 from graspbox.configs import Randomization, ShakeConfig, TrialConfig
+from graspbox.envs import IDS
+from graspbox.errors import ConfigError
 
-__all__ = ["CONDITIONS", "Condition"]
+__all__ = ["CONDITIONS", "Condition", "settings_of"]
 
 
 @dataclass(frozen=True)
@@ -21,13 +23,16 @@ class Condition:
     Attributes
     ----------
     meaning : str
-        What differs.
+        Difference from the first condition.
     settings : mapping
         Keywords of the environments.
+    env_ids : tuple of str
+        Environments that support it.
     """
 
     meaning: str
     settings: Mapping[str, Any] = field(default_factory=dict)
+    env_ids: tuple[str, ...] = IDS
 
 
 def _hand(millimetres: float, degrees: float) -> Condition:
@@ -43,7 +48,7 @@ def _friction(factor: float) -> Condition:
 #: From the side and steeper than the first camera; 0.60 m away.
 _SIDE = replace(FRONT, eye=(0.25, -0.3, 0.5))
 
-#: By name; the first is the one that the others differ from.
+#: Conditions by name; the first is the reference.
 CONDITIONS: Mapping[str, Condition] = {
     "nominal": Condition("nothing but object, pose and sensor noise varies"),
     "hand_5": _hand(5, 5),
@@ -57,6 +62,25 @@ CONDITIONS: Mapping[str, Condition] = {
         {"randomization": Randomization(camera_position=0.01, camera_rotation=0.02)},
     ),
     "shake": Condition(
-        "a success is shaken with 2 g along and about six axes", {"trial": TrialConfig(shake=ShakeConfig())}
+        "a success is shaken with 2 g along and about six axes",
+        {"trial": TrialConfig(shake=ShakeConfig())},
+        # In the closed loop no shake follows the trial.
+        ("graspbox/GraspPose-v0",),
     ),
 }
+
+
+def settings_of(name: str, env_id: str) -> Mapping[str, Any]:
+    """Return the keywords of an environment for a condition.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such condition, or the environment does not support it.
+    """
+    if name not in CONDITIONS:
+        raise ConfigError(f"there is no condition {name!r}; choose from {', '.join(CONDITIONS)}")
+    known = CONDITIONS[name].env_ids
+    if env_id not in known:
+        raise ConfigError(f"the condition {name!r} is of {', '.join(known)} alone; {env_id} cannot have it")
+    return CONDITIONS[name].settings

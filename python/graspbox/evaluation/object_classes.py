@@ -1,4 +1,4 @@
-"""Classes of objects, by shape and mass alone, so that success can be told for each."""
+"""Classes of objects by shape and mass, for success rates per class."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from graspbox.planning import decompose
 
 __all__ = ["CLASSES", "object_classes"]
 
-#: What each class means, by name; an object may be in several, and is in ``box`` or ``round``.
+#: Definition of each class by name; an object may be in several, and is in ``box`` or ``round``.
 CLASSES: dict[str, str] = {
     "flat": "the smallest side of its smallest box is under 25 mm, the next at least 30 mm",
     "thin": "the two smallest sides are under 30 mm",
@@ -25,7 +25,7 @@ def object_classes(mesh: Mesh) -> tuple[str, ...]:
     Raises
     ------
     PlanError
-        If the object is flat or degenerate: it has no box.
+        If the object is flat or degenerate and has no box.
     """
     box = decompose(mesh, max_boxes=1)[0]
     least, middle, _ = np.sort(2.0 * box.half_extents)

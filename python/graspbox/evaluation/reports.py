@@ -1,4 +1,4 @@
-"""Tables of many evaluations: policies and conditions side by side, rates by class of object."""
+"""Tables of several evaluations: policies and conditions side by side, rates by class of object."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ import numpy as np
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES
 from graspbox.evaluation.results import wilson
-from graspbox.perception.calibration import calibration_error
+from graspbox.models.calibration import calibration_error
 
 __all__ = ["COLUMNS", "Measured", "class_table", "condition_table", "labels", "policy_table", "pooled"]
 
-#: Fields of `graspbox.evaluation.TrialResult` that the log has of each trial, in order.
+#: Fields of `graspbox.evaluation.TrialResult` that the log stores per trial, in order.
 COLUMNS = ("object", "success", "secure", "survives_shake", "confidence")
-#: The policy whose successes are those that can be had.
+#: The policy whose successes bound the achievable ones.
 _ORACLE = "robust_oracle"
 
 
@@ -27,17 +27,17 @@ class Measured:
     Attributes
     ----------
     condition, policy, objects : str
-        What was measured: a name in `CONDITIONS`, the policy (see `labels`), the object set.
+        The condition, a name in `CONDITIONS`; the policy (see `labels`); the object set.
     seed : int
         Seed of the trials.
     names : tuple of str
         The object of each trial.
     success, secure, survives_shake : tuple of bool
-        Of each trial.
+        Outcome of each trial.
     confidence : tuple of float or None
-        Probability of success that the policy stated.
+        The policy's predicted probability of success, for each trial.
     milliseconds : float
-        Wall time of a decision.
+        Wall time per decision.
     """
 
     condition: str
@@ -60,7 +60,7 @@ class Measured:
 
     @property
     def calibration_error(self) -> float | None:
-        """Expected calibration error; None if some trial has no stated probability."""
+        """Expected calibration error; None if some trial has no predicted probability."""
         stated = [p for p in self.confidence if p is not None]
         return calibration_error(np.array(stated), np.array(self.success)) if len(stated) == len(self.success) else None
 
@@ -76,9 +76,9 @@ class Measured:
 
 
 def labels(policies: Sequence[str]) -> dict[str, str]:
-    """Give each policy a label of its own.
+    """Return a unique label for each policy.
 
-    That is KIND of ``KIND=FOLDER``, and the last part of a folder; more of both where two policies would share a label.
+    The label is KIND of ``KIND=FOLDER``, and the last part of a folder, or more of both if policies would share it.
     """
     found = dict.fromkeys(policies, "")
     for shorten in (_shortest, _short, str):
@@ -99,7 +99,7 @@ def _short(policy: str) -> str:
 
 
 def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[Measured]:
-    """Join the rows that differ in nothing that `by` tells, such as those of several seeds, in their order."""
+    """Merge rows with the same key `by`, such as those of several seeds, in their order."""
     groups: dict[Any, list[Measured]] = {}
     for row in rows:
         groups.setdefault(by(row), []).append(row)
@@ -114,13 +114,13 @@ def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[M
 
 
 def _share(count: int, trials: int) -> str:
-    """Write a rate with its Wilson interval."""
+    """Format a rate with its Wilson interval."""
     low, high = wilson(count, trials)
     return f"{100 * count / trials:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def policy_table(rows: Sequence[Measured]) -> str:
-    """Write policies under one condition: success, secure holds, calibration error, time of a decision."""
+    """Format policies under one condition: success, secure holds, calibration error, time per decision."""
     lines = [
         "| policy | objects | trials | success | secure | ECE | ms per decision |",
         "|---|---|--:|--:|--:|--:|--:|",
@@ -134,7 +134,7 @@ def policy_table(rows: Sequence[Measured]) -> str:
 
 
 def condition_table(rows: Sequence[Measured]) -> str:
-    """Write each condition: success and secure holds of each policy on each object set."""
+    """Format each condition: success and secure holds of each policy on each object set."""
     lines = ["| policy | objects | condition | success | secure |", "|---|---|---|--:|--:|"]
     for row in pooled(rows, by=lambda r: (r.policy, r.objects, r.condition)):
         trials = len(row.names)
@@ -147,10 +147,10 @@ def condition_table(rows: Sequence[Measured]) -> str:
 
 
 def class_table(rows: Sequence[Measured], classes: Mapping[str, Sequence[str]]) -> str:
-    """Write success by class of object, all sets together.
+    """Format success by class of object, over all sets.
 
-    With rows of ``robust_oracle`` on the same trials, the last column tells on flat and heavy objects the share of
-    its successes that the policy has too.
+    With rows of ``robust_oracle`` on the same trials, the last column gives, for flat and heavy objects, the share of
+    the oracle's successes that the policy also achieves.
     """
     everything = {row.policy: row for row in pooled(rows, by=lambda r: r.policy)}
     oracle = everything.get(_ORACLE)
@@ -175,7 +175,7 @@ def _count(rows: Sequence[Measured], classes: Mapping[str, Sequence[str]], name:
 
 
 def _oracle_share(row: Measured, oracle: Measured, classes: Mapping[str, Sequence[str]]) -> str:
-    """Compare with the oracle trial by trial; empty where the trials are not the same."""
+    """Compare with the oracle trial by trial; empty if the trials differ."""
     if row.names != oracle.names:
         return ""
     pairs = zip(row.success, oracle.success, row.names, strict=True)

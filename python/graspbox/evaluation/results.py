@@ -1,12 +1,13 @@
 """Results of an evaluation: trials, counts, Wilson intervals."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from graspbox.errors import ConfigError
-from graspbox.perception.calibration import calibration_error
+from graspbox.models.calibration import calibration_error
 
 __all__ = ["Evaluation", "ObjectCount", "TrialResult", "wilson"]
 
@@ -38,7 +39,7 @@ def wilson(succeeded: int, trials: int, z: float = _Z95) -> tuple[float, float]:
     rate, weight = succeeded / trials, z * z / trials
     center = (rate + weight / 2) / (1 + weight)
     half = z / (1 + weight) * np.sqrt(rate * (1 - rate) / trials + weight / (4 * trials))
-    # Exact where the formula only comes within rounding.
+    # Exact values where the formula has rounding errors.
     low = 0.0 if succeeded == 0 else float(center - half)
     high = 1.0 if succeeded == trials else float(center + half)
     return low, high
@@ -55,8 +56,8 @@ class TrialResult:
     object : str
         Name of its object.
     success, secure, survives_shake : bool
-        As `graspbox.simulation` defines them; a secure grasp is a success too. Nothing survives a shake that the
-        environments were not asked for.
+        As `graspbox.simulation` defines them; a secure grasp is a success too. `survives_shake` is False unless the
+        environments apply a shake.
     failure : str
         Kind of the failure; empty for a success.
     steps : int
@@ -64,8 +65,8 @@ class TrialResult:
     reward : float
         Sum of the rewards.
     confidence : float or None
-        Probability of success that the policy stated (`Policy.confidence`); its last digits depend on what runs the
-        policy's networks, so that two results that differ in it alone are equal.
+        Probability of success predicted by the policy (`Policy.confidence`). Comparisons ignore it, because its last
+        digits depend on the runtime of the policy's networks.
     """
 
     seed: int
@@ -81,7 +82,7 @@ class TrialResult:
 
 @dataclass(frozen=True)
 class ObjectCount:
-    """Counts of one object: its name, its trials, and how many of them succeeded and were secure."""
+    """Counts of one object: name, trials, successes and secure grasps."""
 
     name: str
     trials: int
@@ -102,9 +103,13 @@ class Evaluation:
     trials : tuple of TrialResult
         In the order of `trial_seeds`.
     ms_per_decision : float
-        Wall time of the policy per action, milliseconds; the simulation is not included.
+        Wall time of the policy per action, milliseconds; without the simulation.
     objects_given, objects_left_out : int
-        How many objects there were to sample from, and from how many of them the policy had learned.
+        Number of available objects, and number of those left out as training objects of the policy.
+    refused : mapping
+        Reasons why objects cannot be used, by name; no trial has such an object.
+    condition : str
+        The condition of the trials.
     """
 
     policy: str
@@ -113,6 +118,8 @@ class Evaluation:
     ms_per_decision: float = field(compare=False)
     objects_given: int = field(default=0, compare=False)
     objects_left_out: int = field(default=0, compare=False)
+    refused: Mapping[str, str] = field(default_factory=dict, compare=False)
+    condition: str = field(default="nominal", compare=False)
 
     @property
     def succeeded(self) -> int:
@@ -146,7 +153,7 @@ class Evaluation:
 
     @property
     def calibration_error(self) -> float | None:
-        """Expected calibration error of the stated probabilities, in ten bins; None if some trial has none."""
+        """Expected calibration error of the predicted probabilities, in ten bins; None if some trial has none."""
         stated = [trial.confidence for trial in self.trials if trial.confidence is not None]
         if len(stated) < len(self.trials):
             return None
@@ -170,16 +177,19 @@ class Evaluation:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values, as ``graspbox evaluate --json`` prints them."""
+        """Values for JSON, as ``graspbox evaluate --json`` prints them."""
         return {
             "policy": self.policy,
+            "condition": self.condition,
             "trials": len(self.trials),
             "succeeded": self.succeeded,
             "secure": self.secure,
             "rate": self.rate,
             "ci95": list(self.ci95),
             "objects": [{"name": o.name, "trials": o.trials, "succeeded": o.succeeded} for o in self.objects],
+            "failures": self.failures,
             "objects_left_out": self.objects_left_out,
+            "refused": dict(self.refused),
             "calibration_error": self.calibration_error,
             "ms_per_decision": self.ms_per_decision,
         }

@@ -1,7 +1,7 @@
-"""Runs seeded trials in environments; each is one episode."""
+"""Runs seeded trials in environments, one episode each."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,17 +9,24 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from graspbox.errors import ConfigError
+from graspbox import _core
+from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.results import Evaluation, TrialResult
+from graspbox.object_sets import ObjectSet
 from graspbox.policies import Actions, Policy
+from graspbox.refusals import reason
 
-__all__ = ["Steps", "TrialRun", "run_trials", "trial_seeds"]
+__all__ = ["Refusals", "Steps", "TrialRun", "run_trials", "run_usable", "trial_seeds"]
+
+#: Greatest number of seeds that are tried if objects cannot be used: the first number, plus the second for each
+#: requested trial.
+_SPARE, _SPARE_EACH = 100, 20
 
 
 def trial_seeds(seed: int, trials: int) -> list[int]:
     """Seeds of the trials of an evaluation; the first ones are the same for any number of trials.
 
-    Each is below 2^53, so that JSON holds it, and ``env.reset(seed=...)`` begins that trial again.
+    Each is below 2^53, so that JSON can represent it, and ``env.reset(seed=...)`` reproduces that trial.
     """
     words = np.random.SeedSequence(seed).generate_state(trials, np.uint64)
     return [int(word) >> 11 for word in words]
@@ -48,7 +55,7 @@ def run_trials(
     Raises
     ------
     ConfigError
-        If there are no seeds, the environments reset by themselves, or the policy is bound to others.
+        If there are no seeds, the environments reset automatically, or the policy is bound to others.
     MeshError, FileError, SimulationError
         If an object cannot be read or simulated.
     """
@@ -61,6 +68,90 @@ def run_trials(
     return Evaluation(policy.name, policy.task.env_id, ordered, 1e3 * run.seconds / run.decisions)
 
 
+class Refusals:
+    """Objects that trials could not use.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of all objects that the environments sample from.
+    objects : ObjectSet, optional
+        The objects, where they are on this machine: reasons name their files then.
+
+    Attributes
+    ----------
+    reasons : dict
+        The reason for each, by name.
+    first : GraspboxError or None
+        The first error.
+    """
+
+    def __init__(self, names: Sequence[str], objects: ObjectSet | None = None) -> None:
+        self._names, self._objects = set(names), objects or ()
+        self.first: GraspboxError | None = None
+        self.reasons: dict[str, str] = {}
+
+    def add(self, error: GraspboxError) -> None:
+        """Record an object, which `GraspboxError.object` names."""
+        assert error.object is not None
+        self.first = self.first or error
+        if error.object not in self.reasons:
+            paths = (spec.path for spec in self._objects if spec.name == error.object)
+            self.reasons[error.object] = reason(error, next(paths, None))
+
+    @property
+    def all(self) -> bool:
+        """Whether no object of the set can be used."""
+        return self._names <= set(self.reasons)
+
+
+def run_usable(
+    policy: Policy,
+    envs: VectorEnv[Any, Any, Any],
+    trials: int,
+    seed: int,
+    *,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Evaluation:
+    """Run trials of usable objects: a further seed replaces a trial whose object cannot be used.
+
+    Parameters
+    ----------
+    policy, envs, progress
+        As for `run_trials`.
+    trials : int
+        Number of trials. If almost no object can be used there are fewer: ``100 + 20 * trials`` seeds are tried.
+    seed : int
+        Determines the seeds: those of `trial_seeds`, in order.
+
+    Raises
+    ------
+    ConfigError
+        As `run_trials`.
+    MeshError, FileError, SimulationError
+        If no object can be used.
+    """
+    results: dict[int, TrialResult] = {}
+    native: Any = envs.unwrapped
+    # The objects of a server need not be on this machine.
+    refusals = Refusals(native.object_names, None if native.is_remote else native.objects)
+    first, seconds, decisions = 0, 0.0, 0
+    while len(results) < trials and first < _SPARE + _SPARE_EACH * trials and not refusals.all:
+        last = first + trials - len(results)
+        run = TrialRun(policy, envs, trial_seeds(seed, last)[first:], refused=lambda _, error: refusals.add(error))
+        for index, result in run.results():
+            results[first + index] = result
+            progress(len(results))
+        # An object refused in some of its trials is left out of all.
+        results = {trial: result for trial, result in results.items() if result.object not in refusals.reasons}
+        first, seconds, decisions = last, seconds + run.seconds, decisions + run.decisions
+    if not results and refusals.first is not None:
+        raise refusals.first
+    ordered = tuple(results[trial] for trial in sorted(results))
+    pace = 1e3 * seconds / decisions
+    return Evaluation(policy.name, policy.task.env_id, ordered, pace, refused=dict(sorted(refusals.reasons.items())))
+
+
 @dataclass(frozen=True)
 class Steps:
     """One step of some trials; each row is one trial.
@@ -70,11 +161,11 @@ class Steps:
     trial, env : (rows,) int64
         Index of the trial in the list of seeds, and of its environment.
     observation, following : (rows, ...) array, or mapping of them
-        What the policy saw, and what its action led to.
+        The policy's observation before the action, and the one after it.
     action : (rows, k) float32
-        What it did.
+        The policy's action.
     reward : (rows,) float64
-        What it was paid.
+        The reward.
     terminated, truncated : (rows,) bool
         Whether the trial ended, and how.
     """
@@ -90,14 +181,17 @@ class Steps:
 
 
 class TrialRun:
-    """Trials in progress: the environments take the next trial whenever they are free.
+    """Trials in progress: each free environment takes the next trial.
 
     Parameters
     ----------
     policy, envs, seeds
         As for `run_trials`.
     watch : callable, optional
-        Called with every step of every trial (`Steps`), before the results of the trials that end with it.
+        Called with every step of every trial (`Steps`), before the results of the trials that it ends.
+    refused : callable, optional
+        Called with the index of each trial whose object cannot be used, and the error, which names the object; by
+        default the error is raised.
 
     Raises
     ------
@@ -111,6 +205,7 @@ class TrialRun:
         envs: VectorEnv[Any, Any, Any],
         seeds: Sequence[int],
         watch: Callable[[Steps], None] | None = None,
+        refused: Callable[[int, GraspboxError], None] | None = None,
     ) -> None:
         if not seeds:
             raise ConfigError("there are no seeds; give one for each trial")
@@ -118,20 +213,25 @@ class TrialRun:
             raise ConfigError("trials begin by an explicit reset; make the environments with autoreset_mode='Disabled'")
         if policy.task.num_envs != envs.num_envs:
             raise ConfigError(f"the policy is bound to {policy.task.num_envs} environments, these are {envs.num_envs}")
-        self._policy, self._seeds, self._watch = policy, seeds, watch
-        # Seeds per environment, send and recv are more than Gymnasium's class knows.
+        self._policy, self._seeds, self._watch, self._refused = policy, seeds, watch, refused
+        # Gymnasium's class declares neither seeds per environment nor send and recv.
         self._native: Any = envs.unwrapped
         self.seconds, self.decisions = 0.0, 0
         self._next = 0
-        #: Trial of each environment; -1 where all trials have been taken.
+        #: Object of each trial, if it can be left out; errors of unusable objects, by name.
+        self._sampled = [] if refused is None else _sampled(seeds, envs.unwrapped.object_names)  # type: ignore[attr-defined]
+        self._errors: dict[str, GraspboxError] = {}
+        #: Trial of each environment; -1 once all trials are taken.
         self._trial = np.full(envs.num_envs, -1)
+        #: Environments with an episode; the others can only be reset.
+        self._begun = np.zeros(envs.num_envs, dtype=np.bool_)
         self._objects = [""] * envs.num_envs
         self._steps = np.zeros(envs.num_envs, dtype=np.int64)
         self._rewards = np.zeros(envs.num_envs)
         self._observation: Any = None
 
     def results(self) -> Iterator[tuple[int, TrialResult]]:
-        """Run all trials; gives each with its index when it ends."""
+        """Run all trials; yields each with its index when it ends."""
         while True:
             self._begin()
             active = np.flatnonzero(self._trial >= 0)
@@ -140,25 +240,65 @@ class TrialRun:
             yield from self._advance(self._act(active), active)
 
     def _begin(self) -> None:
-        """Begin trials in the free environments, as long as there are any."""
-        free = np.flatnonzero(self._trial < 0)[: len(self._seeds) - self._next]
-        if not len(free):
-            return
+        """Begin trials in the free environments while any are left."""
+        begin: dict[int, int] = {}
+        while True:
+            for env in np.flatnonzero(self._trial < 0).tolist():
+                if env not in begin and (trial := self._following()) is not None:
+                    begin[env] = trial
+            if not begin:
+                return
+            try:
+                found = self._reset(begin)
+            except GraspboxError as error:
+                if self._refused is None or error.object is None:
+                    raise
+                self._errors[error.object] = error
+                spoilt = [env for env, trial in begin.items() if self._sampled[trial] == error.object]
+                if not spoilt:
+                    raise
+                for env in spoilt:
+                    self._refused(begin.pop(env), error)
+            else:
+                self._take(begin, *found)
+                begin = {}
+
+    def _following(self) -> int | None:
+        """Return the next trial whose object is not known to be unusable; reports the skipped ones."""
+        while self._next < len(self._seeds):
+            trial, self._next = self._next, self._next + 1
+            if self._refused is None or self._sampled[trial] not in self._errors:
+                return trial
+            self._refused(trial, self._errors[self._sampled[trial]])
+        return None
+
+    def _reset(self, begin: Mapping[int, int]) -> tuple[Any, dict[str, Any]]:
+        """Reset environments for trials, by their index; a repeated call gives the same result."""
+        # Environments without an episode begin one of these trials too; they would block the others.
+        filler = self._seeds[next(iter(begin.values()))]
+        seeds: list[int | None] = [None if begun else filler for begun in self._begun]
+        mask = ~self._begun
+        for env, trial in begin.items():
+            seeds[env], mask[env] = self._seeds[trial], True
+        found: tuple[Any, dict[str, Any]] = self._native.reset(seed=seeds, options={"reset_mask": mask})
+        self._begun |= mask
+        return found
+
+    def _take(self, begin: Mapping[int, int], observation: Any, info: dict[str, Any]) -> None:
+        """Record the trials that began, and inform the policy."""
         seeds: list[int | None] = [None] * self._native.num_envs
         mask = np.zeros(self._native.num_envs, dtype=np.bool_)
-        for env in free.tolist():
-            self._trial[env], seeds[env], mask[env] = self._next, self._seeds[self._next], True
+        for env, trial in begin.items():
+            self._trial[env], seeds[env], mask[env] = trial, self._seeds[trial], True
             self._steps[env], self._rewards[env] = 0, 0.0
-            self._next += 1
-        self._observation, info = self._native.reset(seed=seeds, options={"reset_mask": mask})
-        if not isinstance(info["object"][free[0]], str):
-            raise ConfigError("the environments have info='numeric'; trials need the names of info='full'")
-        for env in free.tolist():
+            if not isinstance(info["object"][env], str):
+                raise ConfigError("the environments have info='numeric'; trials need the names of info='full'")
             self._objects[env] = info["object"][env]
+        self._observation = observation
         self._policy.reset(seeds, mask=mask, info=info)
 
     def _act(self, active: NDArray[np.intp]) -> Actions:
-        """Let the policy choose, and take its time."""
+        """Let the policy act, and measure its time."""
         began = time.perf_counter()
         actions = self._policy.act(self._observation)
         self.seconds += time.perf_counter() - began
@@ -166,7 +306,7 @@ class TrialRun:
         return actions[active]
 
     def _advance(self, actions: Actions, active: NDArray[np.intp]) -> Iterator[tuple[int, TrialResult]]:
-        """Step the environments whose trial is not over."""
+        """Step the environments with a trial in progress."""
         self._native.send(actions, active)
         observation, rewards, terminated, truncated, info = self._native.recv(len(active))
         rows = info["env_id"]
@@ -194,19 +334,24 @@ class TrialRun:
             failure="" if success else str(info["failure"][row]),
             steps=int(self._steps[env]),
             reward=float(self._rewards[env]),
-            # Of GraspPose-v0 alone.
+            # Only in GraspPose-v0.
             survives_shake=bool(info["survives_shake"][row]) if "survives_shake" in info else False,
             confidence=self._policy.confidence(env),
         )
 
 
+def _sampled(seeds: Sequence[int], names: Sequence[str]) -> list[str]:
+    """Return the name of the object that each seed samples."""
+    return [names[index] for index in _core.sampled_objects(seeds, len(names))]
+
+
 def _rows(values: Any, rows: NDArray[np.intp]) -> Any:
-    """Take some rows of an observation, an array or a dictionary of arrays."""
+    """Select rows of an observation, an array or a dictionary of arrays."""
     return {name: part[rows] for name, part in values.items()} if isinstance(values, dict) else values[rows]
 
 
 def _scatter(old: Any, new: Any, rows: NDArray[np.intp]) -> Any:
-    """Replace some rows of an observation, an array or a dictionary of arrays; gives a new one."""
+    """Replace rows of an observation, an array or a dictionary of arrays; returns a copy."""
     if isinstance(old, dict):
         return {name: _scatter(values, new[name], rows) for name, values in old.items()}
     replaced = old.copy()

@@ -1,4 +1,4 @@
-"""From one depth image to grasps: no mesh, no true pose, nothing that a camera over a table does not tell.
+"""From one depth image to grasps: no mesh, no true pose, nothing that a camera over a table does not see.
 
 >>> import graspbox, numpy as np
 >>> from graspbox import perception
@@ -9,24 +9,35 @@
 >>> crops.channels.shape, crops.found.tolist()
 ((2, 3, 48, 48, 48), [True, True])
 
+A decision goes one way: a `DepthView` is leveled, its object is cropped (`Crops`), and a `Finder` ranks grasps there
+(`FoundGrasp`).
+
 | module | what it does |
 |---|---|
-| `configs` | settings of all of it |
+| `configs`, `finder_configs` | settings |
+| `depth_images` | depth images from files: their units, the camera's lens and pose, the table |
+| `depth_views`, `leveling` | one image with its camera, whose height and tilt the visible table corrects |
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
-| `leveling` | height and tilt of a camera, corrected by the table that it sees |
+| `finder` | `Finder`, `FoundGrasp`, and `GraspFinder`, which scores proposals; `HeadFinder` and `PlannedFinder` rank otherwise |
 | `hand_grids` | candidate grasps of an occupied volume, and the voxels around the hand at each |
 | `anchors` | a grid of steep grasps, and poses between them |
-| `perturbations` | small errors of hand poses |
+| `cameras`, `perturbations`, `outputs` | poses of cameras; errors of hand poses; outputs of networks, checked |
 
-The networks are in modules of their own, which need torch (extra ``train``) and are not imported here: `scenes` renders
-what they learn from, `completion` tells the object's occupancy from a crop, `scorer` tells how likely a grasp holds.
-`export` writes them into the folder of a policy (`policy_folders`); `runtimes` runs them there with onnxruntime, and
-`grasp_image` finds grasps in an image of one's own. `heads` predict a grasp alone. `stability` is what a hand feels of
-its grasp, from which `stability_net` tells whether it will hold.
-"""
+>>> view = perception.DepthView(depth[0], seen.intrinsics, seen.world_from_camera[0])
+>>> found = perception.PlannedFinder(graspbox.load_hand("reflex")).find(view)
+>>> found.world_from_hand.shape
+(4, 4)
 
+The networks are in `graspbox.models`; nothing here needs torch.
+"""  # noqa: E501 (a table)
+
+from graspbox.perception._head_finder import HeadFinder
+from graspbox.perception._planned_finder import PlannedFinder
 from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig, ProposalConfig
 from graspbox.perception.crops import CHANNELS, Crops, add_depth_noise, crop, solid_occupancy
+from graspbox.perception.depth_views import DepthView
+from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
+from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid, Proposals
 from graspbox.perception.perturbations import PoseNoise
 
@@ -36,8 +47,15 @@ __all__ = [
     "CropConfig",
     "Crops",
     "DepthNoise",
+    "DepthView",
+    "Finder",
+    "FinderConfig",
+    "FoundGrasp",
+    "GraspFinder",
     "HandGrid",
     "HandGridConfig",
+    "HeadFinder",
+    "PlannedFinder",
     "PoseNoise",
     "ProposalConfig",
     "Proposals",

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.arguments import check_range
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
+from graspbox.perception.outputs import check_finite
 
 __all__ = ["RESIDUALS", "AnchorConfig", "Anchors", "Candidates", "Encoded"]
 
@@ -56,16 +58,14 @@ class AnchorConfig:
     max_tilt: float = 0.32
 
     def __post_init__(self) -> None:
-        for name in ("cells", "rolls"):
-            if getattr(self, name) < 2 or getattr(self, name) % 2:
-                raise ConfigError(f"{name} is {getattr(self, name)}; give an even number from 2 on")
-        if self.heights < 2:
-            raise ConfigError(f"heights is {self.heights}; give 2 or more")
-        for name in ("spacing", "reach", "max_tilt"):
-            if not 0.0 < getattr(self, name) < float("inf"):
-                raise ConfigError(f"{name} is {getattr(self, name)}; give a positive number")
-        if self.max_tilt >= np.pi / 2:
-            raise ConfigError(f"max_tilt is {self.max_tilt}; give less than pi / 2: steeper than the horizon")
+        for name in ("cells", "rolls", "heights"):
+            check_range(self, name, 2, 256)
+            if name != "heights" and getattr(self, name) % 2:
+                raise ConfigError(f"{name} is {getattr(self, name)}; give an even number")
+        for name, least in (("spacing", 1e-4), ("reach", 1e-4), ("lowest", -1.0)):
+            check_range(self, name, least, 1.0)
+        if not 0.0 < self.max_tilt < np.pi / 2:
+            raise ConfigError(f"max_tilt is {self.max_tilt}; give more than 0, and less than pi / 2: the horizon")
 
     def check(self, crop: CropConfig) -> None:
         """Check that the grid of points lies on every second voxel of a crop."""
@@ -88,11 +88,20 @@ class Candidates:
         Indices of the hand's preshapes.
     scores : (k,) float64
         The greater, the better.
+
+    Raises
+    ------
+    ConfigError
+        If a pose or a score is not finite.
     """
 
     poses: NDArray[np.float64]
     preshape: NDArray[np.int64]
     scores: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for values in (self.poses, self.scores):
+            check_finite(values, "head")
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +219,18 @@ class Anchors:
     def candidates(
         self, index: NDArray[np.int64], residual: NDArray[np.float32], scores: NDArray[np.float32]
     ) -> Candidates:
-        """Make grasps of anchors (k,), residuals (k, 6) and scores (k,) that a network gives, best first."""
+        """Make grasps of anchors (k,), residuals (k, 6) and scores (k,) that a network gives, best first.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such anchor, or a number is not finite.
+        """
+        if len(index) and not (index.min() >= 0 and index.max() < len(self)):
+            raise ConfigError(
+                f"the head gives anchors from {index.min()} to {index.max()}, and there are {len(self)}; its network "
+                "and its settings do not fit, so export the policy again"
+            )
         # A grasp's own anchor gives it residuals of this range.
         bounds = np.array([0.5] * 4 + [1.0] * 2)
         poses, preshape = self.decode(index, np.clip(residual.astype(np.float64), -bounds, bounds))

@@ -14,17 +14,19 @@ from graspbox.meshes import MeshLike, as_mesh
 from graspbox.perception.configs import CropConfig, DepthNoise
 from graspbox.views import depth_metres
 
-__all__ = ["CHANNELS", "Crops", "add_depth_noise", "crop", "solid_occupancy"]
+__all__ = ["CHANNELS", "OCCUPIED", "Crops", "add_depth_noise", "crop", "solid_occupancy"]
 
 #: Names of the channels of a crop, in order.
 CHANNELS: tuple[str, ...] = tuple(_core.channel_names()[0])
+#: A voxel of an occupancy of this value or more, of 255, belongs to the object: a quarter, as for proposals.
+OCCUPIED = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Crops(ByValue):
-    """What n depth images show of the object, in n crop frames.
+    """The object in n depth images, as voxels in n crop frames.
 
-    A crop frame has its origin on the table below the middle of what is seen of the object, z up, and x horizontally
+    A crop frame has its origin on the table below the middle of the object's visible surface, z up, and x horizontally
     away from the camera.
 
     Attributes
@@ -37,7 +39,8 @@ class Crops(ByValue):
         Pixels of the object.
     channels : (n, 3, N, N, N) uint8
         By voxel along x, y and z, 0 to 255 for 0 to 1: `CHANNELS`. ``surface``: how near to a voxel's centre a pixel of
-        the object is. ``unseen``: the share of the voxel behind what is seen. ``table``: its share below the table.
+        the object is. ``unseen``: the share of the voxel behind the visible surface. ``table``: its share below the
+        table.
     """
 
     world_from_crop: NDArray[np.float64]

@@ -1,7 +1,9 @@
-"""Depth images of one's own: read from files, units checked, and the camera's pose from the table that they show."""
+"""Depth images from files: reading, a check of their units, and the camera's pose from the visible table."""
 
+import io
 import json
 import os
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.arguments import floats
 from graspbox.errors import ConfigError, FileError, MissingExtraError
+from graspbox.files import read_bounded
 
 __all__ = [
+    "MAX_COORDINATE",
     "camera_over_table",
     "check_intrinsics",
+    "check_pose",
     "check_table",
     "fit_table",
     "metric_depth",
@@ -24,11 +29,21 @@ __all__ = [
 
 #: Metres per unit of images of integers, as most cameras write them.
 _INTEGERS = 0.001
-#: The middle of an image is not farther or nearer than this, metres: otherwise its units are others.
-_FARTHEST, _NEAREST = 20.0, 0.05
-#: Planes that are tried, pixels that vote, and the least share of them that a table has.
+#: Units of depth images, metres.
+_UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "tenths of millimetres": 0.0001}
+#: In the right unit half of the pixels are farther than the first, and a tenth nearer than the second, metres.
+_NEAREST, _FARTHEST = 0.15, 3.0
+#: Distance of the tables that policies learn from, metres.
+_USUAL = 0.6
+#: Most pixels of an image: 8192 x 8192. Largest file of a camera's pose, bytes.
+_MOST_PIXELS, _LARGEST_POSE = 1 << 26, 1 << 20
+#: Coordinates of a camera are at most this, metres: beyond, millimetres are lost, and a fit may not end.
+MAX_COORDINATE = 1e4
+#: A plane is fitted to about this many points at most; more make it slower, not better.
+_MOST_POINTS = 1_000_000
+#: Planes that are tried, pixels that vote for them, and the least share of the votes that a table has.
 _PLANES, _VOTERS, _TABLE_SHARE = 400, 4000, 0.25
-#: Least share of the pixels that are on the table where the camera's pose is given.
+#: Least share of the pixels that lie on the table where the camera's pose says that it is.
 _SEEN_TABLE = 0.12
 #: A pixel is the table's within this distance and this share of its depth, metres.
 _ON_TABLE, _ON_TABLE_GROWTH = 0.004, 0.004
@@ -82,6 +97,7 @@ def metric_depth(
         raise ConfigError(
             f"{name} holds {values.dtype} of shape {values.shape}; give one depth image (H, W) of numbers"
         )
+    _check_size(values.size, name)
     if scale is not None and not 0.0 < scale < float("inf"):
         raise ConfigError(f"the depth scale is {scale}; give metres per unit of the file, such as 0.001")
     metres = scale if scale is not None else (1.0 if values.dtype.kind == "f" else _INTEGERS)
@@ -94,8 +110,9 @@ def metric_depth(
 
 def _read_npy(path: Path) -> NDArray[np.generic]:
     try:
-        found = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        # Mapped: a header that promises a huge array costs nothing.
+        found = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, EOFError, OverflowError, OSError) as error:
         raise ConfigError(f"{path} is no array that numpy.save wrote: {error}") from None
     if not isinstance(found, np.ndarray):
         raise ConfigError(f"{path} holds several arrays; save the depth image alone with numpy.save")
@@ -108,9 +125,14 @@ def _read_png(path: Path) -> NDArray[np.generic]:
     except ModuleNotFoundError:
         raise MissingExtraError("PNG files need Pillow, from the extra 'cli': pip install 'graspbox[cli]'") from None
     try:
-        with Image.open(path) as image:
-            mode, values = image.mode, np.asarray(image)
-    except OSError as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(path) as image:
+                _check_size(image.width * image.height, str(path))
+                mode, values = image.mode, np.asarray(image)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        _check_size(_MOST_PIXELS + 1, str(path))
+    except (OSError, SyntaxError) as error:
         raise ConfigError(f"{path} is no PNG: {error}") from None
     if not mode.startswith("I"):
         raise ConfigError(
@@ -120,27 +142,31 @@ def _read_png(path: Path) -> NDArray[np.generic]:
     return values
 
 
+def _check_size(pixels: int, name: str) -> None:
+    if pixels > _MOST_PIXELS:
+        raise ConfigError(f"{name} has more than {_MOST_PIXELS} pixels; give a smaller image, with its own intrinsics")
+
+
 def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
     seen = depth[depth > 0]
     if not len(seen):
         raise ConfigError(f"{name} holds no depth at all; every pixel is 0 or not finite")
-    middle = float(np.median(seen))
-    for factor, unit in ((0.001, "millimetres"), (0.0001, "tenths of millimetres")):
-        if middle > _FARTHEST and _NEAREST < middle / metres * factor < _FARTHEST:
-            raise ConfigError(
-                f"the middle depth of {name} would be {middle:.4g} m; the file seems to hold {unit}, so give the depth "
-                f"scale {factor:g}"
-            )
-    if middle < _NEAREST and _NEAREST < middle / metres < _FARTHEST:
-        raise ConfigError(
-            f"the middle depth of {name} would be {middle:.3g} m; the file seems to hold metres, so give the depth "
-            "scale 1"
-        )
-    if not _NEAREST < middle < _FARTHEST:
-        raise ConfigError(
-            f"the middle depth of {name} would be {middle:.3g} m, with {metres:g} m per unit; give the depth scale, in "
-            "metres per unit of the file"
-        )
+    near, middle = np.percentile(seen[:: 1 + len(seen) // _MOST_POINTS], (10, 50))
+
+    def off(factor: float) -> float:
+        """Tell how far from usual the distances would be; infinite where they are implausible."""
+        share = factor / metres
+        plausible = share * middle > _NEAREST and share * near < _FARTHEST
+        return abs(float(np.log(share * middle / _USUAL))) if plausible else np.inf
+
+    if np.isfinite(off(metres)):
+        return
+    unit = min(_UNITS, key=lambda unit: off(_UNITS[unit]))
+    factor = _UNITS[unit]
+    advice = f"give the depth scale, in metres per unit of the file; here it is {metres:g}"
+    if np.isfinite(off(factor)):
+        advice = f"the file seems to hold {unit}, so give the depth scale {factor:g}"
+    raise ConfigError(f"the middle depth of {name} would be {middle:.3g} m; {advice}")
 
 
 def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -185,26 +211,42 @@ def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     path = Path(path)
     if not path.is_file():
         raise FileError(2, "there is no such camera pose", str(path))
+    content = read_bounded(path, _LARGEST_POSE)
     try:
         if path.suffix.lower() == ".npy":
-            values = np.load(path, allow_pickle=False)
+            values = np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float64)
         elif path.suffix.lower() == ".json":
-            values = np.array(json.loads(path.read_text()), dtype=np.float64)
+            values = np.array(json.loads(content), dtype=np.float64)
         else:
-            values = np.loadtxt(path, delimiter="," if "," in path.read_text() else None)
-    except (ValueError, EOFError) as error:
+            values = np.loadtxt(io.StringIO(content.decode()), delimiter="," if b"," in content else None)
+    except (ValueError, TypeError, OverflowError, EOFError, RecursionError, MemoryError) as error:
         raise ConfigError(f"{path} holds no matrix of numbers: {error}") from None
     if values.size != 16:
         raise ConfigError(f"{path} holds {values.size} numbers; give the 16 of table_from_camera, row by row")
-    pose = np.asarray(values, dtype=np.float64).reshape(4, 4)
+    return check_pose(values.reshape(4, 4), str(path))
+
+
+def check_pose(table_from_camera: ArrayLike, name: str = "table_from_camera") -> NDArray[np.float64]:
+    """Check the pose (4, 4) of a camera, which errors call `name`; gives it as float64.
+
+    Raises
+    ------
+    ConfigError
+        If it is no pose, in metres, of a camera above the table.
+    """
+    pose = floats(table_from_camera, name)
+    if pose.shape != (4, 4):
+        raise ConfigError(f"{name} has shape {pose.shape}; give a pose (4, 4)")
     turn = pose[:3, :3]
     if not np.allclose(pose[3], (0, 0, 0, 1)) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
-        raise ConfigError(f"{path} is no rigid motion: rotation and translation in metres, with 0 0 0 1 below")
+        raise ConfigError(f"{name} is no rigid motion: rotation and translation in metres, with 0 0 0 1 below")
     if np.linalg.det(turn) < 0:
-        raise ConfigError(f"{path} mirrors; the axes of a camera are x right, y down, z forward")
+        raise ConfigError(f"{name} mirrors; the axes of a camera are x right, y down, z forward")
+    if not (np.abs(pose[:3, 3]) <= MAX_COORDINATE).all():
+        raise ConfigError(f"{name} places the camera at {pose[:3, 3]}; give metres, at most {MAX_COORDINATE:g}")
     if pose[2, 3] <= 0 or turn[2, 2] >= 0:
         raise ConfigError(
-            f"{path} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give "
+            f"{name} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give "
             "table_from_camera, not its inverse, with z up and z = 0 on the table"
         )
     return pose
@@ -266,7 +308,7 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
     ConfigError
         If no plane has a quarter of the pixels, or the largest is no table below the camera.
     """
-    points = points_of(depth, intrinsics)
+    points = points_of(depth, intrinsics, int(np.ceil(np.sqrt(depth.size / _MOST_POINTS))))
     rng = np.random.default_rng(0)
     voters = points[rng.permutation(len(points))[:_VOTERS]]
     if len(voters) < 3:
@@ -335,7 +377,7 @@ def points_of(depth: NDArray[np.floating], intrinsics: NDArray[np.float64], ever
 def thinned(
     depth: NDArray[np.float64], intrinsics: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Keep every k-th pixel of a fine image, so that it is about as coarse as those that policies learn from.
+    """Keep every k-th pixel of a fine image, which is then about as coarse as those that policies learn from.
 
     Returns
     -------

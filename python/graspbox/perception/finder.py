@@ -1,37 +1,43 @@
-"""One decision: from a depth image to the grasp to try.
+"""From one depth image to ranked grasps; values go forward only.
 
-The steps, each of which can be replaced: crop the object, complete its occupancy, propose grasps, score them, refine
-the best. Grasps are proposed by geometry, and by a head (`graspbox.perception.heads`) if there is one. `GraspFinder`
-makes the steps and measures their time.
+A `Finder` levels the camera of a `DepthView` by the table, crops the object, ranks grasps in the crop and takes the
+best as a `FoundGrasp`. `GraspFinder` scores the grasps that geometry and a head propose. Other finders differ in how
+they rank: `graspbox.perception.HeadFinder`, `graspbox.perception.PlannedFinder` and
+`graspbox.models.nearest_finder.NearestFinder`.
 """
 
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from graspbox.arguments import floats
 from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.crops import Crops, crop
+from graspbox.perception.crops import OCCUPIED, Crops
+from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.leveling import level
+from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise, perturbed
 
 __all__ = [
     "LOOKED_AT",
+    "Clock",
     "Complete",
     "Finder",
     "FoundGrasp",
     "GraspFinder",
     "Head",
+    "Ranked",
     "Score",
+    "TrainedScore",
     "observed_only",
+    "volume_of",
 ]
 
 #: From channels (n, 3, N, N, N) of crops to occupancies (n, N, N, N), all uint8.
@@ -41,20 +47,54 @@ Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 #: Candidates of a head that are checked, for each that may be added.
 LOOKED_AT = 4
+#: Scale on which a grasp resembles one that failed, metres and radians.
+_MOVED, _TURNED = 0.03, 0.5
 
 
 class Head(Protocol):
-    """What predicts grasps: a network of `graspbox.perception.heads`, or `graspbox.perception.runtimes.AnchorHead`."""
+    """Predicts grasps: a network of `graspbox.models.head.heads`, or `graspbox.artifacts.runtimes.AnchorHead`."""
 
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
         """Give the best grasps of one crop (2 or more, N, N, N) uint8."""
 
 
 @runtime_checkable
-class Ensemble(Protocol):
-    """A `Score` of several networks, all of which judge only the best grasps of a call."""
+class TrainedScore(Protocol):
+    """A `Score` of trained networks, which also states probabilities: `graspbox.artifacts.runtimes.Scorer`."""
 
-    each: Score  # by all networks for every grasp
+    #: A score by all networks for every grasp; the object itself asks all of them only for the best grasps of a call.
+    each: Score
+    #: The probabilities of grasps, as `graspbox.artifacts.runtimes.Judged`; arguments as of a `Score`.
+    judge: Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], Any]
+
+
+class Ranked(NamedTuple):
+    """m grasps in one crop, in any order.
+
+    Attributes
+    ----------
+    volume : (3, N, N, N) uint8
+        Completed, surface, unseen: see `volume_of`.
+    poses : (m, 4, 4) float64
+        ``crop_from_hand``, metres.
+    preshapes : (m,) float64
+        See `graspbox.Hand.preshape_limits`.
+    scores : (m,) float64
+        Greater is better.
+    """
+
+    volume: NDArray[np.uint8]
+    poses: NDArray[np.float64]
+    preshapes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+    def kept(self, rows: NDArray[np.int64]) -> Self:
+        """Keep some of the grasps, by index."""
+        return self._replace(poses=self.poses[rows], preshapes=self.preshapes[rows], scores=self.scores[rows])
+
+    def best(self, count: int) -> NDArray[np.int64]:
+        """Give the indices of the best grasps, the best first."""
+        return np.argsort(-self.scores, kind="stable")[:count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +103,12 @@ class FoundGrasp:
 
     Attributes
     ----------
-    world_from_hand : (4, 4) float64
-        Where the hand goes, metres.
-    preshape : float
-        See `graspbox.Hand.preshape_limits`.
-    score : float
-        What the scorer gives it.
+    chosen : int
+        Index of the grasp.
+    crop : CropConfig
+        The crop.
     world_from_crop : (4, 4) float64
-        The crop frame.
+        Its frame, metres.
     object : (H, W) bool
         Pixels of the object.
     volume : (3, N, N, N) uint8
@@ -82,9 +120,8 @@ class FoundGrasp:
         Time that each step took: ``crop``, ``complete``, ``propose``, ``score``, ``refine``, ``average``.
     """
 
-    world_from_hand: NDArray[np.float64]
-    preshape: float
-    score: float
+    chosen: int
+    crop: CropConfig
     world_from_crop: NDArray[np.float64]
     object: NDArray[np.bool_]
     volume: NDArray[np.uint8]
@@ -94,23 +131,47 @@ class FoundGrasp:
     seconds: dict[str, float]
 
     @property
+    def world_from_hand(self) -> NDArray[np.float64]:
+        """Where the hand goes, (4, 4), metres."""
+        return np.asarray(self.world_from_crop @ self.poses[self.chosen])
+
+    @property
+    def preshape(self) -> float:
+        """See `graspbox.Hand.preshape_limits`."""
+        return float(self.preshapes[self.chosen])
+
+    @property
+    def score(self) -> float:
+        """Its score; greater is better."""
+        return float(self.scores[self.chosen])
+
+    @property
     def occupancy(self) -> NDArray[np.uint8]:
         """The completed occupancy (N, N, N), 0 to 255 for 0 to 1."""
         return np.asarray(self.volume[0])
 
-    def other(self, index: int) -> "FoundGrasp":
-        """Take another of the grasps that were scored, by its index."""
-        return replace(
-            self,
-            world_from_hand=self.world_from_crop @ self.poses[index],
-            preshape=float(self.preshapes[index]),
-            score=float(self.scores[index]),
-        )
+    @property
+    def top(self) -> float:
+        """Height of the object over the table as the camera sees it and the completion adds to it, metres."""
+        filled = np.flatnonzero((self.occupancy >= OCCUPIED).any(axis=(0, 1)))
+        return float(self.crop.origin[2] + (filled[-1] + 1) * self.crop.voxel_size) if len(filled) else 0.0
 
-    def best(self) -> tuple[NDArray[np.float64], float]:
-        """Give the grasp in the crop frame: ``crop_from_hand`` (4, 4) and preshape."""
-        index = int(np.argmax(self.scores))
-        return self.poses[index], float(self.preshapes[index])
+    def other(self, index: int) -> Self:
+        """Choose another of the grasps that were scored, by its index."""
+        return replace(self, chosen=index)
+
+
+class Clock:
+    """Measures the time of steps."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, step: str) -> None:
+        """End a step."""
+        now = time.perf_counter()
+        self.seconds[step], self._last = now - self._last, now
 
 
 class Finder(ABC):
@@ -122,45 +183,45 @@ class Finder(ABC):
         The crop.
     num_threads : int, optional
         Threads of the crop; by default one per core.
+
+    Attributes
+    ----------
+    crop
+        The same.
     """
 
     def __init__(self, crop: CropConfig, num_threads: int | None = None) -> None:
-        self._crop, self._num_threads = crop, num_threads
+        self.crop, self._num_threads = crop, num_threads
 
     @abstractmethod
-    def decide(
-        self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
-    ) -> FoundGrasp | None:
-        """Find the grasp to try in a single crop; arguments and result as `find`."""
+    def rank(self, crops: Crops, seed: int, clock: Clock) -> Ranked | None:
+        """Score grasps in a single crop, which shows an object.
 
-    def find(
-        self,
-        depth: ArrayLike,
-        intrinsics: ArrayLike,
-        world_from_camera: ArrayLike,
-        *,
-        seed: int = 0,
-        complete: Complete | None = None,
-        score: Score | None = None,
-        on_crop: Callable[[NDArray[np.float64]], None] | None = None,
-    ) -> FoundGrasp | None:
+        Parameters
+        ----------
+        crops : Crops
+            The crop.
+        seed : int
+            Seed of the refinement.
+        clock : Clock
+            Measures the steps.
+
+        Returns
+        -------
+        Ranked or None
+            The grasps; None, or none of them, where there are no feasible ones.
+        """
+
+    def find(self, view: DepthView, *, seed: int = 0) -> FoundGrasp | None:
         """Find the grasp to try.
 
         Parameters
         ----------
-        depth : (H, W) array
-            Metres, or millimetres if the dtype is uint16; 0 where nothing was measured.
-        intrinsics : (3, 3) array
-            Pixels.
-        world_from_camera : (4, 4) array
-            Pose of the camera; the table is the plane z = 0. Small errors of height and tilt are corrected
+        view : DepthView
+            The image. Small errors of the camera's height and tilt are corrected
             (`graspbox.perception.leveling.level`).
         seed : int
             Seed of the refinement.
-        complete, score : callable, optional
-            Replace those of the finder for this decision.
-        on_crop : callable, optional
-            Called with ``world_from_crop`` (4, 4) before `complete` is.
 
         Returns
         -------
@@ -170,44 +231,59 @@ class Finder(ABC):
         Raises
         ------
         ConfigError
-            For arrays of another shape or type.
+            For arrays of another shape or type, and networks that give numbers that are not finite.
         """
-        began = time.perf_counter()
-        image, lens = np.asarray(depth), floats(intrinsics, "intrinsics")
-        metres = 0.001 * image if image.dtype == np.uint16 else image
-        poses = level(metres, lens, floats(world_from_camera, "world_from_camera"))[None]
-        crops = crop(image[None], lens, poses, config=self._crop, num_threads=self._num_threads)
-        taken = time.perf_counter() - began
-        if crops.found[0] and on_crop is not None:
-            on_crop(crops.world_from_crop[0])
-        found = self.decide(crops, seed=seed, complete=complete, score=score)
-        return None if found is None else replace(found, seconds={"crop": taken, **found.seconds})
+        clock = Clock()
+        crops = view.leveled().crops(self.crop, num_threads=self._num_threads)
+        clock.lap("crop")
+        found = self.decide(crops, seed=seed)
+        return None if found is None else replace(found, seconds={**clock.seconds, **found.seconds})
+
+    def decide(self, crops: Crops, *, seed: int = 0) -> FoundGrasp | None:
+        """Find the grasp to try in a single crop; result and errors as `find`."""
+        clock = Clock()
+        ranked = self.rank(crops, seed, clock) if crops.found[0] else None
+        if ranked is None or not len(ranked.scores):
+            return None
+        best = int(np.argmax(ranked.scores))
+        return FoundGrasp(best, self.crop, crops.world_from_crop[0], crops.object[0], *ranked, clock.seconds)
+
+    def confidence(self, found: FoundGrasp | None) -> float | None:
+        """Give the probability that a grasp succeeds; None where the finder states none."""
+        del found
+        return None
 
 
 def observed_only(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Take what is seen of the surface for the object: no completion."""
+    """Take the observed surface for the object: no completion."""
     return np.ascontiguousarray(channels[:, 0])
 
 
+def volume_of(crops: Crops, complete: Complete) -> NDArray[np.uint8]:
+    """Complete a single crop: (3, N, N, N) uint8, the occupancy and the channels ``surface`` and ``unseen``."""
+    return np.concatenate([complete(crops.channels), crops.channels[0, :2]])
+
+
 class GraspFinder(Finder):
-    """Finds grasps in depth images.
+    """Finds grasps in depth images: completes the object, proposes grasps, scores them, refines the best.
 
     Parameters
     ----------
     grid : HandGrid
-        The hand.
+        The hand, with the settings of the crop.
     complete : callable
-        Tells the occupancy of crops: `graspbox.perception.runtimes.Completion`, or `observed_only`.
+        Predicts the occupancy of crops: `graspbox.artifacts.runtimes.Completion`, or `observed_only`.
     score : callable
-        Scores grasps: `graspbox.perception.runtimes.Scorer`.
+        Scores grasps: `graspbox.artifacts.runtimes.Scorer`.
     config : FinderConfig
         How a grasp is found.
-    crop : CropConfig
-        The crop; that of `grid`.
     head : Head, optional
         Predicts grasps that are added to the proposals.
-    num_threads : int, optional
-        Threads of the crop; by default one per core.
+
+    Attributes
+    ----------
+    grid, complete, score, config, head
+        The same.
     """
 
     def __init__(
@@ -217,115 +293,141 @@ class GraspFinder(Finder):
         score: Score,
         config: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
         *,
-        crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
         head: Head | None = None,
-        num_threads: int | None = None,
     ) -> None:
-        super().__init__(crop, num_threads)
-        self._grid, self._complete, self._score, self._config = grid, complete, score, config
-        self._head = head
+        super().__init__(grid.crop, grid.num_threads)
+        self.grid, self.complete, self.score, self.config, self.head = grid, complete, score, config, head
+        self._failed: FoundGrasp | None = None
 
-    def decide(
-        self, crops: Crops, *, seed: int = 0, complete: Complete | None = None, score: Score | None = None
-    ) -> FoundGrasp | None:
-        """Find the grasp to try in a single crop; arguments and result as `find`."""
-        if not crops.found[0]:
-            return None
-        clock = _Clock()
-        occupancy = (complete or self._complete)(crops.channels)[0]
+    def tolerating(self, error: PoseNoise) -> Self:
+        """Give a finder for a hand with such errors: see `FinderConfig.tolerating`."""
+        found = copy(self)
+        found.config = self.config.tolerating(error)
+        return found
+
+    def avoiding(self, failed: FoundGrasp) -> Self:
+        """Give a finder in which grasps lose score the nearer they are to one that failed."""
+        found = copy(self)
+        found._failed = failed
+        return found
+
+    def rank(self, crops: Crops, seed: int, clock: Clock) -> Ranked:
+        """Score grasps: see `Finder.rank`. There may be none."""
+        volume = volume_of(crops, self.complete)
         clock.lap("complete")
-        poses, preshapes = self._proposed(occupancy, crops.channels[0])
+        poses, preshapes = self._proposed(volume, crops.channels[0])
         clock.lap("propose")
         if not len(poses):
-            return None
-        volume = np.concatenate([occupancy[None], crops.channels[0, :2]])
-        judge = score or self._score
-        scored = _Scored(poses, preshapes, judge(volume, poses, preshapes))
+            return Ranked(volume, poses, preshapes, np.zeros(0))
+        score = self.score if self._failed is None else _Avoiding(self.score, self._failed, crops.world_from_crop[0])
+        ranked = _ranked(score, volume, poses, preshapes)
         clock.lap("score")
         rng = np.random.default_rng(seed)
-        scored = self._refined(scored, volume, judge, rng)
+        ranked = self._refined(ranked, score, rng)
         clock.lap("refine")
-        if self._config.hand_error is not None:
-            tolerant = _Tolerant(judge, self._grid, self._config, self._config.hand_error)
-            scored = self._refined(self._finalists(scored, volume, tolerant), volume, tolerant, rng)
+        if self.config.hand_error is not None:
+            tolerant = _Tolerant(score, self.grid, self.config, self.config.hand_error)
+            finalists = ranked.kept(ranked.best(self.config.finalists))
+            compared = _ranked(tolerant, volume, finalists.poses, finalists.preshapes)
+            ranked = self._refined(compared, tolerant, rng)
             clock.lap("average")
-        best = int(np.argmax(scored.scores))
-        return FoundGrasp(
-            world_from_hand=crops.world_from_crop[0] @ scored.poses[best],
-            preshape=float(scored.preshapes[best]),
-            score=float(scored.scores[best]),
-            world_from_crop=crops.world_from_crop[0],
-            object=crops.object[0],
-            volume=volume,
-            poses=scored.poses,
-            preshapes=scored.preshapes,
-            scores=scored.scores,
-            seconds=clock.seconds,
-        )
+        return ranked
+
+    def confidence(self, found: FoundGrasp | None) -> float | None:
+        """Give the scorer's probability that a grasp succeeds; 0 without a grasp, None for a score of another kind.
+
+        Raises
+        ------
+        ConfigError
+            If it is not finite.
+        """
+        if not isinstance(self.score, TrainedScore):
+            return None
+        if found is None:
+            return 0.0
+        rows = [found.chosen]
+        success = self.score.judge(found.volume, found.poses[rows], found.preshapes[rows]).success
+        check_finite(success, "scorer")
+        return float(success[0])
 
     def _proposed(
-        self, occupancy: NDArray[np.uint8], channels: NDArray[np.uint8]
+        self, volume: NDArray[np.uint8], channels: NDArray[np.uint8]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Propose feasible grasps: poses (m, 4, 4) and preshapes (m,), those of the head last."""
-        config = self._config
-        found = self._grid.propose(occupancy, config.proposals)
-        if self._head is None or not config.predicted:
+        config = self.config
+        found = self.grid.propose(volume[0], config.proposals)
+        if self.head is None or not config.predicted:
             return found.poses, found.preshape
-        predicted = self._head.candidates(channels, LOOKED_AT * config.predicted)
-        preshapes = self._grid.preshapes[predicted.preshape]
-        kept = np.flatnonzero(self._feasible(occupancy, predicted.poses, preshapes))[: config.predicted]
+        predicted = self.head.candidates(channels, LOOKED_AT * config.predicted)
+        preshapes = self.grid.preshapes[predicted.preshape]
+        kept = np.flatnonzero(self._feasible(volume, predicted.poses, preshapes))[: config.predicted]
         return (
             np.concatenate([found.poses, predicted.poses[kept]]),
             np.concatenate([found.preshape, preshapes[kept]]),
         )
 
     def _feasible(
-        self, occupancy: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """Tell where the open hand gets and enough fingers meet the object."""
-        config = self._config.proposals
-        free, fingers = self._grid.meets(occupancy, poses, preshapes, points=config.points)
+        config = self.config.proposals
+        free, fingers = self.grid.meets(volume[0], poses, preshapes, points=config.points)
         return free & (fingers >= min(config.fingers, 2))
 
-    def _refined(
-        self, scored: "_Scored", volume: NDArray[np.uint8], judge: Score, rng: np.random.Generator
-    ) -> "_Scored":
+    def _refined(self, ranked: Ranked, score: Score, rng: np.random.Generator) -> Ranked:
         """Add feasible neighbours of the best grasps, nearer ones in each step."""
-        config = self._config
+        config = self.config
         for step in range(config.refinements):
-            best = np.argsort(-scored.scores, kind="stable")[: config.parents]
-            parents = np.repeat(best, config.children)
+            parents = np.repeat(ranked.best(config.parents), config.children)
             scale = 0.5**step
-            poses = perturbed(scored.poses[parents], rng, config.position * scale, config.rotation * scale)
-            preshapes = scored.preshapes[parents]
-            kept = self._feasible(volume[0], poses, preshapes)
+            poses = perturbed(ranked.poses[parents], rng, config.position * scale, config.rotation * scale)
+            preshapes = ranked.preshapes[parents]
+            kept = self._feasible(ranked.volume, poses, preshapes)
             if not kept.any():
                 continue
-            scores = judge(volume, poses[kept], preshapes[kept])
-            scored = _Scored(
-                np.concatenate([scored.poses, poses[kept]]),
-                np.concatenate([scored.preshapes, preshapes[kept]]),
-                np.concatenate([scored.scores, scores]),
-            )
-        return scored
+            added = _ranked(score, ranked.volume, poses[kept], preshapes[kept])
+            ranked = Ranked(ranked.volume, *(np.concatenate(pair) for pair in zip(ranked[1:], added[1:], strict=True)))
+        return ranked
 
-    def _finalists(self, scored: "_Scored", volume: NDArray[np.uint8], judge: Score) -> "_Scored":
-        """Keep the best grasps alone, and score them anew."""
-        best = np.argsort(-scored.scores, kind="stable")[: self._config.finalists]
-        poses, preshapes = scored.poses[best], scored.preshapes[best]
-        return _Scored(poses, preshapes, judge(volume, poses, preshapes))
+
+def _ranked(
+    score: Score, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+) -> Ranked:
+    """Score grasps; raises as `check_finite`."""
+    scores = score(volume, poses, preshapes)
+    check_finite(scores, "scorer")
+    return Ranked(volume, poses, preshapes, scores)
+
+
+class _Avoiding:
+    """Scores grasps; those near one that failed lose by their nearness."""
+
+    def __init__(self, score: Score, failed: FoundGrasp, world_from_crop: NDArray[np.float64]) -> None:
+        self._score, self._preshape = score, failed.preshape
+        self._failed, self._world_from_crop = failed.world_from_hand, world_from_crop
+
+    def __call__(
+        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        hands = self._world_from_crop @ poses
+        way = np.linalg.norm(hands[:, :3, 3] - self._failed[:3, 3], axis=1)
+        traces = np.einsum("nij,ij->n", hands[:, :3, :3], self._failed[:3, :3])
+        turn = np.arccos(np.clip((traces - 1.0) / 2.0, -1.0, 1.0))
+        near = np.exp(-0.5 * ((way / _MOVED) ** 2 + (turn / _TURNED) ** 2))
+        kept = 1.0 - near * (preshapes == self._preshape)
+        return np.asarray(self._score(volume, poses, preshapes) * kept)
 
 
 class _Tolerant:
     """Scores grasps by the mean over the errors of a hand.
 
-    All grasps have the same errors, so that chance does not decide between them.
+    All grasps have the same errors: chance must not decide between them.
     """
 
-    def __init__(self, judge: Score, grid: HandGrid, config: FinderConfig, error: PoseNoise) -> None:
+    def __init__(self, score: Score, grid: HandGrid, config: FinderConfig, error: PoseNoise) -> None:
         still, rng = np.tile(np.eye(4), (config.neighbours, 1, 1)), np.random.default_rng(0)
         moved = perturbed(still, rng, error.position, error.rotation)
-        self._judge: Score = judge.each if isinstance(judge, Ensemble) else judge
+        self._score: Score = score.each if isinstance(score, TrainedScore) else score
         self._grid, self._points = grid, config.proposals.points
         self._errors = np.concatenate([np.eye(4)[None], moved])
 
@@ -336,26 +438,5 @@ class _Tolerant:
         repeated = np.repeat(preshapes, len(self._errors))
         free, _ = self._grid.meets(volume[0], around, repeated, points=self._points)
         scores = np.zeros(len(around))
-        scores[free] = self._judge(volume, around[free], repeated[free])
+        scores[free] = self._score(volume, around[free], repeated[free])
         return np.asarray(scores.reshape(len(poses), -1).mean(axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class _Scored:
-    """Grasps with their scores."""
-
-    poses: NDArray[np.float64]
-    preshapes: NDArray[np.float64]
-    scores: NDArray[np.float64]
-
-
-class _Clock:
-    """Measures the time of steps."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, step: str) -> None:
-        now = time.perf_counter()
-        self.seconds[step], self._last = now - self._last, now

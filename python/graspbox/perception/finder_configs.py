@@ -2,10 +2,23 @@
 
 from dataclasses import dataclass, field, replace
 
+from graspbox.arguments import check_range
 from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.perturbations import PoseNoise
 
 __all__ = ["FinderConfig"]
+
+#: Ranges of the numbers of `FinderConfig`; more than these take minutes for one decision.
+_RANGES = (
+    ("predicted", 0, 1024),
+    ("refinements", 0, 64),
+    ("parents", 1, 256),
+    ("children", 1, 256),
+    ("position", 0.0, 0.1),
+    ("rotation", 0.0, 1.0),
+    ("finalists", 1, 256),
+    ("neighbours", 0, 256),
+)
 
 
 @dataclass(frozen=True)
@@ -45,6 +58,10 @@ class FinderConfig:
     hand_error: PoseNoise | None = None
     finalists: int = 16
     neighbours: int = 32
+
+    def __post_init__(self) -> None:
+        for name, least, most in _RANGES:
+            check_range(self, name, least, most)
 
     def tolerating(self, error: PoseNoise) -> "FinderConfig":
         """Give these settings for a hand with such errors; its grasps are refined at least twice."""

@@ -1,4 +1,4 @@
-"""A hand as perception sees it: candidate grasps of an occupied volume, and the voxels around the hand at each."""
+"""A hand in a voxel grid: candidate grasps of an occupied volume, and the voxels around the hand at each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ class Proposals(ByValue):
 
 
 class HandGrid:
-    """A hand's own grid of cells, made once per hand: what its fingers sweep, and what is in its way.
+    """A hand's own grid of cells, made once per hand: the cells that its fingers sweep, and those that must be free.
 
     Parameters
     ----------
@@ -74,11 +74,14 @@ class HandGrid:
         crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
         num_threads: int | None = None,
     ) -> None:
-        self._core = _core.HandGrid(load_hand(hand), to_json(config, HandGridConfig))
+        #: The hand.
+        self.hand = load_hand(hand)
+        self._core = _core.HandGrid(self.hand, to_json(config, HandGridConfig))
         self._crop = to_json(crop, CropConfig, "crop")
         #: The crops that it is given.
         self.crop = crop
-        self._num_threads = num_threads
+        #: Threads to use; None: one per core.
+        self.num_threads = num_threads
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -103,7 +106,7 @@ class HandGrid:
 
     @property
     def swept(self) -> NDArray[np.uint8]:
-        """What the fingers sweep with each preshape, (p, X, Y, Z).
+        """The cells that the fingers sweep with each preshape, (p, X, Y, Z).
 
         255 where a finger is when the hand is open, less where it comes later, 64 where it comes last, 0 elsewhere.
         """
@@ -139,7 +142,7 @@ class HandGrid:
             For an array of another shape or type, or a setting out of range.
         """
         text = to_json(config, ProposalConfig)
-        found = self._core.propose(_bytes(occupancy, "occupancy"), self._crop, text, self._num_threads)
+        found = self._core.propose(_bytes(occupancy, "occupancy"), self._crop, text, self.num_threads)
         return Proposals(found["poses"], found["preshape"], np.array(found["source"], dtype=np.str_))
 
     def meets(
@@ -170,7 +173,7 @@ class HandGrid:
             natural(points, "points"),
             floats(poses, "poses"),
             floats(preshape, "preshape"),
-            self._num_threads,
+            self.num_threads,
         )
 
     def crops(
@@ -200,7 +203,7 @@ class HandGrid:
         """
         indices = [natural(index, "crop_of") for index in crop_of]
         given = _bytes(channels, "channels")
-        return self._core.crops(given, self._crop, indices, floats(poses, "poses"), self._num_threads)
+        return self._core.crops(given, self._crop, indices, floats(poses, "poses"), self.num_threads)
 
 
 def _bytes(values: ArrayLike, name: str) -> NDArray[np.uint8]:

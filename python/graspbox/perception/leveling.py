@@ -1,34 +1,34 @@
-"""Correction of a camera's pose by the table that it sees.
+"""Correction of a camera's pose by the visible table.
 
-Nothing tells a camera's height and tilt as well as the table, of which every image shows thousands of pixels. Where it
-stands along the table, and how it is turned about the vertical, the table does not tell.
+The table shows a camera's height and tilt better than anything else: every image has thousands of its pixels. It does
+not show where along the table the camera stands, or how it is turned about the vertical.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import points_of
+from graspbox.perception.depth_images import MAX_COORDINATE, points_of
 
 __all__ = ["level"]
 
 #: Steps of the fit: distances from the plane within which points count, metres, and the weight of those above it. There
-#: are things on a table and none below it, so that at first the lower points count more.
+#: are things on a table and none below it: at first the lower points count more.
 _STEPS = ((0.04, 0.02), (0.02, 0.02), (0.01, 0.1), (0.006, 0.3), (0.004, 1.0), (0.004, 1.0))
 #: Every third pixel of every third row is enough.
 _EVERY = 3
 #: Least share of the image's points that the plane must have.
 _SHARE = 0.25
-#: Greatest correction, metres and radians: what deviates more is no table seen by a camera that is nearly calibrated.
+#: Greatest correction, metres and radians: a plane that deviates more is no table, or the camera is not calibrated.
 _MOST_HEIGHT, _MOST_TILT = 0.04, 0.06
-#: Corrections below both are left out: noise and flat objects make as much.
+#: Corrections below both are left out: noise and flat objects cause as much.
 _LEAST_HEIGHT, _LEAST_TILT = 0.002, 0.005
 
 
 def level(
     depth: NDArray[np.floating], intrinsics: NDArray[np.float64], world_from_camera: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Turn and lift a camera so that the table in its image is the plane z = 0.
+    """Turn and lift a camera until the table in its image is the plane z = 0.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def level(
     Raises
     ------
     ConfigError
-        For arrays of another shape.
+        For arrays of another shape, and a camera farther than `MAX_COORDINATE` from the origin.
     """
     for name, given, shape in (("intrinsics", intrinsics, (3, 3)), ("world_from_camera", world_from_camera, (4, 4))):
         if given.shape != shape:
@@ -57,6 +57,8 @@ def level(
         raise ConfigError(f"depth has shape {depth.shape}; give one image (H, W)")
     if not np.linalg.det(intrinsics):
         raise ConfigError(f"intrinsics are {intrinsics.tolist()}; give focal lengths above 0 in the diagonal")
+    if not (np.abs(world_from_camera) <= MAX_COORDINATE).all():
+        raise ConfigError(f"world_from_camera is {world_from_camera.tolist()}; give metres, at most {MAX_COORDINATE:g}")
     points = points_of(depth, intrinsics, _EVERY) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
     flat, heights = np.column_stack([points[:, :2], np.ones(len(points))]), points[:, 2]
     plane = np.zeros(3)

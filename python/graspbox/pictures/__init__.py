@@ -3,22 +3,22 @@
 | function | picture |
 |---|---|
 | `save_plan`     | an object's boxes, its best grasp poses, and one grasp in simulation or the open hand |
-| `save_gallery`  | the same for several objects, one column each |
+| `save_gallery`  | the same for several objects, one column per object |
 | `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
-| `save_kindness` | relative speed of hand and object, for a failed and a firm grasp (its figures 3.17 and 3.18) |
-| `save_stages`   | grasps in stages: open, closed, lifting, held |
-| `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best of them in space |
-| `save_episode`  | an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and the images observed in it |
-| `save_rates`    | success and secure holds of policies, with their intervals |
-| `save_reliability` | the true share of successes over the probability that a policy stated |
+| `save_kindness` | relative speed of hand and object in a failed and a firm grasp (its figures 3.17 and 3.18) |
+| `save_stages`   | stages of grasps: open, closed, lifting, held |
+| `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best one in 3D |
+| `save_episode`  | an episode of ``graspbox/Grasp-v0`` solved by the scripted expert, with images observed in it |
+| `save_rates`    | success and secure holds of policies, with confidence intervals |
+| `save_reliability` | observed success rate over the probability that a policy predicted |
 
-Paths are str or Path; their extension, one of `SUFFIXES`, chooses the format. Paths are checked before the work, and a
-file is written whole or not at all. matplotlib's backend does not matter: nothing here uses pyplot.
+Paths are str or Path; their extension, one of `SUFFIXES`, sets the format. Paths are checked before any work, and files
+are written atomically. The choice of matplotlib's backend has no effect, because nothing here uses pyplot.
 
-Objects and hands are rendered by the renderer that makes the environments' images; lines and text are matplotlib's.
+The renderer of the environments renders objects and hands; matplotlib adds lines and text.
 
-Modules: `files` (paths, formats), `solids` (colours, meshes), `hands` (joints, pose glyphs), `view` (camera, lines that
-surfaces hide), then one per picture.
+Modules: `files` (paths, formats), `solids` (colours, meshes), `hands` (joints, pose glyphs), `view` (camera, lines with
+hidden parts), then one per picture.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ from graspbox.errors import MissingExtraError
 
 
 def _import_matplotlib() -> None:
-    """Import matplotlib, which cannot be imported while ``MPLBACKEND`` names a backend that does not exist."""
+    """Import matplotlib even if ``MPLBACKEND`` names an unknown backend, with which its import fails."""
     if sys.modules.get("matplotlib") is not None:
         return
     chosen = os.environ.pop("MPLBACKEND", None)
@@ -46,7 +46,7 @@ def _import_matplotlib() -> None:
         if chosen is not None:
             os.environ["MPLBACKEND"] = chosen
     if chosen:
-        # A choice that is valid holds for those who use pyplot.
+        # Keep a valid choice for other code that uses pyplot.
         with contextlib.suppress(ValueError):
             matplotlib.rcParams["backend"] = chosen
 

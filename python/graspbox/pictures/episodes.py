@@ -1,4 +1,4 @@
-"""An episode of ``graspbox/Grasp-v0`` in pictures, and what is observed in it."""
+"""Pictures of an episode of ``graspbox/Grasp-v0``, and images observed in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from graspbox.envs.expert import Expert, planned
 from graspbox.errors import ConfigError
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 
-#: Moments of an episode that are shown.
+#: Moments of an episode to show.
 MOMENTS = ("start", "approach", "closed", "lift", "held")
-#: Images that are shown, the first camera's and the palm's.
+#: Images to show, from the first camera and from the palm camera.
 IMAGES = ("rgb", "depth", "segmentation", "rgb_palm", "depth_palm")
-#: Colours of labels: background, table, object; then those of the hand's links in turn.
+#: Colours of segmentation labels: background, table, object; then the hand's links, repeating.
 _LABELS = ("#ffffff", "#d9d9d9", "#d55e00")
 _LINKS = ("#0072b2", "#56b4e9", "#009e73", "#cc79a7", "#e69f00")
-#: Colour map of depths, and the depths in metres that a colour bar may mark.
+#: Colour map of depths, and candidate ticks of its colour bar, metres.
 _DEPTHS = "viridis_r"
 _TICKS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0)
 #: Least distance between ticks, as a share of the bar's length.
 _TICK_GAP = 0.13
-#: From the side, near enough to see the fingers close.
+#: Viewer camera: from the side, close enough to show the fingers closing.
 _CAMERA = CameraConfig("viewer", eye=(-0.45, -0.75, 0.5), target=(0.015, -0.015, 0.19), fov=0.56, far=30.0)
-#: Steps of 0.05 s: from approach to closing, from there to closed, from there into the lift.
+#: Steps of 0.05 s from the approach to the start of closing, from there to closed, and from there into the lift.
 _BEFORE, _CLOSING, _LIFTING = 8, 25, 9
 
 
@@ -46,9 +46,9 @@ class Episode:
     moments : sequence of (str, float, array)
         Name, seconds since the episode began, picture (H, W, 3).
     images : mapping
-        Observed at one of the moments, by name.
+        Images observed at one of the moments, by name.
     observed : str
-        The name of that moment.
+        Name of that moment.
     """
 
     name: str
@@ -58,12 +58,12 @@ class Episode:
 
 
 def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: PictureConfig, observed: str) -> Episode:
-    """Let the scripted expert solve an episode, and keep five of its moments.
+    """Record five moments of an episode that the scripted expert solves.
 
     Raises
     ------
     ConfigError
-        If there is no moment `observed`, nothing can be planned for the object as it lies, or the expert fails.
+        If there is no moment `observed`, the planner finds no feasible pose, or the expert fails.
     """
     if observed not in MOMENTS:
         raise ConfigError(f"observed is {observed!r}; use one of {', '.join(MOMENTS)}")
@@ -79,7 +79,7 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
     mesh = env.objects[env.objects.names.index(info["object"])].load()
     plan = planned(mesh, seen["state"], seed=seed)
     if not len(plan):
-        raise ConfigError(f"there is no pose for {mesh.name} as seed {seed} lays it; choose another seed")
+        raise ConfigError(f"the planner finds no feasible pose for {mesh.name} at seed {seed}; choose another seed")
     expert = Expert(seen["state"], plan.poses[0], plan.preshape[0])
     states, closes, done = [env.get_state()], [], False
     while not done and not expert.finished:
@@ -88,7 +88,7 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
         states.append(env.get_state())
         closes.append(bool(action[6] > 0))
     if not info["is_success"]:
-        raise ConfigError(f"the expert fails with {mesh.name} from seed {seed}; choose another seed")
+        raise ConfigError(f"the expert fails with {mesh.name} at seed {seed}; choose another seed")
     first, last = closes.index(True), len(states) - 1
     closed = first + _CLOSING
     steps = dict(zip(MOMENTS, (0, first - _BEFORE, closed, closed + _LIFTING, last), strict=True))
@@ -102,7 +102,7 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
 
 
 def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str = "approach") -> None:
-    """Write an episode of ``graspbox/Grasp-v0`` that the scripted expert solves, and the images observed at one moment.
+    """Save an episode of ``graspbox/Grasp-v0`` solved by the scripted expert, and the images observed at one moment.
 
     Each depth image has a colour bar in metres.
 
@@ -115,12 +115,12 @@ def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str =
     seed : int
         Seed of the episode and of the plan.
     observed : {"start", "approach", "closed", "lift", "held"}
-        The moment whose images are shown.
+        The moment at which to show the images.
 
     Raises
     ------
     ConfigError
-        If the path names no picture, there is no such moment, or the expert has no pose or fails.
+        If the path is not that of a picture, or as in `play`.
     FileError
         If the file cannot be written.
     """
@@ -145,14 +145,14 @@ def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str =
 
 
 def depth_limits(image: NDArray[Any]) -> tuple[float, float]:
-    """Least and greatest depth in an image, metres, for a colour scale; 0 (nothing seen) does not count."""
+    """Return least and greatest depth of an image, metres, for a colour scale; 0 (not measured) is ignored."""
     depths = image[image > 0]
     low, high = (float(depths.min()), float(depths.max())) if len(depths) else (0.1, 1.0)
     return low, max(high, 1.01 * low)
 
 
 def depth_ticks(low: float, high: float) -> list[float]:
-    """Choose round depths, metres, that leave room for their labels on a logarithmic bar."""
+    """Choose round depths, metres, spaced widely enough for their labels on a logarithmic bar."""
     ticks: list[float] = []
     for tick in (tick for tick in _TICKS if low <= tick <= high):
         if not ticks or np.log(tick / ticks[-1]) > _TICK_GAP * np.log(high / low):
@@ -161,10 +161,10 @@ def depth_ticks(low: float, high: float) -> list[float]:
 
 
 def colored(image: NDArray[Any]) -> NDArray[Any]:
-    """Turn an image (H, W, c) into colours (H, W, 3).
+    """Map an image (H, W, c) to colours (H, W, 3).
 
-    Depths go from yellow (near) to violet (far) on a logarithmic scale, which shows near ones best; where nothing is
-    seen it is white. Each label has a colour.
+    Depth ranges from yellow (near) to violet (far) on a logarithmic scale, which resolves near depths best; white means
+    not measured. Each segmentation label has its colour.
     """
     if image.shape[2] == 3:
         return image

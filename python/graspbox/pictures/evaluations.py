@@ -1,6 +1,7 @@
-"""Pictures of evaluations: rates with their intervals, and how far stated probabilities are true."""
+"""Pictures of evaluations: rates with confidence intervals, and reliability diagrams."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +13,22 @@ from graspbox.pictures.files import Figure, PathLike, check_path, write
 __all__ = ["save_rates", "save_reliability"]
 
 _SUCCESS, _SECURE = "#0072b2", "#d55e00"
-#: Fewest trials of a bin that is shown.
+#: Bins with fewer trials are left out.
 _FEWEST = 5
 
 
-def save_rates(path: PathLike, title: str, rows: Mapping[str, tuple[int, int, int]]) -> None:
-    """Draw success and secure holds, with 95 % intervals (Wilson).
+def save_rates(path: PathLike, title: str, panels: Mapping[str, Mapping[str, tuple[int, int, int]]]) -> None:
+    """Plot rates of success and secure holds, with 95 % intervals (Wilson).
 
     Parameters
     ----------
     path : str or PathLike
-        The picture.
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     title : str
-        Over it.
-    rows : mapping of str to (int, int, int)
-        Trials, successes, secure ones; from top to bottom.
+        Title of the figure.
+    panels : mapping of str to mapping of str to (int, int, int)
+        Panels from left to right by title; each maps the names of its rows, from top to bottom, to the numbers of
+        trials, successes and secure holds. Panels share rows; a row missing in a panel is left empty there.
 
     Raises
     ------
@@ -34,42 +36,52 @@ def save_rates(path: PathLike, title: str, rows: Mapping[str, tuple[int, int, in
         If there are no rows, or `path` cannot be written.
     """
     target = check_path(path)
-    if not rows:
-        raise ConfigError("there is nothing to draw; give a row")
-    figure = Figure(figsize=(7.0, 1.1 + 0.36 * len(rows)), layout="constrained", dpi=120)
-    axes = figure.add_subplot()
-    places = np.arange(len(rows))
+    names = list(dict.fromkeys(name for rows in panels.values() for name in rows))
+    if not names:
+        raise ConfigError("there are no rows to plot; give at least one")
+    size = (2.4 + 3.6 * len(panels), 1.1 + 0.36 * len(names))
+    figure = Figure(figsize=size, layout="constrained", dpi=120)
+    for axes, (panel, rows) in zip(
+        figure.subplots(1, len(panels), sharey=True, squeeze=False)[0], panels.items(), strict=True
+    ):
+        _bars(axes, [names.index(name) for name in rows], list(rows.values()))
+        axes.set_title(panel, fontsize=9)
+        axes.set_yticks(range(len(names)), names)
+        axes.set_ylim(len(names) - 0.5, -0.5)
+    figure.suptitle(title, fontsize=10)
+    handles, parts = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, parts, loc="outside lower right", ncols=2, frameon=False, fontsize=8)
+    write(figure, target)
+
+
+def _bars(axes: Any, places: Sequence[int], rows: Sequence[tuple[int, int, int]]) -> None:
+    """Plot two bars per row: success and secure holds."""
     for offset, part, color, label in ((-0.19, 1, _SUCCESS, "success"), (0.19, 2, _SECURE, "secure")):
-        rates = np.array([100.0 * row[part] / row[0] for row in rows.values()])
-        bounds = 100.0 * np.array([wilson(row[part], row[0]) for row in rows.values()]).T
+        rates = np.array([100.0 * row[part] / row[0] for row in rows])
+        bounds = 100.0 * np.array([wilson(row[part], row[0]) for row in rows]).reshape(-1, 2).T
         errors = np.clip([rates - bounds[0], bounds[1] - rates], 0.0, None)
-        axes.barh(places + offset, rates, 0.36, xerr=errors, color=color, ecolor="0.3", label=label)
+        axes.barh(np.array(places) + offset, rates, 0.36, xerr=errors, color=color, ecolor="0.3", label=label)
         for place, rate in zip(places, rates, strict=True):
             axes.text(1.0, place + offset, f"{rate:.0f}", va="center", ha="left", color="white", fontsize=7)
-    axes.set_yticks(places, list(rows))
-    axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel("share of trials, %")
-    axes.set_title(title, fontsize=10)
     axes.grid(axis="x", alpha=0.3)
     axes.set_axisbelow(True)
-    figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize=8)
-    write(figure, target)
 
 
 def save_reliability(
     path: PathLike, title: str, rows: Mapping[str, tuple[Sequence[float], Sequence[bool]]], bins: int = 10
 ) -> None:
-    """Draw the true share of successes over the stated probability; bins of fewer than five trials are left out.
+    """Plot a reliability diagram: observed success rate over predicted probability, without bins under five trials.
 
     Parameters
     ----------
     path : str or PathLike
-        The picture.
+        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     title : str
-        Over it.
+        Title of the figure.
     rows : mapping of str to two sequences
-        Stated probabilities, and whether the trials succeeded, by name.
+        Predicted probabilities, and whether the trials succeeded, by name.
     bins : int
         Bins of equal width.
 
@@ -80,7 +92,7 @@ def save_reliability(
     """
     target = check_path(path)
     if not rows:
-        raise ConfigError("there is nothing to draw; give a row")
+        raise ConfigError("there are no rows to plot; give at least one")
     figure = Figure(figsize=(5.0, 5.0), layout="constrained", dpi=120)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot([0, 1], [0, 1], color="0.6", linewidth=1.0, linestyle="--", label="calibrated")
@@ -102,7 +114,7 @@ def save_reliability(
 def _bins(
     probabilities: NDArray[np.float64], held: NDArray[np.bool_], bins: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Give mean stated probability, share of successes and its interval (2, b) of each bin with enough trials."""
+    """Return mean prediction, success rate and the errors of its interval (2, b) for each bin with enough trials."""
     bin_of = np.minimum((probabilities * bins).astype(np.int64), bins - 1)
     found = [np.flatnonzero(bin_of == b) for b in range(bins)]
     found = [rows for rows in found if len(rows) >= _FEWEST]

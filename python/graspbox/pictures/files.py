@@ -1,4 +1,4 @@
-"""Picture files: names are checked before the work, and a file appears whole or not at all."""
+"""Picture files: paths are checked before any work, and files are written atomically."""
 
 import os
 from io import BytesIO
@@ -12,19 +12,19 @@ from PIL import Image
 from graspbox.errors import ConfigError, FileError
 from graspbox.files import write_bytes
 
-#: File name extensions of pictures. All but ``.pdf`` and ``.svg`` are pixels.
+#: File name extensions of pictures. All but ``.pdf`` and ``.svg`` are raster formats.
 SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")
 #: A path to a picture.
 PathLike = str | os.PathLike[str]
 
 
 def check_path(path: PathLike) -> Path:
-    """Check that a picture can be written to `path`; call it before the work begins.
+    """Check before any work that a picture can be written to `path`.
 
     Raises
     ------
     ConfigError
-        If `path` is not a path, is a folder, or its extension is none of `SUFFIXES`.
+        If `path` is not a path, is a folder, or its extension is not in `SUFFIXES`.
     FileError
         If the folder does not exist or cannot be written to.
     """
@@ -49,17 +49,17 @@ def _choices() -> str:
 
 
 def write(figure: Figure, path: Path, *, palette: bool = True) -> None:
-    """Write a figure, replacing the file at once when it is complete.
+    """Write a figure atomically.
 
     Parameters
     ----------
     figure : Figure
-        Rendered by Agg, whatever backend matplotlib is set to.
+        The figure; Agg renders it, independently of matplotlib's backend.
     path : Path
-        A path that `check_path` has passed.
+        A path checked by `check_path`.
     palette : bool
-        Whether a PNG gets a palette of 256 colours, for charts and lines; else each channel is rounded to multiples of
-        3, which cannot be seen in shaded surfaces and saves a quarter of the space.
+        Whether to reduce a PNG to 256 colours, for charts and lines. Otherwise each channel is rounded to multiples of
+        3, which is invisible in shaded surfaces and saves a quarter of the size.
     """
     kind = path.suffix.lower().removeprefix(".")
     raw = BytesIO()
@@ -84,6 +84,6 @@ def _rounded(value: int) -> int:
 
 
 def pixels(axes: Any) -> tuple[int, int]:
-    """Count the columns and rows that axes cover on their figure."""
+    """Return the width and height of axes in pixels."""
     box = axes.get_window_extent()
     return round(box.width), round(box.height)

@@ -1,4 +1,4 @@
-"""Grasps found in one depth image: the image with the hands drawn into it, and the best grasp in space."""
+"""Grasps found in one depth image: the image with glyphs of the hand, and the best grasp in 3D."""
 
 from typing import Any
 
@@ -8,16 +8,16 @@ from matplotlib.figure import Figure
 
 from graspbox.hands import load_hand
 from graspbox.meshes import Mesh, mesh_from_arrays
-from graspbox.perception.grasp_image import ImageGrasps
 from graspbox.pictures.episodes import colored
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand, glyphs
 from graspbox.pictures.solids import NOT_SIMULATED, OBJECT, SUCCESS, Floats, Solid, place
 from graspbox.pictures.view import Camera, View
+from graspbox.policies.grasp_image import ImageGrasps
 
-#: A voxel is drawn from this value on, as perception counts it as occupied.
+#: Voxels with at least this value are shown; perception counts them as occupied.
 _OCCUPIED = 64
-#: Sides of a voxel, as corner offsets counter-clockwise from outside, and the neighbour beyond each.
+#: Sides of a voxel: the offset of the neighbour, and offsets of the corners, counter-clockwise from outside.
 _SIDES = (
     ((1, 0, 0), ((1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1))),
     ((-1, 0, 0), ((0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0))),
@@ -29,22 +29,22 @@ _SIDES = (
 
 
 def save_grasp_image(path: PathLike, found: ImageGrasps) -> None:
-    """Write what a policy found in a depth image.
+    """Save the grasps that a policy found in a depth image.
 
-    Left: the image, the object's outline, and a small hand at each grasp, the best in green. Right: the voxels that the
-    policy takes the object for, and the open hand at the best grasp.
+    Left: the image, the object's outline, and a glyph of the hand at each grasp, the best in green. Right: the object
+    as the policy completed it, in voxels, and the open hand at the best grasp.
 
     Parameters
     ----------
     path : str or PathLike
         The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     found : ImageGrasps
-        What was found.
+        The grasps, with the image and the completed object.
 
     Raises
     ------
     ConfigError
-        If the path names no picture.
+        If the path is not that of a picture.
     FileError
         If the file cannot be written.
     """
@@ -52,15 +52,15 @@ def save_grasp_image(path: PathLike, found: ImageGrasps) -> None:
     figure = Figure(figsize=(10.5, 5.0), dpi=115)
     left, right = figure.subplots(1, 2)
     figure.subplots_adjust(left=0.01, right=0.99, bottom=0.03, top=0.86, wspace=0.03)
-    _draw_image(left, found)
-    _draw_space(right, found)
+    _plot_image(left, found)
+    _plot_completion(right, found)
     best = f"the best: success {found.success[0]:.0%}, secure {found.secure[0]:.0%}" if len(found) else "no grasp found"
     figure.suptitle(f"{found.policy.name}: {len(found)} grasps; {best}", fontsize=12, weight="bold", y=0.975)
     write(figure, target, palette=False)
 
 
-def _draw_image(axes: Any, found: ImageGrasps) -> None:
-    """Draw the image around the object, its outline and the hands."""
+def _plot_image(axes: Any, found: ImageGrasps) -> None:
+    """Plot the image, the object's outline and the glyphs of the hand."""
     rows, columns = found.depth.shape
     axes.imshow(colored(found.depth[..., None].astype(np.float32)), extent=(0, columns, rows, 0))
     if found.object.any():
@@ -86,8 +86,8 @@ def _draw_image(axes: Any, found: ImageGrasps) -> None:
     axes.set_title("depth (yellow near, violet far; white: not measured)", fontsize=10)
 
 
-def _draw_space(axes: Any, found: ImageGrasps) -> None:
-    """Draw the completed object, and the open hand at the best grasp."""
+def _plot_completion(axes: Any, found: ImageGrasps) -> None:
+    """Plot the completed object, and the open hand at the best grasp."""
     mesh = _voxel_mesh(found)
     hand = None
     shown = [] if mesh is None else [place(mesh.vertices, found.table_from_crop)]
@@ -101,12 +101,12 @@ def _draw_space(axes: Any, found: ImageGrasps) -> None:
     points = np.concatenate(shown)
     camera = Camera() if hand is None else Camera.across(hand.world_from_hand[:3, 2])
     solids = [] if mesh is None else [Solid(mesh, OBJECT, found.table_from_crop)]
-    # The table's frame may have its origin anywhere; above the table alone matters.
+    # The origin of the table frame is arbitrary in x and y; only z = 0, the table top, is used.
     View(solids, camera, shown=points, size=pixels(axes), hand=hand, table=points).show(axes)
 
 
 def _voxel_mesh(found: ImageGrasps) -> Mesh | None:
-    """Make the surface of the occupied voxels, crop frame; None where there are none."""
+    """Make a mesh of the surface of the occupied voxels, crop frame; None if there are none."""
     filled = np.pad(found.occupancy >= _OCCUPIED, 1)
     corners: list[Floats] = []
     for neighbour, side in _SIDES:

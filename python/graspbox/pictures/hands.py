@@ -1,4 +1,4 @@
-"""Hands in pictures: posed hands, the joints that collision shapes lack, and small glyphs for grasp poses."""
+"""Hands in pictures: posed hands, joints (which collision shapes lack), and small glyphs for grasp poses."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,7 +10,7 @@ from graspbox.pictures.solids import Floats, Solid, box_mesh, cylinder_mesh, fra
 from graspbox.planning import Box
 from graspbox.simulation import Hand
 
-#: Colour of hinges and of the necks between a finger's links: that of the renderer's knuckles.
+#: Colour of hinges and of the necks between a finger's links, equal to that of the renderer's knuckles.
 _JOINT = "#4d525c"
 #: Radius and half length of the hinge at a finger's root, as shares of the middle and least half side of its link.
 _HINGE = (1.2, 1.6)
@@ -23,18 +23,18 @@ _GLYPH_CLOSED = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Finger:
-    """A chain's joints and its tip, hand frame, metres. Joints whose links have no collision shape are left out.
+    """Joints and tip of a chain, hand frame, metres; joints whose links have no collision shape are left out.
 
     Attributes
     ----------
     points : (k, 3) float64
-        Points on the axes of its joints, each nearest to the centre of the link that the joint carries.
+        Points on the axes of the joints, each nearest to the centre of the joint's child link.
     axes : (k, 3) float64
-        Unit directions of these axes.
+        Unit vectors of these axes.
     revolute : (k,) bool
-        Which of the joints turn.
+        Whether each joint is revolute.
     links : tuple of Box
-        The largest collision shape of each of these links.
+        The largest collision shape of each child link.
     tip : (3,) float64
         The far end of the last link.
     """
@@ -66,11 +66,11 @@ class PosedHand:
 
     @classmethod
     def open(cls, hand: Hand, world_from_hand: Floats, preshape: float) -> "PosedHand":
-        """Take the open hand with a preshape."""
+        """Return the open hand with a preshape."""
         return cls(hand, world_from_hand, hand.open(preshape))
 
     def corners(self) -> Floats:
-        """Corners (n, 3) of its collision shapes' boxes, world frame, metres."""
+        """Return the corners (n, 3) of the boxes of its collision shapes, world frame, metres."""
         shapes, halves, _, _ = self._shapes()
         frames = self.world_from_hand @ shapes
         boxes = [Box(frame[:3, 3], frame[:3, :3], half) for frame, half in zip(frames, halves, strict=True)]
@@ -80,7 +80,7 @@ class PosedHand:
         return self.hand.shapes(np.ascontiguousarray(self.joints, dtype=np.float64))
 
     def skeleton(self) -> list[Finger]:
-        """Find the joints and the tip of every chain with a collision shape."""
+        """Return the joints and the tip of every chain with a collision shape."""
         frames, halves, _, carriers = self._shapes()
         joints, chains, revolute = self.hand.joint_frames(np.ascontiguousarray(self.joints, dtype=np.float64))
         fingers = []
@@ -101,7 +101,7 @@ class PosedHand:
         return fingers
 
     def hinges(self) -> list[Solid]:
-        """Make a hinge at each finger's root and necks between its links, which collision shapes lack; world frame."""
+        """Make a hinge at each finger's root and necks between its links, world frame; collision shapes lack them."""
         solids = []
         for finger in self.skeleton():
             if not finger.revolute[0]:
@@ -121,15 +121,15 @@ class PosedHand:
 def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
     """Make a small hand with half-closed fingers for each grasp pose.
 
-    A stem along the approach ends at the palm's centre; from there lines lead along the joints of each finger to its
-    tip, which show roll and preshape.
+    A stem along the approach ends at the palm's centre; from there, lines along the joints of each finger to its tip
+    show roll and preshape.
 
     Parameters
     ----------
     hand : Hand
         The hand.
     poses : (n, 4, 4) float64
-        Of the grasp frame.
+        Poses of the grasp frame.
     preshape : (n,) float64
         See `graspbox.Hand.preshape_limits`.
 

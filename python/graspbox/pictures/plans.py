@@ -1,4 +1,4 @@
-"""From an object to a grasp in three panels: its boxes, the best-ranked grasp poses, and one grasp simulated."""
+"""Planning a grasp in three panels: the object's boxes, the best-ranked grasp poses, and one simulated grasp."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ from graspbox.pictures.view import Camera, View
 from graspbox.planning import Plan
 from graspbox.simulation import Hand, Outcomes, Scene, load_hand
 
-#: Most objects side by side.
+#: Greatest number of objects in a gallery.
 _MOST = 8
 
 
@@ -41,11 +41,11 @@ class GraspExample:
     Attributes
     ----------
     mesh, plan : Mesh, Plan
-        The object, and its plan; poses in ranking order.
+        The object, and its plan with poses in ranking order.
     outcomes : Outcomes or None
-        Outcomes of the plan's first poses, in their order; None if none was simulated.
+        Outcomes of the plan's first poses, in order; None if none was simulated.
     trial : Trial or None
-        The trial to show; None for the open hand at the first pose.
+        The trial to show; None to show the open hand at the first pose.
     """
 
     mesh: Mesh
@@ -55,17 +55,17 @@ class GraspExample:
 
     @classmethod
     def run(cls, scene: Scene, plan: Plan) -> "GraspExample":
-        """Simulate every pose of a plan in ranking order; shows the best-ranked success, or the first pose."""
+        """Simulate every pose of a plan; the example shows the best-ranked success, else the first pose."""
         return cls.of(scene, plan, scene.simulate(plan.poses, plan.preshape))
 
     @classmethod
     def of(cls, scene: Scene, plan: Plan, outcomes: Outcomes) -> "GraspExample":
-        """Use known outcomes of a plan; shows the best-ranked success, or the first pose."""
+        """Use known outcomes of a plan; the example shows the best-ranked success, else the first pose."""
         trial = Trial.run(scene, plan, int(np.argmax(outcomes.success))) if len(outcomes) else None
         return cls(scene.mesh, plan, outcomes, trial)
 
     def captions(self, count: int) -> tuple[str, str, str]:
-        """Say what each panel shows: boxes, the best `count` poses, the grasp."""
+        """Return the captions of the panels: boxes, the best `count` poses, the grasp."""
         tree, best = self.plan.tree, self.plan.best(count)
         boxes = f"{count_boxes(len(tree))}, {tree.volume * 1e6:.0f} cm³"
         return boxes, self._poses_caption(len(best)), self._grasp_caption(len(best))
@@ -101,7 +101,7 @@ def save_plan(
     count: int = 20,
     camera: Camera | None = None,
 ) -> None:
-    """Write three panels side by side: the boxes of an object at rest, its best poses, and a grasp.
+    """Save three panels: the boxes of an object at rest, its best poses, and a grasp.
 
     Parameters
     ----------
@@ -110,20 +110,20 @@ def save_plan(
     mesh, plan : Mesh, Plan
         The object, and its plan.
     outcomes : Outcomes, optional
-        Outcomes of the plan's best poses, in their order; they choose the poses' colours.
+        Outcomes of the plan's best poses, in order, for the colours of the poses.
     trial : Trial, optional
-        A trial of this plan whose last moment is shown; by default the open hand is shown at the first pose.
+        A trial of this plan, of which the last sample is shown; by default the open hand is shown at the first pose.
     hand : str or Hand
         The hand.
     count : int
         Greatest number of poses to show.
     camera : Camera, optional
-        Viewing direction; by default the first hand is beside the object, not in front of it.
+        Viewing direction; by default one in which the first hand is beside the object, not in front of it.
 
     Raises
     ------
     ConfigError
-        If the path names no picture, or there are fewer outcomes than poses to show.
+        If the path is not that of a picture, or there are fewer outcomes than poses to show.
     FileError
         If the file cannot be written.
     """
@@ -140,14 +140,14 @@ def save_plan(
 def save_gallery(
     path: PathLike, examples: Sequence[GraspExample], *, hand: str | Hand = "reflex", count: int = 20
 ) -> None:
-    """Write one column per object: its boxes, its best poses, and a grasp, as `save_plan` does for one.
+    """Save one column of panels per object: its boxes, its best poses, and a grasp, as in `save_plan`.
 
     Parameters
     ----------
     path : str or PathLike
         The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     examples : sequence of GraspExample
-        1 to 8 objects.
+        The examples, 1 to 8.
     hand : str or Hand
         The hand.
     count : int
@@ -156,7 +156,7 @@ def save_gallery(
     Raises
     ------
     ConfigError
-        If the path names no picture, or the number of examples or outcomes is wrong.
+        If the path is not that of a picture, or the number of examples or outcomes is wrong.
     FileError
         If the file cannot be written.
     """
@@ -177,7 +177,7 @@ def save_gallery(
 
 
 def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: int, camera: Camera | None) -> None:
-    """Fill three panels with the example, seen from one direction."""
+    """Fill three panels with an example, all from one viewing direction."""
     best, outcomes = example.plan.best(count), example.outcomes
     if outcomes is not None and len(outcomes) < len(best):
         raise ConfigError(
@@ -199,7 +199,7 @@ def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: i
     for box, ink in colored_boxes(boxes):
         view.lines(panels[0], box_edges(box), ink, width=1.5, hidden=0.3)
     inks, simulated = _inks(len(best), outcomes), None if example.trial is None else example.trial.index
-    # The farthest first, so that nearer ones lie over it; last the one that is simulated.
+    # Far poses first, so that nearer ones cover them; the simulated pose last.
     order = np.argsort(-view.lens.project(poses[:, :3, 3])[:, 2], kind="stable")
     for index in sorted(order, key=lambda i: i == simulated):
         width, hidden = (2.6, 0.5) if index == simulated else (1.3, 0.2)
@@ -214,7 +214,7 @@ def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: i
 
 
 def _grasp(example: GraspExample, poses: Floats, preshape: Floats, hand: Hand) -> tuple[PosedHand | None, Floats]:
-    """Find the hand to show, and the object's pose: the trial's last moment, else the open hand at the first pose."""
+    """Return the hand to show and the object's pose: the trial's last sample, else the open hand at the first pose."""
     trial = example.trial
     if trial is not None and len(trial.trace.time):
         return trial.posed(hand, -1), trial.trace.world_from_object[-1]

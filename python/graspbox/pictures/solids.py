@@ -1,4 +1,4 @@
-"""Colours that all pictures share, and coloured meshes: boxes, cylinders, the table's top."""
+"""Colours shared by all pictures, and coloured meshes of boxes and cylinders."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -12,22 +12,22 @@ from graspbox.planning import Box
 Floats = NDArray[np.float64]
 
 OBJECT = "#d8b78c"
-#: One colour per object where a picture shows several.
+#: One colour per object in pictures of several objects.
 OBJECTS = ("#e2b77d", "#8fb3d9", "#a9c08f", "#d9a3a0", "#b9a9d4", "#c9c4b8")
 SUCCESS, FAILURE, NOT_SIMULATED = "#009e73", "#d55e00", "#444444"
-#: Okabe and Ito's colours, which colour-blind readers can tell apart; the first contrast most with `OBJECT`.
+#: Okabe and Ito's colours, which colour-blind readers can distinguish; the first ones contrast most with `OBJECT`.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d1f")
 
-#: Corners of a box (see `Box.corners`) that its edges join, and those of its sides, counter-clockwise from outside.
+#: Indices of the corners of a box (see `Box.corners`) at its edges, and at its sides, counter-clockwise from outside.
 _EDGES = ((0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7))
 _SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-#: Sides of a cylinder.
+#: Number of facets of a cylinder.
 _COLUMNS = 32
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A mesh of one colour (matplotlib's) at a pose."""
+    """A mesh of one colour (in matplotlib's notation) at a pose."""
 
     mesh: Mesh
     color: str
@@ -47,13 +47,13 @@ def place_box(box: Box, pose: Floats) -> Box:
 
 
 def colored_boxes(boxes: Iterable[Box]) -> list[tuple[Box, str]]:
-    """Give each box a colour, the largest first."""
+    """Assign a colour to each box, sorted by volume, largest first."""
     ordered = sorted(boxes, key=lambda box: -box.volume)
     return [(box, COLORS[index % len(COLORS)]) for index, box in enumerate(ordered)]
 
 
 def box_edges(box: Box) -> Floats:
-    """Take the edges of a box as segments (12, 2, 3)."""
+    """Return the edges of a box as segments (12, 2, 3)."""
     edges: Floats = box.corners()[np.array(_EDGES)]
     return edges
 
@@ -80,7 +80,7 @@ def cylinder_mesh(center: ArrayLike, axis: ArrayLike, radius: float, half_length
 
 
 def frame_along(axis: ArrayLike) -> Floats:
-    """Complete a direction (3,) to a right-handed frame; rows (3, 3), the direction first."""
+    """Extend a direction (3,) to a right-handed frame; rows (3, 3), the direction first."""
     along = np.asarray(axis, dtype=np.float64)
     along = along / np.linalg.norm(along)
     side = np.cross(along, np.eye(3)[np.abs(along).argmin()])

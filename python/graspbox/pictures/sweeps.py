@@ -1,4 +1,4 @@
-"""How a box decomposition depends on the planner's thresholds."""
+"""Dependence of the box decomposition on the planner's thresholds."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -15,12 +15,12 @@ from graspbox.pictures.solids import OBJECT, Solid, box_edges, colored_boxes
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import BoxTree, decompose
 
-#: Shares of a face's area below which a cut is accepted, by fit: three that give different boxes for household objects.
+#: Values of ``area_gain`` by fit; the three give different boxes for household objects.
 AREA_GAINS: Mapping[str, Sequence[float]] = MappingProxyType({"minimum": (0.9, 0.97, 0.99), "pca": (0.85, 0.93, 0.97)})
-#: Least volumes of a box that a cut makes, m3. The reference study (figures 2.3 and 2.4) goes up to 0.125 m3, but above
-#: these an object of a hand's size is one box.
+#: Values of ``min_volume``, m3. The reference study (figures 2.3 and 2.4) goes up to 0.125 m3, but with larger values
+#: than these an object of a hand's size remains one box.
 MIN_VOLUMES = (1.25e-4, 4e-5, 1.25e-5, 4e-6)
-#: Most panels of a sweep.
+#: Greatest number of panels.
 _MOST_PANELS = 100
 
 
@@ -34,7 +34,7 @@ def save_sweep(
     max_boxes: int = 64,
     camera: Camera = Camera(),  # noqa: B008 (frozen)
 ) -> dict[tuple[float, float], tuple[int, float]]:
-    """Write the boxes for each pair of thresholds, as in the reference study's figures 2.3 and 2.4.
+    """Save the boxes for each pair of thresholds, as in the reference study's figures 2.3 and 2.4.
 
     Parameters
     ----------
@@ -43,20 +43,20 @@ def save_sweep(
     mesh : Mesh
         The object.
     fit : {"minimum", "pca"}
-        How boxes are fitted.
+        Fit of the boxes; see `graspbox.DecomposeConfig`.
     area_gains : sequence of float, optional
         One per row; by default those of `AREA_GAINS` for the fit.
     min_volumes : sequence of float
         One per column, m3.
     max_boxes : int
-        Greatest number of boxes; a panel that reaches it is marked.
+        Greatest number of boxes; panels that reach it are marked.
     camera : Camera
         Viewing direction, object frame.
 
     Returns
     -------
     dict
-        For each (area gain, least volume): the number of boxes, and the sum of their volumes in m3.
+        Number of boxes and the sum of their volumes, m3, for each (area gain, least volume).
 
     Raises
     ------
@@ -78,7 +78,7 @@ def save_sweep(
     figure.subplots_adjust(
         left=0.3 / figure.get_figwidth(), right=0.995, bottom=0.005, top=1 - 0.92 / height, wspace=0.04, hspace=0.12
     )
-    # One view for all panels, so that every box fits and sizes can be compared.
+    # All panels share one view, so that every box fits and sizes are comparable.
     corners = np.concatenate([box.corners() for tree in trees for box in tree])
     view = View([Solid(mesh, OBJECT)], camera, shown=corners, size=pixels(panels[0, 0]))
     for axes, tree in zip(panels.flat, trees, strict=True):
@@ -101,12 +101,12 @@ def _panel(axes: Any, view: View, tree: BoxTree, max_boxes: int) -> None:
 
 
 def count_boxes(count: int) -> str:
-    """Write a number of boxes: "1 box", "2 boxes"."""
+    """Format a number of boxes: "1 box", "2 boxes"."""
     return f"{count} box" if count == 1 else f"{count} boxes"
 
 
 def _heads(panels: Any, area_gains: Sequence[float], min_volumes: Sequence[float]) -> None:
-    """Name columns and rows by their thresholds, volumes in cm3."""
+    """Label columns and rows with their thresholds, volumes in cm3."""
     style: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "fontsize": 9, "weight": "bold"}
     for axes, volume in zip(panels[0], min_volumes, strict=True):
         axes.annotate(f"min_volume {volume * 1e6:g} cm³", (0.5, 1.1), **style)

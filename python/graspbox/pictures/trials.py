@@ -1,4 +1,4 @@
-"""One trial: relative speed of hand and object over time (kindness), and the grasp in stages."""
+"""Pictures of trials: relative speed of hand and object over time (kindness), and stages of the grasp."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,29 +16,29 @@ from graspbox.pictures.view import Camera, View
 from graspbox.planning import Plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace
 
-#: What kindness is, as the picture explains it.
+#: Definition of kindness in the picture.
 KINDNESS = (
     "kindness (reference study, figures 3.17 and 3.18): sum of |d distance/dt| between hand frame and object frame\n"
     "over the samples, one per 10 ms, of the first 2.5 s; in m/s. Low for a firm grasp, high if the object slips."
 )
-#: Most rows of stages.
+#: Greatest number of rows of stages.
 _MOST_ROWS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One traced trial of a plan.
+    """One recorded trial of a plan.
 
     Attributes
     ----------
     index : int
         Index of its pose in the plan.
     preshape : float
-        As in the plan.
+        Preshape of that pose.
     outcome : Outcomes
-        Of length one.
+        Outcome of the trial, of length 1.
     trace : Trace
-        Its samples.
+        Samples of the trial.
     """
 
     index: int
@@ -48,33 +48,33 @@ class Trial:
 
     @classmethod
     def run(cls, scene: Scene, plan: Plan, index: int) -> "Trial":
-        """Run the trial of pose `index` of a plan and record it; the study's measures are read too."""
+        """Run and record the trial of pose `index` of a plan, with the reference study's measures."""
         preshape = float(plan.preshape[index])
         outcome, trace = scene.trace(plan.poses[index], preshape, config=TrialConfig(legacy=True))
         return cls(index, preshape, outcome, trace)
 
     def posed(self, hand: Hand, sample: int) -> PosedHand:
-        """Take the hand as it is at a sample of the trace."""
+        """Return the hand at a sample of the trace."""
         return PosedHand(hand, self.trace.world_from_hand[sample], self.trace.joints[sample])
 
 
 def speeds(trace: Trace) -> tuple[Floats, Floats]:
-    """Derive |d distance/dt| in m/s at the middle of each sample step: times (t - 1,), speeds (t - 1,)."""
+    """Return |d distance/dt|, m/s, between consecutive samples: their mean times (t - 1,), and speeds (t - 1,)."""
     steps = np.diff(trace.time)
     return trace.time[:-1] + steps / 2, np.abs(np.diff(trace.distance)) / steps
 
 
 def firm_and_failed(scene: Scene, plan: Plan) -> tuple[Trial, Trial]:
-    """Choose two trials of a plan to compare.
+    """Select a firm and a failed trial of a plan for comparison.
 
     The firm one is the success whose object moves least in the hand (least `kindness_rate`, then rank). The failed one
-    is the best-ranked that lifts the object by at least 1 cm and ends with it lower than 5 cm; if there is none, the
+    is the best-ranked that lifts the object by at least 1 cm and ends with it below 5 cm; if there is none, the
     best-ranked that slips or drops.
 
     Raises
     ------
     ConfigError
-        If the plan's poses all succeed, or none does.
+        If no pose of the plan succeeds, or none slips or drops.
     """
     out = scene.simulate(plan.poses, plan.preshape, config=TrialConfig(legacy=True))
     low = out.lift < 0.05
@@ -92,7 +92,7 @@ def firm_and_failed(scene: Scene, plan: Plan) -> tuple[Trial, Trial]:
 
 
 def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None:
-    """Write |d distance/dt| between hand and object over time, of a failed and a firm grasp.
+    """Save a plot of |d distance/dt| between hand and object over time, for a failed and a firm grasp.
 
     The reference study's kindness (its figures 3.17 and 3.18) is the sum of these speeds over the samples of the first
     2.5 s: near zero for a firm grasp, a spike for each slip. Both panels have the same scale.
@@ -109,7 +109,7 @@ def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None
     Raises
     ------
     ConfigError
-        If the path names no picture, or a trial has no samples.
+        If the path is not that of a picture, or a trial has no samples.
     FileError
         If the file cannot be written.
     """
@@ -134,7 +134,7 @@ def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None
 
 
 def _plot_speed(axes: Any, trial: Trial, color: str, config: TrialConfig, top: float) -> None:
-    """Plot one trial's speed in cm/s, with the phases of the trial and its measures."""
+    """Plot the speed of one trial, cm/s, with the trial's phases and measures."""
     time, speed = speeds(trial.trace)
     total = config.close_time + config.lift_time + config.hold_time
     _mark_phases(axes, config)
@@ -149,7 +149,7 @@ def _plot_speed(axes: Any, trial: Trial, color: str, config: TrialConfig, top: f
 
 
 def kindness_caption(trial: Trial) -> str:
-    """Write a trial's rank, outcome, kindness and lift."""
+    """Format a trial's rank, outcome, kindness and lift."""
     out = trial.outcome
     return (
         f"pose {trial.index + 1} of the ranking: {out.failure[0] or 'success'}, kindness {out.kindness[0]:.2g}, "
@@ -166,7 +166,7 @@ def _mark_phases(axes: Any, config: TrialConfig) -> None:
 
 
 def stages(trace: Trace, config: TrialConfig = TrialConfig()) -> list[tuple[str, int]]:  # noqa: B008 (frozen)
-    """Name four samples of a trial: open, closed, lifting, held."""
+    """Return names and indices of four samples of a trial: open, closed, lifting, held."""
     lifted = config.close_time + config.lift_time
     wanted = (
         ("open", 0.0),
@@ -178,7 +178,7 @@ def stages(trace: Trace, config: TrialConfig = TrialConfig()) -> list[tuple[str,
 
 
 def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera: Camera | None = None) -> None:
-    """Write each trial as a row of four stages: open, closed, lifting, held (or the reason of its failure).
+    """Save each trial as a row of four stages: open, closed, lifting, held (or the kind of failure).
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
     Raises
     ------
     ConfigError
-        If the path names no picture, or a trial has no samples.
+        If the path is not that of a picture, or a trial has no samples.
     FileError
         If the file cannot be written.
     """

@@ -1,6 +1,6 @@
-"""Solids and a hand seen by a distant camera, with lines that know which surfaces hide them.
+"""Views of solids and a hand by a distant camera, with lines whose hidden parts are faint.
 
-The renderer makes the image, in pixels; lines and text stay vectors of matplotlib.
+The renderer makes the image; matplotlib draws lines and text as vectors.
 """
 
 import json
@@ -18,24 +18,24 @@ from graspbox.pictures.hands import PosedHand
 from graspbox.pictures.solids import Floats, Solid, box_mesh
 from graspbox.planning import Box
 
-#: Distance of the camera, as a multiple of the radius of what is shown: a long lens, with little perspective.
+#: Distance of the camera as a multiple of the scene's radius: a long focal length, with little perspective.
 _DISTANCE = 6.0
-#: Share of the picture's width and height that stays free at each side.
+#: Margin at each side, as a share of the picture's width and height.
 _MARGIN = 0.03
 #: Samples along each side of a pixel.
 _SAMPLES = 4
-#: The lamp is above and to the left of the camera: degrees from the camera's azimuth, and elevation.
+#: Direction of the lamp, above and to the left of the camera: azimuth relative to the camera's, and elevation, degrees.
 _LAMP = (-65.0, 70.0)
-#: Strengths of the lamp and of the ambient light (together they show a white ground as white), and the width of a
-#: shadow's soft border, metres.
+#: Intensities of lamp and ambient light (together they render a white ground as white), and the width of the soft
+#: borders of shadows, metres.
 _LIGHT = {"intensity": 0.66, "ambient": 0.45, "softness": 0.02, "sky": (1.0, 1.0, 1.0), "floor": (1.0, 1.0, 1.0)}
 #: Greatest depth, metres.
 _FAR = 100.0
-#: The table: colour, thickness and free border in metres.
+#: Colour of the table, and its thickness and border, metres.
 _TABLE, _THICKNESS, _BORDER = "#e2dacb", 0.012, 0.012
 #: Degrees between the table's sides and the camera's azimuth.
 _TABLE_TURN = 9.0
-#: A line at most this far behind a surface counts as on it, metres.
+#: Points at most this far behind a surface count as visible, metres.
 _ON_SURFACE = 0.0015
 #: Steps along a line at which its visibility is tested.
 _STEPS = 120
@@ -48,7 +48,7 @@ class Camera:
     Attributes
     ----------
     azimuth, elevation : float
-        Where the camera is as seen from the object, degrees: 0, 0 looks along -x; elevation 90 looks down.
+        Direction from the object to the camera, degrees: at 0, 0 it looks along -x; at elevation 90 it looks down.
     """
 
     azimuth: float = -60.0
@@ -56,19 +56,19 @@ class Camera:
 
     @classmethod
     def across(cls, way: ArrayLike, *, elevation: float = 25.0) -> "Camera":
-        """Look across a direction (3,), from the side that is closer to the default azimuth."""
+        """Look across a direction (3,), from the side closer to the default azimuth."""
         x, y, _ = np.asarray(way, dtype=np.float64)
         usual = cls.azimuth
         if np.hypot(x, y) < 0.3 * float(np.linalg.norm(way)):
             return cls(usual, elevation)
         along = float(np.degrees(np.arctan2(y, x)))
-        # Not quite at right angles: seen slightly from the front, a hand shows its palm and all its fingers.
+        # Less than a right angle: slightly from the front, the palm and all fingers of a hand are visible.
         nearest = min((along + 72.0, along - 72.0), key=lambda a: abs((a - usual + 180.0) % 360.0 - 180.0))
         return cls(nearest, elevation)
 
     @property
     def axes(self) -> Floats:
-        """World directions of right, down and forward in the picture: columns (3, 3)."""
+        """Directions of right, down and forward in the picture, world frame: columns (3, 3)."""
         a, e = np.radians([self.azimuth, self.elevation])
         right = [-np.sin(a), np.cos(a), 0.0]
         down = [np.cos(a) * np.sin(e), np.sin(a) * np.sin(e), -np.cos(e)]
@@ -118,7 +118,7 @@ class Lens:
 
 
 class View:
-    """A picture of solids and a hand.
+    """A rendered picture of solids and a hand.
 
     Parameters
     ----------
@@ -127,14 +127,14 @@ class View:
     camera : Camera
         Viewing direction.
     shown : (n, 3) array_like
-        Points that must lie in the picture, metres.
+        Points that the picture must contain, metres.
     size : (int, int)
         Columns and rows.
     hand : PosedHand, optional
         The hand.
     table : (n, 3) array_like, optional
-        Points above a table with its top at z = 0, metres; the table is as large as them and their shadows. Without
-        them there is no table.
+        Points above a table with its top at z = 0, metres; the table extends below them and their shadows. By default
+        there is no table.
     """
 
     def __init__(
@@ -156,11 +156,11 @@ class View:
         self.lens = Lens.showing(shown, camera, size)
         self.image, self.depth = self._render(solids, lamp, hand)
         if table is not None:
-            # Lower edges of what rests on the table lie in its top, which must not hide them.
+            # Lower edges of objects on the table lie in its top, which must not hide them.
             self.depth[self._heights() < _ON_SURFACE] = 0.0
 
     def _heights(self) -> Floats:
-        """Heights (H, W) of the visible surfaces above z = 0, metres."""
+        """Return the heights (H, W) of the visible surfaces above z = 0, metres."""
         columns, rows = np.meshgrid(np.arange(self.lens.size[0]) + 0.5, np.arange(self.lens.size[1]) + 0.5)
         ways = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(self.lens.intrinsics).T
         pose = self.lens.world_from_camera
@@ -192,7 +192,7 @@ class View:
         )
 
     def visible(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which of the points (n, 3) no surface hides."""
+        """Return a mask of the points (n, 3) that no surface hides."""
         projected = self.lens.project(points)
         columns, rows = self.lens.size
         at = np.floor(projected[:, :2]).astype(np.int64)
@@ -222,8 +222,8 @@ class View:
     ) -> None:
         """Add segments (n, 2, 3) to axes.
 
-        Where a surface hides them they have the opacity `hidden`. A white `halo`, in points on each side, separates
-        them from earlier lines.
+        Parts behind a surface have the opacity `hidden`. A white `halo`, in points on each side, separates the segments
+        from earlier lines.
         """
         ends = np.asarray(lines, dtype=np.float64)
         t = np.linspace(0.0, 1.0, _STEPS + 1)[None, :, None]
@@ -247,7 +247,7 @@ def _direction(azimuth: float, elevation: float) -> Floats:
 
 
 def _table(points: Floats, camera: Camera) -> Box:
-    """Lay a slab below points (n, 3), its top at z = 0 and its sides along the camera's azimuth turned by a little."""
+    """Make a slab below points (n, 3), its top at z = 0, its sides rotated slightly from the camera's azimuth."""
     a = np.radians(camera.azimuth + _TABLE_TURN)
     axes = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
     flat = (points @ axes)[:, :2]
@@ -257,6 +257,6 @@ def _table(points: Floats, camera: Camera) -> Box:
 
 
 def _runs(line: Floats, mask: NDArray[np.bool_]) -> list[Floats]:
-    """Cut a line at points (s + 1, 2) into the stretches whose steps (s,) are in the mask."""
+    """Cut a polyline of points (s + 1, 2) into the runs of segments (s,) selected by the mask."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [line[start : stop + 1] for start, stop in zip(change[::2], change[1::2], strict=True)]

@@ -6,12 +6,13 @@
 | ``zero``    | all | zero actions |
 | ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
-| ``seen_planner``  | all | as ``planner``, on the surface that one depth camera sees |
+| ``partial_view_planner`` | all | as ``planner``, on the surface that one depth camera sees |
 | ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
 | a folder    | the one that it names | `NetworkPolicy`: one network from observations to actions, such as a clone |
-| a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.learning.regressor`); also with ``model.json`` |
-| a folder with ``feel.json`` | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
+| a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.study.regressor`) |
+| a folder    | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
+| ``hf://owner/name`` | | such a folder, downloaded from the Hugging Face hub |
 
 ``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.
 `load` makes a policy by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of
@@ -22,15 +23,16 @@
 | `base`    | `Policy`, the interface, and `Task`, the environments that a policy acts in |
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
-| `depth`   | `DepthGrasp` |
+| `depth`   | `DepthPolicy`: an `Observer`, a finder and an `Executor`; `DepthGrasp`: that of published networks |
 | `feel`    | `FeelThenLift` |
 | `head`    | `HeadGrasp`: one network |
 | `network` | `NetworkPolicy` |
-| `network_folders` | what its folder holds |
 | `goals` | where another policy would grasp, as an observation of ``Grasp-v0`` |
 | `residual` | `ResidualGrasp`: bounded corrections of the grasps of another policy |
-| `depth_oracles` | the truth in place of its parts, to measure what each loses, and ``robust_oracle`` |
-| `seen_baselines` | `SeenPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
+| `partial_view` | `PartialViewPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
+| `grasp_image` | grasps for a depth image of your own |
+
+``robust_oracle`` and policies that know a part of the truth are in `graspbox.evaluation.oracles`.
 
 A policy is bound to its environments once, told of every episode that begins, and then acts:
 
@@ -52,38 +54,40 @@ A policy is bound to its environments once, told of every episode that begins, a
 
 from collections.abc import Callable
 from importlib import import_module
-from pathlib import Path
 from typing import cast
 
+from graspbox.artifacts.downloads import folder_of
+from graspbox.artifacts.folders import policy_of
 from graspbox.errors import ConfigError
-from graspbox.perception.feel_folders import FEEL
-from graspbox.perception.head_folders import HEAD_KIND
-from graspbox.perception.policy_folders import CONFIG, KIND, POSE_KIND, policy_hash, read_kind
+from graspbox.policies._executor import Executor, GraspExecutor, PoseExecutor
+from graspbox.policies._observer import Observer
 from graspbox.policies.base import Actions, Policy, Task
-from graspbox.policies.depth import DepthGrasp
-from graspbox.policies.depth_oracles import RobustOracle
+from graspbox.policies.depth import DepthGrasp, DepthPolicy
 from graspbox.policies.feel import Attempt, FeelThenLift
-from graspbox.policies.head import HEAD, HeadGrasp
+from graspbox.policies.head import HeadGrasp
 from graspbox.policies.network import NetworkPolicy
-from graspbox.policies.network_folders import NETWORK_KIND, read_network_policy
+from graspbox.policies.partial_view import NearestGrasp, PartialViewPlanner
 from graspbox.policies.planner import Expert, Planner
-from graspbox.policies.seen_baselines import NearestGrasp, SeenPlanner
 from graspbox.policies.simple import Random, Zero
 
 __all__ = [
     "Actions",
     "Attempt",
     "DepthGrasp",
+    "DepthPolicy",
+    "Executor",
     "Expert",
     "FeelThenLift",
+    "GraspExecutor",
     "HeadGrasp",
     "NearestGrasp",
     "NetworkPolicy",
+    "Observer",
+    "PartialViewPlanner",
     "Planner",
     "Policy",
+    "PoseExecutor",
     "Random",
-    "RobustOracle",
-    "SeenPlanner",
     "Task",
     "Zero",
     "load",
@@ -91,41 +95,21 @@ __all__ = [
 ]
 
 
-def _regressor(folder: Path) -> Policy:
-    """Make a policy of a network of the study; its module imports this one."""
-    return cast(Policy, import_module("graspbox.learning.regressor").PoseRegressor(folder))
+def _robust_oracle() -> Policy:
+    """Make the oracle; evaluations, to which it belongs, import this module."""
+    return cast(Policy, import_module("graspbox.evaluation.oracles").RobustOracle())
 
 
-def _network(folder: Path) -> Policy:
-    """Make a network that acts, and load the policy that looks for it, if one does."""
-    config = read_network_policy(folder)
-    if not config.goal_from:
-        return NetworkPolicy(folder)
-    other = folder / config.goal_from
-    if not (other / CONFIG).is_file() or policy_hash(other) != config.goal_hash:
-        raise ConfigError(
-            f"the policy {config.name!r} needs, in {str(other)!r}, the policy with which it was published; that folder "
-            "holds another one or none; restore it"
-        )
-    return NetworkPolicy(folder, base=load(str(other)))
-
-
-#: Policies of a folder, by the kind that its ``config.json`` names.
-_KINDS: dict[str, Callable[[Path], Policy]] = {
-    KIND: DepthGrasp,
-    HEAD_KIND: HeadGrasp,
-    NETWORK_KIND: _network,
-    POSE_KIND: _regressor,
-}
-#: File of a folder in which a network of the study was trained (`graspbox.learning`).
-_STUDY = "model.json"
 _BASELINES: dict[str, Callable[[], Policy]] = {
-    kind.name: kind for kind in (Random, Zero, Planner, Expert, SeenPlanner, RobustOracle)
+    **{kind.name: kind for kind in (Random, Zero, Planner, Expert, PartialViewPlanner)},
+    "robust_oracle": _robust_oracle,
 }
+#: Names of before, which recorded demonstrations and runs hold.
+_FORMER = {"seen_planner": PartialViewPlanner.name}
 
 
 def names() -> tuple[str, ...]:
-    """Names that `load` takes."""
+    """Names of the baselines, which `load` takes beside folders."""
     return tuple(_BASELINES)
 
 
@@ -135,27 +119,24 @@ def load(name: str) -> Policy:
     Parameters
     ----------
     name : str
-        One of `names`, or a folder of a published policy: the table of the module says what each does.
+        One of `names`, the folder of a published policy, or ``hf://owner/name``, with ``@revision`` for a branch, a tag
+        or a commit, of one on the Hugging Face hub: the table of the module says what each does.
 
     Raises
     ------
     ConfigError
-        If there is no policy of that name, or the folder's ``config.json`` is wrong.
-    FileError
-        If the folder lacks a file.
+        If there is no policy of that name, or its folder is not whole: a field of ``config.json`` is missing or wrong,
+        or a file is missing or changed.
+    ConnectionLostError
+        If the hub cannot be reached.
+    MissingExtraError
+        If the extra ``onnx`` is not installed, or ``hub`` for a policy of the hub.
     """
-    if name in _BASELINES:
-        return _BASELINES[name]()
-    folder, known = Path(name), ", ".join(_BASELINES)
+    if (baseline := _FORMER.get(name, name)) in _BASELINES:
+        return _BASELINES[baseline]()
+    folder = folder_of(name)
     if not folder.is_dir():
-        raise ConfigError(f"there is no policy {name!r}; choose from {known}, or name a folder with config.json")
-    if (folder / HEAD).is_file():
-        return HeadGrasp(folder)
-    if (folder / _STUDY).is_file():
-        return _regressor(folder)
-    if (folder / FEEL).is_file():
-        return FeelThenLift(folder)
-    kind = read_kind(folder)
-    if kind not in _KINDS:
-        raise ConfigError(f"{name} holds a policy of the kind {kind!r}; this version knows {', '.join(_KINDS)}")
-    return _KINDS[kind](folder)
+        raise ConfigError(
+            f"there is no policy {name!r}; choose from {', '.join(_BASELINES)}, or name a folder with config.json"
+        )
+    return cast(Policy, policy_of(folder))

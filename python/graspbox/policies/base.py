@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import gymnasium
@@ -15,7 +16,7 @@ from graspbox import object_sets
 from graspbox.arguments import config_of
 from graspbox.camera_configs import CamerasConfig
 from graspbox.envs import IDS
-from graspbox.envs.settings import OBJECTS, HandArgument, Settings, keywords
+from graspbox.envs.settings import OBJECTS, HandArgument, ObjectsArgument, Settings, keywords
 from graspbox.errors import ConfigError
 
 __all__ = ["Actions", "Policy", "Task"]
@@ -40,8 +41,10 @@ class Task:
         Of one environment.
     obs : str or tuple of str
         Keyword ``obs`` of the environments: names of the observations. Several names give a mapping.
-    objects : ObjectSet
-        The objects that may appear; ``info["object"]`` names one of them.
+    sets : str, Path, ObjectSet or sequence of str
+        Keyword ``objects`` of the environments.
+    scale, mass, split
+        Keywords of the environments that choose from the sets.
     control : str
         Control mode of ``Grasp-v0``.
     frame_skip : int
@@ -57,7 +60,10 @@ class Task:
     observation_space: gymnasium.Space[Any]
     action_space: spaces.Box
     obs: str | tuple[str, ...]
-    objects: object_sets.ObjectSet
+    sets: ObjectsArgument
+    scale: float
+    mass: float | None
+    split: object_sets.Split | None
     control: str
     frame_skip: int
     hand: HandArgument
@@ -85,13 +91,24 @@ class Task:
             num_envs, observation_space, action_space = 1, envs.observation_space, envs.action_space
         if not isinstance(action_space, spaces.Box):
             raise ConfigError(f"the action space is {action_space}; policies need a Box")
-        names = ("obs", "split", "control", "frame_skip", "hand")
+        names = ("obs", "scale", "mass", "split", "control", "frame_skip", "hand")
         given = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
-        obs, split = given.pop("obs"), given.pop("split")
-        obs = obs if isinstance(obs, str) else tuple(obs)
-        objects = object_sets.load(spec.kwargs.get("objects", OBJECTS.default), split=split)
-        given["cameras"] = _cameras(spec.kwargs)
-        return cls(spec.id, num_envs, observation_space, action_space, obs, objects, **given)
+        given["obs"] = given["obs"] if isinstance(given["obs"], str) else tuple(given["obs"])
+        given |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": _cameras(spec.kwargs)}
+        return cls(spec.id, num_envs, observation_space, action_space, **given)
+
+    @cached_property
+    def objects(self) -> object_sets.ObjectSet:
+        """The objects that may appear; ``info["object"]`` names one of them.
+
+        Those of a server are looked up on this machine.
+
+        Raises
+        ------
+        ObjectSetError, MissingExtraError
+            If they are not on this machine.
+        """
+        return object_sets.load(self.sets, scale=self.scale, mass=self.mass, split=self.split)
 
     @property
     def closed_loop(self) -> bool:
@@ -114,8 +131,8 @@ def _cameras(given: Mapping[str, Any]) -> CamerasConfig:
 class Policy(ABC):
     """Chooses the actions of many environments at once.
 
-    `bind` comes first, once. Then `reset` is called for every episode that begins, with what the environments gave
-    at that reset, before `act` sees its first observation; ``mask`` says which environments begin one, as the option
+    `bind` comes first, once. Then `reset` is called for every episode that begins, with the info of that reset, before
+    `act` sees its first observation; ``mask`` says which environments begin one, as the option
     ``reset_mask`` of a reset does. With autoreset, call it after the step that began the episodes: the step that ended
     the last ones (``AutoresetMode.SAME_STEP``) or the one after it (``AutoresetMode.NEXT_STEP``).
 
@@ -137,6 +154,8 @@ class Policy(ABC):
     learned_from : tuple of str
         Object sets from which it learned, ``NAME`` or ``NAME/SPLIT``; `graspbox.evaluation.evaluate` leaves their
         objects out.
+    base : Policy or None
+        A policy that this one builds on. Episodes begin in it too; `_bind` binds it.
     """
 
     name: str = "policy"
@@ -144,6 +163,7 @@ class Policy(ABC):
     settings: Mapping[str, Any] = {}
     env_id: str | None = None
     learned_from: tuple[str, ...] = ()
+    base: "Policy | None" = None
     _task: Task | None = None
 
     @property
@@ -165,7 +185,7 @@ class Policy(ABC):
         Raises
         ------
         ConfigError
-            If the policy cannot act there, or does not observe what it needs.
+            If the policy cannot act there, or an observation that it needs is missing.
         """
         given = (task.obs,) if isinstance(task.obs, str) else task.obs
         needed = (self.obs,) if isinstance(self.obs, str) else self.obs or ()
@@ -221,6 +241,8 @@ class Policy(ABC):
                 )
         for env in range(count) if mask is None else np.flatnonzero(mask).tolist():
             self._begin(env, seeds[env], {name: values[env] for name, values in columns.items()})
+        if self.base is not None:
+            self.base.reset(seed, mask=mask, info=info)
 
     @abstractmethod
     def act(self, observation: Any) -> Actions:
@@ -239,7 +261,7 @@ class Policy(ABC):
         """
 
     def _bind(self, task: Task) -> None:
-        """Allocate what the policy keeps per environment."""
+        """Allocate the state of each environment."""
         del task
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
@@ -247,7 +269,7 @@ class Policy(ABC):
         del env, seed, info
 
     def confidence(self, env: int) -> float | None:
-        """Tell with which probability the policy expects the last grasp of an environment to succeed; None: no idea."""
+        """Give the stated probability that the last grasp of an environment succeeds; None where there is none."""
         del env
         return None
 
@@ -256,7 +278,7 @@ class Policy(ABC):
 
 
 def _columns(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Entries of an info, without masks, nested entries and what belongs to the last episode."""
+    """Entries of an info, without masks, nested entries and those of the last episode."""
     return {
         name: value
         for name, value in info.items()

@@ -17,9 +17,8 @@ grasp was found, ``goal`` is zero.
 >>> from graspbox.policies.goals import GoalPolicy
 >>> def down(seen):
 ...     return np.tile(np.float32([0, 0, -0.1, *6 * [0], 1 / 3]), (len(seen["goal"]), 1))
->>> found = evaluation.evaluate(
-...     GoalPolicy(policies.load("seen_planner"), down), "graspbox/Grasp-v0", "procedural:can:0", 1, max_episode_steps=5
-... )
+>>> policy = GoalPolicy(policies.load("partial_view_planner"), down)
+>>> found = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:0", trials=1, max_episode_steps=5)
 >>> found.trials[0].steps
 5
 """
@@ -31,12 +30,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from graspbox.artifacts.configs import GOAL_NAME
+from graspbox.envs.spaces import tables
 from graspbox.errors import ConfigError
 from graspbox.perception.finder import FoundGrasp
+from graspbox.policies._executor import GraspExecutor
 from graspbox.policies.base import Actions, Policy, Task
-from graspbox.policies.depth import DepthGrasp
-from graspbox.policies.feel import FeelThenLift
-from graspbox.policies.network_folders import GOAL_NAME
+from graspbox.policies.depth import DepthPolicy
 
 __all__ = ["GOAL", "GOAL_NAME", "GoalPolicy", "Goals", "goal_space", "plain_settings"]
 
@@ -46,7 +46,7 @@ GOAL: tuple[tuple[str, int, float, float, str], ...] = (
     ("turn", 6, -1.0, 1.0, "x axis of the grasp in the hand's axes, then its y axis"),
     ("preshape", 1, 0.0, 1.0, "share of the preshape's range"),
     ("top", 1, 0.0, 10.0, "height of the object over the table, as it is seen, in units of 0.1 m"),
-    ("score", 1, -10.0, 10.0, "what the policy that looked gives its grasp, clipped"),
+    ("score", 1, -10.0, 10.0, "score of the grasp, clipped"),
     ("time", 1, 0.0, 10.0, "since it has looked, in units of 10 s"),
     ("found", 1, 0.0, 1.0, "1 where there is a grasp, else 0, as is everything else"),
 )
@@ -61,12 +61,12 @@ def goal_space() -> spaces.Box:
 
 
 class Goals:
-    """What a policy finds that looks once, seen from the hands of environments of ``Grasp-v0``.
+    """The grasps that a policy finds with one look, seen from the hands of environments of ``Grasp-v0``.
 
     Parameters
     ----------
-    base : DepthGrasp
-        What looks: `DepthGrasp`, `HeadGrasp` or another policy that derives from it, without oracles.
+    base : DepthPolicy
+        The policy that looks: `DepthGrasp`, `HeadGrasp` or another policy of one depth image, without oracles.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Goals:
     """
 
     def __init__(self, base: Policy) -> None:
-        if not isinstance(base, DepthGrasp) or isinstance(base, FeelThenLift) or "state" in base.obs:
+        if not isinstance(base, DepthPolicy) or "state" in base.obs:
             raise ConfigError(
                 f"goals come from a policy that looks once, at a depth image, such as policies/depth, not from "
                 f"{base.name!r}"
@@ -93,7 +93,7 @@ class Goals:
             raise ConfigError(f"goals are for graspbox/Grasp-v0, not for {task.env_id!r}")
         self.base.bind(task)
         self._since = np.zeros(task.num_envs)
-        self._period = self.base.period
+        self._period = float(tables(self.base.hand)["control_period"]) * task.frame_skip
         self._shown: list[FoundGrasp | None] = [None] * task.num_envs
 
     def look(self, observation: Mapping[str, NDArray[Any]]) -> None:
@@ -124,33 +124,34 @@ class Goals:
         found = self._shown[env]
         if found is None:
             return np.zeros_like(_LOW)
-        goal = np.linalg.inv(self.base.hand_pose(proprio)) @ found.world_from_hand
+        assert isinstance(self.base.executor, GraspExecutor)
+        goal = np.linalg.inv(self.base.executor.hand_pose({"proprio": proprio})) @ found.world_from_hand
         low, high = self.base.hand.preshape_limits
         share = (found.preshape - low) / (high - low) if high > low else 0.0
-        top = self.base.top(found) / _LENGTH
-        row = [*goal[:3, 3] / _LENGTH, *goal[:3, 0], *goal[:3, 1], share, top, found.score, since / _TIME, 1.0]
+        shift, top = goal[:3, 3] / _LENGTH, found.top / _LENGTH
+        row = [*shift, *goal[:3, 0], *goal[:3, 1], share, top, found.score, since / _TIME, 1.0]
         return np.clip(np.array(row, dtype=np.float32), _LOW, _HIGH)
 
 
 class GoalPolicy(Policy):
-    """A policy of ``Grasp-v0`` that observes, beside what the environments show, where another one would grasp.
+    """A policy of ``Grasp-v0`` that observes the goal of another one, beside the observations of the environments.
 
     Parameters
     ----------
-    base : DepthGrasp
-        What looks; see `Goals`.
+    base : DepthPolicy
+        The policy that looks; see `Goals`.
     decide : callable
         From observations by their names, ``goal`` among them, to actions (n, k): ``ModelPolicy(model).act`` of
         `graspbox.sb3.policy`, or any function.
     names : sequence of str
-        What else it observes.
+        Its other observations.
     name : str
         Name in results.
 
     Raises
     ------
     ConfigError
-        For a base policy that does not find grasps in what a camera sees.
+        For a base policy that does not find its grasp in a depth image.
     """
 
     env_id = "graspbox/Grasp-v0"
@@ -162,7 +163,7 @@ class GoalPolicy(Policy):
         names: Sequence[str] = (),
         name: str = "goal",
     ) -> None:
-        self.goals, self._decide = Goals(base), decide
+        self.base, self.goals, self._decide = base, Goals(base), decide
         self.learned_from = base.learned_from
         self._names = tuple(one for one in names if one != GOAL_NAME)
         plain = plain_settings({"obs": (*self._names, GOAL_NAME)}, base)
@@ -170,9 +171,6 @@ class GoalPolicy(Policy):
 
     def _bind(self, task: Task) -> None:
         self.goals.bind(task)
-
-    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
-        self.goals.base._begin(env, seed, info)
 
     def act(self, observation: Any) -> Actions:
         """Look where it is time to, and decide."""

@@ -1,16 +1,19 @@
-"""``head``: grasps that one network predicts from one depth camera."""
+"""Grasps that one network predicts from one depth image."""
 
+from functools import partial
 from pathlib import Path
 
+from graspbox._core import Hand
+from graspbox.artifacts.configs import HeadPolicyConfig
+from graspbox.artifacts.folders import load
+from graspbox.artifacts.runtimes import AnchorHead, onnx_network
 from graspbox.errors import ConfigError
+from graspbox.perception import HeadFinder
 from graspbox.perception.anchors import Anchors
 from graspbox.perception.configs import DepthNoise
-from graspbox.perception.finder import Finder
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.head_finder import HeadFinder
-from graspbox.perception.head_folders import read_head_policy
-from graspbox.perception.runtimes import AnchorHead, onnx_network
-from graspbox.policies.depth import DepthGrasp
+from graspbox.policies._observer import Observer
+from graspbox.policies.depth import DepthPolicy
 
 __all__ = ["HEAD", "HeadGrasp"]
 
@@ -18,19 +21,17 @@ __all__ = ["HEAD", "HeadGrasp"]
 HEAD = "head.json"
 
 
-class HeadGrasp(DepthGrasp):
-    """Grasps as one network says: crop and head (`graspbox.perception.heads`), and a collision filter.
-
-    It looks and moves as `DepthGrasp` does; it is not privileged.
+class HeadGrasp(DepthPolicy):
+    """Grasps as one network says: crop and head (`graspbox.models.head.heads`), and a collision filter.
 
     Parameters
     ----------
     folder : Path
-        A published head, which onnxruntime runs (`graspbox.perception.head_folders`); or one that
-        `graspbox.perception.head_training.train_head` trained, which torch runs.
+        A published head, which onnxruntime runs (`graspbox.artifacts`); or one that
+        `graspbox.models.head.training.train_head` trained, which torch runs.
     filtered : bool, optional
-        Take its best grasp that does not collide with what is seen, instead of its best. By default as the published
-        folder says; else not.
+        Take its best grasp that does not collide with the visible surface, instead of its best. By default as the
+        published folder says; else not.
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
     num_threads : int, optional
@@ -38,7 +39,7 @@ class HeadGrasp(DepthGrasp):
 
     Raises
     ------
-    ConfigError, FileError
+    ConfigError
         If the folder is wrong, or lacks a file.
     """
 
@@ -52,29 +53,33 @@ class HeadGrasp(DepthGrasp):
         noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
         num_threads: int | None = None,
     ) -> None:
-        super().__init__(folder, noise=noise, num_threads=num_threads)
-        self._head = None if (Path(folder) / HEAD).is_file() else read_head_policy(Path(folder))
-        self._filtered = filtered if filtered is not None else self._head is not None and self._head.filtered
-        if self._head is not None:
-            self.name = self._head.name
+        folder = Path(folder)
+        observer = partial(Observer, noise=noise)
+        if (folder / HEAD).is_file():
+            super().__init__(observer, partial(_trained, folder, bool(filtered), num_threads))
+            return
+        published = load(folder, HeadPolicyConfig)
+        chosen = published.filtered if filtered is None else filtered
+        super().__init__(observer, partial(_published, folder, published, chosen, num_threads))
+        self.name, self.learned_from = published.name, published.learned_from
 
-    def _read(self, folder: Path | None) -> None:
-        """Leave the folder: a head has other settings."""
-        del folder
 
-    def _make_finder(self) -> Finder:
-        """Load the head; one that was not published needs torch."""
-        folder = Path(self._folder or "")
-        if self._head is None:
-            from graspbox.perception.head_training import load_head
+def _trained(folder: Path, filtered: bool, num_threads: int | None, hand: Hand) -> HeadFinder:
+    """Load a head that was not published, which needs torch."""
+    from graspbox.models.head.training import load_head
 
-            grid = HandGrid(self.hand, crop=self.crop, num_threads=self._num_threads)
-            net = load_head(folder, len(grid.preshapes), self.crop)
-            return HeadFinder(grid, net, crop=self.crop, filtered=self._filtered)
-        if self.hand.name != self._head.hand:
-            raise ConfigError(f"the policy {self.name!r} knows the hand {self._head.hand!r}, not {self.hand.name!r}")
-        crop = self._head.crop
-        grid = HandGrid(self.hand, crop=crop, num_threads=self._num_threads)
-        anchors = Anchors(self._head.preshapes, self._head.head.anchors)
-        head = AnchorHead(onnx_network(folder / "head.onnx", self._num_threads), anchors)
-        return HeadFinder(grid, head, crop=crop, filtered=self._filtered)
+    grid = HandGrid(hand, num_threads=num_threads)
+    return HeadFinder(grid, load_head(folder, len(grid.preshapes), grid.crop), filtered=filtered)
+
+
+def _published(
+    folder: Path, published: HeadPolicyConfig, filtered: bool, num_threads: int | None, hand: Hand
+) -> HeadFinder:
+    """Load a published head."""
+    if hand.name != published.hand:
+        raise ConfigError(f"the policy {published.name!r} knows the hand {published.hand!r}, not {hand.name!r}")
+    grid = HandGrid(hand, crop=published.crop, num_threads=num_threads)
+    if (count := len(grid.preshapes)) != published.preshapes:
+        raise ConfigError(f"the policy {published.name!r} knows {published.preshapes} preshapes; its hand has {count}")
+    anchors = Anchors(published.preshapes, published.head.anchors)
+    return HeadFinder(grid, AnchorHead(onnx_network(folder / "head.onnx", num_threads), anchors), filtered=filtered)

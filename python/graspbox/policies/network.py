@@ -1,4 +1,4 @@
-"""`NetworkPolicy`: a published network that acts on what its environment observes, such as a clone."""
+"""`NetworkPolicy`: a published network from the observations of an environment to actions, such as a clone."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from graspbox.artifacts.configs import ACTING, NetworkInput, NetworkPolicyConfig
+from graspbox.artifacts.folders import load, policy_of, used_folder
+from graspbox.artifacts.runtimes import Network, onnx_network, output
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError
-from graspbox.perception.policy_folders import read_learned_from
-from graspbox.perception.runtimes import Network, onnx_network
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.goals import GOAL_NAME, Goals, goal_space, plain_settings
-from graspbox.policies.network_folders import ACTING, NetworkInput, read_network_policy
 from graspbox.simulation import load_hand
 
 __all__ = ["NetworkPolicy"]
@@ -21,52 +21,46 @@ __all__ = ["NetworkPolicy"]
 class NetworkPolicy(Policy):
     """Acts as a network says, from observations to actions; onnxruntime runs it, without torch.
 
-    `graspbox.sb3.export` writes such folders. The network observes what its environment gives, no more: if ``state`` is
-    in `obs`, it is privileged.
+    `graspbox.sb3.export` writes such folders. The network has no other inputs than `obs`: with ``state`` among them it
+    is privileged.
 
     Parameters
     ----------
     folder : Path
-        A folder of `graspbox.policies.network_folders`.
-    base : Policy, optional
-        The policy in the folder that ``config.goal_from`` names, where the network observes ``goal``;
-        `graspbox.policies.load` gives it.
+        A policy's folder (`graspbox.artifacts`).
     num_threads : int
         Threads of a decision; the networks are small.
 
     Raises
     ------
-    ConfigError, FileError
+    ConfigError
         If the folder is wrong, or lacks a file.
 
     Attributes
     ----------
     config : NetworkPolicyConfig
-        What the folder says.
+        The folder's ``config.json``.
     """
 
-    def __init__(self, folder: Path, *, base: Policy | None = None, num_threads: int = 1) -> None:
-        self.config = read_network_policy(Path(folder))
-        self.name, self.obs, self.env_id = self.config.name, self.config.obs, self.config.env_id
-        self.settings = dict(self.config.settings)
-        self.learned_from = (*read_learned_from(Path(folder)), *(base.learned_from if base else ()))
+    def __init__(self, folder: Path, *, num_threads: int = 1) -> None:
+        self.config = load(folder, NetworkPolicyConfig)
+        environment, roles = self.config.environment, self.config.roles
+        self.name, self.obs, self.env_id = self.config.name, environment.obs, environment.id
+        self.settings = self.config.settings
+        base: Policy | None = policy_of(used_folder(folder, self.config, "goal")) if roles else None
+        self.learned_from = (*self.config.learned_from, *(base.learned_from if base else ()))
         self._file, self._num_threads = Path(folder) / "policy.onnx", num_threads
         self._network: Network | None = None
         self._goals = self._make_goals(base)
+        self.base = self._goals.base if self._goals else None
 
     def _make_goals(self, base: Policy | None) -> Goals | None:
-        """Make what shows the observation ``goal``."""
-        if not self.config.goal_from:
-            return None
+        """Make the source of the observation ``goal``."""
         if base is None:
-            raise ConfigError(f"the policy {self.name!r} observes 'goal'; load it by graspbox.policies.load")
-        plain = plain_settings({**self.settings, "obs": self.config.obs}, base)
+            return None
+        plain = plain_settings({**self.settings, "obs": self.config.environment.obs}, base)
         self.obs, self.settings = plain.pop("obs"), plain
         return Goals(base)
-
-    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
-        if self._goals is not None:
-            self._goals.base._begin(env, seed, info)
 
     def _bind(self, task: Task) -> None:
         if task.env_id != self.env_id:
@@ -77,7 +71,7 @@ class NetworkPolicy(Policy):
         for name in ACTING:
             default = keywords(Settings)[name].default
             wanted, given = self.settings.get(name, default), getattr(task, name)
-            if name != "hand" and wanted != given:
+            if wanted != given:
                 raise ConfigError(
                     f"the policy {self.name!r} needs {name}={wanted!r}; the environments have {name}={given!r}"
                 )
@@ -95,7 +89,7 @@ class NetworkPolicy(Policy):
             self._network = onnx_network(self._file, self._num_threads)
 
     def _check(self, wanted: NetworkInput, task: Task) -> None:
-        """Compare an observation of the environments with what the network takes."""
+        """Compare an observation of the environments with an input of the network."""
         space: Any = task.observation_space
         if self._goals is not None and wanted.name == GOAL_NAME:
             box = goal_space()
@@ -109,7 +103,7 @@ class NetworkPolicy(Policy):
             )
 
     def act(self, observation: Any) -> Actions:
-        """Run the network for every environment by itself, so that its bits do not depend on the others."""
+        """Run the network for each environment separately: its bits must not depend on the others."""
         actions = self._zeros()
         assert self._network is not None
         names = [one.name for one in self.config.inputs]
@@ -119,5 +113,5 @@ class NetworkPolicy(Policy):
             rows = {**rows, GOAL_NAME: self._goals.show(rows["proprio"])}
         for i in range(len(actions)):
             inputs = {name: np.ascontiguousarray(rows[name][i : i + 1]) for name in names}
-            actions[i] = self._network(inputs)["action"][0]
+            actions[i] = output(self._network(inputs), "action", (1, actions.shape[1]), str(self._file))[0]
         return actions

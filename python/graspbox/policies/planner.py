@@ -1,5 +1,6 @@
 """Privileged baselines: the planner's first pose, and the scripted expert."""
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -14,7 +15,7 @@ from graspbox.errors import ConfigError
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.simulation import load_hand
 
-__all__ = ["Expert", "Planner"]
+__all__ = ["Expert", "KnownObjects", "Planner"]
 
 #: Among how many of the planner's best poses the expert chooses.
 _CHOICES = 40
@@ -23,6 +24,41 @@ _CHOICES = 40
 _ASIDE = 0.05
 #: Meshes that a policy keeps.
 _MESHES = 128
+
+
+class KnownObjects:
+    """The objects of some environments, for policies that know them.
+
+    Parameters
+    ----------
+    task : Task
+        The environments.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._objects = task.objects
+        self._indices = {name: i for i, name in enumerate(task.objects.names)}
+        #: Loads the mesh of an object by its name; the last ones are kept.
+        self.mesh = lru_cache(_MESHES)(self._load)
+
+    def _load(self, name: str) -> Mesh:
+        if name not in self._indices:
+            raise ConfigError(f"there is no object {name!r} in the set {self._objects.name!r} that the policy knows")
+        return self._objects[self._indices[name]].load()
+
+    def name_in(self, info: Mapping[str, Any], policy: str) -> str:
+        """Read the name of an episode's object off its info.
+
+        Raises
+        ------
+        ConfigError
+            If the info lacks it; the message names the policy.
+        """
+        if "object" not in info:
+            raise ConfigError(f"the policy {policy!r} needs info['object'], the object's name; give reset its info")
+        # With info='numeric' it is an index.
+        given = info["object"]
+        return given if isinstance(given, str) else self._objects.names[int(given)]
 
 
 class Planner(Policy):
@@ -40,23 +76,11 @@ class Planner(Policy):
         self._hand = load_hand(task.hand)
         self._objects: list[str | None] = [None] * task.num_envs
         self._experts: list[expert.Expert | None] = [None] * task.num_envs
-        indices = {name: i for i, name in enumerate(task.objects.names)}
-
-        @lru_cache(_MESHES)
-        def mesh(name: str) -> Mesh:
-            if name not in indices:
-                raise ConfigError(f"there is no object {name!r} in the set {task.objects.name!r} that the policy knows")
-            return task.objects[indices[name]].load()
-
-        self._mesh = mesh
+        self._known = KnownObjects(task)
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
-        if "object" not in info:
-            raise ConfigError(f"the policy {self.name!r} needs info['object'], the object's name; give reset its info")
         # The plan waits for the first observation, which holds the object's pose.
-        given = info["object"]
-        # With info='numeric' it is an index.
-        self._objects[env] = given if isinstance(given, str) else self.task.objects.names[int(given)]
+        self._objects[env] = self._known.name_in(info, self.name)
         self._experts[env] = None
 
     def act(self, observation: Any) -> Actions:
@@ -66,22 +90,23 @@ class Planner(Policy):
         for env, state in enumerate(states):
             name, self._objects[env] = self._objects[env], None
             if not self.task.closed_loop:
-                if name is not None:
-                    actions[env] = self._decide(self._mesh(name), state, actions[env])
+                action = None if name is None else self._decide(self._known.mesh(name), state)
+                if action is not None:
+                    actions[env] = action
                 continue
             if name is not None:
-                self._experts[env] = self._expert(self._mesh(name), state)
+                self._experts[env] = self._expert(self._known.mesh(name), state)
             driver = self._experts[env]
             if driver is not None:
                 actions[env] = driver.act(state)
         return actions
 
-    def _decide(self, mesh: Mesh, state: NDArray[np.float32], nothing: Actions) -> Actions:
-        """Write the first-ranked pose as an action of ``GraspPose-v0``."""
+    def _decide(self, mesh: Mesh, state: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Write the first-ranked pose as an action of ``GraspPose-v0``; None if there is none."""
         pose = object_pose(state, hand=self._hand)
         plan = planning.plan(mesh, hand=self._hand, world_from_object=pose).best(1)
         if not len(plan):
-            return nothing
+            return None
         return encode_action(pose @ plan.poses[0], plan.preshape[0], hand=self._hand)
 
     def _expert(self, mesh: Mesh, state: NDArray[np.float32]) -> expert.Expert | None:

@@ -1,7 +1,7 @@
 """A bounded correction of the grasp that another policy proposes from one depth image.
 
 The hand of the proposal is moved by at most a distance, turned by at most an angle, and its preshape changed by at most
-a share of its range (`ResidualConfig`). What decides on the correction sees the voxels around the proposed hand, in the
+a share of its range (`ResidualConfig`). The policy that corrects sees the voxels around the proposed hand, in the
 hand's own frame, and a few numbers of the proposal; nothing of it is privileged. `graspbox.sb3.residual_env` makes
 environments of it, in which rewards teach the correction.
 
@@ -13,13 +13,14 @@ The correction is a vector in [-1, 1]:
 | 3-5 | how the hand turns about that place: axis times angle, hand axes | ``angle`` |
 | 6   | change of the preshape; absent for a hand whose preshape is fixed | ``preshape`` |
 
-Three entries that belong together are a direction and a share: the share is the largest of their sizes, so that a cube
-of actions becomes a ball of motions. Zeros are the proposal itself, to the bit.
+Three entries that belong together are a direction and a share. The share is the largest of their sizes, by which a
+cube of actions becomes a ball of motions. Zeros are the proposal itself, to the bit.
 
 >>> from graspbox import evaluation, policies
 >>> from graspbox.policies.residual import ResidualGrasp
->>> corrected = ResidualGrasp(policies.load("seen_planner"), lambda seen: 0.0 * seen["proposal"][:, :7])
->>> results = [evaluation.evaluate(one, objects="procedural:can:0-3", trials=4) for one in ("seen_planner", corrected)]
+>>> base = policies.load("partial_view_planner")
+>>> corrected = ResidualGrasp(base, lambda seen: 0.0 * seen["proposal"][:, :7])
+>>> results = [evaluation.evaluate(one, objects="procedural:can:0-3", trials=4) for one in (base, corrected)]
 >>> results[0].trials == results[1].trials
 True
 """
@@ -40,7 +41,7 @@ from graspbox.perception.configs import HandGridConfig
 from graspbox.perception.finder import FoundGrasp
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid
 from graspbox.policies.base import Actions, Policy, Task
-from graspbox.policies.depth import DepthGrasp
+from graspbox.policies.depth import DepthPolicy
 
 __all__ = ["PROPOSAL", "Proposals", "ResidualConfig", "ResidualGrasp", "moved", "residual_size"]
 
@@ -50,7 +51,7 @@ PROPOSAL: tuple[tuple[str, int, float, float, str], ...] = (
     ("away", 3, -1.0, 1.0, "horizontal direction away from the camera, hand axes"),
     ("height", 1, -10.0, 10.0, "height of the hand over the table, in units of 0.1 m"),
     ("preshape", 1, 0.0, 1.0, "share of the preshape's range"),
-    ("score", 1, -10.0, 10.0, "what the base policy gives its proposal, clipped"),
+    ("score", 1, -10.0, 10.0, "score of the proposal, clipped"),
     ("proposed", 1, 0.0, 1.0, "1 where there is a proposal, else 0, as is everything else"),
 )
 #: Unit of heights, metres.
@@ -143,12 +144,12 @@ def _in_ball(cube: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Proposals:
-    """What a base policy proposes in environments of ``GraspPose-v0``, seen from the proposed hand.
+    """The proposals of a base policy in environments of ``GraspPose-v0``, seen from the proposed hand.
 
     Parameters
     ----------
-    base : DepthGrasp
-        What proposes: `DepthGrasp`, `HeadGrasp` or another policy that derives from it, without oracles.
+    base : DepthPolicy
+        The policy that proposes: `DepthGrasp`, `HeadGrasp` or another policy of one depth image, without oracles.
     config : ResidualConfig
         The bounds of corrections, and the cells that are observed.
 
@@ -168,7 +169,7 @@ class Proposals:
     hand: Hand
 
     def __init__(self, base: Policy, config: ResidualConfig = ResidualConfig()) -> None:
-        if not isinstance(base, DepthGrasp):
+        if not isinstance(base, DepthPolicy):
             raise ConfigError(
                 f"the base policy is a {type(base).__name__}; give one that finds its grasp in a depth image, such as "
                 "graspbox.policies.HeadGrasp or DepthGrasp"
@@ -184,11 +185,11 @@ class Proposals:
         self.base.bind(task)
         self.hand = self.base.hand
         self._count = task.num_envs
-        self._grid = HandGrid(self.hand, self.config.grid, crop=self.base.crop)
+        self._grid = HandGrid(self.hand, self.config.grid, crop=self.base.finder.crop)
 
     @property
     def observation_space(self) -> spaces.Dict:
-        """What `observe` gives of one environment.
+        """The space of `observe`, for one environment.
 
         ``volume`` (4, X, Y, Z) uint8: `graspbox.perception.hand_grids.HAND_CHANNELS` around the proposed hand;
         ``proposal`` (10,) float32: `PROPOSAL`.
@@ -267,10 +268,10 @@ class ResidualGrasp(Policy):
 
     Parameters
     ----------
-    base : DepthGrasp
+    base : DepthPolicy
         See `Proposals`.
     correct : callable
-        From what `Proposals.observe` gives to corrections (n, 7) or (n, 6): ``ModelPolicy(model).act`` of
+        From `Proposals.observe` to corrections (n, 7) or (n, 6): ``ModelPolicy(model).act`` of
         `graspbox.sb3.policy`, or any function.
     config : ResidualConfig
         The bounds with which `correct` was trained.
@@ -278,7 +279,7 @@ class ResidualGrasp(Policy):
     Raises
     ------
     ConfigError
-        For a base policy that does not propose grasps from what a camera sees.
+        For a base policy that does not find its grasp in a depth image.
     """
 
     def __init__(
@@ -287,15 +288,12 @@ class ResidualGrasp(Policy):
         correct: Callable[[dict[str, NDArray[Any]]], ArrayLike],
         config: ResidualConfig = ResidualConfig(),
     ) -> None:
-        self.proposals, self._correct = Proposals(base, config), correct
+        self.base, self.proposals, self._correct = base, Proposals(base, config), correct
         self.name, self.obs, self.settings = f"{base.name} + residual", base.obs, base.settings
         self.learned_from = base.learned_from
 
     def _bind(self, task: Task) -> None:
         self.proposals.bind(task)
-
-    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
-        self.proposals.base._begin(env, seed, info)
 
     def act(self, observation: Any) -> Actions:
         """Propose and correct."""

@@ -2,17 +2,23 @@
 
 | module | what it does |
 |---|---|
-| `graspbox.remote.serving` | makes the environments of clients; which object sets and hands they may name |
+| `graspbox.remote.serving` | a server of environments: Python makes them, Rust does everything else |
+| `graspbox.remote.offer` | which object sets and hands its clients may name |
+| `graspbox.remote.policy_serving` | a server of a policy |
+| `graspbox.remote.grasp_requests` | requests for grasps in images: their entries, as arrays and as JSON |
+| `graspbox.remote.settings`, `graspbox.remote.running` | settings, threads and end of both servers |
+| `graspbox.remote.remote_policy` | a policy on a server, for `graspbox.evaluation` |
 | `graspbox.remote.ray_cluster` | servers on a Ray cluster (extra ``ray``), and a vector environment over them |
 
-The protocol is specified in ``docs/server.md``. Environments on a server are made by the keyword ``remote``:
-``gymnasium.make_vec("graspbox/Grasp-v0", num_envs=64, remote="ws://host:5055")``.
+The protocol is specified in ``docs/reference/protocol.md``. Environments on a server are made by the keyword
+``remote``: ``gymnasium.make_vec("graspbox/Grasp-v0", num_envs=64, remote="ws://host:5055")``.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from graspbox.remote.serving import EnvironmentServer, ServerSettings
+from graspbox.remote.serving import EnvironmentServer
+from graspbox.remote.settings import ServerSettings
 
 if TYPE_CHECKING:
     from graspbox.remote.ray_cluster import RayServers, RayVectorEnv, ray_servers

@@ -1,4 +1,4 @@
-"""Requests for grasps: what a client sends, what it gets, as arrays or as JSON.
+"""Requests for grasps and their answers, as arrays or as JSON.
 
 | entry of a request | shape | meaning |
 |---|---|---|
@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from graspbox.arguments import natural, shown
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
-from graspbox.perception.depth_images import fit_table, metric_depth
-from graspbox.perception.grasp_image import ImageGrasper, ImageGrasps
+from graspbox.perception.depth_images import metric_depth
 from graspbox.perception.perturbations import PoseNoise
+from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
 from graspbox.rotations import quaternion_from_rotation
 
 __all__ = ["ENTRIES", "answer_of", "decide", "from_json", "to_json"]
@@ -117,10 +117,7 @@ def _found(grasper: ImageGrasper, request: Mapping[str, Any]) -> ImageGrasps:
         raise ConfigError(f"depth_scale is {shown(scale)}; give metres per unit, such as 0.001")
     depth = metric_depth(request["depth"], None if scale is None else float(scale))
     lens = _array(request, "intrinsics", (3, 3))
-    if np.linalg.matrix_rank(lens) < 3:
-        raise ConfigError("intrinsics has no inverse; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
-    given = request.get("camera_pose")
-    pose = fit_table(depth, lens) if given is None else _array(request, "camera_pose", (4, 4))
+    pose = None if request.get("camera_pose") is None else _array(request, "camera_pose", (4, 4))
     region = None
     if request.get("region") is not None:
         left, top, right, bottom = (int(x) for x in _array(request, "region", (4,)))

@@ -8,7 +8,6 @@ policy of its own then, bound to one environment, and ``{"reset": True}`` beside
 import json
 import threading
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,53 +17,28 @@ import numpy as np
 from graspbox import _core, policies
 from graspbox.arguments import plain, shown
 from graspbox.envs import IDS
+from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.perception.grasp_image import ImageGrasper
-from graspbox.perception.policy_folders import CONFIG, KIND, read_kind
-from graspbox.policies import Policy, Task
+from graspbox.policies import DepthGrasp, Policy, Task
+from graspbox.policies.grasp_image import ImageGrasper
 from graspbox.remote import grasp_requests
-from graspbox.remote.serving import check_exposure
+from graspbox.remote.running import PAUSE, RunningServer
+from graspbox.remote.settings import PolicyServerSettings
 
 __all__ = ["PolicyServer", "PolicyServerSettings"]
 
 #: Entries that say how an observation is meant.
 _CONTROL = ("reset", "seed")
-_PATIENCE = 0.5
 
 
-@dataclass(frozen=True)
-class PolicyServerSettings:
-    """Settings of a server of a policy; fields as of `graspbox.remote.serving.ServerSettings`.
-
-    Attributes
-    ----------
-    env_id : str, optional
-        The environment whose observations clients send; by default the policy's own, else ``graspbox/GraspPose-v0``.
-    threads : int
-        Decisions that are made at once.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 8000
-    token: str | None = None
-    tls_cert: str | None = None
-    tls_key: str | None = None
-    origins: tuple[str, ...] = ()
-    insecure: bool = False
-    max_sessions: int = 64
-    max_message: int = 64 << 20
-    env_id: str | None = None
-    threads: int = 2
-
-
-class PolicyServer:
+class PolicyServer(RunningServer):
     """A server that runs: clients get decisions of a policy until it is stopped.
 
     Parameters
     ----------
     policy : str or Path
         A name that `graspbox.policies.load` takes: a folder, or a baseline that needs no mesh.
-    settings : PolicyServerSettings
+    settings : PolicyServerSettings, optional
         Address and bounds.
 
     Raises
@@ -73,88 +47,42 @@ class PolicyServer:
         If the policy cannot be loaded, or a setting is wrong.
     """
 
-    def __init__(self, policy: str | Path, settings: PolicyServerSettings = PolicyServerSettings()) -> None:
-        check_exposure(settings.host, settings.token, settings.tls_cert, settings.insecure)
-        self._policy, self._settings = str(policy), settings
+    def __init__(self, policy: str | Path, settings: PolicyServerSettings | None = None) -> None:
+        settings = settings or PolicyServerSettings()
+        settings.check()
+        self._policy = str(policy)
         prototype = policies.load(self._policy)
         if prototype.obs is not None and "state" in _names(prototype):
             raise ConfigError(f"the policy {prototype.name!r} reads the state, which no camera gives")
         self._env_id = settings.env_id or prototype.env_id or IDS[0]
         if self._env_id not in IDS:
             raise ConfigError(f"there is no environment {self._env_id!r}; choose from {', '.join(IDS)}")
-        folder = Path(self._policy)
-        decides = (folder / CONFIG).is_file() and read_kind(folder) == KIND and not (folder / "feel.json").is_file()
-        self._grasper = ImageGrasper(folder) if decides else None
-        own = ("host", "port", "token", "tls_cert", "tls_key", "max_sessions", "max_message")
-        config = {name: getattr(settings, name) for name in own} | {"origins": list(settings.origins)}
+        # Policies that derive from it decide otherwise than in one image, or have no scorer.
+        decides = type(prototype) is DepthGrasp
+        self._grasper = ImageGrasper(self._policy) if decides else None
         metadata = {
             "server": "graspbox",
             "version": _core.__version__,
             "policy": prototype.name,
             "environment": self._env_id,
-            "observations": _names(prototype),
+            "observations": _names(prototype) or [keywords(Settings)["obs"].default],
             "settings": plain(dict(prototype.settings), "settings"),
             "grasps": self._grasper is not None,
             "requests": list(grasp_requests.ENTRIES) if self._grasper else [],
         }
-        self._core = _core.PolicyServer(json.dumps(plain(config, "settings")), json.dumps(metadata))
+        self._core = _core.PolicyServer(settings.to_json(), json.dumps(metadata))
+        super().__init__(self._core, settings.tls_cert is not None, settings.num_threads)
         self._actors: dict[int, _Actor] = {}
         self._lock = threading.Lock()
-        self._ended = threading.Event()
-        self._workers: list[threading.Thread] = []
 
-    @property
-    def url(self) -> str:
-        """The address for clients."""
-        host, port = self._core.address
-        scheme = "ws" if self._settings.tls_cert is None else "wss"
-        return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
-
-    def metrics(self) -> str:
-        """Return the counters, in the text format of OpenMetrics."""
-        return self._core.metrics()
-
-    def start(self) -> "PolicyServer":
-        """Decide in threads of their own."""
-        for index in range(self._settings.threads):
-            worker = threading.Thread(target=self._work, name=f"graspbox-decide-{index}", daemon=True)
-            worker.start()
-            self._workers.append(worker)
-        return self
-
-    def wait(self) -> None:
-        """Wait until `drain` or `stop` is called, from a signal handler or another thread."""
-        while not self._ended.wait(_PATIENCE):
-            pass
-
-    def drain(self) -> None:
-        """Let no client in any more, and end `wait`."""
-        self._core.drain()
-        self._ended.set()
-
-    def stop(self, patient: bool = True) -> None:
-        """End all connections; requests that came are answered first, within 10 s, unless `patient` is false."""
-        self._core.drain()
-        self._core.stop(patient)
-        self._ended.set()
-        for worker in self._workers:
-            worker.join()
-
-    def __enter__(self) -> "PolicyServer":
-        return self.start()
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-    def _work(self) -> None:
-        while not self._ended.is_set():
-            for job in self._core.next_jobs(1, _PATIENCE):
-                started = time.perf_counter()
-                self._answer(job)
-                self._core.decided(1, time.perf_counter() - started)
-            for number in self._core.gone():
-                with self._lock:
-                    self._actors.pop(number, None)
+    def _answer_next(self) -> None:
+        for job in self._core.next_jobs(1, PAUSE):
+            started = time.perf_counter()
+            self._answer(job)
+            self._core.decided(time.perf_counter() - started)
+        for number in self._core.gone():
+            with self._lock:
+                self._actors.pop(number, None)
 
     def _answer(self, job: "_core.PolicyJob") -> None:
         waited, started = job.age, time.perf_counter()

@@ -18,7 +18,8 @@ from gymnasium.vector import VectorWrapper
 from graspbox.arguments import natural, shown
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, MissingExtraError
-from graspbox.remote.serving import EnvironmentServer, ServerSettings, available
+from graspbox.remote.serving import EnvironmentServer, available
+from graspbox.remote.settings import ServerSettings
 
 __all__ = ["RayServers", "RayVectorEnv", "ray_servers"]
 

@@ -1,6 +1,7 @@
 """A policy on a server, as `graspbox evaluate ws://HOST:PORT` measures it: anything that speaks openpi's protocol."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox.arguments import shown
+from graspbox.envs.remote_config import client_token
 from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.policies import Actions, Policy, Task
 
@@ -30,7 +32,9 @@ class RemotePolicy(Policy):
     actions : str
         Name of the actions in an answer.
     token : str, optional
-        The server's token.
+        The server's token; by default the environment variable ``GRASPBOX_TOKEN``, else none.
+    ca : path, optional
+        Certificates to trust beside those of the public authorities, in PEM.
     extra : mapping, optional
         Entries sent with every observation, such as a prompt.
 
@@ -39,7 +43,7 @@ class RemotePolicy(Policy):
     ConnectionLostError
         If the server cannot be reached.
     ConfigError
-        If nothing says which observations it needs.
+        If it does not let this client in, is no server of a policy, or nothing says which observations it needs.
     """
 
     def __init__(
@@ -51,29 +55,52 @@ class RemotePolicy(Policy):
         chunk: int = 1,
         actions: str = "actions",
         token: str | None = None,
+        ca: str | Path | None = None,
         extra: Mapping[str, Any] | None = None,
     ) -> None:
-        self._url, self._token = url, token
+        self._url, self._token = url, client_token(None) if token is None else token
+        self._ca = None if ca is None else str(ca)
         self._keys, self._chunk, self._name, self._extra = dict(keys or {}), chunk, actions, dict(extra or {})
-        first = _core.PolicyClient(url, token=token, ca=None)
-        self.metadata: Mapping[str, Any] = first.metadata
+        first = self._connect()
+        self.metadata: Mapping[str, Any] = self._checked(first.metadata)
         self._ours = self.metadata.get("server") == "graspbox"
-        named = self.metadata.get("observations") or None
-        self.obs = obs or (named and tuple(named)) or None
+        named = self.metadata.get("observations")
+        self.obs = obs or (tuple(named) if named else None)
         if self.obs is None:
             raise ConfigError(f"the server {url} does not say what it observes; name observations with obs (--obs)")
         self.name = str(self.metadata.get("policy") or url)
         self.env_id = self.metadata.get("environment")
-        if self._ours:
-            self.settings = dict(self.metadata["settings"])
+        self.settings = dict(self.metadata.get("settings") or {}) if self._ours else {}
         self._clients = [first]
         self._pending: list[list[NDArray[np.float32]]] = []
         self._starts: list[dict[str, Any]] = []
         self._active: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
 
+    def _connect(self) -> "_core.PolicyClient":
+        return _core.PolicyClient(self._url, token=self._token, ca=self._ca)
+
+    def _checked(self, metadata: Any) -> Mapping[str, Any]:
+        """Refuse the first frame of what is no server of a policy."""
+        if not isinstance(metadata, Mapping):
+            raise ConfigError(f"the server {self._url} begins with {shown(metadata)}; a server of a policy sends a map")
+        if metadata.get("protocol") == "graspbox":
+            raise ConfigError(
+                f"{self._url} is a server of environments; start one of a policy with 'graspbox serve-policy', or step "
+                "the environments there with remote (--remote)"
+            )
+        named, settings = metadata.get("observations") or [], metadata.get("settings") or {}
+        texts = isinstance(named, list) and all(isinstance(name, str) for name in named)
+        env_id = metadata.get("environment")
+        if not texts or not isinstance(env_id, str | None) or not isinstance(settings, Mapping):
+            raise ConfigError(
+                f"the server {self._url} names observations {shown(named)}, environment {shown(env_id)} and settings "
+                f"{shown(settings)}; these are names, a name and a map"
+            )
+        return metadata
+
     def _bind(self, task: Task) -> None:
         while len(self._clients) < task.num_envs:
-            self._clients.append(_core.PolicyClient(self._url, token=self._token, ca=None))
+            self._clients.append(self._connect())
         self._pending = [[] for _ in range(task.num_envs)]
         self._starts = [{} for _ in range(task.num_envs)]
         self._active = np.zeros(task.num_envs, dtype=np.bool_)
@@ -109,10 +136,16 @@ class RemotePolicy(Policy):
     def _chunk_of(self, answer: Any) -> list[NDArray[np.float32]]:
         """Take the actions of an answer, as many as are executed."""
         if isinstance(answer, str):
-            raise ConfigError(f"the server {self._url} reports an error: {answer.strip().splitlines()[-1]}")
+            # A server of openpi sends a traceback, which ends with the error.
+            last = (answer.strip() or "it does not say which").splitlines()[-1]
+            raise ConfigError(f"the server {self._url} reports an error: {last}")
         if not isinstance(answer, Mapping) or self._name not in answer:
             raise ConnectionLostError(f"the server {self._url} answers {shown(answer)}; it must hold {self._name!r}")
-        found = np.asarray(answer[self._name], dtype=np.float32)
+        try:
+            found = np.asarray(answer[self._name], dtype=np.float32)
+        except (TypeError, ValueError):
+            given = shown(answer[self._name])
+            raise ConfigError(f"the server {self._url} gives {self._name} as {given}; numbers are needed") from None
         size = self.task.action_space.shape
         if found.shape == size:
             found = found[None]

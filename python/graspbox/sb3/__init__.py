@@ -1,25 +1,23 @@
 """Adapters for Stable-Baselines3 (extra ``[train]``).
 
-| name | what it is |
+| name | purpose |
 |---|---|
 | `graspbox.sb3.VecEnv` | the native vector environments as a ``VecEnv`` of Stable-Baselines3 |
 | `graspbox.sb3.Extractor` | a features extractor with a suitable network for each kind of observation |
-| `graspbox.sb3.TrunkExtractor` | a features extractor with a network that was trained before |
-| `graspbox.sb3.goal_env` | ``Grasp-v0`` in which an agent is told where another policy would grasp |
+| `graspbox.sb3.TrunkExtractor` | a features extractor with a pretrained network |
+| `graspbox.sb3.goal_env` | ``Grasp-v0`` with the grasp of another policy as an observation |
 | `graspbox.sb3.residual_env` | ``GraspPose-v0`` in which an agent corrects the grasps of another policy |
-| `graspbox.sb3.residual_training` | runs that learn to correct |
+| `graspbox.sb3.residual_training` | training runs for such corrections |
 | `graspbox.sb3.policy` | a trained model as a `graspbox.policies.Policy`; baselines to compare it with |
-| `graspbox.sb3.training` | makes the model of a run: parameters, policy class, demonstrations |
-| `graspbox.sb3.running` | evaluation on held-out objects, checkpoints |
-| `graspbox.sb3.demonstrations` | demonstrations of the scripted expert: behaviour cloning, replay |
-| `graspbox.sb3.parameters` | entries of ``scripts/sb3.yaml`` |
-| `graspbox.sb3.cloning` | behaviour cloning of recorded demonstrations: steps, statistics, loss |
-| `graspbox.sb3.fine_tuning` | a model begins as a clone and stays near its demonstrations at first |
-| `graspbox.sb3.export` | a policy as a folder that acts without torch; `graspbox.sb3.action_graphs`: what it computes |
-| `graspbox.sb3.histories` | how the policy of a run came about, with commands that repeat it |
+| `graspbox.sb3.running` | environments, models, evaluation on held-out objects, checkpoints |
+| `graspbox.sb3.training` | training runs on rewards, with demonstrations of the scripted expert |
+| `graspbox.sb3.cloning` | behaviour cloning of recorded demonstrations, and fine-tuning of a clone |
+| `graspbox.sb3.settings` | options of these trainings, and their file of parameters |
+| `graspbox.sb3.export` | a policy as a folder that runs without torch; `graspbox.sb3.action_graphs`: its computation |
+| `graspbox.sb3.histories` | the history of a run's policy, with commands that reproduce it |
 | `graspbox.sb3.ppo` | PPO with a learning rate of its own for the value function |
 
-Nothing of Stable-Baselines3 is imported before one of these is asked for; `require` tells whether it is there.
+Importing this package imports nothing of Stable-Baselines3; `require` checks that it is installed.
 """
 
 from importlib import import_module
@@ -45,7 +43,7 @@ def require() -> None:
     Raises
     ------
     MissingExtraError
-        If one of them is not.
+        If one of them is missing.
     """
     missing = [name for name in ("torch", "stable_baselines3") if find_spec(name) is None]
     if missing:
@@ -58,7 +56,7 @@ def __getattr__(name: str) -> Any:
 
         return VecEnv
     if name in _EXTRACTORS:
-        # Importing this first says which extra is missing.
+        # Importing this first raises the error that names the missing extra.
         import_module("graspbox.sb3.vec_env")
         return getattr(import_module(_EXTRACTORS[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""What a policy of Stable-Baselines3 does deterministically, as one function that ONNX can hold.
+"""The deterministic action of a policy of Stable-Baselines3 as one function that ONNX supports.
 
 `graspbox.sb3.export` writes it.
 """
@@ -19,12 +19,12 @@ from torch import Tensor, nn
 
 __all__ = ["ActionGraph", "Scales"]
 
-#: Mean, standard deviation and clipping of each vector that is scaled.
+#: Mean, standard deviation and clipping of each scaled vector.
 Scales = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64], float]]
 
 
 class _Input(nn.Module):  # type: ignore[misc]
-    """An observation as the environment gives it, as the model takes it: scaled, and channels first."""
+    """Converts an observation of the environment to the model's input: scaled, and channels first."""
 
     def __init__(self, channels_first: bool, scale: tuple[NDArray[np.float64], NDArray[np.float64], float] | None):
         super().__init__()
@@ -43,14 +43,14 @@ class _Input(nn.Module):  # type: ignore[misc]
 
 
 class ActionGraph(nn.Module):  # type: ignore[misc]
-    """The deterministic action of a policy, from observations as the environment gives them.
+    """The deterministic action of a policy, from the environment's observations.
 
     Parameters
     ----------
     policy : BasePolicy
-        Of PPO, SAC or TD3; only the parts that act are kept.
+        Of PPO, SAC or TD3; only its actor is kept.
     scales : mapping
-        What scales vector observations, by name.
+        Scaling of vector observations, by name.
     names : tuple of str
         Names of the observations.
     """
@@ -82,7 +82,7 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
         self.eval()
 
     def forward(self, *observations: Tensor) -> Tensor:
-        """Give actions (n, k) for observations (n, ...) in the order of `inputs`."""
+        """Return actions (n, k) for observations (n, ...) in the order of `inputs`."""
         pairs = zip(self.inputs, observations, strict=True)
         given = {name: self.seen[f"of_{name}"](values) for name, values in pairs}
         ready = preprocess_obs(
@@ -97,15 +97,15 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
 
 
 def _is_transposed(space: Box) -> bool:
-    """Tell whether a model sees, channels first, what its environment gives with channels last.
+    """Tell whether a model takes channels first where its environment has channels last.
 
-    Environments of graspbox give no image with channels first.
+    Environments of graspbox have no images with channels first.
     """
     return bool(is_image_space(space) and is_image_space_channels_first(space))
 
 
 class _Pool3d(nn.Module):  # type: ignore[misc]
-    """As ``AdaptiveAvgPool3d``, which the exporter does not know: means over the same parts of each axis."""
+    """Replaces ``AdaptiveAvgPool3d``, which the exporter does not support: means over the same parts of each axis."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -121,7 +121,7 @@ class _Pool3d(nn.Module):  # type: ignore[misc]
 
 
 def _with_plain_pools(extractor: nn.Module) -> nn.Module:
-    """Copy a network, with pools that the exporter knows."""
+    """Copy a network, with pools that the exporter supports."""
     found = copy.deepcopy(extractor)
     for module in list(found.modules()):
         for name, child in module.named_children():

@@ -1,8 +1,16 @@
-"""Behaviour cloning: what a loop needs that teaches a model of Stable-Baselines3 to act as demonstrations show.
+"""Behaviour cloning of demonstrations by a model of Stable-Baselines3, and its fine-tuning with rewards.
 
-``scripts/clone_sb3.py`` is such a loop; `graspbox.sb3.fine_tuning` goes on from its result.
+| name | purpose |
+|---|---|
+| `train` | ``graspbox train clone`` |
+| `imitate` | the training, with `graspbox.training.trainer` |
+| `ClonedSteps`, `observe`, `cloning_loss` | recorded steps, the statistics that scale them, and the loss |
+| `begin_as`, `CloningTerm` | initialize a model from a clone; keep it near its demonstrations under rewards |
 """
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,34 +19,56 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
-from torch import Tensor
+from torch import Tensor, nn
 
+from graspbox import evaluation
 from graspbox.demonstrations import KEEP, Demonstrations
 from graspbox.errors import ConfigError
+from graspbox.sb3.goal_env import with_goals
+from graspbox.sb3.policy import ModelPolicy, summary
+from graspbox.sb3.running import ALGORITHMS, load_policy, make_env, model_arguments, normalized, save
+from graspbox.sb3.settings import EVALUATION_SEED, CloneSettings, read_parameters
+from graspbox.training.configs import TrainConfig
+from graspbox.training.options import Outcome
+from graspbox.training.runs import Rows, Run, read_settings
+from graspbox.training.trainer import Trainer, TrainProgress, moved
 
-__all__ = ["ClonedSteps", "actor_parameters", "cloning_loss", "held_out", "mean_actions", "observe"]
+__all__ = [
+    "ClonedSteps",
+    "CloningTerm",
+    "actor_parameters",
+    "begin_as",
+    "cloning_loss",
+    "held_out",
+    "imitate",
+    "mean_actions",
+    "observe",
+    "settings_of_clone",
+    "steps_of",
+    "train",
+]
 
-#: Standard deviation, as its logarithm, of the exploring actions of a cloned stochastic actor, and the weight of the
-#: squared distance from it. SAC's usual target for the entropy is -1 per entry of an action, that of a normal
-#: distribution with a logarithm of -2.4.
+#: Logarithm of the standard deviation of the exploring actions of a cloned stochastic actor, and the weight of the
+#: squared distance from it. SAC's usual entropy target is -1 per entry of an action: the entropy of a normal
+#: distribution whose log standard deviation is -2.4.
 _LOG_STD, _STD_WEIGHT = -2.4, 1e-3
 
 
 class ClonedSteps(torch.utils.data.Dataset[tuple[Any, Tensor]]):  # type: ignore[misc]
-    """Steps of demonstrations, in memory: observations as the environment gives them, and actions.
+    """Steps of demonstrations in memory: observations of the environment, and actions.
 
-    An index may be a list: a batch is read at once. Pass a ``BatchSampler`` as ``sampler`` of a ``DataLoader``.
+    An index may be a list, which reads a whole batch. Pass a ``BatchSampler`` as ``sampler`` of a ``DataLoader``.
 
     Parameters
     ----------
     demonstrations : Demonstrations
-        Where they come from.
+        Source of the steps.
     obs : str or sequence of str
-        Observations, as the keyword of the environment names them: a name gives tensors, several give mappings.
+        Observations, as in the environment's keyword: one name yields tensors, several yield mappings.
     keep : {"secure", "success", "all"}
-        Which episodes to take.
+        Episodes to use.
     episodes : int, optional
-        Take the first ones only.
+        Use only the first ones.
 
     Attributes
     ----------
@@ -48,7 +78,7 @@ class ClonedSteps(torch.utils.data.Dataset[tuple[Any, Tensor]]):  # type: ignore
     Raises
     ------
     ConfigError
-        If there are no such observations or not so many such episodes.
+        If the recording lacks these observations or has too few such episodes.
     """
 
     def __init__(
@@ -71,15 +101,15 @@ class ClonedSteps(torch.utils.data.Dataset[tuple[Any, Tensor]]):  # type: ignore
         return next(iter(rows.values())) if self._single else rows, self.actions[index]
 
     def arrays(self) -> Any:
-        """All observations as an environment gives them: an array, or a dictionary of arrays."""
+        """All observations in the environment's format: an array, or a dictionary of arrays."""
         rows = {name: values.numpy() for name, values in self.observations.items()}
         return next(iter(rows.values())) if self._single else rows
 
 
 def observe(statistics: VecNormalize, steps: ClonedSteps) -> None:
-    """Take the statistics that scale observations from demonstrations, for good.
+    """Set the statistics that scale observations from demonstrations, and freeze them.
 
-    Statistics that changed later would change what a cloned policy does.
+    Later changes of the statistics would change the actions of a cloned policy.
     """
     if statistics.norm_obs:
         seen = steps.arrays()
@@ -92,11 +122,11 @@ def observe(statistics: VecNormalize, steps: ClonedSteps) -> None:
 
 
 def _scaled(model: BaseAlgorithm, observations: Any) -> Any:
-    """Tensors as the policy takes them."""
+    """Tensors in the format of the policy."""
     numbers: Any = (
-        {name: values.numpy() for name, values in observations.items()}
+        {name: values.cpu().numpy() for name, values in observations.items()}
         if isinstance(observations, dict)
-        else observations.numpy()
+        else observations.cpu().numpy()
     )
     statistics = model.get_vec_normalize_env()
     if statistics is not None:
@@ -106,21 +136,21 @@ def _scaled(model: BaseAlgorithm, observations: Any) -> Any:
 
 
 def mean_actions(model: BaseAlgorithm, observations: Any) -> tuple[Tensor, Tensor | None]:
-    """Mean actions, in [-1, 1] but for an unsquashed policy's, and the log of their standard deviation if learned.
+    """Mean actions, in [-1, 1] unless the policy is unsquashed, and the log of their standard deviation if learned.
 
     Parameters
     ----------
     model : BaseAlgorithm
         PPO, SAC or TD3.
     observations : tensor, or mapping of tensors
-        As the environment gives them.
+        In the environment's format.
 
     Returns
     -------
     means : (rows, k) tensor
-        What a deterministic policy does.
+        The actions of the deterministic policy.
     log_std : (rows, k) tensor, optional
-        Of an actor that predicts it.
+        For an actor that predicts it.
     """
     policy: Any = model.policy
     scaled = _scaled(model, observations)
@@ -133,7 +163,7 @@ def mean_actions(model: BaseAlgorithm, observations: Any) -> tuple[Tensor, Tenso
 
 
 def cloning_loss(model: BaseAlgorithm, observations: Any, actions: Tensor) -> tuple[Tensor, Tensor]:
-    """Loss to minimize, and the mean squared error of the actions that it is made of."""
+    """Loss to minimize, and the mean squared error of the actions in it."""
     means, log_std = mean_actions(model, observations)
     error = ((means - actions.to(means.device)) ** 2).mean()
     if log_std is None:
@@ -142,7 +172,7 @@ def cloning_loss(model: BaseAlgorithm, observations: Any, actions: Tensor) -> tu
 
 
 def actor_parameters(model: BaseAlgorithm) -> list[torch.nn.Parameter]:
-    """List what decides the actions: all of an on-policy model but what its value function alone uses."""
+    """List the parameters that determine the actions: in on-policy models all but those of the value function alone."""
     policy: Any = model.policy
     if isinstance(model, OffPolicyAlgorithm):
         return list(policy.actor.parameters())
@@ -157,3 +187,320 @@ def held_out(episode: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Tell which steps are held out of cloning: those of every tenth episode."""
     aside: NDArray[np.bool_] = episode % 10 == 9
     return aside
+
+
+def imitate(
+    folder: Path,
+    net: nn.Module,
+    steps: Any,
+    aside: NDArray[np.bool_],
+    order: Callable[[int, Tensor], Tensor],
+    losses: Callable[[Any, Any], Mapping[str, Tensor]],
+    config: TrainConfig,
+    epochs: int,
+    *,
+    parameters: list[nn.Parameter] | None = None,
+    progress: Callable[[TrainProgress], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Train a policy on demonstrated steps, shuffled in each epoch; keeps the last weights.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the training, which resumes there.
+    net : Module
+        The policy.
+    steps : dataset
+        Maps a tensor of indices to the batch of these steps.
+    aside : (n,) bool
+        Steps that are held out.
+    order : callable
+        Maps an epoch's number to the order of the indices of the other steps.
+    losses : callable
+        As `Trainer` takes them; ``error`` is the mean squared error of the actions.
+    config : TrainConfig
+        Learning rate, batch size, seed and device; the learning rate falls along half a cosine, epoch by epoch.
+    epochs : int
+        Passes over the steps.
+    parameters, progress
+        As `Trainer` takes them.
+
+    Returns
+    -------
+    dict
+        Metrics of the last epoch: ``step``, ``train_error``, and ``error`` on the steps held out.
+
+    Raises
+    ------
+    ConfigError
+        As `Trainer`.
+    """
+    rows, kept_out = torch.from_numpy(np.flatnonzero(~aside)), torch.from_numpy(np.flatnonzero(aside))
+    size = config.batch_size
+    epoch = -(-len(rows) // size)
+    made = replace(
+        config,
+        optimizer="adam",
+        schedule="epoch_cosine",
+        clip_norm=None,
+        max_steps=epochs * epoch,
+        validate_every=epoch,
+        patience=epochs + 1,
+        keep="last",
+        max_seconds=float("inf"),
+    )
+
+    def batch(step: int) -> Any:
+        number, place = divmod(step, epoch)
+        return steps[order(number, rows)[place * size : (place + 1) * size]]
+
+    def validate(net: Any) -> dict[str, float]:
+        total = 0.0
+        for part in torch.split(kept_out, size):
+            total += float(losses(net, moved(steps[part], made.device))["error"]) * len(part)
+        return {"minus_error": -total / len(kept_out), "error": total / len(kept_out)}
+
+    trainer = Trainer(net, folder, made, batch=batch, losses=losses, validate=validate, parameters=parameters)
+    trainer.run(progress)
+    return Rows(folder / "losses.jsonl")[-1]
+
+
+def train(settings: CloneSettings, command: str, echo: Callable[[str], None]) -> Outcome:
+    """Run ``graspbox train clone``.
+
+    Raises
+    ------
+    ConfigError
+        If the folder holds another run, or there are too few demonstrations of this kind.
+    """
+    shown = Demonstrations(settings.demonstrations)
+    env_id, keywords = shown.environment(settings.obs)
+    with settings.run(echo, settings.kept_of(env_id, keywords, shown.settings)) as run:
+        run.log(command)
+        steps = ClonedSteps(shown, keywords["obs"], settings.keep, settings.shown)
+        aside = held_out(steps.episode)
+        if not aside.any():
+            raise ConfigError(f"{steps.episode[-1] + 1} episodes are too few; ten or more leave one to hold out")
+        model = _model(settings, env_id, keywords, steps)
+        every = max(1, settings.epochs // settings.evaluations)
+        length = -(-int((~aside).sum()) // settings.batch)
+
+        def progress(done: TrainProgress) -> None:
+            epoch, place = divmod(done.step, length)
+            run.report(f"epoch {epoch} of {settings.epochs}, action error {done.losses['error']:.4f}", done.share)
+            if not place and not epoch % every and epoch < settings.epochs:
+                _evaluate(settings, run, model, done.step)
+
+        def order(epoch: int, rows: Tensor) -> Tensor:
+            random = torch.Generator().manual_seed(settings.seed + 1000 * epoch)
+            return rows[torch.randperm(len(rows), generator=random)]
+
+        def losses(net: Any, batch: tuple[Any, Tensor]) -> dict[str, Tensor]:
+            del net
+            loss, error = cloning_loss(model, *batch)
+            return {"minimized": loss, "error": error.detach()}
+
+        config = TrainConfig(
+            learning_rate=settings.rate, batch_size=settings.batch, seed=settings.seed, device=settings.device
+        )
+        last = imitate(
+            run.folder / "cloning",
+            model.policy,
+            steps,
+            aside,
+            order,
+            losses,
+            config,
+            settings.epochs,
+            parameters=actor_parameters(model),
+            progress=progress,
+        )
+        row = _evaluate(settings, run, model, last["step"])
+        found = {"folder": str(settings.out), "epoch": settings.epochs, "updates": last["step"]}
+        found |= {"trained": last["train_error"], "held_out": last["error"]}
+        found |= {name: row[name] for name in ("success", "ci95", "secure", "episodes")}
+        return Outcome(found, "\n".join(f"{name}: {value}" for name, value in found.items()))
+
+
+def _model(settings: CloneSettings, env_id: str, keywords: dict[str, Any], steps: ClonedSteps) -> Any:
+    """Create the model, with statistics that scale its observations."""
+    parameters = read_parameters(settings.parameters, settings.algorithm, env_id, settings.set)
+    env = make_env(env_id, parameters.num_envs, **{**keywords, "split": "train"})
+    env = normalized(env, parameters.model.get("gamma", 0.99), **{**parameters.normalize, "reward": False})
+    algorithm = ALGORITHMS[settings.algorithm]
+    arguments = model_arguments(algorithm, parameters.model, env, 0)
+    # Cloning needs no replay buffer; a reinforcement learning run creates one of the configured size.
+    arguments |= {"buffer_size": 1} if "buffer_size" in arguments else {}
+    model = algorithm(env=env, seed=settings.seed, device=settings.device, **arguments)
+    if model.get_vec_normalize_env() is not None:
+        observe(model.get_vec_normalize_env(), steps)
+    return model
+
+
+def _evaluate(settings: CloneSettings, run: Run, model: Any, updates: int) -> dict[str, Any]:
+    """Save the policy and evaluate it on held-out objects, unless done before."""
+    rows = run.rows("evaluations")
+    known = next((row for row in rows if row["timesteps"] == updates), None)
+    if known is not None:
+        return known
+    model.num_timesteps = updates
+    save(model, run.folder / "checkpoint", run.seconds, buffer=False)
+    what = read_settings(run.folder)
+    policy: Any = ModelPolicy(model, model.get_vec_normalize_env(), "clone")
+    policy, keywords = with_goals(policy, what["env"])
+    # Validation objects are allowed here, even if the policy that provides the goals was trained on them.
+    keywords |= {"split": settings.evaluate, "trials": settings.episodes, "include_learned": True}
+    keywords |= {"seed": EVALUATION_SEED, "num_envs": min(what["num_envs"], settings.episodes)}
+    row = summary(evaluation.evaluate(policy, what["id"], **keywords))
+    rows.append({"timesteps": updates, "seconds": round(run.seconds, 1), **row})
+    run.log(f"{updates} updates: {row['success']:.1%} of {row['episodes']} held-out trials succeed")
+    return rows[-1]
+
+
+def _actor_optimizer(model: BaseAlgorithm) -> torch.optim.Optimizer:
+    """Find the optimizer of `actor_parameters`."""
+    policy: Any = model.policy
+    found: torch.optim.Optimizer = policy.actor.optimizer if isinstance(model, OffPolicyAlgorithm) else policy.optimizer
+    return found
+
+
+class CloningTerm:
+    """Keeps a policy initialized from a clone near its demonstrations during reinforcement learning.
+
+    Adds the gradient of the cloning loss on a batch of demonstrations before each step of the actor's optimizer. Its
+    weight falls linearly to zero, so that rewards alone decide in the end. The actor is frozen while the value function
+    warms up: its first advantages would be noise.
+
+    Parameters
+    ----------
+    model : BaseAlgorithm
+        The model; `CloningTerm.remove` detaches the term.
+    steps : ClonedSteps
+        Demonstrations.
+    weight : float
+        Initial weight; the cloning loss is the mean squared error of actions.
+    decay : int
+        Environment steps after which the weight is zero.
+    warmup : int
+        Environment steps during which the actor is frozen.
+    batch : int
+        Demonstrated steps per update.
+    seed : int
+        Seed of the batches.
+
+    Notes
+    -----
+    The decaying loss is that of Rajeswaran et al., "Learning complex dexterous manipulation with deep reinforcement
+    learning and demonstrations", RSS 2018, with a mean squared error in place of the likelihood.
+    """
+
+    def __init__(
+        self,
+        model: BaseAlgorithm,
+        steps: ClonedSteps,
+        *,
+        weight: float,
+        decay: int,
+        warmup: int = 0,
+        batch: int = 128,
+        seed: int = 0,
+    ) -> None:
+        self._model, self._steps, self._batch = model, steps, batch
+        self._weight, self._decay, self._warmup = weight, decay, warmup
+        self._random = torch.Generator().manual_seed(seed)
+        self._moved = actor_parameters(model)
+        self._hook = _actor_optimizer(model).register_step_pre_hook(self._before)
+
+    @property
+    def weight(self) -> float:
+        """Current weight of the cloning loss."""
+        left = 1.0 - self._model.num_timesteps / self._decay if self._decay else 0.0
+        return self._weight * max(left, 0.0)
+
+    def remove(self) -> None:
+        """Detach the term from the model."""
+        self._hook.remove()
+
+    def _before(self, *_: Any) -> None:
+        if self._model.num_timesteps < self._warmup:
+            for parameter in self._moved:
+                parameter.grad = None
+            return
+        weight = self.weight
+        if not weight:
+            return
+        rows = torch.randint(len(self._steps), (self._batch,), generator=self._random)
+        loss, error = cloning_loss(self._model, *self._steps[rows])
+        # Not `loss.backward()`: it would change the gradients of other parameters in the loss.
+        given = [parameter for parameter in self._moved if parameter.requires_grad]
+        for parameter, slope in zip(given, torch.autograd.grad(weight * loss, given, allow_unused=True), strict=True):
+            if slope is not None:
+                parameter.grad = slope if parameter.grad is None else parameter.grad + slope
+        self._model.logger.record("clone/error", error.item())
+        self._model.logger.record("clone/weight", weight)
+
+
+def settings_of_clone(folder: Path) -> dict[str, Any]:
+    """Read the settings of a clone from the folder of its run.
+
+    Raises
+    ------
+    ConfigError
+        If the folder holds no clone.
+    """
+    found = read_settings(folder)
+    if not {"algorithm", "id", "env", "clone"} <= set(found):
+        raise ConfigError(f"there is no clone in {str(folder)!r}; graspbox train clone makes one")
+    return found
+
+
+def steps_of(settings: dict[str, Any]) -> ClonedSteps:
+    """Read the demonstrations that a clone was trained on; raises as `ClonedSteps`."""
+    clone = settings["clone"]
+    return ClonedSteps(Demonstrations(clone["demonstrations"]), settings["env"]["obs"], clone["keep"], clone["shown"])
+
+
+def begin_as(model: BaseAlgorithm, folder: Path) -> None:
+    """Initialize a new model with the policy of a clone, and freeze the statistics that scale its observations.
+
+    The critic of an off-policy model is initialized with the clone's features extractor.
+
+    Parameters
+    ----------
+    model : BaseAlgorithm
+        A model with the clone's algorithm.
+    folder : Path
+        Folder of the clone's run.
+
+    Raises
+    ------
+    ConfigError
+        If there is no clone, or its algorithm, spaces, networks or statistics differ.
+    """
+    settings = settings_of_clone(folder)
+    clone = load_policy(settings["algorithm"], folder / "checkpoint", str(model.device))
+    if type(clone.model) is not type(model):
+        raise ConfigError(f"the clone in {str(folder)!r} is a policy of {settings['algorithm']}; train it with that")
+    for name in ("observation_space", "action_space"):
+        mine, its = getattr(model, name), getattr(clone.model, name)
+        if mine != its:
+            raise ConfigError(f"the clone in {str(folder)!r} has the {name} {its}, the run has {mine}; set env.obs")
+    statistics = model.get_vec_normalize_env()
+    if (statistics is None) != (clone.statistics is None):
+        raise ConfigError(f"normalize.observations differs from that of the clone in {str(folder)!r}")
+    if statistics is not None and clone.statistics is not None:
+        if statistics.norm_reward:
+            raise ConfigError("a clone needs the statistics of its demonstrations; set normalize.reward=false")
+        statistics.obs_rms, statistics.training = clone.statistics.obs_rms, False
+    policy: Any = model.policy
+    try:
+        policy.load_state_dict(clone.model.policy.state_dict())
+    except RuntimeError as error:
+        first = str(error).splitlines()[-1].strip()
+        raise ConfigError(
+            f"the clone in {str(folder)!r} has other networks ({first}); give model.policy_kwargs as for the clone"
+        ) from None
+    if isinstance(model, OffPolicyAlgorithm):
+        features = policy.actor.features_extractor.state_dict()
+        for critic in (policy.critic, policy.critic_target):
+            critic.features_extractor.load_state_dict(features)

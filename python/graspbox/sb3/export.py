@@ -1,19 +1,16 @@
-"""Export of a policy of Stable-Baselines3, so that it acts without torch: one ONNX file with all that `predict` does.
+"""Export of a policy of Stable-Baselines3 that then runs without torch: one ONNX file with all steps of `predict`.
 
-| step | where it comes from |
+| step | source |
 |---|---|
 | scaling by means and variances, clipping | `VecNormalize`, in double precision as there |
 | channels of colour images first, and in [0, 1] | Stable-Baselines3's preprocessing |
 | features, hidden layers, mean action | features extractor and actor |
 | deterministic action | clipped to the action space (PPO), or squashed and scaled to it (SAC, TD3) |
 
-`graspbox.policies.NetworkPolicy` runs the folder; ``scripts/publish_sb3.py`` makes one of a run's folder, with a card.
+`graspbox.policies.NetworkPolicy` runs the folder; ``scripts/publish_sb3.py`` exports a run with a card.
 """
 
-import json
-import os
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -26,38 +23,30 @@ from numpy.typing import NDArray
 from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first
 from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 
-import graspbox
+from graspbox.arguments import plain
+from graspbox.artifacts.configs import ACTING, SETTINGS, Environment, NetworkInput, NetworkPolicyConfig, Use
+from graspbox.artifacts.exports import Traced, export
+from graspbox.artifacts.folders import load, use_of, used_folder
+from graspbox.artifacts.onnx_files import PARITY
+from graspbox.artifacts.runtimes import Network, onnx_network
+from graspbox.artifacts.weight_files import load_weights, restore_weights
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
 from graspbox.errors import ConfigError
-from graspbox.perception.onnx_files import PARITY, write_onnx
-from graspbox.perception.policy_folders import CONFIG, file_hash, policy_hash
-from graspbox.perception.runtimes import Network, onnx_network
-from graspbox.perception.weight_files import check_size, restore_weights, save_weights
 from graspbox.policies import Task
-from graspbox.policies.network_folders import (
-    ACTING,
-    NetworkInput,
-    NetworkPolicyConfig,
-    read_network_policy,
-    write_network_policy,
-)
 from graspbox.sb3.action_graphs import ActionGraph, Scales
 from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy
-from graspbox.sb3.running import ALGORITHMS
-from graspbox.sb3.training import model_arguments
+from graspbox.sb3.running import ALGORITHMS, model_arguments
 
 __all__ = ["export_policy", "load_graph", "published_settings"]
 
 _NETWORK, _WEIGHTS = "policy.onnx", "policy.safetensors"
-#: Keywords of an environment that decide what a policy sees and what its actions do, kept where a run gives them.
-_KEPT = (*ACTING, "max_episode_steps", "image_size", "cameras", "trial")
-#: Environments and steps of the observations on which the ONNX file must act as the model does, and their seed.
+#: Environments and steps of the observations on which the ONNX file must reproduce the model's actions, and their seed.
 _ENVS, _STEPS, _SEED = 4, 16, 77_000
 
 
 def _scales_of(statistics: VecNormalize | None, names: tuple[str, ...], named: bool) -> Scales:
-    """Read what scales the observations."""
+    """Return the scaling of the observations."""
     if statistics is None or not statistics.norm_obs:
         return {}
     keys = statistics.norm_obs_keys if named else names
@@ -69,20 +58,11 @@ def _scales_of(statistics: VecNormalize | None, names: tuple[str, ...], named: b
 
 
 def published_settings(env_id: str, env: Mapping[str, Any]) -> dict[str, Any]:
-    """Pick the keywords of a run's environments that a policy of it needs.
-
-    Raises
-    ------
-    ConfigError
-        If the hand is not given by its name: its files are elsewhere.
-    """
+    """Select the keywords of a run's environments that its policy needs, besides the hand."""
     decision = env_id.startswith("graspbox/GraspPose-")
     rows = keywords(GraspPoseVectorSettings if decision else GraspVectorSettings)
     found = {name: env.get(name, rows[name].default) for name in ACTING if name in rows}
-    if not isinstance(found["hand"], str):
-        raise ConfigError(f"env.hand is {found['hand']!r}; a policy of a hand that has a name can be published")
-    given = {name: env[name] for name in _KEPT if name in rows and env.get(name) is not None}
-    return {**found, **given}
+    return {**found, **{name: env[name] for name in SETTINGS if name in rows and env.get(name) is not None}}
 
 
 def export_policy(
@@ -94,6 +74,7 @@ def export_policy(
     env_id: str,
     env: Mapping[str, Any],
     policy_kwargs: Mapping[str, Any],
+    learned_from: Iterable[str],
     licence: Path | None = None,
 ) -> NetworkPolicyConfig:
     """Write a policy's folder: network, weights, ``config.json`` last.
@@ -101,38 +82,39 @@ def export_policy(
     Parameters
     ----------
     folder : Path
-        The folder; it is made.
+        The folder, which is created.
     name : str
         Name of the policy in results.
     policy : ModelPolicy
-        What to export, on the CPU.
+        The policy to export, on the CPU.
     algorithm : str
         One of `graspbox.sb3.running.ALGORITHMS`.
     env_id, env
-        Id and keywords of the environments of the run, objects included.
+        Id and keywords of the run's environments, objects included.
     policy_kwargs : mapping
-        What the policy is made of, as ``scripts/sb3.yaml`` has it.
+        The parameters of the policy, in the format of ``graspbox/sb3/parameters.yaml``.
+    learned_from : iterable of str
+        Object sets that it was trained on.
     licence : Path, optional
-        A file that is copied as ``LICENSE``.
+        A file to copy as ``LICENSE``.
 
     Raises
     ------
     ConfigError
-        If the network is too large to be published, computes what ONNX cannot hold, or the ONNX file does not act as
-        the model does.
+        If the network is too large to be published or has operations that ONNX does not support, if the ONNX file does
+        not reproduce the model's actions, or if the hand is a pair of files instead of a name.
     """
-    settings = published_settings(env_id, env)
-    goal = env.get("goal_from")
-    looked_by = _goal_of(Path(folder), goal)
-    given = env.get("obs", keywords(GraspVectorSettings)["obs"].default)
+    rows = keywords(GraspVectorSettings)
+    hand, given = (env.get(keyword, rows[keyword].default) for keyword in ("hand", "obs"))
+    if not isinstance(hand, str):
+        raise ConfigError(f"env.hand is {hand!r}; a policy of a hand that has a name can be published")
     obs = given if isinstance(given, str) else tuple(given)
-    names = (obs,) if isinstance(obs, str) else obs
+    acts_in = Environment(env_id, obs, plain(published_settings(env_id, env), "env"))
+    uses, looked = _goal_of(Path(folder), env.get("goal_from"))
+    names = acts_in.names
     graph = ActionGraph(policy.model.policy, _scales_of(policy.statistics, names, not isinstance(obs, str)), names)
-    check_size(graph, f"the policy {name!r}")
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    looked = {} if goal is None else {"goal_from": goal}
-    envs = _environments(env_id, _ENVS, {**settings, "obs": obs, **looked}, env.get("objects", "procedural"))
+    settings = {**acts_in.settings, **looked, "obs": obs, "hand": hand}
+    envs = _environments(env_id, _ENVS, settings, env.get("objects", "procedural"))
     try:
         seen = list(_observations(policy, envs))
         boxes = _boxes(envs.single_observation_space, obs)
@@ -140,47 +122,26 @@ def export_policy(
         actions = int(envs.single_action_space.shape[0])  # type: ignore[index]
     finally:
         envs.close()
-    example = [torch.from_numpy(_named(seen[0], names)[one]) for one in names]
-    _write(graph, example, folder / _NETWORK)
-    check_parity(onnx_network(folder / _NETWORK, 1), policy, seen, names, folder / _NETWORK)
-    save_weights(graph, folder / _WEIGHTS)
     config = NetworkPolicyConfig(
         name=name,
-        graspbox=graspbox.__version__,
-        env_id=env_id,
-        obs=obs,
-        settings=settings,
+        hand=hand,
+        environment=acts_in,
+        learned_from=tuple(learned_from),
+        uses=uses,
         inputs=inputs,
         actions=actions,
         algorithm=algorithm,
-        policy_kwargs=json.loads(json.dumps(dict(policy_kwargs))),
-        files={file: file_hash(folder / file) for file in (_NETWORK, _WEIGHTS)},
-        **looked_by,
+        policy_kwargs=plain(dict(policy_kwargs), "policy_kwargs"),
     )
-    if licence is not None:
-        shutil.copyfile(licence, folder / "LICENSE")
-    write_network_policy(folder, config)
-    return config
 
+    def compare(path: Path) -> None:
+        check_parity(onnx_network(path, 1), policy, seen, names, path)
 
-def _goal_of(folder: Path, goal: str | None) -> dict[str, str]:
-    """Name what the observation ``goal`` comes from; it must lie where the published policy will find it."""
-    if goal is None:
-        return {}
-    if not (Path(goal) / CONFIG).is_file():
-        raise ConfigError(
-            f"goal_from is {goal!r}, which is no folder of a published policy; train with one, such as policies/depth"
-        )
-    return {
-        "goal_from": os.path.relpath(Path(goal).resolve(), folder.resolve()),
-        "goal_hash": policy_hash(Path(goal)),
-    }
-
-
-def _write(graph: ActionGraph, example: list[torch.Tensor], path: Path) -> None:
+    example = [torch.from_numpy(_named(seen[0], names)[one]) for one in names]
+    network = Traced(graph, example, compare=compare)
     try:
-        write_onnx(graph, example, True, path, [])
-    except OSError:
+        return export(folder, config, {_NETWORK: network}, {_WEIGHTS: graph}, licence)
+    except (OSError, ConfigError):
         raise
     except Exception as error:  # the exporter's errors share no base class
         kind, first = type(graph.extractor).__name__, next(iter(str(error).strip().splitlines()), "")
@@ -188,6 +149,17 @@ def _write(graph: ActionGraph, example: list[torch.Tensor], path: Path) -> None:
             f"the policy cannot be written as ONNX; its features extractor, {kind}, or a layer does what ONNX cannot "
             f"hold, such as numpy's functions: {first}"
         ) from error
+
+
+def _goal_of(folder: Path, goal: str | None) -> tuple[dict[str, Use], dict[str, str]]:
+    """Describe the policy whose grasps are the observation ``goal``, and return the keyword that selects it."""
+    if goal is None:
+        return {}, {}
+    if not Path(goal).is_dir():
+        raise ConfigError(
+            f"goal_from is {goal!r}, which is no folder of a published policy; train with one, such as policies/depth"
+        )
+    return {"goal": use_of(folder, Path(goal))}, {"goal_from": goal}
 
 
 def check_parity(
@@ -198,7 +170,7 @@ def check_parity(
     Raises
     ------
     ConfigError
-        If their actions differ by more than `graspbox.perception.onnx_files.PARITY`.
+        If their actions differ by more than `graspbox.artifacts.onnx_files.PARITY`.
     """
     differences = []
     for observation in seen:
@@ -207,7 +179,7 @@ def check_parity(
         for found, wanted in ((network(rows), expected), (network(alone), expected[:1])):
             differences.append(np.abs(found["action"] - wanted).max())
     worst = float(np.max(differences))
-    # Not `>`: it would take numbers that are not finite.
+    # Not `>`, which would accept numbers that are not finite.
     if not worst <= PARITY:
         raise ConfigError(f"{called} differs from the model by {worst:.2g} in 'action'; do not use it")
 
@@ -217,7 +189,7 @@ def _environments(env_id: str, count: int, settings: Mapping[str, Any], objects:
 
 
 def _observations(policy: ModelPolicy, envs: VectorEnv[Any, Any, Any]) -> Iterator[Any]:
-    """Let a policy act, with random actions in between, and give what the environments show."""
+    """Run a policy, with random actions in between, and yield the observations of the environments."""
     policy.bind(Task.of(envs))
     envs.action_space.seed(_SEED)
     observation, _ = envs.reset(seed=_SEED)
@@ -242,24 +214,26 @@ def load_graph(folder: Path) -> ActionGraph:
 
     Raises
     ------
-    ConfigError, FileError
-        As `graspbox.policies.network_folders.read_network_policy`, or if the weights are another network's.
+    ConfigError
+        As `graspbox.artifacts.load`, or if the weights belong to another network.
     """
-    from safetensors.torch import load_file
-
-    config = read_network_policy(Path(folder))
-    looked = {"goal_from": Path(folder) / config.goal_from} if config.goal_from else {}
-    envs = _environments(config.env_id, 1, {**config.settings, "obs": config.obs, **looked}, "procedural:can:0")
+    config = load(folder, NetworkPolicyConfig)
+    acts_in = config.environment
+    looked = {f"{role}_from": used_folder(folder, config, role) for role in config.roles}
+    given = {**config.settings, **looked, "obs": acts_in.obs}
+    envs = _environments(acts_in.id, 1, given, "procedural:can:0")
     spaces = envs.single_observation_space, envs.single_action_space
     envs.close()
     space = _model_space(spaces[0])
+    if config.algorithm not in ALGORITHMS:
+        raise ConfigError(f"algorithm is {config.algorithm!r}; choose from {', '.join(ALGORITHMS)}")
     algorithm = ALGORITHMS[config.algorithm]
-    given = {"policy_kwargs": dict(config.policy_kwargs)}
-    made = model_arguments(algorithm, given, SimpleNamespace(observation_space=space, action_space=spaces[1]), 0)
+    arguments = {"policy_kwargs": dict(config.policy_kwargs)}
+    made = model_arguments(algorithm, arguments, SimpleNamespace(observation_space=space, action_space=spaces[1]), 0)
     policy = algorithm.policy_aliases[made["policy"]](space, spaces[1], lambda _: 0.0, **made["policy_kwargs"])
-    weights = load_file(str(Path(folder) / _WEIGHTS))
+    weights = load_weights(Path(folder) / _WEIGHTS)
     names = tuple(one.name for one in config.inputs)
-    # The scales are read from the file too; it says which observations have some.
+    # The scales are in the file too; it determines which observations have one.
     scaled = [name for name in names if f"seen.of_{name}.mean" in weights]
     scales = {
         name: tuple(weights[f"seen.of_{name}.{part}"].numpy() for part in ("mean", "deviation", "clip"))
@@ -271,7 +245,7 @@ def load_graph(folder: Path) -> ActionGraph:
 
 
 def _model_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
-    """Give the space that a model sees of an environment's: colour images have their channels first."""
+    """Return a model's space for an environment's: colour images have their channels first."""
     if isinstance(space, gymnasium.spaces.Dict):
         return gymnasium.spaces.Dict({name: _model_space(one) for name, one in space.spaces.items()})
     is_colour = is_image_space(space) and not is_image_space_channels_first(space)

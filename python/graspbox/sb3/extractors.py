@@ -4,16 +4,16 @@ Stable-Baselines3 has a network for uint8 images only; it flattens depth, labels
 a network by the space, for each entry of a ``Dict``; pass it as
 ``policy_kwargs=dict(features_extractor_class=Extractor)``.
 
-| space | taken for | network |
+| space | interpreted as | network |
 |---|---|---|
-| one axis | a vector | none: the numbers themselves |
+| one axis | a vector | none; the values pass through |
 | (n, 3) or (H, W, 3), float, negative x allowed | points | one small network applied to every visible point, then the maximum |
 | three equal sides | voxels | labels as channels, Conv3d |
 | three axes, the first or the last at most 16 | an image; the channels are on that axis | Conv2d |
-| four axes, the first at most 16 | voxels with channels, in places that are the same in every observation | Conv2d, the second axis as channels |
+| four axes, the first at most 16 | voxels with channels, in a frame that is the same in every observation | Conv2d, the second axis as channels |
 
 Images of uint8 up to 255 are colour: Stable-Baselines3 scales them to [0, 1] and puts channels first. Smaller uint8 are
-labels, one-hot encoded as channels. Floats (depth, rgbd), and voxels with channels, are scaled to [0, 1] by the bounds
+labels, one-hot encoded as channels. Floats (depth, rgbd) and voxels with channels are scaled to [0, 1] by the bounds
 of the space.
 
 >>> from stable_baselines3 import PPO
@@ -39,7 +39,7 @@ __all__ = ["Extractor", "ImageNet", "PointNet", "VolumeNet", "VoxelNet", "networ
 
 #: An axis longer than this does not hold channels.
 _MAX_CHANNELS = 16
-#: A larger cloud is subsampled evenly, to keep a policy fast on a CPU.
+#: Larger clouds are subsampled evenly, which keeps a policy fast on a CPU.
 _MAX_POINTS = 1024
 #: Side of the last feature map of an image and of voxels.
 _MAP_2D, _MAP_3D = 4, 2
@@ -51,7 +51,7 @@ def _is_points(space: Box) -> bool:
 
 
 def _labels(space: Box) -> int | None:
-    """Count the labels of a space; None if its numbers are not labels."""
+    """Return the number of labels of a space; None if its values are not labels."""
     if not np.issubdtype(space.dtype, np.integer) or (space.high == 255).all():
         return None
     return int(space.high.max()) + 1
@@ -78,7 +78,7 @@ class _Unit(nn.Module):  # type: ignore[misc]
 
     def forward(self, observation: Tensor) -> Tensor:
         if self.labels is None:
-            # Colours come scaled by Stable-Baselines3.
+            # Stable-Baselines3 has already scaled colours.
             found = observation if self._colour else (observation - self.low) / self.span
         else:
             found = observation
@@ -147,9 +147,9 @@ class VoxelNet(nn.Module):  # type: ignore[misc]
 
 
 class VolumeNet(nn.Module):  # type: ignore[misc]
-    """Features of voxels with channels (C, X, Y, Z) around something that has the same place in every observation.
+    """Features of voxels with channels (C, X, Y, Z) in a frame that is the same in every observation.
 
-    Layers along x become channels of two strided convolutions over y and z, as in `graspbox.perception.scorer`.
+    Layers along x become channels of two strided convolutions over y and z, as in `graspbox.models.scorer.network`.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ class VolumeNet(nn.Module):  # type: ignore[misc]
 
 
 class PointNet(nn.Module):  # type: ignore[misc]
-    """Features of a point cloud, invariant to the order of its points; points at the origin are missing ones, left out.
+    """Features of a point cloud, invariant to the order of its points; points at the origin are missing and left out.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ class Extractor(BaseFeaturesExtractor):  # type: ignore[misc]
     observation_space : gymnasium.Space
         A ``Box``, or a ``Dict`` of them; see the module.
     features : int
-        Number of features per image, point cloud or cube; vectors are passed through.
+        Number of features per image, point cloud or cube; vectors pass through.
 
     Raises
     ------
@@ -286,7 +286,7 @@ class Extractor(BaseFeaturesExtractor):  # type: ignore[misc]
         self.networks = nn.ModuleDict({f"of_{name}": net for name, (net, _) in found.items()})
 
     def forward(self, observations: Any) -> Tensor:
-        """Features (rows, features_dim) of observations as Stable-Baselines3 prepares them."""
+        """Features (rows, features_dim) of observations preprocessed by Stable-Baselines3."""
         if self._keys is None:
             found: Tensor = self.networks["of_"](observations)
             return found

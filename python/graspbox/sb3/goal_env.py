@@ -1,19 +1,19 @@
-"""``Grasp-v0`` as an agent sees it that is told where another policy would grasp: the observation ``goal``.
+"""``Grasp-v0`` in which an agent observes the grasp of another policy: the observation ``goal``.
 
-That policy looks once per episode, as soon as the hand is out of the camera's image (`graspbox.policies.goals`); the
+That policy decides once per episode, as soon as the hand has left the camera's image (`graspbox.policies.goals`); the
 agent acts in every step. Rewards, infos and seeds are those of the environment. The keyword ``goal_from`` names the
-folder of the policy that looks.
+folder of the goal policy.
 
-| name | what it does |
+| name | purpose |
 |---|---|
 | `make_vec`      | environments for training, from the keywords of a run |
-| `GoalVectorEnv` | the same, from environments and a policy that looks |
-| `with_goals`    | a policy that is evaluated, from the keywords of a run |
+| `GoalVectorEnv` | the same, from environments and a goal policy |
+| `with_goals`    | a policy for evaluation, from the keywords of a run |
 
 >>> from graspbox.sb3.goal_env import make_vec
 >>> envs = make_vec(
-...     "graspbox/Grasp-v0", 2, objects="procedural:can:0-3", obs=("proprio", "goal"), goal_from="seen_planner",
-...     frame_skip=4, autoreset_mode="SameStep",
+...     "graspbox/Grasp-v0", 2, objects="procedural:can:0-3", obs=("proprio", "goal"),
+...     goal_from="partial_view_planner", frame_skip=4, autoreset_mode="SameStep",
 ... )
 >>> seen, info = envs.reset(seed=0)
 >>> sorted(seen), seen["goal"].shape
@@ -53,8 +53,8 @@ def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any,
     num_envs : int
         Number of environments.
     **settings
-        Keywords of the environments, ``obs`` with ``"goal"`` among them, and ``goal_from``: a folder of the policy that
-        looks, as `graspbox.policies.load` takes it. Without ``goal_from`` these are plain environments.
+        Keywords of the environments, ``obs`` with ``"goal"`` among them, and ``goal_from``: the goal policy's folder,
+        as for `graspbox.policies.load`. Without ``goal_from`` these are plain environments.
 
     Raises
     ------
@@ -69,27 +69,27 @@ def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any,
 
 
 class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
-    """Environments of ``Grasp-v0`` whose agent observes where another policy would grasp.
+    """Environments of ``Grasp-v0`` whose agent observes the grasp of another policy.
 
     Parameters
     ----------
     env : VectorEnv
         Of ``graspbox/Grasp-v0``, with ``autoreset_mode="SameStep"`` and the keywords that
-        `graspbox.policies.goals.plain_settings` gives.
+        `graspbox.policies.goals.plain_settings` returns.
     base : DepthGrasp
-        What looks; see `graspbox.policies.goals.Goals`.
+        The goal policy; see `graspbox.policies.goals.Goals`.
     names : sequence of str
-        What the agent observes, ``"goal"`` among them.
+        The agent's observations, ``"goal"`` among them.
 
     Attributes
     ----------
     goals : Goals
-        The goals of the present episodes.
+        The goals of the current episodes.
 
     Raises
     ------
     ConfigError
-        For other environments, or a base policy that cannot look there.
+        For other environments, or a base policy that cannot decide there.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], base: Policy, names: Sequence[str]) -> None:
@@ -113,7 +113,7 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         return self._observe(observation, stepped=False), info
 
     def step(self, actions: ArrayLike) -> Step:
-        """Act, as in the environment; where an episode ends, the next one begins."""
+        """Act, as in the environment; an episode that ends is reset in the same step."""
         observation, rewards, terminated, truncated, info = self.env.step(actions)
         over = terminated | truncated
         for env in np.flatnonzero(over).tolist():
@@ -133,26 +133,27 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
 def with_goals(
     policy: Policy, settings: Mapping[str, Any], base: Policy | None = None
 ) -> tuple[Policy, dict[str, Any]]:
-    """Let a policy observe goals if the keywords of its run say so.
+    """Wrap a policy to observe goals if the keywords of its run say so.
 
     Parameters
     ----------
     policy : Policy
-        What decides, without being bound: `graspbox.sb3.policy.ModelPolicy`.
+        The unbound policy that decides: `graspbox.sb3.policy.ModelPolicy`.
     settings : mapping
-        Keywords of environments, with ``goal_from``, a folder that `graspbox.policies.load` takes, or without.
+        Keywords of environments, with or without ``goal_from``, a folder for `graspbox.policies.load`.
     base : Policy, optional
-        What ``goal_from`` names, where it has been loaded.
+        The policy of ``goal_from``, if already loaded.
 
     Returns
     -------
     Policy, dict
-        A `GoalPolicy` and keywords without ``goal_from``, or both as they are.
+        A `GoalPolicy` and keywords without ``goal_from``, or both unchanged.
 
     Raises
     ------
     ConfigError
-        If ``goal_from`` stands without the observation ``goal`` or the reverse, or names another kind of policy.
+        If only one of ``goal_from`` and the observation ``goal`` is present, or ``goal_from`` names another kind of
+        policy.
     """
     base = base or goal_base(settings)
     if base is None:
@@ -161,7 +162,7 @@ def with_goals(
 
 
 def goal_base(settings: Mapping[str, Any]) -> Policy | None:
-    """Load what the keyword ``goal_from`` names; None without it. Raises as `with_goals`."""
+    """Load the policy of the keyword ``goal_from``; None without it. Raises as `with_goals`."""
     obs, folder = settings.get("obs", ()), settings.get("goal_from")
     wanted = not isinstance(obs, str) and GOAL_NAME in obs
     if (folder is not None) != wanted or obs == GOAL_NAME:

@@ -1,7 +1,7 @@
-"""How a policy of Stable-Baselines3 came about, read off the folders of its runs; without torch.
+"""History of a policy of Stable-Baselines3, read from the folders of its runs; without torch.
 
-A run of ``scripts/train_sb3.py`` may have begun as a clone of ``scripts/clone_sb3.py``, and that learned from
-demonstrations of ``graspbox record``. Each step is told with a command that repeats it.
+A run of ``graspbox train sb3`` may start from a clone of ``graspbox train clone``, which in turn was trained on
+demonstrations of ``graspbox record``. Each step is described with a command that reproduces it.
 """
 
 import json
@@ -14,7 +14,8 @@ from typing import Any
 import yaml
 
 from graspbox.errors import ConfigError
-from graspbox.sb3.parameters import read_parameters
+from graspbox.sb3.settings import read_parameters
+from graspbox.training.runs import read_settings
 
 __all__ = ["Made", "history", "settings_of", "shown"]
 
@@ -23,20 +24,20 @@ _NEEDED = {"algorithm", "id", "env", "num_envs", "model", "normalize", "seed"}
 
 @dataclass(frozen=True)
 class Made:
-    """A step in the making of a policy.
+    """A step in a policy's history.
 
     Attributes
     ----------
     what : str
         ``demonstrations``, ``clone`` or ``training``.
     command : str
-        What repeats it, but for limits of time and interruptions.
+        The command that reproduces it, apart from time limits and interruptions.
     told : str
-        What it was, in a sentence.
+        A sentence that describes it.
     objects : mapping
-        Keywords ``objects`` and ``split`` of the environments from which it learned.
+        Keywords ``objects`` and ``split`` of the environments that it was trained in.
     seconds : float or None
-        Wall time, evaluations included; None where it is not known.
+        Wall time, evaluations included; None if unknown.
     """
 
     what: str
@@ -47,42 +48,36 @@ class Made:
 
 
 def settings_of(folder: Path) -> dict[str, Any]:
-    """Read the settings of a run of ``train_sb3.py`` or ``clone_sb3.py``.
+    """Read the settings of a run of ``graspbox train sb3`` or ``graspbox train clone``.
 
     Raises
     ------
     ConfigError
         If there is no such run.
     """
-    try:
-        first = (Path(folder) / "evaluations.jsonl").read_text().splitlines()[0]
-        found: dict[str, Any] = json.loads(first)["settings"]
-        missing = _NEEDED - set(found)
-    except (OSError, ValueError, LookupError, TypeError):
-        raise ConfigError(
-            f"there is no run of train_sb3.py or clone_sb3.py in {str(folder)!r}; name its folder"
-        ) from None
-    if missing:
-        raise ConfigError(f"the run in {str(folder)!r} is of another version; it lacks {', '.join(sorted(missing))}")
+    found = read_settings(folder)
+    if missing := _NEEDED - set(found):
+        lacking = ", ".join(sorted(missing))
+        raise ConfigError(f"{str(folder)!r} holds no run of graspbox train sb3 or clone; its settings lack {lacking}")
     return found
 
 
 def history(folder: Path, parameters: Path, checkpoint: str = "checkpoint") -> list[Made]:
-    """Tell the steps that made the policy of a run, the first one first.
+    """Return the steps that produced the policy of a run, in order.
 
     Parameters
     ----------
     folder : Path
         Folder of the run.
     parameters : Path
-        ``scripts/sb3.yaml``; what a run has otherwise is part of its command.
+        The file of parameters; values that differ from it are part of the command.
     checkpoint : {"checkpoint", "best"}
-        Which of the run's models it is.
+        The run's model to describe.
 
     Raises
     ------
     ConfigError
-        If a folder of it is missing, or of another version.
+        If one of its folders is missing, or of another version.
     """
     folder, settings = Path(folder), settings_of(folder)
     progress = _progress(folder / checkpoint)
@@ -104,9 +99,9 @@ def _progress(folder: Path) -> dict[str, Any]:
 def _trained(folder: Path, settings: Mapping[str, Any], parameters: Path, progress: Mapping[str, Any]) -> Made:
     known = read_parameters(parameters, settings["algorithm"], settings["id"])
     begun = settings.get("begins_as")
-    # A clone takes the place of demonstrations of its own.
+    # A clone replaces demonstrations of its own.
     skipped = ("steps", "demonstrations") if begun else ("steps",)
-    words = ["python", "scripts/train_sb3.py", settings["algorithm"], shown(folder)]
+    words = ["graspbox", "train", "sb3", settings["algorithm"], "--out", shown(folder)]
     words += ["--env", settings["id"], *(["--clone", shown(Path(begun))] if begun else [])]
     words += ["--steps", str(progress["timesteps"]), "--seed", str(settings["seed"])]
     words += _changes(vars(known), settings, skipped)
@@ -120,8 +115,8 @@ def _trained(folder: Path, settings: Mapping[str, Any], parameters: Path, progre
 def _cloned(folder: Path, settings: Mapping[str, Any], parameters: Path, progress: Mapping[str, Any]) -> Made:
     known, clone = read_parameters(parameters, settings["algorithm"], settings["id"]), settings["clone"]
     obs = settings["env"]["obs"]
-    words = ["python", "scripts/clone_sb3.py", settings["algorithm"], shown(Path(clone["demonstrations"]))]
-    words += [shown(folder), *_repeated("--obs", obs), "--keep", clone["keep"]]
+    words = ["graspbox", "train", "clone", settings["algorithm"], shown(Path(clone["demonstrations"]))]
+    words += ["--out", shown(folder), *_repeated("--obs", obs), "--keep", clone["keep"]]
     words += [] if clone["shown"] is None else ["--shown", str(clone["shown"])]
     words += [word for name in ("epochs", "batch", "rate") for word in (f"--{name}", str(clone[name]))]
     words += ["--seed", str(settings["seed"])]
@@ -163,7 +158,7 @@ def _recorded(clone: Mapping[str, Any]) -> Made:
 
 
 def _counts(source: Path) -> dict[str, int]:
-    """Read the counts of demonstrations; empty where their folder is gone."""
+    """Read the counts of demonstrations; empty if their folder is missing."""
     path = source / "manifest.json"
     if not path.is_file():
         return {}
@@ -181,14 +176,14 @@ def _repeated(option: str, values: Any) -> list[str]:
 
 
 def _changes(known: Mapping[str, Any], given: Mapping[str, Any], skipped: tuple[str, ...]) -> list[str]:
-    """Write ``--set`` for every value that differs from those known."""
+    """Format ``--set`` for every value that differs from the known ones."""
     names = [name for name in known if name not in skipped]
     pairs = _differing({n: known[n] for n in names}, {n: given[n] for n in names if n in given})
     return [word for name, value in pairs for word in ("--set", f"{name}={_yaml(value)}")]
 
 
 def _differing(known: Any, given: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Find the values that differ, by the names that ``--set`` takes; a mapping that lacks something is one value."""
+    """Find the values that differ, by their names in ``--set``; a mapping with missing keys counts as one value."""
     for name, value in given.items():
         old = known.get(name) if isinstance(known, Mapping) else None
         if value == old:
@@ -200,12 +195,12 @@ def _differing(known: Any, given: Mapping[str, Any], above: str = "") -> Iterato
 
 
 def _yaml(value: Any) -> str:
-    """Write a value in one line, as ``--set`` reads it."""
+    """Format a value on one line, in the syntax of ``--set``."""
     text = yaml.safe_dump(value, default_flow_style=True, width=float("inf"), sort_keys=False)
     return str(text).removesuffix("\n").removesuffix("\n...")
 
 
 def shown(path: Path) -> str:
-    """Name a folder as a reader would: below the present one, else in ``out``."""
+    """Return a folder's path for the reader: relative to the current one, else in ``out``."""
     whole, here = Path(path).resolve(), Path.cwd().resolve()
     return str(whole.relative_to(here)) if whole.is_relative_to(here) else f"out/{whole.name}"

@@ -1,4 +1,4 @@
-"""Models of Stable-Baselines3 as policies, and what evaluations of a run record."""
+"""Models of Stable-Baselines3 as policies, and the evaluation records of a run."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from graspbox.policies import Actions, Policy
 
 __all__ = ["ModelPolicy", "evaluate_baselines", "summary"]
 
-#: Policies that a learner is compared with.
+#: Baselines of a trained policy.
 BASELINES = ("random", "zero", "planner")
 
 
@@ -31,7 +31,7 @@ class ModelPolicy(Policy):
     Attributes
     ----------
     model, statistics
-        The same.
+        The arguments.
     """
 
     def __init__(self, model: BaseAlgorithm, statistics: VecNormalize | None = None, name: str = "policy") -> None:
@@ -46,7 +46,7 @@ class ModelPolicy(Policy):
 
 
 def summary(found: Evaluation) -> dict[str, Any]:
-    """Sum an evaluation up for the log of a run.
+    """Summarize an evaluation for the log of a run.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""PPO with a learning rate of its own for the value function.
+"""PPO with a separate learning rate for the value function.
 
 A policy initialized by cloning must change slowly, or it forgets; its value function starts from scratch and must learn
 fast, or its advantages are noise. Stable-Baselines3 has one learning rate for both.
@@ -13,15 +13,15 @@ __all__ = ["PPO"]
 
 
 class PPO(_PPO):  # type: ignore[misc]
-    """Stable-Baselines3's PPO, with one more keyword.
+    """Stable-Baselines3's PPO, with one additional keyword.
 
     Parameters
     ----------
     *args, **kwargs
-        As Stable-Baselines3's.
+        As in Stable-Baselines3.
     value_lr_scale : float
-        Learning rate of the value function, as a multiple of the learning rate. For values other than 1 only this class
-        can load what `save` writes: the optimizer has two parameter groups.
+        Learning rate of the value function, as a multiple of the learning rate. With values other than 1 only this
+        class can load a saved model, because the optimizer has two parameter groups.
     """
 
     def __init__(self, *args: Any, value_lr_scale: float = 1.0, **kwargs: Any) -> None:

@@ -1,13 +1,13 @@
-"""``GraspPose-v0`` as an agent sees it that corrects the grasps of another policy.
+"""``GraspPose-v0`` in which an agent corrects the grasps of another policy.
 
-At the beginning of an episode the base policy looks and proposes a grasp. The agent sees the voxels around the proposed
+At the beginning of an episode the base policy proposes a grasp. The agent observes the voxels around the proposed
 hand and a few numbers of the proposal, and answers with a bounded correction (`graspbox.policies.residual`); the trial
 of the corrected grasp is the episode. Rewards, infos and seeds are those of the environment.
 
 >>> import gymnasium
 >>> from graspbox import policies
 >>> from graspbox.sb3.residual_env import ResidualVectorEnv
->>> base = policies.load("seen_planner")
+>>> base = policies.load("partial_view_planner")
 >>> envs = gymnasium.make_vec(
 ...     "graspbox/GraspPose-v0", num_envs=2, objects="procedural:can:0-3", reward="firm", obs=base.obs,
 ...     autoreset_mode="SameStep", **base.settings,
@@ -41,28 +41,28 @@ Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dic
 
 
 class ResidualVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
-    """Environments of ``GraspPose-v0`` in which an action corrects what a base policy proposes.
+    """Environments of ``GraspPose-v0`` in which an action corrects the proposal of a base policy.
 
-    The last observation of an episode is that of its decision: the proposal does not change with the trial.
+    The last observation of an episode repeats the first: the proposal does not change with the trial.
 
     Parameters
     ----------
     env : VectorEnv
         Of ``graspbox/GraspPose-v0``, made by ``gymnasium.make_vec`` with ``obs=base.obs`` and ``**base.settings``.
     base : DepthGrasp
-        What proposes; see `graspbox.policies.residual.Proposals`.
+        The policy that proposes; see `graspbox.policies.residual.Proposals`.
     config : ResidualConfig
-        The bounds of the corrections.
+        Bounds of the corrections.
 
     Attributes
     ----------
     proposals : Proposals
-        The proposals of the present episodes.
+        The proposals of the current episodes.
 
     Raises
     ------
     ConfigError
-        For other environments, or a base policy that cannot act there or does not propose from what a camera sees.
+        For other environments, or a base policy that cannot act there or does not propose from camera observations.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class ResidualVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Begin episodes, as the environment does; returns what the agent sees of the proposals, and the infos."""
+        """Begin episodes, as the environment does; returns the agent's observations of the proposals, and the infos."""
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
         mask = (options or {}).get("reset_mask")
         begun = np.ones(self.num_envs, dtype=np.bool_) if mask is None else np.asarray(mask)
@@ -98,18 +98,18 @@ class ResidualVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         Parameters
         ----------
         actions : (num_envs, 7) or (num_envs, 6) array_like
-            Corrections, see `graspbox.policies.residual`; the row of an environment that begins an episode instead is
+            Corrections, see `graspbox.policies.residual`; rows of environments that begin an episode instead are
             ignored.
 
         Returns
         -------
         observations, rewards, terminated, truncated, infos
-            As the environment's; observations are those of the proposals.
+            As the environment's; observations describe the proposals.
 
         Raises
         ------
         ConfigError
-            For actions of another shape, or that are not finite; then nothing has moved.
+            For actions of another shape, or that are not finite; the environments are then unchanged.
         """
         if not self._seen:
             raise ConfigError("call reset before step")
@@ -133,7 +133,7 @@ class ResidualVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         info: dict[str, Any],
         seed: int | Sequence[int | None] | None = None,
     ) -> dict[str, NDArray[Any]]:
-        """Let the base policy look where episodes began; gives what the agent sees."""
+        """Let the base policy decide in new episodes; returns the agent's observations."""
         if begun.any() or not self._seen:
             self.proposals.base.reset(seed, mask=begun, info=info)
             self.proposals.propose(observation)

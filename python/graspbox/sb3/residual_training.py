@@ -1,48 +1,53 @@
-"""Learning, by rewards, to correct the grasps of another policy: the runs of ``scripts/train_residual.py``.
+"""Reinforcement learning of corrections to the grasps of another policy: ``graspbox train residual``.
 
-A run learns in a `ResidualVectorEnv` and is evaluated as a `ResidualGrasp`, beside its base policy on the same trials.
-Its first action is the base policy's own grasp, since the last layer of its actor begins with zeros.
+A run trains in a `ResidualVectorEnv` and is evaluated as a `ResidualGrasp`, with its base policy on the same trials.
+Its first action is the base policy's own grasp, because the last layer of its actor is initialized with zeros.
 """
 
 import math
+import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
-from graspbox.errors import ConfigError
-from graspbox.policies import Policy
+from graspbox import evaluation, policies
+from graspbox.files import write_text
+from graspbox.policies import HeadGrasp, Policy
+from graspbox.policies.head import HEAD
 from graspbox.policies.residual import ResidualConfig, ResidualGrasp
-from graspbox.resume_log import ResumeLog
-from graspbox.sb3.decision_buffer import DecisionBuffer
 from graspbox.sb3.extractors import Extractor
-from graspbox.sb3.policy import ModelPolicy
+from graspbox.sb3.policy import ModelPolicy, summary
 from graspbox.sb3.residual_env import ResidualVectorEnv
-from graspbox.sb3.running import ALGORITHMS, Run, load, load_policy, make_held_out
+from graspbox.sb3.running import ALGORITHMS, RunCallback, has_checkpoint, load, load_policy, make_held_out
+from graspbox.sb3.settings import EVALUATION_SEED, TEST_SEED, ResidualSettings
 from graspbox.sb3.vec_env import VecEnv
+from graspbox.training.options import Outcome
+from graspbox.training.runs import Rows, Run
 
 __all__ = [
     "ENV_ID",
     "PARAMETERS",
-    "ResidualRun",
+    "DecisionBuffer",
     "begin_at_zero",
     "load_residual",
     "make_residual_env",
-    "train_residual",
+    "train",
+    "train_seed",
 ]
 
 ENV_ID = "graspbox/GraspPose-v0"
-#: Evaluations of a run have other episodes than training, whatever its seed.
-EVALUATION_SEED = 10_000
-#: Arguments of the algorithms; for others the defaults of Stable-Baselines3 hold. An episode is one decision, so there
-#: is nothing to discount.
+#: Arguments of the algorithms; others have the defaults of Stable-Baselines3. An episode is one decision, so there
+#: is no discounting.
 PARAMETERS: dict[str, dict[str, Any]] = {
     "sac": {
         "buffer_size": 30_000,
@@ -66,64 +71,67 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         "policy_kwargs": {"net_arch": [256, 256], "log_std_init": -2.0},
     },
 }
-#: Logarithm of the standard deviation with which an actor of SAC begins to explore.
+#: Initial log standard deviation of an actor of SAC.
 _FIRST_LOG_STD = -1.0
 
 
-@dataclass(frozen=True)
-class ResidualRun:
-    """What a run depends on.
+class DecisionBuffer(DictReplayBuffer):  # type: ignore[misc]
+    """Stores each observation once: an episode has one step, so its next observation is unused.
 
-    Attributes
-    ----------
-    algorithm : {"sac", "ppo"}
-        What learns.
-    num_envs : int
-        Environments that step at once.
-    seed : int
-        Seed of everything random.
-    config : ResidualConfig
-        The bounds of the corrections.
-    env : dict
-        Keywords of the training environments: objects, split, reward.
-    held_out : dict
-        Those that replace them in the environments of evaluations.
-    episodes : int
-        Trials of an evaluation.
-    every : int
-        Steps between two evaluations, which also write the checkpoint.
-    base : str
-        Names the base policy; a run is not continued with another.
+    It replaces a ``DictReplayBuffer`` of Stable-Baselines3. Saving stores only the filled rows, compressed.
     """
 
-    algorithm: str = "sac"
-    num_envs: int = 16
-    seed: int = 0
-    config: ResidualConfig = field(default_factory=ResidualConfig)
-    env: dict[str, Any] = field(default_factory=dict)
-    held_out: dict[str, Any] = field(default_factory=dict)
-    episodes: int = 100
-    every: int = 2000
-    base: str = ""
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.next_observations = self.observations
 
-    def __post_init__(self) -> None:
-        if self.algorithm not in PARAMETERS:
-            raise ConfigError(f"there is no algorithm {self.algorithm!r}; choose from {', '.join(PARAMETERS)}")
+    def add(
+        self,
+        obs: dict[str, NDArray[Any]],
+        next_obs: dict[str, NDArray[Any]],
+        action: NDArray[Any],
+        reward: NDArray[Any],
+        done: NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        """Add a row for each environment; ignores `next_obs`."""
+        del next_obs
+        super().add(obs, obs, action, reward, done, infos)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pack the observations for a file."""
+        filled = self.size()
+        packed = {name: zlib.compress(rows[:filled].tobytes(), 1) for name, rows in self.observations.items()}
+        types = {name: rows.dtype.str for name, rows in self.observations.items()}
+        own = {k: v for k, v in self.__dict__.items() if k not in ("observations", "next_observations")}
+        return {**own, "packed": (packed, types, filled)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpack them."""
+        packed, types, filled = state.pop("packed")
+        self.__dict__.update(state)
+        self.observations = {}
+        for name, values in packed.items():
+            shape = (self.buffer_size, self.n_envs, *self.obs_shape[name])
+            rows = self.observations[name] = np.zeros(shape, dtype=types[name])
+            found = np.frombuffer(zlib.decompress(values), dtype=types[name])
+            rows[:filled] = found.reshape(filled, *shape[1:])
+        self.next_observations = self.observations
 
 
 def make_residual_env(num_envs: int, base: Policy, config: ResidualConfig, **settings: Any) -> VecMonitor:
-    """Make environments in which Stable-Baselines3 learns to correct a base policy.
+    """Make environments for corrections to a base policy, for Stable-Baselines3.
 
     Parameters
     ----------
     num_envs : int
         Number of environments.
     base : DepthGrasp
-        What proposes; it is bound to these environments.
+        The policy that proposes; it is bound to these environments.
     config : ResidualConfig
-        The bounds of the corrections.
+        Bounds of the corrections.
     **settings
-        Other keywords of ``GraspPose-v0``; what the base policy observes, and its own settings, are given already.
+        Other keywords of ``GraspPose-v0``; the observations and settings of the base policy are added.
     """
     given = {**base.settings, "obs": base.obs, **settings}
     envs = gymnasium.make_vec(ENV_ID, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **given)
@@ -131,7 +139,7 @@ def make_residual_env(num_envs: int, base: Policy, config: ResidualConfig, **set
 
 
 def begin_at_zero(model: BaseAlgorithm) -> None:
-    """Let the mean action of a new model be zero for every observation."""
+    """Initialize a new model so that its mean action is zero for every observation."""
     policy: Any = model.policy
     with torch.no_grad():
         if hasattr(policy, "action_net"):
@@ -144,103 +152,84 @@ def begin_at_zero(model: BaseAlgorithm) -> None:
         nn.init.zeros_(last.bias)
 
 
-def train_residual(
+def train_seed(
+    settings: ResidualSettings,
+    seed: int,
     folder: Path,
-    make_base: Callable[[], Policy],
-    run: ResidualRun,
-    steps: int,
-    *,
-    minutes: float | None = None,
-    on_progress: Callable[[int, dict[str, Any] | None], None] = lambda *_: None,
-    started: Callable[[Run], None] = lambda _: None,
-) -> Run:
-    """Train until the run has its number of steps; a run in the folder continues from its checkpoint.
+    echo: Callable[[str], None] = lambda _: None,
+    started: Callable[[RunCallback], None] = lambda _: None,
+) -> RunCallback:
+    """Train the run of a seed for its number of steps; a run in the folder resumes from its checkpoint.
 
     Parameters
     ----------
+    settings : ResidualSettings
+        Settings of the training.
+    seed : int
+        Random seed.
     folder : Path
         Folder of the run; its files are those of `graspbox.sb3.running`.
-    make_base : callable
-        Makes the base policy; training and evaluations have one each.
-    run : ResidualRun
-        What it depends on.
-    steps : int
-        Steps of all environments together after which it ends.
-    minutes : float, optional
-        End this call earlier, after about this time; results then depend on the speed of the machine.
-    on_progress : callable
-        Called after each step with the number of steps and the last evaluation.
+    echo : callable
+        Called with each line of the log.
     started : callable
-        Called with the `Run` before it learns, so that a signal can interrupt it.
+        Called before training starts.
 
     Returns
     -------
-    Run
-        With its evaluations; ``interrupted`` tells whether it was.
+    RunCallback
+        Holds its evaluations; ``interrupted`` tells whether it was interrupted.
 
     Raises
     ------
     ConfigError
         If the folder holds a run with other settings.
     """
-    begun = any((folder / name).exists() for name in ("checkpoint", "checkpoint.old"))
-    bounds = {name: getattr(run.config, name) for name in ("distance", "angle", "preshape")}
-    # How often a run is evaluated changes nothing of what it learns.
-    what = {k: v for k, v in vars(run).items() if k not in ("config", "every")} | bounds
-    # Before its first checkpoint an interrupted run leaves rows and nothing to resume from.
-    log = ResumeLog(folder / "evaluations.jsonl", what, fresh=not begun)
-    env = make_residual_env(run.num_envs, make_base(), run.config, **run.env)
-    tested = make_base()
-    keywords = {**tested.settings, "obs": tested.obs, **run.env, **run.held_out}
-    held_out = make_held_out(ENV_ID, min(run.num_envs, run.episodes), **keywords)
-    try:
-        model, seconds = _model(folder, run, env, begun)
-
-        def corrected(model: BaseAlgorithm, statistics: Any) -> Policy:
-            return ResidualGrasp(tested, ModelPolicy(model, statistics).act, run.config)
-
-        found = Run(
-            folder,
-            held_out,
-            log,
-            every=run.every,
-            episodes=run.episodes,
-            seed=EVALUATION_SEED,
-            minutes=minutes,
-            seconds=seconds,
-            policy=corrected,
-        )
-        found.on_progress = on_progress
-        started(found)
-        model.learn(max(steps - model.num_timesteps, 0), callback=found, reset_num_timesteps=not begun)
-        if found.interrupted or (found.last and found.last["timesteps"] == model.num_timesteps):
-            found.save()
-        else:
-            found.evaluate()
-        return found
-    finally:
-        env.close()
-        held_out.close()
+    bounds, watched = settings.bounds(), settings.watched
+    what = {"seed": seed, "watched": watched, "num_envs": settings.num_envs, **settings.kept()}
+    # Objects of the test.
+    del what["unseen"], what["trials"]
+    keywords: dict[str, Any] = {"objects": list(settings.objects), "reward": settings.reward}
+    keywords |= {"hand": settings.named_hand}
+    with Run(folder, what, resume=settings.resume, echo=echo) as run:
+        begun, base = has_checkpoint(run.folder), _base(settings)
+        env = make_residual_env(settings.num_envs, _base(settings), bounds, split="train", **keywords)
+        shown = {**base.settings, "obs": base.obs, **keywords, "split": "validation"}
+        held_out = make_held_out(ENV_ID, min(settings.num_envs, watched), **shown)
+        try:
+            model = _model(settings, seed, run.folder, env, begun)
+            found = RunCallback(
+                run,
+                held_out,
+                steps=settings.steps,
+                every=-(-settings.steps // settings.evaluations),
+                episodes=watched,
+                seed=EVALUATION_SEED,
+                minutes=settings.minutes,
+                policy=lambda model, scales: ResidualGrasp(base, ModelPolicy(model, scales).act, bounds),
+            )
+            started(found)
+            found.learn(model, begun=begun)
+            return found
+        finally:
+            env.close()
+            held_out.close()
 
 
-def _model(folder: Path, run: ResidualRun, env: Any, begun: bool) -> tuple[Any, float]:
-    """Load the model of a run with its training time in seconds, or make one."""
-    algorithm = ALGORITHMS[run.algorithm]
+def _model(settings: ResidualSettings, seed: int, folder: Path, env: Any, begun: bool) -> Any:
+    """Load the model of a run, or create one."""
+    algorithm = ALGORITHMS[settings.algorithm]
     if begun:
-        model, seconds = load(algorithm, folder / "checkpoint", env, device="cpu")
-        # Other episodes and actions than those that the run began with.
-        model.set_random_seed(run.seed + model.num_timesteps)
-        return model, seconds
-    given = dict(PARAMETERS[run.algorithm])
+        return load(algorithm, folder / "checkpoint", env, seed, device=settings.device)
+    given = dict(PARAMETERS[settings.algorithm])
     if "n_steps" in given:
-        # Batches that divide what was collected.
-        given["batch_size"] = math.gcd(given["batch_size"], given["n_steps"] * run.num_envs)
-    policy = {**given["policy_kwargs"], "features_extractor_class": Extractor}
+        # Batch size that divides a rollout.
+        given["batch_size"] = math.gcd(given["batch_size"], given["n_steps"] * settings.num_envs)
+    given["policy_kwargs"] = {**given["policy_kwargs"], "features_extractor_class": Extractor}
     if "buffer_size" in given:
         given["replay_buffer_class"] = DecisionBuffer
-    model = algorithm("MultiInputPolicy", env, seed=run.seed, device="cpu", **{**given, "policy_kwargs": policy})
+    model = algorithm("MultiInputPolicy", env, seed=seed, device=settings.device, **given)
     begin_at_zero(model)
-    return model, 0.0
+    return model
 
 
 def load_residual(
@@ -258,14 +247,14 @@ def load_residual(
     base : DepthGrasp
         The base policy with which it was trained.
     algorithm : {"sac", "ppo"}
-        What it was trained with.
+        The algorithm that trained it.
     config : ResidualConfig
-        The bounds with which it was trained.
+        Bounds it was trained with.
 
     Returns
     -------
     ResidualGrasp, int
-        The policy, and the number of steps for which it was trained.
+        The policy, and its number of training steps.
 
     Raises
     ------
@@ -274,3 +263,79 @@ def load_residual(
     """
     found = load_policy(algorithm, folder)
     return ResidualGrasp(base, found.act, config), int(found.model.num_timesteps)
+
+
+def train(settings: ResidualSettings, command: str, echo: Callable[[str], None]) -> Outcome:
+    """Run ``graspbox train residual``: train and test the runs that are missing.
+
+    Raises
+    ------
+    ConfigError
+        If the folder holds results with other settings, or the base policy proposes no grasp from a depth image.
+    """
+    settings.load_hand()
+    with settings.run(echo) as run:
+        run.log(command)
+        rows = run.rows("results")
+        done = {(row["name"], row["steps"]) for row in rows}
+        if ("base", 0) not in done:
+            rows.append({"name": "base", "steps": 0, **_test(settings, _base(settings), run, "base")})
+        interrupted = False
+        for seed in settings.seeds or (settings.seed,):
+            name, folder = f"seed {seed}", run.folder / f"seed-{seed}"
+            run.log(f"{name}, in {folder}")
+            interrupted = train_seed(settings, seed, folder, echo).interrupted
+            if interrupted:
+                break
+            checkpoint, bounds = folder / "checkpoint", settings.bounds()
+            policy, steps = load_residual(checkpoint, _base(settings), settings.algorithm, bounds)
+            if (name, steps) not in done:
+                rows.append({"name": name, "steps": steps, **_test(settings, policy, run, name)})
+            write_text(run.folder / "README.md", _page(settings, rows, command))
+        shown = [{key: value for key, value in row.items() if key != "trials"} for row in rows]
+        return Outcome({"results": shown}, _page(settings, rows, command), 130 if interrupted else 0)
+
+
+def _base(settings: ResidualSettings) -> Policy:
+    """Load the base policy."""
+    if (Path(settings.base) / HEAD).is_file():
+        return HeadGrasp(Path(settings.base), filtered=settings.filtered)
+    return policies.load(settings.base)
+
+
+def _test(settings: ResidualSettings, policy: Policy, run: Run, name: str) -> dict[str, Any]:
+    """Evaluate a policy on the unseen objects."""
+    found = evaluation.evaluate(
+        policy,
+        objects=list(settings.unseen),
+        trials=settings.trials,
+        seed=TEST_SEED,
+        num_envs=settings.num_envs,
+        reward=settings.reward,
+        hand=settings.named_hand,
+        progress=run.counter(settings.trials, f"trials of {name}"),
+    )
+    return {**summary(found), "trials": [[trial.success, trial.secure] for trial in found.trials]}
+
+
+def _page(settings: ResidualSettings, rows: Rows, command: str) -> str:
+    """Write the page of the results so far."""
+    bounds = f"{100 * settings.distance:g} cm, {math.degrees(settings.angle):.0f} degrees and {settings.preshape:.0%}"
+    lines = [
+        *("# Corrections of a proposed grasp", "", "Written by `graspbox train residual`.", ""),
+        f"{settings.algorithm} learns to correct `{settings.base}` by at most {bounds} of the preshape's range.",
+        f"{settings.trials} trials with {', '.join(settings.unseen)}, the same for each row; in brackets Wilson's",
+        "95 % intervals. Gained and lost: trials that the base policy failed, or succeeded in, and the other not.",
+        *("", "| policy | steps | success | secure | gained, lost |", "|---|--:|--:|--:|--:|"),
+    ]
+    first = rows[0]["trials"]
+    for row in rows:
+        cells = [
+            f"{row[key]:.1%} ({row[interval][0]:.1%} to {row[interval][1]:.1%})"
+            for key, interval in (("success", "ci95"), ("secure", "secure_ci95"))
+        ]
+        pairs = list(zip(first, row["trials"], strict=True))
+        gained, lost = (sum(a[0] != b[0] and b[0] is now for a, b in pairs) for now in (True, False))
+        change = "" if row["name"] == "base" else f"{gained}, {lost}"
+        lines.append(f"| {row['name']} | {row['steps']:,} | {' | '.join(cells)} | {change} |")
+    return "\n".join([*lines, "", "```", command, "```", ""])

@@ -1,12 +1,13 @@
-"""Parts of a training run with Stable-Baselines3: environments, evaluation on held-out objects, checkpoints.
+"""Components of runs with Stable-Baselines3: environments, models, evaluation on held-out objects, checkpoints.
 
-``scripts/train_sb3.py`` combines them. The folder of a run holds
+The directory of a run (`graspbox.training.runs`) holds
 
 | file | contents |
 |---|---|
-| ``evaluations.jsonl`` | the settings, then a row per evaluation (a `graspbox.resume_log.ResumeLog`) |
+| ``settings.json`` | settings that determine the run |
+| ``evaluations.jsonl`` | a row per evaluation |
 | ``baselines.json`` | random actions, zero actions and the planner on the same trials |
-| ``checkpoint/`` | model, replay buffer, statistics of `VecNormalize`, time: all that a resumed run needs |
+| ``checkpoint/`` | model, replay buffer, statistics of `VecNormalize`, time: everything needed to resume |
 | ``best/`` | the model of the best evaluation, without the replay buffer |
 | ``tensorboard/`` | curves |
 """
@@ -14,41 +15,62 @@
 import json
 import pickle
 import shutil
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any
 
 import gymnasium
+import numpy as np
+import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from graspbox.errors import ConfigError
 from graspbox.evaluation import run_trials, trial_seeds
 from graspbox.policies import Policy, Task
-from graspbox.resume_log import ResumeLog
+from graspbox.sb3.extractors import Extractor
 from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy, summary
 from graspbox.sb3.ppo import PPO
 from graspbox.sb3.vec_env import VecEnv
+from graspbox.training.runs import Run
 
-__all__ = ["ALGORITHMS", "Linear", "Run", "load", "load_policy", "make_env", "make_held_out", "normalized", "save"]
+__all__ = [
+    "ALGORITHMS",
+    "DemonstratedBuffer",
+    "Linear",
+    "RunCallback",
+    "has_checkpoint",
+    "load",
+    "load_policy",
+    "make_env",
+    "make_held_out",
+    "model_arguments",
+    "normalized",
+    "save",
+]
 
 #: Algorithms by name.
 ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC, "td3": TD3}
 
 
 def make_env(env_id: str, num_envs: int, **settings: Any) -> VecMonitor:
-    """Make environments that record the length and return of their episodes; keywords as `goal_env.make_vec` has."""
+    """Make environments that record the length and return of their episodes; keywords as for `goal_env.make_vec`."""
     return VecMonitor(VecEnv(make_vec(env_id, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)))
 
 
 def normalized(env: Any, gamma: float, *, observations: bool, reward: bool) -> Any:
-    """Scale vector observations, and rewards, by running statistics; images stay as they are."""
+    """Scale vector observations, and rewards, by running statistics; images are unchanged."""
     space = env.observation_space
     keys = None
     if isinstance(space, gymnasium.spaces.Dict):
@@ -67,7 +89,7 @@ def make_held_out(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any,
 
 
 def _fresh(folder: Path, write: Callable[[Path], None]) -> None:
-    """Replace a folder atomically: if this is interrupted, a complete one remains, here or as ``.old``."""
+    """Replace a folder atomically: after an interruption a complete one remains, here or as ``.old``."""
     new, old = (folder.with_name(folder.name + end) for end in (".new", ".old"))
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir(parents=True)
@@ -79,15 +101,8 @@ def _fresh(folder: Path, write: Callable[[Path], None]) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def save(
-    model: BaseAlgorithm,
-    folder: Path,
-    seconds: float,
-    *,
-    buffer: bool = True,
-    also: Callable[[Path], None] = lambda _: None,
-) -> None:
-    """Save all that a resumed run needs; `also` writes more into the folder."""
+def save(model: BaseAlgorithm, folder: Path, seconds: float, *, buffer: bool = True) -> None:
+    """Save everything that a resumed run needs, and the time that the training took."""
 
     def write(new: Path) -> None:
         model.save(new / "model.zip")
@@ -97,15 +112,14 @@ def save(
         if buffer and isinstance(model, OffPolicyAlgorithm):
             model.save_replay_buffer(new / "replay_buffer.pkl")
         (new / "progress.json").write_text(json.dumps({"timesteps": model.num_timesteps, "seconds": seconds}))
-        also(new)
 
     _fresh(folder, write)
 
 
-def load(algorithm: type[BaseAlgorithm], folder: Path, env: Any, **settings: Any) -> tuple[Any, float]:
-    """Load a checkpoint to continue training: the model, and the seconds it has been trained for.
+def load(algorithm: type[BaseAlgorithm], folder: Path, env: Any, seed: int, **settings: Any) -> Any:
+    """Load a checkpoint to resume training.
 
-    Episodes begin anew, with the environment's present seed.
+    Starts new episodes, with other seeds than those of the run's start.
 
     Raises
     ------
@@ -119,20 +133,21 @@ def load(algorithm: type[BaseAlgorithm], folder: Path, env: Any, **settings: Any
     model = algorithm.load(found / "model.zip", env=env, **settings)
     if isinstance(model, OffPolicyAlgorithm):
         model.load_replay_buffer(found / "replay_buffer.pkl")
-    return model, float(json.loads((found / "progress.json").read_text())["seconds"])
+    model.set_random_seed(seed + model.num_timesteps)
+    return model
 
 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> ModelPolicy:
-    """Load a checkpoint as a policy that acts but does not learn; it needs no replay buffer.
+    """Load a checkpoint as a policy for inference; it needs no replay buffer.
 
     Parameters
     ----------
     name : str
-        Algorithm, one of `ALGORITHMS`; the policy has this name too.
+        Algorithm, one of `ALGORITHMS`; also the name of the policy.
     folder : Path
         A folder that `save` wrote.
     device : str
-        Where the networks run.
+        Device of the networks.
 
     Raises
     ------
@@ -145,91 +160,114 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> ModelPolicy:
     return ModelPolicy(ALGORITHMS[name].load(found / "model.zip", device=device), scales, name)
 
 
+def has_checkpoint(run: Path) -> bool:
+    """Tell whether a run has a checkpoint to resume from.
+
+    Raises
+    ------
+    ConfigError
+        If it has evaluations but no checkpoint.
+    """
+    if any((run / name).exists() for name in ("checkpoint", "checkpoint.old")):
+        return True
+    if (run / "evaluations.jsonl").exists():
+        raise ConfigError(f"{str(run)!r} holds evaluations but no checkpoint to continue from; name another folder")
+    return False
+
+
 def _checkpoint(folder: Path) -> Path:
-    """Find the complete one of a folder and the one that it was about to replace."""
+    """Return the folder if it is complete, else the previous one that it was about to replace."""
     found = folder if folder.exists() else folder.with_name(folder.name + ".old")
     if not (found / "progress.json").is_file():
-        raise ConfigError(f"there is no checkpoint in {str(folder.parent)!r}; begin a run without --resume")
+        raise ConfigError(f"there is no checkpoint in {str(folder.parent)!r}; train there first")
     return found
 
 
-class Run(BaseCallback):  # type: ignore[misc]
-    """Evaluates, saves, and ends a run.
+class RunCallback(BaseCallback):  # type: ignore[misc]
+    """Evaluates, saves and ends a run.
 
     Parameters
     ----------
-    folder : Path
-        The run's folder.
+    run : Run
+        The run; each evaluation adds a row to its ``evaluations``.
     envs : VectorEnv
         Held-out environments, from `make_held_out`.
-    log : ResumeLog
-        Receives a row per evaluation.
+    steps : int
+        Total steps of all environments after which the run ends.
     every : int
-        Steps between two evaluations. A checkpoint is written with each of them.
+        Steps between two evaluations. Each one also writes a checkpoint.
     episodes, seed : int
-        Number and seed of the trials of an evaluation; all evaluations have the same trials.
+        Number and seed of the trials of an evaluation; the same trials in all evaluations.
     minutes : float, optional
-        The run ends after this time since the callback was made, evaluations included.
+        Time limit since the callback was created, evaluations included.
     every_minutes : float, optional
-        Evaluate also when this time has passed since the last evaluation began, unless evaluations take longer than
+        Also evaluate when this time has passed since the last evaluation began, unless evaluations take longer than
         training.
-    seconds : float
-        Training time before the run was resumed.
     value_warmup : int
-        Number of first steps in which an on-policy model learns its value function alone: after cloning the policy is
-        better than the value function, whose first advantages would spoil it.
+        Number of first steps in which an on-policy model trains its value function alone: after cloning the policy is
+        better than the value function, whose first advantages would degrade it.
     policy : callable
-        Makes the policy that is evaluated of the model and its statistics; by default `ModelPolicy`.
+        Makes the policy to evaluate from the model and its statistics; `ModelPolicy` by default.
     """
 
     def __init__(
         self,
-        folder: Path,
+        run: Run,
         envs: VectorEnv[Any, Any, Any],
-        log: ResumeLog,
         *,
+        steps: int,
         every: int,
         episodes: int,
         seed: int,
         minutes: float | None = None,
         every_minutes: float | None = None,
-        seconds: float = 0.0,
         value_warmup: int = 0,
         policy: Callable[[BaseAlgorithm, VecNormalize | None], Policy] = ModelPolicy,
     ) -> None:
         super().__init__()
         self._policy = policy
-        self.folder, self.log, self.value_warmup = folder, log, value_warmup
+        self.run, self.rows, self.steps, self.value_warmup = run, run.rows("evaluations"), steps, value_warmup
         self.every, self.minutes, self.every_minutes = every, minutes, every_minutes
         self._envs, self._seeds = envs, trial_seeds(seed, episodes)
-        #: Called after each step with the number of steps and the last evaluation, if any.
-        self.on_progress: Callable[[int, dict[str, Any] | None], None] = lambda *_: None
         self.interrupted, self._evaluation = False, 0.0
-        self._before, self._began = seconds, time.monotonic()
-        self._evaluated = self._began
-
-    @property
-    def seconds(self) -> float:
-        """Training time in seconds, including that before the run was resumed."""
-        return self._before + time.monotonic() - self._began
+        self._began = self._evaluated = time.monotonic()
 
     @property
     def last(self) -> dict[str, Any] | None:
         """The last evaluation."""
-        return self.log.rows[-1] if self.log.rows else None
+        return self.rows[-1] if self.rows else None
 
     @property
     def best(self) -> float:
-        """Best share of successes so far."""
-        return max((row["success"] for row in self.log.rows), default=-1.0)
+        """Best success rate so far."""
+        return max((row["success"] for row in self.rows), default=-1.0)
 
     def interrupt(self, *_: Any) -> None:
-        """End the run after this step; a signal handler."""
+        """End the run after this step, or at once on a second call; a signal handler."""
+        if self.interrupted:
+            raise KeyboardInterrupt
         self.interrupted = True
+        self.run.log("saving the run; press Ctrl-C again to end at once")
+
+    def learn(self, model: BaseAlgorithm, *, begun: bool) -> None:
+        """Train a model until the run has its number of steps, or Ctrl-C; evaluates and saves at the end."""
+        caught = (signal.SIGINT, signal.SIGTERM) if current_thread() is main_thread() else ()
+        handlers = {number: signal.signal(number, self.interrupt) for number in caught}
+        try:
+            left = max(self.steps - model.num_timesteps, 0)
+            model.learn(left, callback=self, tb_log_name="run", reset_num_timesteps=not begun)
+            if self.interrupted or (self.last and self.last["timesteps"] == model.num_timesteps):
+                # A checkpoint written within a step lacks that step's transitions.
+                self.save()
+            else:
+                self.evaluate()
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
 
     def save(self) -> None:
         """Write the checkpoint."""
-        save(self.model, self.folder / "checkpoint", self.seconds)
+        save(self.model, self.run.folder / "checkpoint", self.run.seconds)
 
     def evaluate(self) -> None:
         """Evaluate now, and write the checkpoint."""
@@ -237,19 +275,21 @@ class Run(BaseCallback):  # type: ignore[misc]
         policy = self._policy(self.model, self.model.get_vec_normalize_env())
         policy.bind(Task.of(self._envs))
         found = summary(run_trials(policy, self._envs, self._seeds))
-        row = {"timesteps": self.model.num_timesteps, "seconds": round(self.seconds, 1), **found}
+        row = {"timesteps": self.model.num_timesteps, "seconds": round(self.run.seconds, 1), **found}
         if found["success"] > self.best:
-            save(self.model, self.folder / "best", self.seconds, buffer=False)
+            save(self.model, self.run.folder / "best", self.run.seconds, buffer=False)
         self.save()
-        # The row comes after its checkpoint: a resumed run does not repeat it.
-        self.log.append(row)
+        # The row is written after its checkpoint, so that a resumed run does not repeat it.
+        self.rows.append(row)
+        rates = f"{found['success']:.1%} of {found['episodes']} held-out trials succeed, {found['secure']:.1%} secure"
+        self.run.log(f"{self.model.num_timesteps} of {self.steps} steps: {rates}")
         for name in ("success", "secure", "return", "length"):
             self.logger.record(f"eval/{name}", found[name])
         self.logger.dump(self.model.num_timesteps)
         self._evaluated, self._evaluation = began, time.monotonic() - began
 
     def _on_training_start(self) -> None:
-        # The curve begins with the policy before training.
+        # The curve starts with the untrained policy.
         if self.last is None:
             self.evaluate()
 
@@ -269,8 +309,8 @@ class Run(BaseCallback):  # type: ignore[misc]
             return False
         if self._is_due():
             self.evaluate()
-        self.on_progress(self.num_timesteps, self.last)
-        # The evaluation at the end takes about as long as the one before.
+        self.run.report(f"{self.num_timesteps} of {self.steps} steps", self.num_timesteps / max(self.steps, 1))
+        # Reserve time for the final evaluation, about as long as the previous one.
         spent = time.monotonic() - self._began + self._evaluation
         return self.minutes is None or spent < 60 * self.minutes
 
@@ -285,6 +325,74 @@ class Run(BaseCallback):  # type: ignore[misc]
         return waited >= max(60 * self.every_minutes, 2 * self._evaluation)
 
 
+def model_arguments(algorithm: Any, given: dict[str, Any], env: Any, demonstrations: int) -> dict[str, Any]:
+    """Build an algorithm's arguments from its entry in the parameter file.
+
+    Names of classes become classes, ``linear_X`` becomes a schedule, and the observation space determines the policy
+    and its features extractor.
+
+    Parameters
+    ----------
+    algorithm : type
+        A value of `graspbox.sb3.running.ALGORITHMS`.
+    given : dict
+        The entry ``model`` of the parameters.
+    env : VecEnv
+        The training environment.
+    demonstrations : int
+        Number of demonstrations; with any, an off-policy algorithm gets a `DemonstratedBuffer`.
+    """
+    policy = dict(given.get("policy_kwargs", {}))
+    if "activation_fn" in policy:
+        policy["activation_fn"] = getattr(torch.nn, policy["activation_fn"])
+    space = env.observation_space
+    named = isinstance(space, gymnasium.spaces.Dict)
+    if any(len(box.shape) > 1 for box in (space.values() if named else [space])):
+        policy.setdefault("features_extractor_class", Extractor)
+    found = {**given, "policy": "MultiInputPolicy" if named else "MlpPolicy", "policy_kwargs": policy}
+    if demonstrations and issubclass(algorithm, OffPolicyAlgorithm):
+        found["replay_buffer_class"] = DemonstratedBuffer
+    if "learning_rate" in found:
+        found["learning_rate"] = _rate(found["learning_rate"])
+    if "action_noise" in found:
+        size = env.action_space.shape
+        found["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, found["action_noise"]))
+    return found
+
+
+def _rate(value: Any) -> Any:
+    """Convert to a number or a schedule; YAML reads 1e-3, without a point, and linear_1e-3 as strings."""
+    if not isinstance(value, str):
+        return value
+    return Linear(float(value.removeprefix("linear_"))) if value.startswith("linear_") else float(value)
+
+
+class DemonstratedBuffer(ReplayBuffer):  # type: ignore[misc]
+    """A replay buffer that samples a share of each batch from demonstrations, if it has any.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        As in Stable-Baselines3.
+    share : float
+        Share of a batch sampled from `demonstrations`.
+    """
+
+    def __init__(self, *args: Any, share: float = 0.5, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.share = share
+        self.demonstrations: ReplayBuffer | None = None
+
+    def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
+        """Sample a batch."""
+        shown = round(batch_size * self.share)
+        if self.demonstrations is None or not shown:
+            return super().sample(batch_size, env=env)
+        parts = super().sample(batch_size - shown, env=env), self.demonstrations.sample(shown, env=env)
+        rows: list[list[Any]] = [[part for part in pair if part is not None] for pair in zip(*parts, strict=True)]
+        return ReplayBufferSamples(*(torch.cat(pair) if pair else None for pair in rows))
+
+
 class Linear:
     """A schedule that falls linearly from a value to zero over a run."""
 
@@ -292,5 +400,5 @@ class Linear:
         self.start = start
 
     def __call__(self, remaining: float) -> float:
-        """Value where this share of the run remains, 1 at its start and 0 at its end."""
+        """Value when this share of the run remains, 1 at its start and 0 at its end."""
         return self.start * remaining

@@ -1,17 +1,17 @@
-"""A trained network of a grasp regressor or a head as the features extractor of a policy of Stable-Baselines3.
+"""A pretrained grasp regressor or head as the features extractor of a policy of Stable-Baselines3.
 
-| folder with | trained by | observation | what becomes features |
+| folder with | trained by | observation | features |
 |---|---|---|---|
-| ``model.json`` | `graspbox.learning.training` (``Cnn2d``, ``Cnn2dDropout``) | ``rgbd`` | the last layer but one, of the picture as `graspbox.learning.regressor` centres it |
-| ``model.json`` | `graspbox.learning.training` (``Cnn3d``) | ``voxels`` | the same, of the voxels as the regressor crops them |
-| ``head.json`` | `graspbox.perception.head_training` (``anchor``, ``set``, ``regressor``) | ``depth`` | the map of the trunk, of the crop around the object, averaged to 6 x 6 |
+| ``model.json`` | `graspbox.study.training` (``Cnn2d``, ``Cnn2dDropout``) | ``rgbd`` | the penultimate layer, for the image as `graspbox.study.regressor` centres it |
+| ``model.json`` | `graspbox.study.training` (``Cnn3d``) | ``voxels`` | the same, for the voxels as the regressor crops them |
+| ``head.json`` | `graspbox.models.head.training` (``anchor``, ``set``, ``regressor``) | ``depth`` | the feature map of the trunk, for the crop around the object, averaged to 6 x 6 |
 
-A layer that is always learned makes `features` numbers of them. Where the object was seen stands beside them, since crops
-and centred pictures do not tell: whether one was seen, x and y in the world (metres), and for a head the cosine and sine
-of the crop's yaw. Other entries of a ``Dict`` go through the networks of `graspbox.sb3.extractors`.
+A trainable layer maps them to `features` numbers. Crops and centred images do not contain the object's position, so it
+is appended: whether an object was visible, x and y in the world (metres), and for a head the cosine and sine of the
+crop's yaw. Other entries of a ``Dict`` go through the networks of `graspbox.sb3.extractors`.
 
 Pass it as ``policy_kwargs=dict(features_extractor_class=TrunkExtractor, features_extractor_kwargs=dict(folder=...))``;
-docs/training.md has an example.
+docs/guides/train.md has an example.
 """  # noqa: E501 (a table)
 
 from abc import abstractmethod
@@ -29,42 +29,42 @@ from torch import Tensor, nn
 from graspbox.camera_configs import CamerasConfig
 from graspbox.envs.settings import HandArgument
 from graspbox.errors import ConfigError
-from graspbox.learning.model import PoseModel
-from graspbox.learning.regressor import VOXELS, centered_image, cropped_voxels
-from graspbox.learning.samples import IMAGE_SIZE
-from graspbox.perception.anchor_net import AnchorNet
+from graspbox.models.head.heads import PoseNet
+from graspbox.models.head.network import AnchorNet
+from graspbox.models.head.training import load_head
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import crop
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.perception.head_training import load_head
-from graspbox.perception.heads import PoseNet
 from graspbox.sb3.extractors import network
 from graspbox.simulation import load_hand
+from graspbox.study.model import PoseModel
+from graspbox.study.regressor import VOXELS, centered_image, cropped_voxels
+from graspbox.study.samples import IMAGE_SIZE
 
 __all__ = ["TrunkExtractor"]
 
-#: Side of the map of a head's features.
+#: Side of a head's feature map.
 _MAP = 6
 
 
 class _Trunk(nn.Module):  # type: ignore[misc]
-    """A trained network without its last layers, in the state in which it was trained.
+    """A trained network without its last layers, always in evaluation mode.
 
-    It stays in evaluation mode, so that rollouts and updates see the same function, and keeps its weights where a
-    policy initializes its modules: PPO would draw the layers of its features extractor anew.
+    Rollouts and updates therefore use the same function. It keeps its weights when a policy initializes its modules:
+    PPO would reinitialize the layers of its features extractor.
     """
 
     #: The observation that it needs, and its shape; None: (H, W, 1).
     obs: str
     shape: tuple[int, ...] | None
-    #: Numbers that it gives, and those beside them.
+    #: Number of its outputs, and of the numbers appended to them.
     size: int
     beside: int
 
     @abstractmethod
     def prepare(self, rows: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Make inputs of the network, and the numbers beside them, of rows of the observation."""
+        """Convert rows of the observation to inputs of the network, and the numbers appended to its output."""
 
     def train(self, mode: bool = True) -> Self:
         """Stay in evaluation mode."""
@@ -73,7 +73,7 @@ class _Trunk(nn.Module):  # type: ignore[misc]
         return self
 
     def apply(self, fn: Callable[[nn.Module], None]) -> Self:
-        """Leave the weights as they are."""
+        """Keep the weights unchanged."""
         del fn
         return self
 
@@ -103,7 +103,7 @@ class _Regressor(_Trunk):
         return inputs, beside
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Give the units (n, size) of the last layer but one, from inputs (n, ...) uint8."""
+        """Return the units (n, size) of the penultimate layer, from inputs (n, ...) uint8."""
         model = self.model
         scaled = (inputs.float() / 255.0 - model.input_shift) / model.input_scale
         found: Tensor = model.network(scaled.unsqueeze(1))
@@ -139,7 +139,7 @@ class _Head(_Trunk):
         return found.channels[:, :2], beside.astype(np.float32)
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Give features (n, size) of channels (n, 2, N, N, N) uint8."""
+        """Return features (n, size) of channels (n, 2, N, N, N) uint8."""
         found: Tensor = self.pool(self.net(inputs))
         return found
 
@@ -151,38 +151,37 @@ def _load(folder: Path, cameras: CamerasConfig, hand: HandArgument) -> _Regresso
         return _Head(folder, cameras, hand)
     raise ConfigError(
         f"{str(folder)!r} holds neither model.json nor head.json; name the folder in which a network of the study "
-        "(graspbox.learning) or a head (scripts/train_heads.py) was trained"
+        "(graspbox.study) or a head (graspbox train head) was trained"
     )
 
 
 class TrunkExtractor(BaseFeaturesExtractor):  # type: ignore[misc]
-    """Features of an observation by a trained network; see the table of the module.
+    """Features of an observation from a trained network; see the table of the module.
 
-    A model that was saved loads the folder again, before it reads its own weights.
+    A saved model loads the folder again before it reads its own weights.
 
     Parameters
     ----------
     observation_space : gymnasium.Space
-        That of the observation that the network needs, or a ``Dict`` with it.
+        Space of the observation that the network needs, or a ``Dict`` with it.
     folder : str or Path
-        Where the network was trained.
+        Folder of the trained network.
     frozen : bool
-        Whether the network stays as it is; else it is trained with the policy. Normalization and dropout stay in
-        evaluation mode.
+        Whether the network is frozen; else it is trained with the policy. Normalization and dropout stay in evaluation
+        mode.
     features : int
-        Number of features that are made of the network's.
+        Number of features computed from the network's output.
     cameras : CamerasConfig
-        Cameras of the environments, whose first one a head looks through; the size of its images follows from the
-        observation.
+        Cameras of the environments; a head uses the first one. The observation determines the size of its images.
     hand : str, Hand or pair of paths
         The hand with which a head was trained.
 
     Raises
     ------
     ConfigError
-        If the folder holds no network of the table, or the observation is not what it needs.
+        If the folder holds no network of the table, or the observation does not fit it.
     FileError
-        If it lacks a file.
+        If a file is missing.
     """
 
     def __init__(
@@ -210,7 +209,7 @@ class TrunkExtractor(BaseFeaturesExtractor):  # type: ignore[misc]
         self.networks = nn.ModuleDict({f"of_{name}": net for name, (net, _) in others.items()})
 
     def forward(self, observations: Any) -> Tensor:
-        """Features (rows, features_dim) of observations as Stable-Baselines3 prepares them."""
+        """Features (rows, features_dim) of observations preprocessed by Stable-Baselines3."""
         seen = observations[self.trunk.obs] if self._named else observations
         inputs, beside = self.trunk.prepare(seen.detach().cpu().numpy())
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.frozen):
@@ -221,7 +220,7 @@ class TrunkExtractor(BaseFeaturesExtractor):  # type: ignore[misc]
 
 
 def _check(trunk: _Trunk, spaces: dict[str, Any], folder: str | Path) -> None:
-    """Refuse observations that the network cannot take."""
+    """Refuse observations of the wrong shape or kind."""
     if trunk.obs not in spaces:
         raise ConfigError(f"the network in {str(folder)!r} needs obs={trunk.obs!r}; there are {', '.join(spaces)}")
     shape = spaces[trunk.obs].shape
@@ -230,5 +229,5 @@ def _check(trunk: _Trunk, spaces: dict[str, Any], folder: str | Path) -> None:
         wanted = trunk.shape or "(H, W, 1)"
         raise ConfigError(
             f"the observation has shape {shape}; the network in {str(folder)!r} needs obs={trunk.obs!r} of shape "
-            f"{wanted}, as graspbox.learning.regressor.cameras makes it for a network of the study"
+            f"{wanted}, as graspbox.study.regressor.cameras makes it for a network of the study"
         )

@@ -1,7 +1,7 @@
-"""The native vector environments as Stable-Baselines3 takes them.
+"""The native vector environments for Stable-Baselines3.
 
-It knows no vector environments of Gymnasium: episodes begin anew in the step that ends them, the last observation is in
-the info, and infos are a list of dictionaries. Here each of them is made from one native step.
+Stable-Baselines3 does not support vector environments of Gymnasium: it resets an episode in the step that ends it,
+puts the last observation in the info, and lists infos as dictionaries. This adapter converts each native step.
 
 >>> from stable_baselines3 import PPO
 >>> from graspbox.sb3 import VecEnv
@@ -31,7 +31,7 @@ except ModuleNotFoundError as error:
 
 __all__ = ["VecEnv"]
 
-#: Methods that an environment has by itself.
+#: Methods of a single environment.
 _PER_ENV = ("get_state", "set_state", "cameras", "render")
 
 
@@ -50,7 +50,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
     Raises
     ------
     ConfigError
-        If it is no vector environment, resets in another way, or overwrites the observations that it returned.
+        If it is not a vector environment, resets in another mode, or overwrites the observations that it returned.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
@@ -80,7 +80,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         return cls(gymnasium.make_vec(env_id, num_envs=num_envs, **settings))
 
     def reset(self) -> Any:
-        """Begin episodes, with the seeds and options that were set before; returns the observations."""
+        """Begin episodes, with the seeds and options set before; returns the observations."""
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         observations, infos = self.env.reset(seed=seeds, options={"each": self._options})  # type: ignore[arg-type]
         self.reset_infos = _listed(infos, self.num_envs)
@@ -89,7 +89,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Take the actions of the next step."""
+        """Store the actions of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
@@ -98,7 +98,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         Returns
         -------
         observations, rewards, dones, infos
-            As Stable-Baselines3 wants them.
+            In the format of Stable-Baselines3.
         """
         if self._actions is None:
             raise ConfigError("call step_async before step_wait")
@@ -146,7 +146,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         Raises
         ------
         ConfigError
-            For a method that a single one of them does not have.
+            For a method that single environments do not have.
         """
         if method_name not in _PER_ENV:
             raise ConfigError(f"an environment has no method {method_name!r} here; choose from {', '.join(_PER_ENV)}")
@@ -159,17 +159,17 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         return found
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Tell that no wrapper stands between: wrap this in ``VecMonitor`` and the like."""
+        """Report no wrappers: wrap this environment in ``VecMonitor`` and the like."""
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[Any]:
-        """Render every environment; None where the render mode is None."""
+        """Render every environment; None if the render mode is None."""
         frames = None if self.render_mode is None else self.env.render()
         return [None] * self.num_envs if frames is None else list(frames)
 
 
 def _unmasked(infos: dict[str, Any]) -> dict[str, Any]:
-    """Leave the masks out."""
+    """Remove the masks."""
     return {
         name: _unmasked(values) if isinstance(values, dict) else values
         for name, values in infos.items()
@@ -178,7 +178,7 @@ def _unmasked(infos: dict[str, Any]) -> dict[str, Any]:
 
 
 def _listed(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
-    """Turn columns into a dictionary for each environment."""
+    """Convert columns to one dictionary per environment."""
     columns = _unmasked(infos)
     names = list(columns)
     lists = [_listed(v, count) if isinstance(v, dict) else v.tolist() for v in columns.values()]

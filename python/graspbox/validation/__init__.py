@@ -1,12 +1,12 @@
-"""Comparisons with what others found; developers run them, the rest of the package does not import them.
+"""Comparisons with other simulators and with the reference study, for developers; no other package imports them.
 
-| module | what it compares with |
+| module | comparison |
 |---|---|
 | `graspbox.validation.mujoco`      | an independent simulator: the same trials in MuJoCo (extra ``dev``) |
-| `graspbox.validation.engines`     | our own solver with rapier: labels and speed |
-| `graspbox.validation.speed`       | the speed of our own solver, of rapier and of MuJoCo's rollout (extra ``dev``) |
-| `graspbox.validation.study`       | table 3.1 of the reference study, compared with graspbox (extra ``ycb``) |
-| `graspbox.validation.study_chart` | that table as a bar chart (extra ``cli``) |
+| `graspbox.validation.engines`     | `newton` with `rapier`: labels and speed |
+| `graspbox.validation.speed`       | the speed of `newton`, of `rapier` and of MuJoCo's rollout (extra ``dev``) |
+| `graspbox.study.comparison`       | table 3.1 of the reference study, compared with graspbox (extra ``ycb``) |
+| `graspbox.study.comparison_chart` | that table as a bar chart (extra ``cli``) |
 
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 ``python -m graspbox.validation engines --poses 20 --seed 0 [--json]``

@@ -1,27 +1,28 @@
 """``python -m graspbox.validation CHECK``: compare graspbox with MuJoCo and the reference study, and its two engines.
 
-| check       | what it prints |
+| check       | result |
 |---|---|
-| ``mujoco``  | the share of random grasps that MuJoCo and the core label alike |
-| ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its step |
-| ``robust``  | the share of perturbed copies of grasps that succeed, in MuJoCo and in the core |
-| ``engines`` | labels and speed of our own solver and of rapier |
+| ``mujoco``  | the share of random grasps with equal labels in MuJoCo and in the core |
+| ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its time step |
+| ``robust``  | the success rate of perturbed copies of grasps, in MuJoCo and in the core |
+| ``engines`` | labels and speed of the engines `newton` and `rapier` |
 | ``speed``   | trials and simulated seconds per second of CPU time: ours, rapier, MuJoCo |
 | ``study``   | table 3.1 of the reference study, compared with graspbox |
 
-``CHECK --help`` lists the options of a check. Exit status: 0 if the check passed, 1 if it did not, 2 for a wrong call.
+``CHECK --help`` lists the options of a check. Exit status: 0 if the check passed, 1 if it failed, 2 for a wrong call.
 """
 
 import argparse
 import sys
 
 from graspbox.errors import GraspboxError
+from graspbox.programs import run_program
 
 CHECKS = ("mujoco", "planner", "robust", "engines", "speed", "study")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one check with its own options; returns the exit status."""
+    """Run one check with its options; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m graspbox.validation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -50,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
             from graspbox.validation.speed import main as compare_speed
 
             return compare_speed(given[1:])
-        from graspbox.validation.study_command import main as compare_study
+        from graspbox.study.comparison_command import main as compare_study
 
         return compare_study(given[1:])
     except GraspboxError as error:
@@ -61,4 +62,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_program(main)

@@ -1,7 +1,7 @@
-"""The physics engines compared: labels and speed on the same planner poses.
+"""Comparison of the physics engines: labels and speed on the same planner poses.
 
-Every object's best poses are tried with each engine, and with each at half its time step, one object after the other,
-so that a change of the machine's speed meets all of them. Rates are trials per second of CPU time.
+For each object in turn, the best poses are tried with each engine and with each at half its time step, so that changes
+of the machine's speed affect all runs. Rates are trials per second of CPU time.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from graspbox import object_sets
 from graspbox.configs import PhysicsConfig
 from graspbox.validation.agreement import kappa
 
-#: A mix of shapes that needs no files.
+#: A mix of shapes without mesh files.
 DEFAULT_OBJECTS = (
     "procedural:ball:2",
     "procedural:box:2",
@@ -30,32 +30,32 @@ DEFAULT_OBJECTS = (
 
 _HALF = PhysicsConfig().dt / 2
 
-#: What is compared: a name, and the settings.
+#: Settings of the runs to compare, by name.
 RUNS = {
-    "graspbox": PhysicsConfig(engine="graspbox"),
-    "graspbox, half dt": PhysicsConfig(engine="graspbox", dt=_HALF),
+    "newton": PhysicsConfig(engine="newton"),
+    "newton, half dt": PhysicsConfig(engine="newton", dt=_HALF),
     "rapier": PhysicsConfig(engine="rapier"),
     "rapier, half dt": PhysicsConfig(engine="rapier", dt=_HALF),
 }
 
 #: Pairs of runs whose labels are compared.
-PAIRS = (("graspbox", "rapier"), ("graspbox", "graspbox, half dt"), ("rapier", "rapier, half dt"))
+PAIRS = (("newton", "rapier"), ("newton", "newton, half dt"), ("rapier", "rapier, half dt"))
 
 
 @dataclass(frozen=True)
 class EngineRow:
-    """What one run of trials gave.
+    """Results of one run of trials.
 
     Attributes
     ----------
     name : str
         Engine and time step.
     trials, succeeded, secure : int
-        Counts.
+        Numbers of trials, successes and secure holds.
     trials_per_second, simulated_per_second : float
         Trials, and simulated seconds, per second of CPU time.
     unconverged_per_million : float
-        Steps without a balance of forces per million steps; 0 for rapier, which does not measure it.
+        Steps in which the solver did not converge, per million steps; 0 for rapier, which does not measure it.
     """
 
     name: str
@@ -69,7 +69,7 @@ class EngineRow:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far the labels of two runs agree: the share of equal ones, and Cohen's kappa."""
+    """Agreement of the labels of two runs: the share of equal labels, and Cohen's kappa."""
 
     first: str
     second: str
@@ -78,7 +78,7 @@ class Agreement:
 
 
 def compare(objects: Sequence[str], poses: int, seed: int) -> tuple[list[EngineRow], list[Agreement]]:
-    """Try the best `poses` of the planner on every object with every engine.
+    """Try the planner's best `poses` for every object in every run.
 
     Returns
     -------

@@ -1,10 +1,10 @@
-"""Speed of our own solver, of rapier and of MuJoCo's rollout on the same planner poses.
+"""Speed of `newton`, of `rapier` and of MuJoCo's rollout on the same planner poses.
 
 Every object's best poses are tried with each engine, one pose after the other, so that a change of the machine's speed
 meets all of them. Rates are per second of CPU time of one core. MuJoCo gets the actuators' commands recorded
-beforehand and steps through each trial in one call (``mujoco.rollout``), for as many simulated seconds as our own
-solver took for it: no Python runs in between. It runs twice: with the settings of ``validation mujoco``, whose labels
-hold still, and with settings that are fast.
+beforehand and steps through each trial in one call (``mujoco.rollout``), for as many simulated seconds as `newton`
+took for it, without Python in between. It runs twice: with the settings of ``validation mujoco``, whose labels are
+stable under smaller time steps, and with fast settings.
 """
 
 import argparse
@@ -27,35 +27,35 @@ from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe, object
 from graspbox.validation.mujoco.replay import Replay
 from graspbox.validation.mujoco.scene import Numerics, Scene, build
 
-#: What is timed: a name, and object sets.
+#: Object sets to time, by name.
 WORK = {
     "can and apple": ("ycb:005_tomato_soup_can", "ycb:013_apple"),
     "ycb and procedural": (*DEFAULT_OBJECTS, *engines.DEFAULT_OBJECTS),
     "procedural mix": ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1"),
 }
 
-#: MuJoCo's settings. The fast ones take our time step, and leave out what keeps held objects from creeping.
+#: MuJoCo's settings. The fast ones use the core's time step, without the iterations that stop held objects creeping.
 MUJOCO = {
     "mujoco": Numerics(),
     "mujoco, fast": Numerics(timestep=PhysicsConfig.dt, noslip_iterations=0),
 }
 
 #: Names of the engines in the order of the table.
-ENGINES = ("graspbox", "rapier", *MUJOCO)
+ENGINES = ("newton", "rapier", *MUJOCO)
 
 
 @dataclass
 class SpeedRow:
-    """What one engine did of one piece of work.
+    """Trials and times of one engine on one workload.
 
     Attributes
     ----------
     work, engine : str
-        Names.
+        Names of the workload and of the engine.
     trials : int
-        Trials that ran.
+        Number of trials.
     simulated : float
-        Their simulated seconds.
+        Simulated seconds of the trials.
     seconds : float
         CPU time, s.
     """
@@ -77,7 +77,7 @@ class SpeedRow:
         return self.simulated / self.seconds if self.seconds > 0 else 0.0
 
     def add(self, run: Callable[[], tuple[int, float]]) -> float:
-        """Time a piece of work that returns its trials and their simulated seconds; returns the latter."""
+        """Time a function that returns its number of trials and their simulated seconds; returns the latter."""
         start = time.process_time()
         trials, simulated = run()
         self.seconds += time.process_time() - start
@@ -87,7 +87,7 @@ class SpeedRow:
 
 
 class Rollout:
-    """One trial in MuJoCo whose commands are known."""
+    """One trial in MuJoCo with recorded commands."""
 
     def __init__(self, scene: Scene, world_from_hand: NDArray[np.float64], preshape: float, seconds: float) -> None:
         run = Replay(scene, world_from_hand, preshape)
@@ -104,19 +104,19 @@ class Rollout:
         self._model, self._data, self._dt = run.model, mujoco.MjData(run.model), run.dt
 
     def __call__(self) -> tuple[int, float]:
-        """Run it: the number of trials, 1, and its simulated seconds."""
+        """Run the trial; returns the number of trials, 1, and its simulated seconds."""
         rollout.rollout(self._model, self._data, self._first[None], self._commands[None], control_spec=self._spec)
         return 1, len(self._commands) * self._dt
 
 
 def _trial(scene: graspbox.Scene, one: graspbox.Plan) -> tuple[int, float]:
-    """Simulate a pose: the number of trials, 1, and its simulated seconds."""
+    """Simulate a pose; returns the number of trials, 1, and its simulated seconds."""
     found = scene.simulate(one.poses, one.preshape, num_threads=1)
     return len(found), float(found.time.sum())
 
 
 def measure(work: str, poses: int, seed: int) -> list[SpeedRow]:
-    """Time the best `poses` of the planner on every object of a piece of work: a row for each engine."""
+    """Time the planner's best `poses` for every object of a workload; returns one row per engine."""
     rows = {name: SpeedRow(work, name) for name in ENGINES}
     hand = describe()
     for item in (item for name in WORK[work] for item in object_sets.load(name)):
@@ -129,7 +129,7 @@ def measure(work: str, poses: int, seed: int) -> list[SpeedRow]:
         theirs = {name: build(hand, data, numerics=numerics) for name, numerics in MUJOCO.items()}
         for i in range(len(plan)):
             one = plan[i : i + 1]
-            simulated = rows["graspbox"].add(partial(_trial, ours, one))
+            simulated = rows["newton"].add(partial(_trial, ours, one))
             rows["rapier"].add(partial(_trial, rapier, one))
             pose, preshape = data.world_from_object @ one.poses[0], float(one.preshape[0])
             for name, built in theirs.items():
@@ -140,7 +140,7 @@ def measure(work: str, poses: int, seed: int) -> list[SpeedRow]:
 
 
 def markdown(rows: Sequence[SpeedRow]) -> str:
-    """Write the table."""
+    """Format the table."""
     lines = [
         "| work | engine | trials | trials/s | simulated s/s | times the fast MuJoCo |",
         "|---|---|---|---|---|---|",
@@ -156,7 +156,7 @@ def markdown(rows: Sequence[SpeedRow]) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Time the engines; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m graspbox.validation speed", description=__doc__)
-    parser.add_argument("--work", nargs="+", default=list(WORK), choices=list(WORK), help="what is timed")
+    parser.add_argument("--work", nargs="+", default=list(WORK), choices=list(WORK), help="workloads to time")
     parser.add_argument("--poses", type=int, default=10, help="poses per object")
     parser.add_argument("--seed", type=int, default=0, help="seed of the planner")
     parser.add_argument("--json", action="store_true", help="print the table as JSON")

@@ -4,6 +4,8 @@ import { decode, encode } from "./msgpack.js";
 
 const GRACE = 30;
 const PAUSE = 500;
+/** Code with which the server closes a connection whose session is over. */
+const OVER = 4000;
 
 export class Client {
   #socket = null;
@@ -41,7 +43,8 @@ export class Client {
         this.hello = decode(new Uint8Array(data));
         this.#socket = socket;
         socket.onmessage = (event) => this.#take(decode(new Uint8Array(event.data)));
-        socket.onclose = (event) => this.#lost(event.reason);
+        // Only the server ends a session; a proxy that goes away may say why, too.
+        socket.onclose = (event) => this.#lost(event.code === OVER ? event.reason : "");
         opened();
       };
     });

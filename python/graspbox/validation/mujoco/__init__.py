@@ -1,19 +1,19 @@
-"""An independent simulator: trials of the core, replayed in MuJoCo.
+"""Replay of trials in an independent simulator, MuJoCo.
 
-It shares with the core the hand's two files, the object's convex parts and the definition of success, but no code. It
-needs ``mujoco`` (extra ``dev``).
+The replay and the core share the hand's two files, the object's convex parts and the definition of success, but no
+code. It needs ``mujoco`` (extra ``dev``).
 
-| module | what it does |
+| module | contents |
 |---|---|
 | `description` | reads a hand from the text of its URDF and its ``hand.toml`` |
 | `scene`       | hand, object, table and friction as an MJCF model |
 | `drive`       | actuators and soft stops between MuJoCo's steps |
-| `replay`      | one trial: close, lift, hold, judge |
+| `replay`      | one trial: close, lift, hold, label |
 | `sampling`    | poses: random, from the planner, perturbed |
 | `compare`     | many trials in both engines: equal labels, differences, speed |
-| `report`      | their results |
+| `report`      | results of the comparison |
 | `robust`      | success of perturbed copies of grasps in both engines |
-| `command`, `robust_command` | the command lines ``mujoco`` and ``planner``, and ``robust`` |
+| `command`, `robust_command` | the commands ``mujoco`` and ``planner``, and ``robust`` |
 
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 """

@@ -1,8 +1,8 @@
-"""``python -m graspbox.validation mujoco`` and ``planner``: print how often MuJoCo and the core agree.
+"""``python -m graspbox.validation mujoco`` and ``planner``: print the agreement of MuJoCo and the core.
 
-``mujoco`` tries random poses around objects. ``planner`` tries the planner's best poses of 20 YCB objects, and repeats
-all trials of both engines at half their time step. Both fail where too few labels are equal, or one engine succeeds
-too much more often than the other.
+``mujoco`` tries random poses around objects. ``planner`` tries the planner's best poses for 20 YCB objects, and repeats
+all trials of both engines at half their time step. Both fail if too few labels are equal, or if the success rates
+differ too much.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from graspbox.validation.mujoco.sampling import Source
 class Check:
     """One of the comparisons."""
 
-    #: Its name on the command line.
+    #: Name on the command line.
     name: str
     source: Source
     objects: Sequence[str]
     trials: int
-    #: Trials repeated at half the time step, unless the command says otherwise.
+    #: Trials to repeat at half the time step, by default.
     repeat: Repeat
-    #: The share of equal labels below which, and the difference of the success rates above which the command fails.
+    #: Least share of equal labels, and greatest difference of the success rates, for exit status 0.
     goal: float
     bias: float
 
@@ -44,10 +44,10 @@ PLANNER = Check("planner", "planner", PLANNER_OBJECTS, 400, "all", goal=0.90, bi
 
 def _parser(check: Check) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=f"python -m graspbox.validation {check.name}", description=__doc__)
-    parser.add_argument("--trials", type=int, default=check.trials, help=f"feasible grasps to judge ({check.trials})")
+    parser.add_argument("--trials", type=int, default=check.trials, help=f"feasible grasps to label ({check.trials})")
     parser.add_argument("--seed", type=int, default=0, help="seed of the poses (0)")
     parser.add_argument("--objects", nargs="+", default=list(check.objects), metavar="SET", help="object sets")
-    parser.add_argument("--hand", default="reflex", help="a hand by its name (reflex)")
+    parser.add_argument("--hand", default="reflex", help="name of the hand (reflex)")
     parser.add_argument("--threads", type=int, default=None, help="threads for both engines; all by default")
     step = Numerics().timestep
     parser.add_argument("--timestep", type=float, default=step, help=f"MuJoCo's time step, s ({step})")
@@ -98,7 +98,7 @@ def _print(console: Console, report: Report) -> None:
         f"(bias {100 * report.bias:+.1f} points)"
     )
     console.print(
-        f"in collision at the start for MuJoCo alone: {report.infeasible}; without feasible poses: {report.left_out}; "
+        f"in collision at the start in MuJoCo only: {report.infeasible}; without feasible poses: {report.left_out}; "
         f"labels changed by early stops: {report.early_stop_changed}"
     )
     console.print(
@@ -108,7 +108,7 @@ def _print(console: Console, report: Report) -> None:
 
 
 def main(arguments: list[str] | None = None, check: Check = RANDOM) -> int:
-    """Run a comparison; returns exit status 0 if its goals for equal labels and for the bias are met, else 1."""
+    """Run a comparison; returns exit status 0 if it meets its goals for equal labels and bias, else 1."""
     args = _parser(check).parse_args(arguments)
     with Progress(console=Console(stderr=True), disable=args.json and not sys.stderr.isatty()) as bar:
         task = bar.add_task("trials", total=args.trials)

@@ -1,11 +1,11 @@
-"""Many trials in both engines: equal and different labels, reasons of the differences, and speed.
+"""Many trials in both engines: equal and different labels, reasons for the differences, and speed.
 
-Both engines get the same poses (`sampling`); a pose that is in collision at the start in either of them is counted
-separately and not compared.
+Both engines get the same poses (`sampling`); poses in collision at the start in either engine are counted separately
+and not compared.
 
-Trials can be repeated in both engines at half their time step: those with different labels, or all. If an engine
-then changes its label, that label was numerically undecided and the difference says nothing about the model; otherwise
-the engines disagree. With all trials repeated, each engine's agreement with itself says how much can be expected.
+Trials with different labels, or all trials, can be repeated in both engines at half their time step. If an engine then
+changes its label, the label depends on numerics and the difference says nothing about the model; otherwise the engines
+disagree. If all trials are repeated, each engine's agreement with itself bounds the agreement to expect.
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ PLANNER_OBJECTS = tuple(
     )
 )
 
-#: Which trials are repeated at half the time step.
+#: Trials to repeat at half the time step.
 Repeat = Literal["none", "different", "all"]
 
 
 def object_data(scene: graspbox.Scene) -> ObjectData:
-    """Take the object of a core scene at its resting pose."""
+    """Return the object of a core scene at its resting pose."""
     body = scene.body
     return ObjectData(
         scene.name, body.parts, body.mass, body.center_of_mass, body.inertia, np.array(scene.world_from_object)
@@ -83,7 +83,7 @@ def object_data(scene: graspbox.Scene) -> ObjectData:
 
 
 def describe(hand: HandLike = "reflex") -> HandDescription:
-    """Read a hand from the two files that the core read."""
+    """Read a hand from the same two files as the core."""
     return read_hand(*load_hand(hand).files)
 
 
@@ -104,12 +104,12 @@ def replay_all(
         return replay(scene, pose, float(preshape), early_stop=early_stop)
 
     with ThreadPoolExecutor(threads) as pool:
-        # MuJoCo releases the interpreter's lock while it steps.
+        # MuJoCo releases the GIL while it steps.
         yield from pool.map(run, poses, preshapes)
 
 
 def halve(scene: graspbox.Scene) -> graspbox.Scene:
-    """Give the same object at the same pose, for trials at half the time step."""
+    """Make a scene with the same object and pose at half the time step."""
     half = PhysicsConfig(dt=0.5 * PhysicsConfig.dt)
     return graspbox.Scene(scene.mesh, hand=scene.hand, physics=half, world_from_object=scene.world_from_object)
 
@@ -117,7 +117,7 @@ def halve(scene: graspbox.Scene) -> graspbox.Scene:
 def _repeat(
     scene: graspbox.Scene, hand: HandDescription, rows: list[Row], numerics: Numerics, threads: int
 ) -> list[Row]:
-    """Try rows of one object again in both engines at half their time step."""
+    """Repeat rows of one object in both engines at half their time step."""
     if not rows:
         return rows
     poses, preshapes = np.stack([row.object_from_hand for row in rows]), np.array([row.preshape for row in rows])
@@ -142,7 +142,7 @@ def check_settings(trials: int, numerics: Numerics) -> None:
 def scenes(
     objects: Sequence[str], trials: int, seed: int, hand: graspbox.Hand
 ) -> Iterator[tuple[graspbox.Scene, int, np.random.Generator]]:
-    """Spread trials evenly over objects: each object at rest, its number of trials, and its own random stream."""
+    """Distribute trials evenly over objects; yields each object's scene, number of trials and random generator."""
     specs = graspbox.object_sets.load(list(objects))
     share, rest = divmod(trials, len(specs))
     for number, spec in enumerate(specs):
@@ -163,7 +163,7 @@ def compare(
     repeat: Repeat = "different",
     progress: Callable[[int], None] | None = None,
 ) -> Report:
-    """Judge `trials` feasible grasps, spread evenly over the objects, in both engines.
+    """Label `trials` feasible grasps, distributed evenly over the objects, in both engines.
 
     Parameters
     ----------
@@ -174,11 +174,11 @@ def compare(
     seed : int
         Seed of the poses.
     source : str
-        Where poses come from; see `sampling.Source`.
+        Source of the poses; see `sampling.Source`.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     threads : int, optional
-        For both engines; by default as many as the core would use.
+        Number of threads for both engines; by default that of the core.
     numerics : Numerics, optional
         MuJoCo's settings.
     repeat : str

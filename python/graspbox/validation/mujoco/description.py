@@ -1,8 +1,7 @@
-"""Reads the two files of a hand independently of the core, which shares only these files.
+"""Reader for the two files of a hand, independent of the core.
 
-The URDF (links, joints, boxes, masses) and the ``hand.toml`` (springs, tendons, actuators, preshapes, friction) become
-plain values.
-Checks that the core makes are not repeated here.
+The URDF (links, joints, collision shapes, masses) and the ``hand.toml`` (springs, tendons, actuators, preshapes,
+friction) are converted to plain values. The core checks the files; this module does not repeat its checks.
 """
 
 from __future__ import annotations
@@ -26,18 +25,18 @@ class Shape:
     """A collision primitive of a link."""
 
     name: str
-    #: ``box`` (half extents), ``cylinder`` (radius, half length) or ``sphere`` (radius); metres, as MuJoCo sizes them.
+    #: ``box`` (half extents), ``cylinder`` (radius, half length) or ``sphere`` (radius); metres, in MuJoCo's order.
     kind: str
     size: tuple[float, ...]
-    #: (4, 4), link frame.
+    #: Pose of the shape, (4, 4), link frame.
     link_from_shape: Array
-    #: Friction factor of its surface.
+    #: Friction factor of the surface.
     friction: float
 
 
 @dataclass(frozen=True)
 class Spring:
-    """Spring, losses and stops of a joint; SI units, by rad or m."""
+    """Spring, damping, armature and stops of a joint; SI units, per rad or m."""
 
     stiffness: float = 0.0
     reference: float = 0.0
@@ -48,21 +47,21 @@ class Spring:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid part of the hand, with the joint that carries it (none for the base)."""
+    """A link of the hand, with the joint to its parent (none for the base)."""
 
     name: str
     parent: int
-    #: (4, 4), parent's frame at position 0.
+    #: Pose at joint position 0, (4, 4), parent's frame.
     parent_from_link: Array
-    #: Joint's name, kind (``fixed``, ``revolute`` or ``prismatic``), (3,) axis, and limits in rad or m.
+    #: Name of the joint, its kind (``fixed``, ``revolute`` or ``prismatic``), (3,) axis, and limits in rad or m.
     joint: str
     kind: str
     axis: Array
     limits: tuple[float, float]
-    #: Name of the joint that it follows, ratio and offset.
+    #: For a mimic joint: name of the joint that it follows, ratio and offset.
     mimic: tuple[str, float, float] | None
     mass: float
-    #: (3,) metres, and (3, 3) kg m2 about it; link frame.
+    #: Centre of mass (3,), metres, and inertia about it (3, 3), kg m2; link frame.
     center: Array
     inertia: Array
     shapes: tuple[Shape, ...]
@@ -71,7 +70,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Tendon:
-    """A tendon over joints, each given by the index of its child link; SI units."""
+    """A tendon with its moment arms at joints, which are given by the indices of their child links; SI units."""
 
     name: str
     arms: tuple[tuple[int, float], ...]
@@ -82,16 +81,16 @@ class Tendon:
 
 @dataclass(frozen=True)
 class Actuator:
-    """Winds a tendon or drives joints; SI units. A joint has the index of its child link."""
+    """Winds a tendon or drives joints, which are given by the indices of their child links; SI units."""
 
     name: str
     #: Index of the tendon and radius of its spool, or None.
     spool: tuple[int, float] | None
-    #: Joints that it drives: link, ratio, offset.
+    #: Driven joints: link, ratio, offset.
     joints: tuple[tuple[int, float, float], ...]
-    #: Stiffness and damping of a servo; None for joints that are driven rigidly, and for a spool.
+    #: Stiffness and damping of a servo; None for a rigid drive and for a spool.
     servo: tuple[float, float] | None
-    #: Speed of a position command, travel, and load at which it stops closing.
+    #: Speed of position commands, travel, and the load at which closing stops.
     speed: float
     travel: tuple[float, float]
     load_limit: float
@@ -101,22 +100,22 @@ class Actuator:
 
 @dataclass(frozen=True)
 class HandDescription:
-    """A hand; parent links come before their children."""
+    """A hand; links are ordered with parents before children."""
 
     name: str
     links: tuple[Link, ...]
     tendons: tuple[Tendon, ...]
     actuators: tuple[Actuator, ...]
-    #: Index of the actuator whose position is the preshape, if there is one, and the limits of that.
+    #: Index of the actuator whose position is the preshape, if there is one, and its limits.
     preshape: int | None
     preshape_limits: tuple[float, float]
-    #: Positions of actuators, by index, in each named preshape.
+    #: Positions of actuators, by index, for each named preshape.
     named: tuple[dict[int, float], ...]
-    #: (4, 4): the grasp frame in the base's frame.
+    #: Pose of the grasp frame, (4, 4), base frame.
     base_from_hand: Array
 
     def open_positions(self, preshape: float) -> list[float]:
-        """Positions of the actuators of the open hand."""
+        """Return the positions of the actuators of the open hand."""
         positions = [actuator.travel[0] for actuator in self.actuators]
         if self.preshape is not None:
             positions[self.preshape] = preshape
@@ -126,7 +125,7 @@ class HandDescription:
         return positions
 
     def rigid_position(self, link: int, positions: list[float]) -> float | None:
-        """Position of the joint of a link that an actuator drives rigidly, at once or by a joint that it follows."""
+        """Return the position of a link's joint if it is driven rigidly, directly or as a mimic joint; else None."""
         mimic = self.links[link].mimic
         if mimic is not None:
             leader = self.rigid_position(self.index(mimic[0]), positions)
@@ -140,19 +139,19 @@ class HandDescription:
         return None
 
     def index(self, joint: str) -> int:
-        """Index of the child link of a joint."""
+        """Return the index of the child link of a joint."""
         (found,) = [i for i, link in enumerate(self.links) if link.joint == joint]
         return found
 
     def free(self) -> list[int]:
-        """Links whose joints move under forces."""
+        """Return the indices of links with dynamic joints: neither fixed nor driven rigidly."""
         positions = self.open_positions(self.preshape_limits[0])
         moving = [i for i, link in enumerate(self.links) if link.joint and link.kind != "fixed"]
         return [i for i in moving if self.rigid_position(i, positions) is None]
 
 
 def rotation_from_rpy(rpy: tuple[float, float, float]) -> Array:
-    """Give the (3, 3) rotation of URDF's roll, pitch, yaw (rad; about fixed x, then y, then z)."""
+    """Return the (3, 3) rotation of URDF's roll, pitch, yaw (rad; about fixed x, then y, then z)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [
@@ -194,7 +193,7 @@ def _shape(element: ET.Element, pads: set[str], friction: dict[str, float]) -> S
     elif shape.tag == "sphere":
         size = (float(shape.attrib["radius"]),)
     else:
-        raise ValueError(f"collision {name!r}: the judge knows boxes, cylinders and spheres, not {shape.tag!r}")
+        raise ValueError(f"collision {name!r} is a {shape.tag!r}; only boxes, cylinders and spheres are supported")
     return Shape(name, shape.tag, size, _pose(element.find("origin")), friction["pad" if name in pads else "bare"])
 
 
@@ -308,7 +307,7 @@ def read_hand(urdf: str, toml: str) -> HandDescription:
     Parameters
     ----------
     urdf, toml : str
-        The text of its URDF and of its ``hand.toml``.
+        Contents of its URDF and of its ``hand.toml``.
     """
     table = tomllib.loads(toml)
     friction = {key: float(_value(table["friction"], key)) for key in ("pad", "bare")}

@@ -1,7 +1,7 @@
-"""Forces on the hand's joints that MuJoCo does not compute by itself: actuators, soft stops, tendons at their limit.
+"""Forces on the hand's joints that MuJoCo does not compute: actuators, soft stops, tendons at their force limit.
 
-All quantities are arrays over the joints that move under forces (in the order of `Scene.joints`), over the actuators of
-the hand, or over MuJoCo's actuators ("drives": one per tendon or driven joint).
+All quantities are arrays over the dynamic joints (in the order of `Scene.joints`), over the actuators of the hand, or
+over MuJoCo's actuators ("drives": one per tendon or driven joint).
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 from graspbox.validation.mujoco.description import Array
 from graspbox.validation.mujoco.scene import Scene
 
-#: While a tendon or servo is at its greatest force, this share of its damping acts on the joints by itself: friction of
-#: tendon and sheath brakes on, the motor does not. Both engines of the core do the same.
+#: Share of its damping that still acts on the joints while a tendon or servo is at its force limit: the friction of
+#: tendon and sheath, without that of the motor. Both engines of the core do the same.
 SATURATED_DAMPING = 0.2
-#: A command far below any length of a tendon: it is slack and does not pull, however fast it is wound up. Metres.
+#: Command of a slack tendon, metres: far below any tendon length, so that it does not pull at any winding speed.
 _SLACK = -1.0
 
 
 class Drive:
-    """The actuators of one replay, driven towards closing."""
+    """The actuators of one replay, which close the hand."""
 
     def __init__(self, scene: Scene, positions: list[float]):
         hand, joints = scene.hand, scene.joints
         self.dt = scene.numerics.timestep
         #: Positions of the hand's actuators, rad or m.
         self.positions: Array = np.array(positions)
-        #: Where the joints are in ``qpos`` and ``qvel``.
+        #: Addresses of the joints in ``qpos`` and ``qvel``.
         self.addresses = np.array([address for address, _ in joints.values()], dtype=np.intp)
         self.dofs = np.array([dof for _, dof in joints.values()], dtype=np.intp)
         springs = [hand.links[link].spring for link in joints]
@@ -41,7 +41,7 @@ class Drive:
         self._read_drives(scene)
 
     def _read_drives(self, scene: Scene) -> None:
-        """Collect a row per drive: its index in MuJoCo, its actuator, its law, and its arms over the joints."""
+        """Collect a row per drive: its index in MuJoCo, its actuator, its gains, and its moment arms at the joints."""
         hand, column = scene.hand, {link: i for i, link in enumerate(scene.joints)}
         index, owner, wound, spools = [], [], [], []
         offsets, laws, limits, arms = [], [], [], []
@@ -74,11 +74,11 @@ class Drive:
         self._stiffness, self._rate_gain = np.array(laws).reshape(-1, 2).T
         self._greatest = np.array(limits)
         self._arms = np.array(arms).reshape(-1, len(column))
-        #: Damping of each joint by each drive at its greatest force.
+        #: Damping of each joint by each drive at its force limit.
         self._extra = SATURATED_DAMPING * self._rate_gain[:, None] * self._arms**2
 
     def loads(self, data: mujoco.MjData) -> Array:
-        """Give the load of each actuator, N or N m: its tendon's tension, or the greatest closing force on a joint."""
+        """Return each actuator's load, N or N m: tension of its tendon, or the greatest closing force on its joints."""
         loads = np.zeros(len(self.positions))
         np.maximum.at(loads, self._owner, data.actuator_force[self._index] * np.sign(self._wound))
         return loads
@@ -93,7 +93,7 @@ class Drive:
         data.qfrc_applied[self.dofs] = self._stop * (np.clip(q, self._low, self._high) - q)
         taken, start = self._wound * after[self._owner], self._wound * before[self._owner]
         length = self._arms @ q
-        # The damper acts between drive and joints; MuJoCo's acts on the joints alone.
+        # The damper acts between drive and joints; MuJoCo's acts on the joints only, so add the drive's speed.
         wound = taken + self._offset + self._rate_gain / self._stiffness * (taken - start) / self.dt
         data.ctrl[self._index] = np.where(self._is_spool & (taken <= length), _SLACK, wound)
         stretch = start + self._offset - length

@@ -1,6 +1,6 @@
 """One trial in MuJoCo: close, lift, hold, with the core's definition of success.
 
-Only MuJoCo steps the world. Between steps the actuators move (`drive`), and the carriage follows the minimum-jerk lift.
+MuJoCo alone steps the world. Between steps `drive` moves the actuators, and the carriage follows a minimum-jerk lift.
 """
 
 from __future__ import annotations
@@ -28,16 +28,15 @@ LIFT_HEIGHT, REST_SPEED, HOLD_TIME = (
 )
 #: Interval at which the criterion is checked, s: the core's time step.
 _LOOK_EVERY = PhysicsConfig.dt
-#: Bodies that overlap by more than this at the start make a trial infeasible, m: contacts are left at rest less deep
-#: than this.
+#: Trials are infeasible if bodies overlap by more than this at the start, m; contacts at rest are less deep.
 _START_DEPTH = 0.001
-#: An object may rise relative to the hand by this much while fingers settle, m; the core's early stops allow the same.
+#: Rise of an object relative to the hand that settling fingers can cause, m; the core's early stops allow the same.
 _CURL_RISE = 0.03
 
 
 @dataclass(frozen=True)
 class TrialTimes:
-    """The script of a trial, by default the core's; seconds and metres."""
+    """Phases of a trial, by default the core's; seconds and metres."""
 
     close_time: float = TrialConfig.close_time
     lift_height: float = TrialConfig.lift_height
@@ -46,11 +45,11 @@ class TrialTimes:
 
     @property
     def end(self) -> float:
-        """Length of the whole trial, s."""
+        """Duration of the trial, s."""
         return self.close_time + self.lift_time + self.hold_time
 
     def rise(self, time: float) -> float:
-        """Height of the palm above its start, m."""
+        """Return the height of the palm above its start, m."""
         return self.lift_height * minimum_jerk((time - self.close_time) / self.lift_time)
 
 
@@ -62,10 +61,10 @@ class Outcome:
     failure: FailureKind | None
     #: Rise of the centre of mass at the end, m.
     lift: float
-    #: Greatest speed in the hand's frame, averaged as the core does, during the last half second, m/s; infinite for a
-    #: trial that ended before.
+    #: Greatest speed in the hand's frame, averaged as in the core, during the last half second, m/s; infinite if
+    #: infeasible.
     speed: float
-    #: Links of the hand that touched the object when lifting began, and at the end.
+    #: Number of the hand's links that touched the object when lifting began, and at the end.
     touching: tuple[int, int]
     #: Largest overlap of object and hand during the last half second, m.
     depth: float
@@ -76,15 +75,15 @@ class Outcome:
 
 @dataclass
 class Sample:
-    """A row of the trace, every 10 ms."""
+    """A row of the trace, one per 10 ms."""
 
     time: float
-    #: Positions of the joints that move under forces, in the order of their links, rad or m.
+    #: Positions of the dynamic joints, in the order of their links, rad or m.
     joints: Array
     #: Loads of the actuators, N or N m, and their positions, rad or m.
     loads: Array
     actuators: Array
-    #: (4, 4).
+    #: Pose of the object, (4, 4), metres.
     world_from_object: Array
 
 
@@ -94,7 +93,7 @@ class Replay:
     def __init__(self, scene: Scene, world_from_hand: Array, preshape: float, times: TrialTimes | None = None):
         self.scene = scene
         self.times = times or TrialTimes()
-        # Poses of jointless bodies belong to the model, so each trial has its own.
+        # The model contains the poses of bodies without joints, so each trial has its own copy.
         self.model = copy.copy(scene.model)
         self.data = mujoco.MjData(self.model)
         self.dt = scene.numerics.timestep
@@ -127,14 +126,14 @@ class Replay:
         rest = scene.object.world_from_object
         lowest = min(float((points @ rest[2, :3]).min()) for points in scene.object.parts) + rest[2, 3]
         start = model.joint("object").qposadr[0]
-        # The core leaves a resting object up to half a millimetre deep in the table; here that would be a push upwards.
+        # In the core a resting object is up to half a millimetre deep in the table, which would push it upwards here.
         data.qpos[start : start + 3] = rest[:3, 3] - [0.0, 0.0, min(lowest, 0.0)]
         data.qpos[start + 3 : start + 7] = quaternion(rest[:3, :3])
         self._open_joints()
         self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
 
     def contacts(self) -> tuple[bool, int, float]:
-        """Whether the object touches the scenery, the number of hand links that touch it, and their depth in metres."""
+        """Return whether the object touches the table, how many hand links touch it, and their greatest depth, m."""
         contact = self.data.contact
         geoms, distance = contact.geom, contact.dist
         scene = self.scene
@@ -149,14 +148,14 @@ class Replay:
         return bool((pressing & scene.is_scenery[other]).any()), len(links), depth
 
     def is_feasible(self) -> bool:
-        """Tell whether the open hand is free of object and scenery at the start."""
+        """Return whether the open hand is free of collisions with object and table at the start."""
         contact = self.data.contact
         hand = self.scene.is_hand[contact.geom]
         mixed = hand[:, 0] != hand[:, 1]
         return not bool((contact.dist[mixed] < -_START_DEPTH).any())
 
     def _open_joints(self) -> None:
-        """Put joints that servos drive, and those that follow others, where the open hand has them."""
+        """Set servo-driven joints and mimic joints to their positions in the open hand."""
         hand, q = self.scene.hand, self.data.qpos
         for actuator, position in zip(hand.actuators, self.drive.positions, strict=True):
             for link, ratio, offset in actuator.joints:
@@ -168,12 +167,12 @@ class Replay:
                 q[address] = follows[1] * q[self.scene.joints[hand.index(follows[0])][0]] + follows[2]
 
     def joint(self, link: int) -> tuple[float, float]:
-        """Give position (rad or m) and speed of the joint of a link."""
+        """Return position (rad or m) and speed of the joint of a link."""
         address, dof = self.scene.joints[link]
         return float(self.data.qpos[address]), float(self.data.qvel[dof])
 
     def load(self, index: int) -> float:
-        """Give the load of an actuator: tension of its tendon, or the greatest force on its joints towards closing."""
+        """Return the load of an actuator: tension of its tendon, or the greatest closing force on its joints."""
         return float(self.drive.loads(self.data)[index])
 
     def step(self) -> None:
@@ -189,13 +188,13 @@ class Replay:
         self.steps += 1
 
     def object_place(self) -> Array:
-        """Where the centre of mass is in the hand's frame, but for a fixed distance: the hand only translates, m."""
+        """Return the centre of mass relative to the hand up to a constant, m; the hand only translates vertically."""
         place: Array = self.data.xipos[self.scene.object_body].copy()
         place[2] -= self.data.qpos[self._carriage[0]]
         return place
 
     def sample(self) -> Sample:
-        """Take a row of the trace."""
+        """Record a row of the trace."""
         pose = np.eye(4)
         pose[:3, :3] = self.data.xmat[self.scene.object_body].reshape(3, 3)
         pose[:3, 3] = self.data.xpos[self.scene.object_body]
@@ -217,20 +216,20 @@ def replay(
     trace: bool = False,
     early_stop: bool = False,
 ) -> Outcome:
-    """Run one trial, to its end unless `early_stop` is set.
+    """Run one trial; to its end unless `early_stop` is set.
 
     Parameters
     ----------
     scene : Scene
-        From `build`.
+        The result of `build`.
     world_from_hand : (4, 4) float64
-        The grasp frame when closing begins.
+        Pose of the grasp frame at which closing begins.
     preshape : float
         See `graspbox.Hand.preshape_limits`.
     trace : bool
-        Also return a row every 10 ms.
+        Whether to record a row every 10 ms.
     early_stop : bool
-        End a trial that failed once the object is so far below the hand that the lift cannot raise it enough any more.
+        Whether to stop, as failed, when the object is so far below the hand that the lift cannot raise it high enough.
     """
     run = Replay(scene, world_from_hand, preshape, times)
     if not run.is_feasible():

@@ -1,4 +1,4 @@
-"""Results of a comparison of both engines: a row per trial, and what they say together."""
+"""Results of a comparison of both engines: one row per trial, and statistics."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class Row:
     world_from_hand: Array
     object_from_hand: Array
     preshape: float
-    #: Success in the core and in MuJoCo at half their time step; None where that was not tried.
+    #: Success in the core and in MuJoCo at half their time step; None if the trial was not repeated.
     halved: tuple[bool, bool] | None = None
 
     @property
     def equal(self) -> bool:
-        """Whether both engines say success, or both do not."""
+        """Whether both engines give the same label."""
         return self.success == self.mujoco.success
 
     @property
     def why(self) -> Why | None:
-        """Whose label changes with the time step, where the labels differ and that was tried."""
+        """Which engine's label changes with the time step, if the labels differ and the trial was repeated."""
         if self.equal or self.halved is None:
             return None
         core, mujoco = self.halved[0] != self.success, self.halved[1] != self.mujoco.success
@@ -49,7 +49,7 @@ class Row:
         return "mujoco undecided" if mujoco else "engines disagree"
 
     def to_json(self) -> dict[str, Any]:
-        """Give plain values."""
+        """Return the values as JSON types."""
         return {
             "object": self.object,
             "core": {"success": self.success, "failure": self.failure or None, "lift": self.lift},
@@ -73,11 +73,11 @@ class Report:
     """Result of a comparison."""
 
     rows: list[Row] = field(default_factory=list)
-    #: Trials that MuJoCo finds in collision at the start.
+    #: Trials in collision at the start in MuJoCo only.
     infeasible: int = 0
     #: Objects without enough feasible poses.
     left_out: list[str] = field(default_factory=list)
-    #: Labels that the core's early stops changed; there should be none.
+    #: Labels changed by the core's early stops; should be 0.
     early_stop_changed: int = 0
     threads: int = 1
     core_seconds: float = 0.0
@@ -96,12 +96,12 @@ class Report:
 
     @property
     def bias(self) -> float:
-        """The core's rate of success less MuJoCo's."""
+        """The core's success rate minus MuJoCo's."""
         excess = sum(row.success - row.mujoco.success for row in self.rows)
         return excess / len(self.rows) if self.rows else 0.0
 
     def labels(self) -> dict[str, NDArray[np.bool_]]:
-        """Labels by engine; those at half the time step too, if every trial was repeated."""
+        """Return the labels by engine, including those at half the time step if every trial was repeated."""
         labels = {"core": [r.success for r in self.rows], "mujoco": [r.mujoco.success for r in self.rows]}
         halved = [row.halved for row in self.rows if row.halved is not None]
         if self.rows and len(halved) == len(self.rows):
@@ -109,7 +109,7 @@ class Report:
         return {name: np.array(found, dtype=bool) for name, found in labels.items()}
 
     def agreements(self) -> dict[str, dict[str, float]]:
-        """Share of equal labels, and kappa, of every pair of runs."""
+        """Return the share of equal labels and kappa for every pair of runs."""
         if not self.rows:
             return {}
         labels = list(self.labels().items())
@@ -123,7 +123,7 @@ class Report:
         return len(self.rows) / seconds if seconds > 0.0 else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Give plain values."""
+        """Return the values as JSON types."""
         different = [row for row in self.rows if not row.equal]
         kinds = Counter(f"{row.failure or 'success'} / {row.mujoco.failure or 'success'}" for row in different)
         return {

@@ -1,11 +1,11 @@
-"""Robust success: the share of slightly moved copies of a grasp that succeed, in both engines.
+"""Robust success: the success rate of perturbed copies of a grasp, in both engines.
 
-One trial near the edge of success is decided by rounding. The share of successes among copies that are moved and
-turned a little is a property of the grasp, and can be compared between engines: by Spearman's rank correlation over
-many grasps, and by the mean difference.
-The core is also compared with itself at half its time step on the same copies, which bounds what can be expected.
+Rounding decides a single trial close to the limit of success. The success rate of slightly translated and rotated
+copies is a property of the grasp and can be compared between engines: by Spearman's rank correlation over many grasps,
+and by the mean difference. The core is also compared with itself at half its time step on the same copies, which bounds
+the agreement to expect.
 
-Results of finished objects can be kept in a file, so that an interrupted run resumes.
+Results of finished objects can be saved to a file, from which an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from graspbox import _core
 from graspbox.errors import ConfigError, FileError
 from graspbox.files import read_bounded, write_text
 from graspbox.hands import HandLike, load_hand
+from graspbox.training.runs import refuse_changes
 from graspbox.validation.agreement import kappa, spearman
 from graspbox.validation.mujoco.compare import (
     PLANNER_OBJECTS,
@@ -37,18 +38,18 @@ from graspbox.validation.mujoco.description import Array, HandDescription
 from graspbox.validation.mujoco.sampling import Source, perturbed, sample_trials
 from graspbox.validation.mujoco.scene import Numerics
 
-#: Bytes of a file of finished objects at most.
+#: Largest file of finished objects to read, bytes.
 _GREATEST_FILE = 1 << 26
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """How a grasp is replayed.
+    """Number and size of a grasp's perturbations.
 
     Attributes
     ----------
     replays : int
-        Copies of each grasp.
+        Number of copies of each grasp.
     shift, turn : float
         Greatest distance (m) and angle (rad); see `sampling.perturbed`.
     """
@@ -60,15 +61,15 @@ class Perturbation:
 
 @dataclass(frozen=True)
 class RobustRow:
-    """The copies of one grasp.
+    """Results for the copies of one grasp.
 
     Attributes
     ----------
     object : str
         Name of the object.
     core, core_half, mujoco : list of bool
-        Success of each copy in the core, in the core at half its time step, and in MuJoCo. Copies that are in
-        collision at the start fail.
+        Success of each copy in the core, in the core at half its time step, and in MuJoCo. Copies in collision at the
+        start fail.
     """
 
     object: str
@@ -79,19 +80,19 @@ class RobustRow:
 
 @dataclass(frozen=True)
 class RobustReport:
-    """All grasps."""
+    """Results for all grasps."""
 
     rows: list[RobustRow]
     #: Objects without enough feasible poses.
     left_out: list[str]
 
     def shares(self) -> dict[str, Array]:
-        """Share of copies that succeed, by engine; one entry per grasp."""
+        """Return the success rate of the copies, by engine; one entry per grasp."""
         names = ("core", "core_half", "mujoco")
         return {name: np.array([np.mean(getattr(row, name)) for row in self.rows]) for name in names}
 
     def facts(self) -> dict[str, Any]:
-        """Give the numbers of the comparison as plain values."""
+        """Return the statistics of the comparison as JSON types."""
         facts: dict[str, Any] = {"grasps": len(self.rows), "left_out": self.left_out}
         if not self.rows:
             return facts
@@ -102,7 +103,7 @@ class RobustReport:
         for first, second in (("core", "mujoco"), ("core", "core_half")):
             difference = shares[first] - shares[second]
             facts[f"{first} / {second}"] = {
-                # There is no order where all shares are equal, and JSON has no NaN.
+                # The correlation is undefined if all rates are equal, and JSON has no NaN.
                 "spearman": None if np.isnan(order := spearman(shares[first], shares[second])) else order,
                 "bias": float(difference.mean()),
                 "bias_standard_error": float(difference.std() / np.sqrt(len(difference))),
@@ -113,7 +114,7 @@ class RobustReport:
         return facts
 
     def to_json(self) -> dict[str, Any]:
-        """Give plain values."""
+        """Return the values as JSON types."""
         return {**self.facts(), "rows": [asdict(row) for row in self.rows]}
 
 
@@ -131,7 +132,7 @@ def _try(
     preshapes = np.repeat(sampled[1], how.replays)
     ours = scene.simulate(poses, preshapes, num_threads=threads)
     half = halve(scene).simulate(poses, preshapes, num_threads=threads).success
-    # What is in collision in the core fails in both engines; it is no trial.
+    # Copies in collision in the core count as failed in both engines and are not replayed.
     free = np.array(ours.failure) != "infeasible"
     theirs = np.zeros(len(poses), dtype=bool)
     item = object_data(scene)
@@ -143,7 +144,7 @@ def _try(
 
 
 def _load(path: Path | None, settings: dict[str, Any]) -> dict[str, list[RobustRow]]:
-    """Finished objects of an interrupted run with the same settings."""
+    """Load the finished objects of an interrupted run with the same settings."""
     if path is None or not path.exists():
         return {}
     try:
@@ -153,8 +154,7 @@ def _load(path: Path | None, settings: dict[str, Any]) -> dict[str, list[RobustR
         raise FileError(
             22, f"not the results of a robust comparison ({error}); give another file", str(path)
         ) from error
-    if saved["settings"] != settings:
-        raise ConfigError(f"{path} holds results of other settings, {saved['settings']}; give another file")
+    refuse_changes(path, saved["settings"], settings, "give another file")
     return rows
 
 
@@ -171,7 +171,7 @@ def compare_robust(
     resume: Path | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RobustReport:
-    """Replay `grasps` grasps, spread evenly over the objects, with perturbations in both engines.
+    """Replay `grasps` grasps, distributed evenly over the objects, with perturbations in both engines.
 
     Parameters
     ----------
@@ -182,17 +182,17 @@ def compare_robust(
     seed : int
         Seed of poses and perturbations.
     source : str
-        Where poses come from; see `sampling.Source`.
+        Source of the poses; see `sampling.Source`.
     how : Perturbation, optional
         Number and size of the perturbations.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     threads : int, optional
-        For both engines; by default as many as the core would use.
+        Number of threads for both engines; by default that of the core.
     numerics : Numerics, optional
         MuJoCo's settings.
     resume : Path, optional
-        File for the results of finished objects; those that it holds already are not tried again.
+        File for results of finished objects; objects that it contains already are skipped.
     progress : callable, optional
         Called after each object with the number of finished grasps.
 

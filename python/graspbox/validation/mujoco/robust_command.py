@@ -18,17 +18,17 @@ from graspbox.validation.mujoco import PLANNER_OBJECTS, Numerics, Perturbation, 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m graspbox.validation robust", description=__doc__)
-    parser.add_argument("--grasps", type=int, default=200, help="grasps, spread evenly over the objects (200)")
+    parser.add_argument("--grasps", type=int, default=200, help="grasps, distributed evenly over the objects (200)")
     parser.add_argument("--replays", type=int, default=16, help="perturbed copies of each grasp (16)")
-    parser.add_argument("--shift", type=float, default=5.0, help="greatest shift of a copy, mm (5)")
-    parser.add_argument("--turn", type=float, default=5.0, help="greatest turn of a copy, degrees (5)")
+    parser.add_argument("--shift", type=float, default=5.0, help="greatest translation of a copy, mm (5)")
+    parser.add_argument("--turn", type=float, default=5.0, help="greatest rotation of a copy, degrees (5)")
     parser.add_argument("--seed", type=int, default=0, help="seed of poses and perturbations (0)")
     parser.add_argument("--objects", nargs="+", default=list(PLANNER_OBJECTS), metavar="SET", help="object sets")
-    parser.add_argument("--hand", default="reflex", help="a hand by its name (reflex)")
+    parser.add_argument("--hand", default="reflex", help="name of the hand (reflex)")
     parser.add_argument("--threads", type=int, default=None, help="threads for both engines; all by default")
     step = Numerics().timestep
     parser.add_argument("--timestep", type=float, default=step, help=f"MuJoCo's time step, s ({step})")
-    parser.add_argument("--resume", type=Path, default=None, help="file that keeps finished objects (none)")
+    parser.add_argument("--resume", type=Path, default=None, help="file for results of finished objects (none)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     return parser
 

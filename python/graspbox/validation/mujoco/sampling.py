@@ -1,4 +1,4 @@
-"""Poses to judge: at random around an object, from the planner, and shifted copies of a pose."""
+"""Poses for the comparison: random around an object, from the planner, and perturbed copies of a pose."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import graspbox
 from graspbox.configs import TrialConfig
 from graspbox.validation.mujoco.description import Array
 
-#: Where poses come from: random ones around the object, the planner's best, or a random choice of the planner's.
+#: Source of poses: random ones around the object, the planner's best, or a random choice of the planner's.
 Source = Literal["random", "planner", "planner-any"]
 
 #: Poses are sampled in rounds until enough are feasible; after this many rounds the object is left out.
 _MAX_ROUNDS = 20
 #: Steps of closing at which the hand's reach is measured.
 _CLOSING_STEPS = 21
-#: Room between table and base, m.
+#: Clearance between table and base, m.
 _BASE_GAP = 0.005
-#: A short trial tells whether a pose is feasible.
+#: A short trial to find out whether a pose is feasible.
 _CHECK = TrialConfig(close_time=0.1, lift_time=0.1, hold_time=0.5)
 
 
 def _corners(hand: graspbox.Hand, positions: Array, *, palm_only: bool) -> Array:
-    """Give the corners (n, 3) of the collision boxes, in the grasp frame."""
+    """Return the corners (n, 3) of the collision boxes, grasp frame, metres."""
     poses, half, _, carriers = hand.shapes(positions)
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     wanted = carriers < 0 if palm_only else np.ones(len(poses), dtype=bool)
@@ -36,15 +36,15 @@ def _corners(hand: graspbox.Hand, positions: Array, *, palm_only: bool) -> Array
 
 
 def reach(hand: graspbox.Hand, preshape: float) -> float:
-    """Measure how far the fingers come out of the palm while they close, metres along the grasp frame's z."""
+    """Return how far the fingers extend from the palm while they close, metres along the grasp frame's z."""
     shares = np.linspace(0.0, 1.0, _CLOSING_STEPS)
     return max(float(_corners(hand, hand.closed(preshape, s), palm_only=False)[:, 2].max()) for s in shares)
 
 
 def random_preshape(random: np.random.Generator, hand: graspbox.Hand) -> float:
-    """Sample a preshape: the greatest with probability 0.3, else one of the lower 38 % of the range.
+    """Sample a preshape: the greatest with probability 0.3, else uniformly from the lower 38 % of the range.
 
-    The greatest is a pinch of the ReFlex. Of named preshapes all are as likely.
+    The greatest preshape of the ReFlex is a pinch. Named preshapes are equally likely.
     """
     low, high = hand.preshape_limits
     if hand.preshape_unit == "1":
@@ -55,8 +55,8 @@ def random_preshape(random: np.random.Generator, hand: graspbox.Hand) -> float:
 def random_pose(random: np.random.Generator, points: Array, center: Array, hand: graspbox.Hand) -> tuple[Array, float]:
     """Sample a hand pose from above or from a side, and a preshape.
 
-    From above the palm is a small gap over the object, and at least 0.9 to 1.28 of the fingers' reach above the table:
-    nearer to it they fold on the way. From a side the base is above the table.
+    From above, the palm has a small gap to the object, and a height above the table of at least 0.9 to 1.28 times the
+    fingers' reach, since the fingers fold against a nearer table. From a side, the base is above the table.
 
     Parameters
     ----------
@@ -65,11 +65,12 @@ def random_pose(random: np.random.Generator, points: Array, center: Array, hand:
     center : (3,)
         Centre of mass, world frame.
     hand : Hand
-        For its preshapes and sizes.
+        The hand; its preshapes and dimensions are used.
 
     Returns
     -------
     world_from_hand : (4, 4)
+        The pose, metres.
     preshape : float
         See `random_preshape`.
     """
@@ -122,7 +123,7 @@ def _planner_trials(
     seed = int(random.integers(2**32))
     plan = graspbox.plan(scene.mesh, hand=scene.hand, world_from_object=scene.world_from_object, seed=seed).best()
     order = np.arange(len(plan)) if best else random.permutation(len(plan))
-    # The planner's filter and the trial's may differ by a hair, so poses are checked again.
+    # The planner's filter and the trial's may differ slightly, so check the poses again.
     kept: list[int] = []
     for start in range(0, len(order), count):
         chunk = order[start : start + count]
@@ -140,7 +141,7 @@ def sample_trials(
     Returns
     -------
     tuple or None
-        (count, 4, 4) ``object_from_hand`` and (count,) preshapes; None where there are not so many.
+        (count, 4, 4) ``object_from_hand`` and (count,) preshapes; None if there are fewer feasible poses.
     """
     if source == "random":
         return _random_trials(scene, count, random)
@@ -148,7 +149,7 @@ def sample_trials(
 
 
 def perturbed(pose: Array, count: int, shift: float, turn: float, random: np.random.Generator) -> Array:
-    """Give copies of a pose, each moved and turned in a direction of its own.
+    """Return copies of a pose, each translated and rotated in a random direction.
 
     Parameters
     ----------
@@ -157,9 +158,9 @@ def perturbed(pose: Array, count: int, shift: float, turn: float, random: np.ran
     count : int
         Number of copies.
     shift, turn : float
-        Greatest distance (m) and angle (rad); both are uniform up to there. The hand turns about its grasp frame.
+        Greatest distance (m) and angle (rad); both are sampled uniformly. The hand rotates about its grasp frame.
     random : Generator
-        Where the numbers come from.
+        The random number generator.
 
     Returns
     -------
@@ -174,7 +175,7 @@ def perturbed(pose: Array, count: int, shift: float, turn: float, random: np.ran
 
 
 def _rotation(axis: Array, angle: float) -> Array:
-    """Give the (3, 3) turn by `angle` (rad) about a unit vector, by Rodrigues' formula."""
+    """Return the (3, 3) rotation by `angle` (rad) about a unit vector, by Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))

@@ -1,16 +1,16 @@
-"""The same hand, object, table and friction as an MJCF model.
+"""An MJCF model of the core's hand, object, table and friction.
 
-* The hand is mounted on a carriage that slides along the world's z; its armature is so large that contact forces do not
-  move it. Its position and velocity are prescribed at every step, so that contacts see the true velocity of the palm.
-* Base pose and rigidly driven joints are poses of bodies without joints, set when a trial begins.
-* The table is a plane without edges: what falls over the edge of the core's table is lost in both. A box would be
-  searched against everything at every step.
-* A tendon is a fixed tendon with the moment arms, pulled by an actuator whose affine law is ``k stretch + d rate``,
-  clamped to ``[0, max_tension]``; `replay` moves the spool. A servo is a position actuator of limited force, and a
-  joint that follows another one an equality constraint.
-* The coefficient of a pair is the product of its two factors. Contacts of the object take MuJoCo's maximum of the two
-  with the object's own set to 0; all others are listed as explicit pairs, which also say which parts of the hand may
-  meet: links of different chains, and the palm with links that have another one between them.
+* The hand is mounted on a carriage that slides along the world's z; contact forces do not move it, because its armature
+  is very large. Its position and velocity are prescribed at every step, so contacts use the palm's true velocity.
+* The base and rigidly driven links are bodies without joints, whose poses are set when a trial begins.
+* The table is an infinite plane: an object that falls off the edge of the core's table fails in both engines, and a box
+  would cost collision tests at every step.
+* A tendon is a fixed tendon with the moment arms, pulled by an actuator with the affine law ``k stretch + d rate``,
+  clamped to ``[0, max_tension]``; `replay` moves the spool. A servo is a position actuator with limited force, and a
+  mimic joint an equality constraint.
+* The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose own factor is
+  set to 0, MuJoCo's maximum of the two gives this product. All others are explicit pairs, which also define the
+  self-collisions of the hand: links of different chains, and the palm with links that are not adjacent to it.
 """
 
 from __future__ import annotations
@@ -34,34 +34,33 @@ CARRIAGE_INERTIA = 1e4
 
 @dataclass(frozen=True)
 class ObjectData:
-    """An object to replay, in its own frame; metres, kilograms."""
+    """An object to simulate, in its own frame; metres, kilograms."""
 
     name: str
     #: Convex parts, each (n, 3) points.
     parts: Sequence[Array]
     mass: float
-    #: (3,) and (3, 3) about it.
+    #: Centre of mass (3,), and inertia about it (3, 3).
     center: Array
     inertia: Array
-    #: (4, 4): at rest on the table.
+    #: Resting pose on the table, (4, 4).
     world_from_object: Array
 
 
 @dataclass(frozen=True)
 class Numerics:
-    """MuJoCo's numerical settings; none of them is physics.
+    """MuJoCo's numerical settings, as opposed to physical ones.
 
-    Chosen so that a firmly held object creeps by less than 0.1 mm/s.
+    They are chosen so that a firmly held object creeps by less than 0.1 mm/s.
     """
 
-    #: s. At 1 ms some objects that are held firmly at 0.5 and 0.25 ms wobble faster than success allows.
+    #: Time step, s. At 1 ms some objects that are held firmly at 0.5 and 0.25 ms wobble faster than success allows.
     timestep: float = 0.0005
-    #: Friction constraints are this much harder than normal ones: what keeps MuJoCo's regularized friction from
-    #: creeping.
+    #: Ratio of the impedances of friction and normal constraints; prevents creep of MuJoCo's regularized friction.
     impratio: float = 10.0
-    #: Time constant (s) and damping ratio of contacts; MuJoCo wants two steps at least.
+    #: Time constant (s) and damping ratio of contacts; MuJoCo needs a time constant of at least two steps.
     solref: tuple[float, float] = (0.004, 1.0)
-    #: Impedance at no and at full depth, and that depth (m).
+    #: Impedance at zero and at full depth, and that depth (m).
     solimp: tuple[float, float, float] = (0.95, 0.99, 0.0005)
     noslip_iterations: int = 5
     iterations: int = 100
@@ -81,14 +80,14 @@ class Scene:
     is_hand: NDArray[np.bool_]
     base_body: int
     object_body: int
-    #: By the index of its link: address in ``qpos`` and degree of freedom of each joint that moves under forces.
+    #: Address in ``qpos`` and index in ``qvel`` of each dynamic joint, by the index of its link.
     joints: dict[int, tuple[int, int]] = field(default_factory=dict)
-    #: MuJoCo's actuators of each actuator: one per tendon or driven joint, none where joints are driven rigidly.
+    #: MuJoCo's actuators for each of the hand's actuators: one per tendon or driven joint, none for a rigid drive.
     actuators: list[list[int]] = field(default_factory=list)
 
 
 def quaternion(rotation: Array) -> Array:
-    """Give the unit quaternion (w, x, y, z) of a (3, 3) rotation."""
+    """Return the unit quaternion (w, x, y, z) of a (3, 3) rotation."""
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rotation, dtype=np.float64).reshape(9))
     return quat
@@ -145,7 +144,7 @@ def _add_object(root: ET.Element, world: ET.Element, item: ObjectData) -> None:
     ET.SubElement(body, "freejoint", name="object")
     _add_inertial(body, item.mass, item.center, item.inertia)
     for i, points in enumerate(item.parts):
-        # The inertia of a part is not used; "convex" computes it from the hull, which exists for any cloud of points.
+        # The inertia of a part is not used; "convex" computes it from the hull, which any point cloud has.
         ET.SubElement(assets, "mesh", name=f"part_{i}", vertex=_text(np.ravel(points)), inertia="convex")
         geom = ET.SubElement(body, "geom", name=f"object_{i}", type="mesh", mesh=f"part_{i}")
         geom.set("contype", "1")
@@ -154,7 +153,7 @@ def _add_object(root: ET.Element, world: ET.Element, item: ObjectData) -> None:
 
 
 def _groups(hand: HandDescription, free: Sequence[int]) -> list[tuple[str, int, str, float]]:
-    """Shapes of the hand as (part, chain, name, friction); a part is ``palm``, ``near`` (next to it) or ``far``."""
+    """List the hand's shapes as (part, chain, name, friction); a part is ``palm``, ``near`` (adjacent) or ``far``."""
     part_of, chain_of, shaped, found, chains = {BASE: "palm"}, {BASE: -1}, {BASE: False}, [], 0
     for index, link in enumerate(hand.links):
         if index != BASE:
@@ -191,7 +190,7 @@ def _add_pairs(root: ET.Element, hand: HandDescription, physics: PhysicsConfig, 
 def _add_actuator(
     actuators: ET.Element, name: str, target: dict[str, str], law: tuple[float, float], force: tuple[float, float]
 ) -> None:
-    """Add an actuator with force = k ctrl - k length - d length', limited to an interval."""
+    """Add an actuator with force = k ctrl - k length - d length', clamped to an interval."""
     stiffness, damping = law
     found = ET.SubElement(actuators, "general", {"name": name, **target}, biastype="affine", forcelimited="true")
     found.set("gainprm", _text([stiffness]))
@@ -207,7 +206,7 @@ def _add_actuators(root: ET.Element, hand: HandDescription, numerics: Numerics) 
             ET.SubElement(fixed, "joint", joint=hand.links[link].joint, coef=_text([arm]))
     for actuator in hand.actuators:
         if actuator.spool is not None:
-            # ctrl is the tendon length that the spool has taken up.
+            # ctrl is the length of tendon wound onto the spool.
             tendon = hand.tendons[actuator.spool[0]]
             law, force = (tendon.stiffness, tendon.damping), (0.0, tendon.max_tension)
             _add_actuator(actuators, actuator.name, {"tendon": tendon.name}, law, force)
@@ -229,7 +228,7 @@ def _add_actuators(root: ET.Element, hand: HandDescription, numerics: Numerics) 
 
 
 def mjcf(hand: HandDescription, item: ObjectData, physics: PhysicsConfig, numerics: Numerics) -> str:
-    """Write the model of one object and the hand as MJCF."""
+    """Return the model of one object and the hand as MJCF."""
     root = ET.Element("mujoco", model=f"{hand.name} and {item.name}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="false", boundmass="0")
     option = ET.SubElement(root, "option", integrator="implicitfast", cone="elliptic", solver="Newton")
@@ -259,7 +258,7 @@ def build(
     """Compile the model of one object and the hand; gravity and friction are those of `physics`."""
     physics, numerics = physics or PhysicsConfig(), numerics or Numerics()
     if physics.friction.object != 1.0:
-        # The surface factor of the other side is the coefficient only then.
+        # Only then does the factor of the other surface equal the coefficient.
         raise ConfigError(f"friction.object is {physics.friction.object}; the MuJoCo model needs 1")
     model = mujoco.MjModel.from_xml_string(mjcf(hand, item, physics, numerics))
     names = [model.geom(i).name for i in range(model.ngeom)]

@@ -137,7 +137,6 @@ class GraspEnvironment(Environment[GraspAction, GraspObservation, GraspState]):
             name="graspbox_openenv",
             description=f"{self._settings.env_id} of graspbox: a robot hand grasps objects on a table.",
             version=graspbox.__version__,
-            documentation_url="https://github.com/graspbox/graspbox",
         )
 
     def close(self) -> None:

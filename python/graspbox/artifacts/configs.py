@@ -1,0 +1,392 @@
+"""Contents of ``config.json`` of a published policy: the fields of every policy, and those of each kind; no torch.
+
+A class of this module holds both. In the file the fields of `PolicyConfig` are the envelope, and the others form an
+object named after the kind. All of them are required in the file.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from graspbox import _core
+from graspbox.arguments import check_range
+from graspbox.envs import IDS
+from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, complete
+from graspbox.errors import ConfigError
+from graspbox.hands import load_hand
+from graspbox.models.calibration import Calibration, check_line
+from graspbox.models.head.configs import HeadConfig, check_anchor
+from graspbox.models.stability.inputs import check_times
+from graspbox.perception.configs import CropConfig, HandGridConfig, ProposalConfig
+from graspbox.perception.crops import crop as crop_images
+from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.hand_grids import HandGrid
+
+__all__ = [
+    "ACTING",
+    "GOAL_NAME",
+    "SETTINGS",
+    "DepthPolicyConfig",
+    "Environment",
+    "FeelPolicyConfig",
+    "HeadPolicyConfig",
+    "NetworkInput",
+    "NetworkPolicyConfig",
+    "PolicyConfig",
+    "Use",
+]
+
+#: Name of the observation that comes from another policy, `graspbox.policies.goals`.
+GOAL_NAME = "goal"
+#: Settings of an environment that determine the effect of an action; a published network lists all that its
+#: environment has. The hand is a separate field.
+ACTING = ("control", "frame_skip")
+#: Settings of an environment that a published policy may contain.
+SETTINGS = (*ACTING, "max_episode_steps", "image_size", "cameras", "trial")
+#: Upper bounds of members, channels and actions of a network, with a wide margin.
+_MOST_MEMBERS, _WIDEST, _MOST_ACTIONS = 64, 4096, 1024
+#: Greatest length of a network's input along an axis.
+_LONGEST = 1 << 16
+_HASH = re.compile(r"[0-9a-f]{64}")
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The environments in which a policy acts.
+
+    Attributes
+    ----------
+    id : str
+        One of `graspbox.envs.IDS`.
+    obs : str or tuple of str
+        Keyword ``obs``.
+    settings : mapping
+        Other keywords that determine its observations and the effect of its actions.
+    """
+
+    id: str
+    obs: str | tuple[str, ...]
+    settings: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if self.id not in IDS:
+            raise ConfigError(f"id is {self.id!r}; choose from {', '.join(IDS)}")
+        for name in self.settings:
+            if name not in SETTINGS:
+                raise ConfigError(f"settings has {name!r}; a policy names {', '.join(SETTINGS)} alone")
+        decision = self.id.startswith("graspbox/GraspPose-")
+        complete(GraspPoseVectorSettings if decision else GraspVectorSettings, self.settings)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the observations."""
+        return (self.obs,) if isinstance(self.obs, str) else self.obs
+
+
+@dataclass(frozen=True)
+class Use:
+    """Another published policy that a policy needs.
+
+    Attributes
+    ----------
+    policy : str
+        Its folder, relative to the folder of the policy that needs it; or ``hf://owner/name@revision``.
+    sha256 : str
+        SHA-256 of its ``config.json``, which lists its files with their hashes.
+    """
+
+    policy: str
+    sha256: str
+
+    def __post_init__(self) -> None:
+        _check_hash("sha256", self.sha256)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyConfig:
+    """The fields of every published policy.
+
+    Attributes
+    ----------
+    name : str
+        Name in results.
+    version : str
+        Version of graspbox that exported it.
+    hand : str
+        Name of the hand that it was trained with.
+    environment : Environment or None
+        The environments in which it acts; None if the kind of policy determines them.
+    learned_from : tuple of str
+        Object sets that it was trained on, ``NAME`` or ``NAME/SPLIT``; the folders of the policies that it uses list
+        their own.
+    uses : mapping of str to Use
+        Other policies that it needs, by their role.
+    files : mapping of str to str
+        SHA-256 of each file of its networks and weights.
+    """
+
+    kind: ClassVar[str]
+
+    name: str
+    version: str = _core.__version__
+    hand: str
+    environment: Environment | None = None
+    learned_from: tuple[str, ...] = ()
+    uses: Mapping[str, Use] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if sorted(self.uses) != sorted(self.roles):
+            given, needed = (", ".join(sorted(roles)) or "no policy" for roles in (self.uses, self.roles))
+            raise ConfigError(f"uses has {given}; a policy like this uses {needed}")
+        for name, digits in self.files.items():
+            _check_hash(f"files.{name}", digits)
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Roles of the policies that it uses."""
+        return ()
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Names of its files: networks, then weights."""
+        raise NotImplementedError
+
+    def check(self) -> None:
+        """Check values that need the hand or the core; the constructor checks fields individually.
+
+        Raises
+        ------
+        ConfigError, HandError
+            For an invalid field.
+        """
+        load_hand(self.hand)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthPolicyConfig(PolicyConfig):
+    """Configuration of a policy that grasps from one depth image: completion, proposals, scorer, and optionally a head.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        Maps the scorer's logits to probabilities; part of ``scorer.onnx``.
+    members, width : int
+        Members of the scorer; width of each, `graspbox.models.scorer.network.ScorerNet`.
+    finalists : int
+        Grasps that all members score, `graspbox.artifacts.graphs.ScorerGraph`.
+    completion_width : int
+        `graspbox.models.completion.network.CompletionNet`.
+    crop, grid, finder
+        Settings of its training and of the grasp search.
+    head : HeadConfig or None
+        The head whose grasps are scored together with the proposals.
+    """
+
+    kind: ClassVar[str] = "depth"
+
+    environment: None = None
+    calibration: Calibration
+    members: int
+    width: int
+    finalists: int
+    completion_width: int
+    crop: CropConfig
+    grid: HandGridConfig
+    finder: FinderConfig
+    head: HeadConfig | None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, "members", 1, _MOST_MEMBERS)
+        for name in ("width", "finalists", "completion_width"):
+            check_range(self, name, 1, _WIDEST)
+        if self.head is not None:
+            check_anchor(self.head)
+
+    @property
+    def member_weights(self) -> tuple[str, ...]:
+        """Files of the members' weights."""
+        return tuple(f"scorer-{i}.safetensors" for i in range(self.members))
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Names of its files: networks, then weights."""
+        parts = ("completion", "scorer", *(() if self.head is None else ("head",)))
+        weights = ("completion.safetensors", *self.member_weights)
+        return (*(f"{part}.onnx" for part in parts), *weights, *(() if self.head is None else ("head.safetensors",)))
+
+    def check(self) -> None:
+        """Check the settings of perception too; raises as `PolicyConfig.check`."""
+        super().check()
+        _check_settings(self.crop, self.grid, self.finder.proposals)
+        if self.head is not None:
+            self.head.anchors.check(self.crop)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadPolicyConfig(PolicyConfig):
+    """Configuration of a policy of one network, from a depth image to grasps.
+
+    Attributes
+    ----------
+    preshapes : int
+        Preshapes of the hand.
+    filtered : bool
+        Whether it executes the best grasp that does not collide with the observed surface, instead of the best.
+    head, crop
+        Settings of the network.
+    """
+
+    kind: ClassVar[str] = "head"
+
+    environment: None = None
+    preshapes: int
+    filtered: bool
+    head: HeadConfig
+    crop: CropConfig
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, "preshapes", 1, _MOST_MEMBERS)
+        check_anchor(self.head)
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Names of its files: network, then weights."""
+        return "head.onnx", "head.safetensors"
+
+    def check(self) -> None:
+        """Check the settings of perception too; raises as `PolicyConfig.check`."""
+        super().check()
+        _check_settings(self.crop, HandGridConfig(), ProposalConfig())
+        self.head.anchors.check(self.crop)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeelPolicyConfig(PolicyConfig):
+    """Configuration of a policy that checks grasp stability before it lifts; the role ``depth`` chooses the grasps.
+
+    Attributes
+    ----------
+    times : tuple of float
+        Sensing times, seconds after closing began; it decides at the last of them.
+    threshold : float
+        If the predicted probability of holding is below it, the hand opens and the policy chooses again.
+    calibration : pair of float
+        Slope and offset of the logit; part of ``feel.onnx``.
+    width, members : int
+        Width and number of the networks: `graspbox.models.stability.network.StabilityNet`.
+    """
+
+    kind: ClassVar[str] = "feel"
+
+    environment: None = None
+    times: tuple[float, ...]
+    threshold: float
+    calibration: tuple[float, float]
+    width: int
+    members: int
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_times(self.times)
+        if not 0.0 <= self.threshold <= 1.0:
+            raise ConfigError(f"threshold is {self.threshold}; give a probability, 0 to 1")
+        check_line("calibration", self.calibration)
+        check_range(self, "width", 1, _WIDEST)
+        check_range(self, "members", 1, _MOST_MEMBERS)
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Roles of the policies that it uses."""
+        return ("depth",)
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Names of its files: network, then weights."""
+        return ("feel.onnx", *(f"feel-{number}.safetensors" for number in range(self.members)))
+
+
+@dataclass(frozen=True)
+class NetworkInput:
+    """An observation that is an input of a network: its name, and shape and type of a row."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: str
+
+    def __post_init__(self) -> None:
+        if not all(0 < size <= _LONGEST for size in self.shape):
+            raise ConfigError(f"shape is {self.shape!r}; give integers from 1 to {_LONGEST}")
+        try:
+            known = np.dtype(self.dtype).kind in "fiub"
+        except TypeError:
+            known = False
+        if not known:
+            raise ConfigError(f"dtype is {self.dtype!r}; give the name of a type of numbers, such as 'float32'")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkPolicyConfig(PolicyConfig):
+    """A network from observations to actions; the policy in the role ``goal``, if any, yields the observation ``goal``.
+
+    ``policy.onnx`` maps observations by name, (n, ...) in the environment's format, to ``action``
+    (n, k) float32.
+
+    Attributes
+    ----------
+    inputs : tuple of NetworkInput
+        Its observations, one entry for each name in ``environment.obs``.
+    actions : int
+        Length of an action.
+    algorithm : str
+        Algorithm of Stable-Baselines3 whose policy it is.
+    policy_kwargs : mapping
+        Arguments of that policy, as in ``graspbox/sb3/parameters.yaml``.
+    """
+
+    kind: ClassVar[str] = "network"
+
+    environment: Environment
+    inputs: tuple[NetworkInput, ...]
+    actions: int
+    algorithm: str
+    policy_kwargs: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range(self, "actions", 1, _MOST_ACTIONS)
+        given = [one.name for one in self.inputs]
+        if sorted(self.environment.names) != sorted(given):
+            raise ConfigError(f"inputs has {given}; give one for each name in environment.obs, {self.environment.obs}")
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Roles of the policies that it uses."""
+        return ("goal",) if GOAL_NAME in self.environment.names else ()
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Names of its files: network, then weights."""
+        return "policy.onnx", "policy.safetensors"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Keywords of the environments besides ``obs``, with the hand."""
+        return {**self.environment.settings, "hand": self.hand}
+
+
+def _check_settings(crop: CropConfig, grid: HandGridConfig, proposals: ProposalConfig) -> None:
+    """Validate settings of perception by the core functions that use them; no range depends on the hand."""
+    crop_images(np.zeros((1, 4, 4), dtype=np.float32), np.eye(3), np.eye(4)[None], config=crop)
+    empty = np.zeros((crop.resolution,) * 3, dtype=np.uint8)
+    HandGrid("panda_gripper", grid, crop=crop).propose(empty, proposals)
+
+
+def _check_hash(name: str, digits: str) -> None:
+    if _HASH.fullmatch(digits) is None:
+        raise ConfigError(f"{name} is {digits!r}; give a SHA-256, 64 hexadecimal digits")

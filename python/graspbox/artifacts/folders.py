@@ -1,0 +1,189 @@
+"""Folders of published policies: ``config.json`` is read, validated and written, and the other files are verified.
+
+The kind of policy determines all file names; a link must stay in the folder. A policy refers to other policies by their
+folders, with a hash of their ``config.json``.
+"""
+
+import hashlib
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar, overload
+
+from graspbox.artifacts.configs import DepthPolicyConfig, PolicyConfig, Use
+from graspbox.artifacts.downloads import CONFIG, LARGEST_CONFIG, folder_of, is_name, root_of
+from graspbox.artifacts.registry import kind_of
+from graspbox.artifacts.schema import content_of, parse
+from graspbox.errors import ConfigError, FileError
+from graspbox.files import dumps, read_bounded, write_text
+from graspbox.learned_sets import by_family
+
+__all__ = [
+    "CONFIG",
+    "file_hash",
+    "load",
+    "policy_of",
+    "read_depth_policy",
+    "save",
+    "use_of",
+    "used_folder",
+]
+
+#: Greatest size of a network or of its weights, bytes.
+_LARGEST_FILE = 1 << 28
+
+Config = TypeVar("Config", bound=PolicyConfig)
+
+
+@overload
+def load(folder: str | os.PathLike[str]) -> PolicyConfig: ...
+
+
+@overload
+def load(folder: str | os.PathLike[str], kind: type[Config]) -> Config: ...
+
+
+def load(folder: str | os.PathLike[str], kind: type[PolicyConfig] = PolicyConfig) -> PolicyConfig:
+    """Read the configuration of a published policy, and verify its files.
+
+    Parameters
+    ----------
+    folder : str or path
+        Its folder.
+    kind : type
+        The expected configuration, such as `DepthPolicyConfig`; by default any.
+
+    Returns
+    -------
+    PolicyConfig
+        An instance of the kind's class.
+
+    Raises
+    ------
+    ConfigError
+        If there is no ``config.json``, a field of it is missing, unknown or wrong, the policy is of another kind, or a
+        file is missing, outside the folder, or different from the exported one.
+    MissingExtraError
+        If pydantic is not installed.
+    """
+    path = Path(folder) / CONFIG
+    config = _read(path)
+    if not isinstance(config, kind):
+        raise ConfigError(f"{path}: kind is {config.kind!r}; expected {kind.kind!r}")
+    try:
+        config.check()
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    _check_names(config, str(path))
+    for name, expected in config.files.items():
+        if file_hash(path.parent / name) != expected:
+            raise ConfigError(f"{path.parent / name} is not the file that {path} names; export the policy again")
+    return config
+
+
+def save(folder: Path, config: Config) -> Config:
+    """Write ``config.json``; expands the names of training object sets to families.
+
+    Returns
+    -------
+    PolicyConfig
+        The configuration as written.
+
+    Raises
+    ------
+    ConfigError
+        If `load` would refuse it.
+    ObjectSetError
+        If `learned_from` has an invalid name of a procedural set.
+    """
+    path = Path(folder) / CONFIG
+    learned = dict.fromkeys(each for name in config.learned_from for each in by_family(name))
+    config = replace(config, learned_from=tuple(learned))
+    text = dumps(content_of(config)) + "\n"
+    _check_names(config, str(path))
+    parse(text.encode(), str(path)).check()
+    write_text(path, text)
+    return config
+
+
+def read_depth_policy(folder: str | os.PathLike[str]) -> DepthPolicyConfig:
+    """Read the configuration of a policy that grasps from one depth image; raises as `load`."""
+    return load(folder, DepthPolicyConfig)
+
+
+def policy_of(folder: str | os.PathLike[str]) -> Any:
+    """Build the policy of a folder, a `graspbox.policies.Policy`; raises as `load`."""
+    return kind_of(_read(Path(folder) / CONFIG).kind).policy_class()(Path(folder))
+
+
+def use_of(folder: Path, used: Path) -> Use:
+    """Build the reference from one folder to a published policy that it needs, as a relative path.
+
+    Raises
+    ------
+    ConfigError
+        If `used` holds no published policy.
+    """
+    load(used)
+    return Use(os.path.relpath(used.resolve(), folder.resolve()), file_hash(used / CONFIG))
+
+
+def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str) -> Path:
+    """Find the folder of a policy that another one needs.
+
+    Parameters
+    ----------
+    folder, config
+        Folder and configuration of the policy that needs it.
+    role : str
+        Its role in ``config.uses``.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, or differs from the policy at the time of publication.
+    """
+    use = config.uses[role]
+    found = folder_of(use.policy) if is_name(use.policy) else Path(folder) / use.policy
+    if not (found / CONFIG).is_file() or file_hash(found / CONFIG) != use.sha256:
+        raise ConfigError(
+            f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} holds no policy, or "
+            f"another one than that with which {config.name!r} was published; restore it"
+        )
+    return found
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file of a policy, in hexadecimal digits.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, not a regular file, too large, or a link out of its folder.
+    """
+    return hashlib.sha256(_bytes_of(path, _LARGEST_FILE)).hexdigest()
+
+
+def _read(path: Path) -> PolicyConfig:
+    return parse(_bytes_of(path, LARGEST_CONFIG), str(path))
+
+
+def _bytes_of(path: Path, largest: int) -> bytes:
+    if not path.is_file():
+        hint = "name the folder of a published policy" if path.name == CONFIG else "export the policy again"
+        raise ConfigError(f"there is no {path.name} in {str(path.parent)!r}; {hint}")
+    if not path.resolve().is_relative_to(root_of(path.parent)):
+        raise ConfigError(f"{path} is a link to a file outside its folder; put the file itself there")
+    try:
+        return read_bounded(path, largest)
+    except FileError as error:
+        raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def _check_names(config: PolicyConfig, called: str) -> None:
+    """Check that the files are those of the kind of policy."""
+    given, wanted = set(config.files), set(config.holds)
+    if given != wanted:
+        wrong = [f"lacks {name!r}" for name in sorted(wanted - given)]
+        wrong += [f"has {name!a}" for name in sorted(given - wanted)]
+        raise ConfigError(f"{called}: files {wrong[0]}; a policy of the kind {config.kind!r} has {', '.join(wanted)}")

@@ -1,0 +1,101 @@
+"""Trained networks as exportable functions: bytes in, bytes and calibrated probabilities out (torch).
+
+`graspbox.artifacts.exports` writes them as ONNX; `graspbox.artifacts.runtimes` runs either.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.weight_files import fold_norms, restore_weights
+from graspbox.models.calibration import CAUTION, OTHERS, Calibration
+from graspbox.models.completion.network import CompletionNet
+from graspbox.models.head.graph import HeadGraph
+from graspbox.models.head.network import AnchorNet
+from graspbox.models.scorer.network import ScorerNet
+from graspbox.perception.hand_grids import HandGrid
+
+__all__ = ["CompletionGraph", "ScorerGraph", "load_graphs"]
+
+
+class CompletionGraph(nn.Module):  # type: ignore[misc]
+    """Maps channels (n, 3, N, N, N) uint8 of crops to occupancy (n, N, N, N) uint8."""
+
+    inputs = ("channels",)
+    outputs = ("occupancy",)
+
+    def __init__(self, net: CompletionNet) -> None:
+        super().__init__()
+        self.net = net.eval()
+
+    def forward(self, channels: Tensor) -> Tensor:
+        """Return the share of each voxel that the object fills, 0 to 255 for 0 to 1."""
+        shares = torch.sigmoid(self.net(channels.float() / 255.0))
+        return (shares * 255.0).round().to(torch.uint8)
+
+
+class ScorerGraph(nn.Module):  # type: ignore[misc]
+    """An ensemble of scorers: the first member ranks all grasps, all members score its best ones.
+
+    Parameters
+    ----------
+    members : sequence of ScorerNet
+        At least one.
+    calibration : Calibration
+        Maps logits to probabilities, and weights them in the choice.
+    finalists : int
+        Number of grasps that all members score; needs at least as many inputs.
+    """
+
+    inputs = ("cells", "poses", "preshape")
+    outputs = ("choice", "success", "secure", "logits")
+
+    def __init__(self, members: Sequence[ScorerNet], calibration: Calibration, finalists: int) -> None:
+        super().__init__()
+        self.members = nn.ModuleList([member.eval() for member in members])
+        self._success, self._secure = calibration.success, calibration.secure
+        self._weight, self._finalists = calibration.secure_weight, finalists
+
+    def _judged(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return probabilities of success and of a secure hold, and the score of the choice, from logits (m, 2)."""
+        success = torch.sigmoid(logits[:, 0] * self._success[0] + self._success[1])
+        secure = torch.sigmoid(logits[:, 1] * self._secure[0] + self._secure[1])
+        return (success + self._weight * secure) / (1.0 + self._weight), success, secure
+
+    def forward(self, cells: Tensor, poses: Tensor, preshape: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return choice, success and secure (m,), and the logits (m, 2) before calibration."""
+        logits = self.members[0](cells, poses, preshape)[:, :2]
+        if len(self.members) > 1:
+            best = self._judged(logits)[0].topk(self._finalists).indices
+            chosen = cells[best], poses[best], preshape[best]
+            votes = torch.stack([logits[best], *(member(*chosen)[:, :2] for member in list(self.members)[1:])])
+            mean = votes.mean(0)
+            cautious = mean - CAUTION * (votes - mean).square().mean(0).sqrt()
+            logits = (logits - OTHERS).scatter(0, best[:, None].expand(-1, 2), cautious)
+        return *self._judged(logits), logits
+
+
+def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | HeadGraph, ...]:
+    """Load the networks of a policy's folder from their weights: completion, scorer, and the head if it has one.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `graspbox.artifacts.load`, or if weights belong to another network.
+    """
+    config = read_depth_policy(Path(folder))
+    grid = HandGrid(config.hand, config.grid, crop=config.crop)
+    completion = CompletionNet(config.completion_width)
+    head = None if config.head is None else AnchorNet(len(grid.preshapes), config.head, config.crop)
+    members = [ScorerNet(grid, config.width) for _ in range(config.members)]
+    nets = {"completion.safetensors": completion, **dict(zip(config.member_weights, members, strict=True))}
+    if head is not None:
+        nets["head.safetensors"] = head
+    for name, net in nets.items():
+        fold_norms(net)
+        restore_weights(net, Path(folder) / name)
+    parts = CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
+    return parts if head is None else (*parts, HeadGraph(head))

@@ -1,0 +1,119 @@
+"""Files of weights of published policies, in half precision where that is exact: half the size (extra ``train``).
+
+A network is prepared before export: normalizations are folded into the preceding convolutions, as in an ONNX
+file, and the remaining weights are rounded. Both files of the network then contain these weights exactly. It still
+computes in single precision.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from graspbox.errors import ConfigError
+from graspbox.files import read_bounded, write_bytes
+
+__all__ = [
+    "LARGEST_NETWORK",
+    "check_size",
+    "fold_norms",
+    "load_weights",
+    "restore_weights",
+    "round_weights",
+    "save_weights",
+]
+
+#: Greatest size of the weights of a published network, bytes; its folder contains them twice.
+LARGEST_NETWORK = 8_000_000
+#: Number of elements from which the precision of a tensor matters for the size of a file.
+_LARGE = 1024
+
+
+def fold_norms(net: nn.Module) -> None:
+    """Fold batch normalizations into the preceding convolutions, in place; for evaluation.
+
+    A module normalizes the output of a convolution if the normalization is registered directly after it.
+    """
+    for module in list(net.eval().modules()):
+        children = list(module.named_children())
+        for (name, convolution), (following, norm) in pairwise(children):
+            if isinstance(convolution, nn.Conv2d | nn.Conv3d) and isinstance(norm, nn.BatchNorm2d | nn.BatchNorm3d):
+                setattr(module, name, fuse_conv_bn_eval(convolution, norm))
+                setattr(module, following, nn.Identity())
+
+
+def round_weights(net: nn.Module) -> None:
+    """Round the large weights of a network to half precision, in place."""
+    with torch.no_grad():
+        for parameter in net.parameters():
+            if parameter.numel() >= _LARGE:
+                parameter.copy_(parameter.half())
+
+
+def _pack(tensor: Tensor) -> Tensor:
+    """Convert a large tensor to half precision if that is exact; return others unchanged."""
+    if tensor.dtype != torch.float32 or tensor.numel() < _LARGE:
+        return tensor.contiguous()
+    half = tensor.half().contiguous()
+    return half if torch.equal(half.float(), tensor) else tensor.contiguous()
+
+
+def check_size(net: nn.Module, called: str) -> None:
+    """Refuse a network whose file would be too large for a folder of policies.
+
+    Raises
+    ------
+    ConfigError
+        If its weights take more than `LARGEST_NETWORK` bytes.
+    """
+    count = sum(parameter.numel() for parameter in net.parameters())
+    size = sum(parameter.numel() * parameter.element_size() for parameter in net.parameters())
+    if size > LARGEST_NETWORK:
+        raise ConfigError(
+            f"{called} has {count / 1e6:.1f} million weights, a file of {size / 1e6:.0f} MB; published networks have "
+            f"at most {LARGEST_NETWORK / 1e6:.0f} MB: publish a smaller one"
+        )
+
+
+def save_weights(net: nn.Module, path: Path) -> None:
+    """Write the weights of a network as safetensors, in half precision where that is exact."""
+    from safetensors.torch import save
+
+    write_bytes(path, save({name: _pack(tensor) for name, tensor in net.state_dict().items()}))
+
+
+def load_weights(path: Path) -> dict[str, Tensor]:
+    """Read a file of `save_weights`.
+
+    Raises
+    ------
+    ConfigError
+        If the file holds no weights.
+    FileError
+        If it cannot be read.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    try:
+        found: dict[str, Tensor] = load(read_bounded(path, 2 * LARGEST_NETWORK))
+    except SafetensorError as error:
+        raise ConfigError(f"{path} holds no weights: {error}") from None
+    return found
+
+
+def restore_weights(net: nn.Module, path: Path) -> None:
+    """Load a file of `save_weights` into a network.
+
+    Raises
+    ------
+    ConfigError
+        If the file holds no weights, or belongs to another network.
+    """
+    try:
+        net.load_state_dict(load_weights(path))
+    except RuntimeError as error:
+        raise ConfigError(f"{path} holds the weights of another network: {str(error).splitlines()[0]}") from None
+    net.eval()

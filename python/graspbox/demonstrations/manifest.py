@@ -1,0 +1,170 @@
+"""The manifest of a folder of demonstrations: the episodes of each file, and the settings of the recording."""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from graspbox import schemas
+from graspbox.errors import ConfigError
+from graspbox.files import dumps, read_bounded, write_text
+
+__all__ = ["FILE", "Episode", "File", "Manifest", "content_of", "read_manifest", "write_manifest"]
+
+FILE = "manifest.json"
+_FORMAT, _VERSION = "graspbox.demonstrations", 2
+#: Greatest size of a manifest and of a file of episodes, bytes.
+_MAX_MANIFEST, _MAX_FILE = 1 << 28, 1 << 36
+_NAME = re.compile(r"episodes-\d{5,9}\.parquet")
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An episode.
+
+    Attributes
+    ----------
+    trial : int
+        Index of its seed in `graspbox.evaluation.trial_seeds`.
+    seed : int
+        Seed of its reset.
+    object : str
+        Name of its object.
+    success, secure : bool
+        As `graspbox.simulation` defines them.
+    steps : int
+        Number of its actions.
+    reward : float
+        Sum of its rewards.
+    """
+
+    trial: int
+    seed: int
+    object: str
+    success: bool
+    secure: bool
+    steps: int
+    reward: float
+
+
+@dataclass(frozen=True)
+class File:
+    """A file of episodes, and its range of trials."""
+
+    name: str
+    sha256: str
+    first_trial: int
+    next_trial: int
+    episodes: tuple[Episode, ...]
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Contents of a folder's manifest; `sha256` is the hash of all other fields."""
+
+    format: Literal["graspbox.demonstrations"]
+    version: Literal[2]
+    sha256: str
+    files: tuple[File, ...]
+    refused: dict[str, str]
+    settings: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Space:
+    shape: tuple[int, ...]
+    dtype: Literal["uint8", "int32", "int64", "float32", "float64"]
+
+
+@dataclass(frozen=True)
+class _EnvSpec:
+    kwargs: dict[str, Any]
+    max_episode_steps: int | None
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Settings that are used here; the file has more."""
+
+    env_id: str
+    env_spec: _EnvSpec
+    observations: dict[str, _Space]
+    action_size: int
+    fps: float
+    policy: str
+    keep: str
+    versions: dict[str, str]
+    goal_from: str | None = None
+
+
+def write_manifest(
+    folder: Path, files: Sequence[File], refused: Mapping[str, str], settings: Mapping[str, Any]
+) -> None:
+    """Write the manifest."""
+    rows = [episode for file in files for episode in file.episodes]
+    counts = {
+        "trials": files[-1].next_trial if files else 0,
+        "episodes": len(rows),
+        "steps": sum(row.steps for row in rows),
+        "success": sum(row.success for row in rows),
+        "secure": sum(row.secure for row in rows),
+    }
+    manifest = {"format": _FORMAT, "version": _VERSION, "counts": counts, "refused": dict(refused)}
+    manifest |= {"files": [asdict(file) for file in files], "settings": settings}
+    write_text(folder / FILE, dumps({**manifest, "sha256": _digest(manifest)}) + "\n")
+
+
+def _digest(manifest: Mapping[str, Any]) -> str:
+    """Hash a manifest without its own hash."""
+    rest = {name: value for name, value in manifest.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read the manifest of a folder and validate it.
+
+    Raises
+    ------
+    ConfigError
+        If the folder has none, or it is damaged or of another version.
+    FileError
+        If it cannot be read.
+    MissingExtraError
+        Without pydantic.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        raise ConfigError(f"there are no demonstrations in {str(folder)!r}: it has no {FILE}")
+    content = read_bounded(path, _MAX_MANIFEST)
+    complaint = f"{str(path)!r} is no manifest of demonstrations that this graspbox reads"
+    found = schemas.parse(Manifest, content, complaint)
+    schemas.parse(_Settings, json.dumps(found.settings).encode(), f"{complaint}: settings")
+    if _digest(json.loads(content)) != found.sha256:
+        raise ConfigError(f"{str(path)!r} was changed or damaged: its hash is not its own; record into another folder")
+    for file in found.files:
+        if not _NAME.fullmatch(file.name):
+            raise ConfigError(f"{complaint}: it names the file {file.name!r}")
+    return found
+
+
+def content_of(folder: Path, file: File) -> bytes:
+    """Read a file of a folder.
+
+    Raises
+    ------
+    ConfigError
+        If its hash differs from the manifest's.
+    FileError
+        If it cannot be read.
+    """
+    path = folder / file.name
+    content = read_bounded(path, _MAX_FILE)
+    if hashlib.sha256(content).hexdigest() != file.sha256:
+        raise ConfigError(
+            f"{str(path)!r} is damaged: it is not what {FILE} says; remove it, and the same call of record makes "
+            "its episodes again"
+        )
+    return content

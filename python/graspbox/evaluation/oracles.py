@@ -1,0 +1,234 @@
+"""Policies with ground truth about the object, to measure the losses of others; **privileged**.
+
+| name | purpose |
+|---|---|
+| `DepthOracle`   | a policy of one depth image with ground truth instead of its completion, its scorer or both |
+| `OracleFinder`  | its finder |
+| `RobustOracle`  | ``robust_oracle``: chooses the planner's pose that is most robust in simulation |
+| `robust_scores` | the score from simulation that both use |
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import planning
+from graspbox._core import Hand, Mesh
+from graspbox.artifacts.folders import read_depth_policy
+from graspbox.envs.coding import encode_action, object_pose
+from graspbox.errors import ConfigError
+from graspbox.perception.configs import DepthNoise
+from graspbox.perception.crops import Crops, solid_occupancy
+from graspbox.perception.finder import Clock, Finder, FoundGrasp, GraspFinder, Ranked, observed_only
+from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import PoseNoise, perturbed
+from graspbox.policies import DepthPolicy, Observer
+from graspbox.policies.base import Task
+from graspbox.policies.depth import load_finder
+from graspbox.policies.planner import KnownObjects, Planner
+from graspbox.simulation import Scene
+
+__all__ = ["DepthOracle", "Oracle", "OracleFinder", "RobustOracle", "robust_scores"]
+
+#: A component of a policy of one depth image that ground truth can replace.
+Oracle = Literal["completion", "scorer"]
+#: Number of the planner's best poses from which `RobustOracle` chooses, and number of successes that are replayed.
+_SIMULATED, _FINALISTS = 60, 12
+
+
+def robust_scores(
+    scene: Scene,
+    object_from_hand: NDArray[np.float64],
+    preshapes: NDArray[np.float64],
+    rng: np.random.Generator,
+    error: PoseNoise = PoseNoise(0.003, 0.05),  # noqa: B008 (frozen)
+    *,
+    replays: int = 8,
+) -> NDArray[np.float64]:
+    """Score grasps (m, 4, 4) by simulation: each once, then 12 successes again with pose errors of the hand.
+
+    Such a finalist scores 0.2 plus the success rate of its replays, plus a hundredth of their rate of secure grasps.
+    Other successes score about 0.1, failures 0.
+    """
+    outcomes = scene.simulate(object_from_hand, preshapes)
+    scores = 0.1 * (outcomes.success + 0.01 * outcomes.secure)
+    finalists = np.argsort(-scores, kind="stable")[:_FINALISTS]
+    finalists = finalists[outcomes.success[finalists]]
+    if len(finalists):
+        rows = np.repeat(finalists, replays)
+        moved = perturbed(object_from_hand[rows], rng, error.position, error.rotation)
+        again = scene.simulate(moved, preshapes[rows])
+        shares = again.success.reshape(-1, replays).mean(axis=1)
+        secure = again.secure.reshape(-1, replays).mean(axis=1)
+        scores[finalists] = 0.2 + shares + 0.01 * secure
+    return np.asarray(scores, dtype=np.float64)
+
+
+class OracleFinder(Finder):
+    """Finds grasps of a known object as another finder does, with ground truth for some of its components.
+
+    Parameters
+    ----------
+    finder : GraspFinder
+        The other finder.
+    oracles : collection of {"completion", "scorer"}
+        Components replaced by ground truth. ``completion``: the object's own occupancy. ``scorer``: simulation of the
+        proposals with pose errors of the hand (`robust_scores`); grasps of a refinement score 0.
+    hand, mesh, world_from_object
+        The hand, the object, and its pose (4, 4), metres.
+    """
+
+    def __init__(
+        self,
+        finder: GraspFinder,
+        oracles: Collection[Oracle],
+        hand: Hand,
+        mesh: Mesh,
+        world_from_object: NDArray[np.float64],
+    ) -> None:
+        super().__init__(finder.crop, finder.grid.num_threads)
+        self._finder, self._oracles, self._hand = finder, oracles, hand
+        self._mesh, self._world_from_object = mesh, world_from_object
+
+    def rank(self, crops: Crops, seed: int, clock: Clock) -> Ranked | None:
+        """Rank grasps: see `Finder.rank`."""
+        finder, frame = self._finder, crops.world_from_crop[0]
+        rng, simulated = np.random.default_rng([seed, 1]), False
+
+        def complete(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+            del channels
+            inside = np.linalg.inv(frame) @ self._world_from_object
+            return solid_occupancy([self._mesh], [0], inside[None], config=self.crop)
+
+        def score(
+            volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+        ) -> NDArray[np.float64]:
+            nonlocal simulated
+            if simulated:
+                return np.zeros(len(preshapes))
+            simulated = True
+            scene = Scene(self._mesh, hand=self._hand, world_from_object=self._world_from_object)
+            object_from_hand = np.linalg.inv(scene.world_from_object) @ frame @ poses
+            return robust_scores(scene, object_from_hand, preshapes, rng)
+
+        known = GraspFinder(
+            finder.grid,
+            complete if "completion" in self._oracles else finder.complete,
+            score if "scorer" in self._oracles else finder.score,
+            finder.config,
+            head=finder.head,
+        )
+        return known.rank(crops, seed, clock)
+
+
+class DepthOracle(DepthPolicy):
+    """A policy of one depth image with components replaced by ground truth, to measure their loss; **privileged**.
+
+    It reads ``state`` and ``info["object"]``, and otherwise acts as `graspbox.policies.DepthGrasp`.
+
+    Parameters
+    ----------
+    folder : Path or None
+        A policy's folder. None: no completion (the visible surface alone) and no head, and the scorer must be an
+        oracle.
+    oracles : sequence of {"completion", "scorer"}
+        Components replaced by ground truth: see `OracleFinder`.
+    noise : DepthNoise
+        Noise added to the rendered depth.
+    config : FinderConfig, optional
+        Configuration of the finder; by default the folder's.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown oracle, without any scorer, or for an invalid folder.
+    FileError
+        If a file of the folder is missing.
+    """
+
+    obs = (*DepthPolicy.obs, "state")
+    finder: GraspFinder
+
+    def __init__(
+        self,
+        folder: Path | None,
+        oracles: Sequence[Oracle],
+        *,
+        noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
+        config: FinderConfig | None = None,
+    ) -> None:
+        for oracle in oracles:
+            if oracle not in get_args(Oracle):
+                raise ConfigError(f"there is no oracle {oracle!r}; choose from {', '.join(get_args(Oracle))}")
+        if folder is None and "scorer" not in oracles:
+            raise ConfigError("there is nothing to score grasps with; name a folder of weights, or the oracle 'scorer'")
+        self._oracles = frozenset(oracles)
+        published = None if folder is None else read_depth_policy(Path(folder))
+
+        def finder(hand: Hand) -> GraspFinder:
+            if folder is None or published is None:
+                return GraspFinder(HandGrid(hand), observed_only, _no_score, config or FinderConfig())
+            found = load_finder(Path(folder), published, hand, config=config)
+            score = _no_score if "scorer" in oracles else found.score
+            return GraspFinder(found.grid, found.complete, score, found.config, head=found.head)
+
+        super().__init__(partial(Observer, noise=noise), finder)
+        if folder is not None and published is not None:
+            self.name, self.learned_from = published.name, published.learned_from
+
+    def _bind(self, task: Task) -> None:
+        super()._bind(task)
+        self._known, self._names = KnownObjects(task), [""] * task.num_envs
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        super()._begin(env, seed, info)
+        self._names[env] = self._known.name_in(info, self.name)
+
+    def find(self, env: int, seed: int, row: Mapping[str, Any]) -> FoundGrasp | None:
+        """Find a grasp, as `DepthPolicy.find`; `row` also holds ``state``."""
+        mesh, pose = self._known.mesh(self._names[env]), object_pose(row["state"], hand=self.hand)
+        finder = OracleFinder(self.finder, self._oracles, self.hand, mesh, pose)
+        return finder.find(self.observer.look(row, seed), seed=seed)
+
+
+def _no_score(
+    volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Fill the place of a scorer that an oracle replaces; never called."""
+    raise ConfigError("the policy has no scorer; name a folder of weights")
+
+
+class RobustOracle(Planner):
+    """Chooses the planner's pose that succeeds most often under pose errors of the hand; **privileged**.
+
+    It simulates each of the 60 best-ranked poses once, and up to 12 successes 16 times with errors of 5 mm and 5
+    degrees along and about each axis of the hand. It bounds the gain from a better choice among the planner's poses.
+    """
+
+    name = "robust_oracle"
+    env_id = "graspbox/GraspPose-v0"
+    _error = PoseNoise(0.005, float(np.radians(5.0)))
+
+    def _bind(self, task: Task) -> None:
+        if task.closed_loop:
+            raise ConfigError(f"the policy {self.name!r} acts in graspbox/GraspPose-v0, not in {task.env_id!r}")
+        super()._bind(task)
+
+    def _decide(self, mesh: Mesh, state: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Choose among the feasible poses of the planner."""
+        pose = object_pose(state, hand=self._hand)
+        plan = planning.plan(mesh, hand=self._hand, world_from_object=pose).best(_SIMULATED)
+        if not len(plan):
+            return None
+        scene = Scene(mesh, hand=self._hand, world_from_object=pose)
+        object_from_hand = np.linalg.inv(scene.world_from_object) @ pose @ plan.poses
+        # The same scene has the same replays, independent of the other environments.
+        rng = np.random.default_rng(np.frombuffer(state.tobytes(), dtype=np.uint32))
+        scores = robust_scores(scene, object_from_hand, plan.preshape, rng, self._error, replays=16)
+        best = int(np.argmax(scores))
+        return encode_action(pose @ plan.poses[best], plan.preshape[best], hand=self._hand)

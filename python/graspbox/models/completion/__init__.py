@@ -1,0 +1,1 @@
+"""Completion of an object's occupancy from one depth image."""

@@ -1,0 +1,1 @@
+"""Heads: one network that predicts grasps from the channels of a crop."""

@@ -1,0 +1,297 @@
+"""Training batches of heads: scenes of grasp trials, rendered by noisy cameras, with the outcomes of the trials.
+
+Reachability needs no trial: `HeadSampler` checks for random anchors whether the hand touches object or table on its
+way, and whether the fingers meet the object as they close. `untried_scenes` makes scenes for these labels alone.
+"""
+
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from graspbox import object_sets
+from graspbox._core import Mesh
+from graspbox.errors import ConfigError
+from graspbox.models.head.network import AnchorSamples
+from graspbox.models.scenes import SceneConfig, look
+from graspbox.models.trials import GraspTrials
+from graspbox.perception.anchors import Anchors
+from graspbox.perception.crops import solid_occupancy
+from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.perturbations import perturbed
+
+__all__ = ["HeadBatch", "HeadSampler", "HeadView", "mirrored", "untried_scenes"]
+
+#: Meshes kept ready to render.
+_MESHES = 128
+#: Channels of a crop that are inputs of a head.
+_SEEN = 2
+#: Random anchors whose reachability is checked. Near a tried pose: standard deviation, in steps of the grid. Others:
+#: greatest distance from the origin along x and y.
+_NEAR, _FAR = 1.5, 5.0
+#: Fewest fingers that must meet the object.
+_FINGERS = 2
+#: Reflection in the plane y = 0, of crop and hand alike.
+_MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def untried_scenes(objects: object_sets.ObjectSet, count: int, seed: int) -> GraspTrials:
+    """Make scenes without trials: random objects on the table in any orientation, stable or not.
+
+    Reachability depends on geometry alone, and objects at rest are seldom tall.
+
+    Raises
+    ------
+    ConfigError
+        If the set is empty, or `count` is less than 1.
+    """
+    if not len(objects):
+        raise ConfigError(f"the object set {objects.name!r} is empty; name objects to learn from")
+    found = []
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        spec = objects[int(rng.integers(len(objects)))]
+        pose = perturbed(np.eye(4)[None], rng, 0.0, np.pi)[0]
+        pose[2, 3] = -(spec.load().vertices @ pose[2, :3]).min()
+        found.append(GraspTrials.empty(spec.source, pose))
+    return GraspTrials.joined(found)
+
+
+@dataclass(frozen=True, eq=False)
+class HeadView:
+    """One view of a scene.
+
+    Attributes
+    ----------
+    volume : (2, N, N, N) uint8
+        Channels ``surface`` and ``unseen`` of the crop.
+    solid : (N, N, N) uint8
+        Occupancy of the object itself.
+    world_from_crop : (4, 4) float64
+        Metres.
+    """
+
+    volume: NDArray[np.uint8]
+    solid: NDArray[np.uint8]
+    world_from_crop: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class HeadBatch:
+    """n views with m trials, and q anchors whose reachability was checked.
+
+    Attributes
+    ----------
+    volumes : (n, 2, N, N, N) uint8
+        Channels of the crops.
+    solids : (n, N, N, N) uint8
+        Occupancy of the objects, as `HandGrid.meets` takes it.
+    sample_of : (m,) int64
+        The view of each trial.
+    poses : (m, 4, 4) float32
+        ``crop_from_hand`` of each trial, metres.
+    preshape : (m,) int64
+        Preshape index.
+    success, secure : (m,) float32
+        Whether the trial succeeded, and was secure: 0 or 1.
+    inside : (m,) bool
+        Whether the pose lies within the anchor grid.
+    trials : AnchorSamples
+        The trials inside the grid, in order.
+    nearest : (m,) int64
+        Their nearest anchors; undefined for the others.
+    residuals : (m, 6) float32
+        See `graspbox.perception.anchors.Anchors.encode`.
+    probes : AnchorSamples
+        The anchors that were checked.
+    reached : (q,) float32
+        Whether the open hand reaches the pose, and fingers meet the object.
+    """
+
+    volumes: Tensor
+    solids: NDArray[np.uint8]
+    sample_of: Tensor
+    poses: Tensor
+    preshape: Tensor
+    success: Tensor
+    secure: Tensor
+    inside: Tensor
+    trials: AnchorSamples
+    nearest: Tensor
+    residuals: Tensor
+    probes: AnchorSamples
+    reached: Tensor
+
+
+class HeadSampler:
+    """Samples batches of scenes with their trials.
+
+    Parameters
+    ----------
+    trials : GraspTrials
+        Trials to sample from.
+    grid : HandGrid
+        Voxel grid of the hand.
+    anchors : Anchors
+        The anchors.
+    scenes : SceneConfig
+        How scenes are rendered.
+    seed : int
+        Seed of all views.
+    views : int
+        Views cached per scene, compressed to about 20 kB each.
+
+    Raises
+    ------
+    ConfigError
+        If there are no trials.
+    """
+
+    def __init__(
+        self, trials: GraspTrials, grid: HandGrid, anchors: Anchors, scenes: SceneConfig, seed: int, views: int
+    ) -> None:
+        if not len(trials):
+            raise ConfigError("there are no trials to learn from; make a data set first")
+        self.trials, self.grid, self.anchors, self.config = trials, grid, anchors, scenes
+        self._seed, self._views = seed, views
+        order = np.argsort(trials.scene_of, kind="stable")
+        starts = np.searchsorted(trials.scene_of[order], np.arange(len(trials.source) + 1))
+        self._rows = [order[a:b] for a, b in pairwise(starts)]
+        self._packed: dict[int, list[tuple[bytes, NDArray[np.float64]]]] = {}
+        tried = np.array([len(rows) > 0 for rows in self._rows])
+        #: Scenes with trials, and scenes without.
+        self.scenes, self.untried = np.flatnonzero(tried), np.flatnonzero(~tried)
+        #: Whether the hand is mirror-symmetric, so that mirrored scenes have mirrored outcomes.
+        self.symmetric = bool((grid.swept == grid.swept[:, :, ::-1]).all())
+
+        @lru_cache(_MESHES)
+        def mesh(source: str) -> Mesh:
+            return object_sets.load(source)[0].load()
+
+        self.mesh = mesh
+
+    def view(self, scene: int, number: int) -> HeadView | None:
+        """Return a view of a scene, by any number; None if no camera finds the object."""
+        if scene not in self._packed:
+            self._packed[scene] = self._look(scene)
+        packed = self._packed[scene]
+        if not packed:
+            return None
+        data, pose = packed[number % len(packed)]
+        side = self.config.crop.resolution
+        both = np.frombuffer(bytearray(zlib.decompress(data)), dtype=np.uint8).reshape(_SEEN + 1, side, side, side)
+        return HeadView(both[:_SEEN], both[_SEEN], pose)
+
+    def _look(self, scene: int) -> list[tuple[bytes, NDArray[np.float64]]]:
+        """Render the views of a scene."""
+        mesh, pose = self.mesh(str(self.trials.source[scene])), self.trials.world_from_object[scene]
+        crops = look(mesh, pose, self.config, [self._seed, scene], self._views)
+        rows = np.flatnonzero(crops.found)
+        if not len(rows):
+            return []
+        inside = np.linalg.inv(crops.world_from_crop[rows]) @ pose
+        solids = solid_occupancy([mesh], [0] * len(rows), inside, config=self.config.crop)
+        both = np.concatenate([crops.channels[rows, :_SEEN], solids[:, None]], axis=1)
+        return [(zlib.compress(one.tobytes(), 1), crops.world_from_crop[i]) for i, one in zip(rows, both, strict=True)]
+
+    def sample(self, number: int, scenes: NDArray[np.int64], per_scene: int, *, augment: bool = False) -> HeadBatch:
+        """Sample up to `per_scene` trials and as many anchors to check in each scene, determined by `number`.
+
+        With `augment`, half of the views are mirrored if the hand is symmetric. Scenes without a visible object are
+        left out.
+
+        Raises
+        ------
+        ConfigError
+            If no scene is left.
+        """
+        rng = np.random.default_rng([self._seed, number])
+        parts: list[_Part] = []
+        for scene in scenes.tolist():
+            view = self.view(scene, int(rng.integers(1 << 30)))
+            if view is None:
+                continue
+            rows = rng.permutation(self._rows[scene])[:per_scene]
+            poses = np.linalg.inv(view.world_from_crop) @ self.trials.world_from_hand[rows]
+            volume, solid = view.volume, view.solid
+            if augment and self.symmetric and rng.random() < 0.5:
+                volume, solid, poses = volume[:, :, ::-1], solid[:, ::-1], mirrored(poses)
+            parts.append(_Part(volume, solid, rows, poses, *self._probe(solid, poses, per_scene, rng)))
+        if not parts:
+            raise ConfigError("no camera found an object in any scene of a batch; widen `fov` or come nearer")
+        return self._batch(parts)
+
+    def _probe(
+        self, solid: NDArray[np.uint8], poses: NDArray[np.float64], count: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Sample anchors near the poses or around the crop's origin: places, preshapes, reachability."""
+        preshapes, heights, rolls, cells, _ = self.anchors.shape
+        near = rng.uniform(0.0, [cells - 1, cells - 1, heights - 1, rolls], (count, 4))
+        if len(poses):
+            near = self.anchors.places(poses).place[rng.integers(len(poses), size=count)]
+        else:
+            near[:, :2] = 0.5 * (cells - 1)
+        far = near.copy()
+        far[:, :2] += rng.uniform(-_FAR, _FAR, (count, 2))
+        far[:, 2:] = rng.uniform(0.0, [heights - 1, rolls], (count, 2))
+        near += rng.normal(0.0, _NEAR, near.shape)
+        place = np.rint(np.where(rng.random((count, 1)) < 0.5, near, far))
+        place[:, :3] = np.clip(place[:, :3], 0, [cells - 1, cells - 1, heights - 1])
+        preshape = rng.integers(preshapes, size=count)
+        tried = self.anchors.poses(place, np.zeros((count, 2)))
+        return place, preshape, self.reached(solid, tried, preshape)
+
+    def reached(
+        self, solid: NDArray[np.uint8], poses: NDArray[np.float64], preshape: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Tell whether the open hand reaches poses (m, 4, 4), and enough fingers then meet the object."""
+        free, fingers = self.grid.meets(np.ascontiguousarray(solid), poses, self.grid.preshapes[preshape])
+        return free & (fingers >= _FINGERS)
+
+    def _batch(self, parts: "list[_Part]") -> HeadBatch:
+        rows, poses = np.concatenate([p.rows for p in parts]), np.concatenate([p.poses for p in parts])
+        sample_of, probe_of = (
+            np.repeat(np.arange(len(parts)), [len(getattr(p, name)) for p in parts]) for name in ("rows", "place")
+        )
+        preshape = self.grid.nearest(self.trials.preshape[rows])
+        nearest, residuals, inside = self.anchors.encode(poses, preshape)
+        place = self.anchors.places(poses[inside]).place
+        probed = [np.concatenate([getattr(p, name) for p in parts]) for name in ("place", "preshape")]
+        return HeadBatch(
+            volumes=torch.from_numpy(np.stack([p.volume for p in parts])),
+            solids=np.stack([p.solid for p in parts]),
+            sample_of=torch.from_numpy(sample_of),
+            poses=torch.from_numpy(poses).float(),
+            preshape=torch.from_numpy(preshape),
+            success=torch.from_numpy(self.trials.success[rows]).float(),
+            secure=torch.from_numpy(self.trials.secure[rows]).float(),
+            inside=torch.from_numpy(inside),
+            trials=AnchorSamples.of(sample_of[inside], place, preshape[inside]),
+            nearest=torch.from_numpy(nearest),
+            residuals=torch.from_numpy(residuals).float(),
+            probes=AnchorSamples.of(probe_of, *probed),
+            reached=torch.from_numpy(np.concatenate([p.reached for p in parts])).float(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Contribution of one view to a batch."""
+
+    volume: NDArray[np.uint8]
+    solid: NDArray[np.uint8]
+    rows: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    place: NDArray[np.float64]
+    preshape: NDArray[np.int64]
+    reached: NDArray[np.bool_]
+
+
+def mirrored(crop_from_hand: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mirror poses (m, 4, 4) of a symmetric hand in the crop's plane y = 0."""
+    return np.asarray(_MIRROR @ crop_from_hand @ _MIRROR)

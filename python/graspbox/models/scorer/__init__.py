@@ -1,0 +1,1 @@
+"""The scorer: the probability that a grasp holds."""

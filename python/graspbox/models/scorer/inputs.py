@@ -1,0 +1,64 @@
+"""Network inputs of candidate grasps: the voxels around the hand, its pose and its preshape; no torch."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.perception.hand_grids import HandGrid
+
+__all__ = ["GraspInputs", "ScorerInputs"]
+
+
+class GraspInputs(NamedTuple):
+    """Inputs of m grasps.
+
+    Attributes
+    ----------
+    cells : (m, 4, X, Y, Z) uint8
+        As `HandGrid.crops` returns them.
+    poses : (m, 4, 4) float32
+        ``crop_from_hand``, metres.
+    preshape : (m,) int64
+        Index of the hand's nearest preshape.
+    """
+
+    cells: NDArray[np.uint8]
+    poses: NDArray[np.float32]
+    preshape: NDArray[np.int64]
+
+
+class ScorerInputs:
+    """Makes the scorer's inputs for one hand.
+
+    Parameters
+    ----------
+    grid : HandGrid
+        Voxel grid of the hand.
+    """
+
+    def __init__(self, grid: HandGrid) -> None:
+        self.grid = grid
+
+    def make(
+        self,
+        volumes: NDArray[np.uint8],
+        crop_of: NDArray[np.int64],
+        crop_from_hand: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+    ) -> GraspInputs:
+        """Make inputs of m grasps in s crops.
+
+        Parameters
+        ----------
+        volumes : (s, 3, N, N, N) uint8
+            As for `HandGrid.crops`: completed, surface, unseen.
+        crop_of : (m,) int64
+            The crop of each grasp.
+        crop_from_hand : (m, 4, 4) float64
+            Metres.
+        preshape : (m,) float64
+            The nearest of the hand's preshapes is used.
+        """
+        cells = self.grid.crops(volumes, crop_of, crop_from_hand)
+        return GraspInputs(cells, crop_from_hand.astype(np.float32), self.grid.nearest(preshape))

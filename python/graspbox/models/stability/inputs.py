@@ -1,0 +1,152 @@
+"""Inputs of grasp stability: joints, loads and tactile forces while the hand closes, and facts of the plan; no torch.
+
+A network predicts from them whether the grasp will hold (`graspbox.models.stability.network`). The policy
+`graspbox.policies.FeelThenLift` queries it before it continues.
+
+References
+----------
+Y. Bekiroglu, J. Laaksonen, J. A. Jorgensen, V. Kyrki, D. Kragic, "Assessing grasp stability based on learning and
+haptic data", IEEE Transactions on Robotics 27(3), 2011.
+"""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._core import Hand
+from graspbox.arguments import shown
+from graspbox.envs import spaces
+from graspbox.envs.coding import Codec
+from graspbox.errors import ConfigError
+from graspbox.perception.configs import CropConfig
+from graspbox.perception.finder import FoundGrasp
+
+__all__ = ["FEEL_TIMES", "Feeling", "StabilityInputs", "check_times"]
+
+#: Sensing times, seconds after closing began: once the hand has closed, and half a second, 10 cm, into the lift.
+FEEL_TIMES = (1.3, 1.8)
+#: Columns of ``proprio`` that hold the arm's position, not sensations of the hand.
+_ARM = ("hand_position", "hand_rotation", "hand_velocity", "hand_spin", "preshape")
+#: Number of best grasps whose mean score tells whether there are alternatives.
+_OTHERS = 10
+#: Filled share from which a voxel belongs to the object, of 255.
+_FILLED = 64
+#: Greatest number of sensing times, and their upper bound, seconds.
+_MOST_TIMES, _LATEST = 16, 60.0
+
+
+def check_times(times: tuple[float, ...]) -> None:
+    """Validate sensing times.
+
+    Raises
+    ------
+    ConfigError
+        Unless there are 1 to 16 ascending numbers of seconds, 0 to 60.
+    """
+    if not 0 < len(times) <= _MOST_TIMES or any(b <= a for a, b in pairwise((-1e-9, *times, _LATEST))):
+        raise ConfigError(
+            f"times is {shown(times)}; give 1 to {_MOST_TIMES} ascending numbers of seconds, 0 to less than {_LATEST:g}"
+        )
+
+
+class StabilityInputs:
+    """Builds the input vector from the hand's sensors and the facts known of the grasp.
+
+    Parameters
+    ----------
+    hand : Hand
+        The hand.
+    times : tuple of float
+        Sensing times, seconds after closing began; ascending.
+    crop : CropConfig
+        The crop of the policy.
+    control : str
+        Control mode of the environment.
+
+    Raises
+    ------
+    ConfigError
+        If the times do not ascend from 0 or more.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        times: tuple[float, ...] = FEEL_TIMES,
+        crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
+        control: str = "twist",
+    ) -> None:
+        check_times(times)
+        self.times = times
+        self._crop = crop
+        self._codec = Codec(control, hand, "proprio")
+        self._columns = [name for name in dict.fromkeys(self._codec.names) if name not in _ARM]
+        #: Observations that it uses.
+        self.obs: tuple[str, ...] = ("proprio",)
+        if "tactile" not in spaces.tables(hand)["absent"]:
+            self.obs = ("proprio", "tactile")
+
+    def sensed(self, seen: Mapping[str, Any]) -> NDArray[np.float32]:
+        """Read the hand's sensors now: joints, actuators, loads, and tactile forces; (m,)."""
+        parts = [self._codec.column(seen["proprio"], name) for name in self._columns]
+        parts += [np.asarray(seen[name], dtype=np.float64) for name in self.obs[1:]]
+        return np.concatenate(parts).astype(np.float32)
+
+    def known(self, found: FoundGrasp) -> NDArray[np.float32]:
+        """Return the facts known of a grasp before it was tried.
+
+        Returns
+        -------
+        (20,) float32
+            Its score, the best score, the mean of the ten best and the number of grasps that were scored; preshape;
+            height of the hand and its axes' upward components; volume (litres) of the completed object, and mean,
+            least and greatest of its points in the hand's frame, metres.
+        """
+        scores = np.sort(found.scores)
+        hand = found.world_from_hand
+        own = [found.score, scores[-1], scores[-_OTHERS:].mean(), len(scores) / 100.0, found.preshape]
+        filled = np.argwhere(found.occupancy >= _FILLED)
+        shape = np.zeros(10)
+        if len(filled):
+            points = (filled + 0.5) * self._crop.voxel_size + np.array(self._crop.origin)
+            hand_from_crop = np.linalg.inv(hand) @ found.world_from_crop
+            inside = points @ hand_from_crop[:3, :3].T + hand_from_crop[:3, 3]
+            litres = 1e3 * self._crop.voxel_size**3 * found.occupancy.sum() / 255.0
+            shape = np.concatenate([[litres], inside.mean(0), inside.min(0), inside.max(0)])
+        return np.concatenate([own, hand[2, [3, 0, 1, 2]], shape]).astype(np.float32)
+
+
+class Feeling:
+    """Collects the sensor readings of one grasp.
+
+    Parameters
+    ----------
+    inputs : StabilityInputs
+        Layout of the inputs.
+    found : FoundGrasp
+        The grasp.
+    """
+
+    def __init__(self, inputs: StabilityInputs, found: FoundGrasp) -> None:
+        self.found = found
+        self._inputs, self._known = inputs, inputs.known(found)
+        self._felt: list[NDArray[np.float32]] = []
+
+    @property
+    def complete(self) -> bool:
+        """Whether all sensing times have been read."""
+        return len(self._felt) == len(self._inputs.times)
+
+    def add(self, time: float, seen: Mapping[str, Any]) -> bool:
+        """Read the sensors `time` seconds after closing began; returns whether all times are read."""
+        if self.complete or time < self._inputs.times[len(self._felt)] - 1e-9:
+            return False
+        self._felt.append(self._inputs.sensed(seen))
+        return self.complete
+
+    def vector(self) -> NDArray[np.float32]:
+        """Return the facts known and the readings at each time, (k,)."""
+        return np.concatenate([self._known, *self._felt])

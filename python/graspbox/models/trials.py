@@ -1,0 +1,189 @@
+"""Grasp trials for training: scenes, and the hand poses tried in them with their outcomes."""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.dataset import tables
+from graspbox.errors import ConfigError
+from graspbox.outcomes import Outcomes
+from graspbox.training.array_files import ArrayTable
+
+__all__ = ["GraspTrials"]
+
+#: Failures in which the hand held the object for a while.
+_SLIPPED = ("slipped", "dropped")
+#: Columns of a data set that are read.
+_COLUMNS = ("source", "world_from_object", "executed_world_from_hand", "preshape", "success", "secure", "failure")
+
+
+@dataclass(frozen=True, eq=False)
+class GraspTrials(ArrayTable):
+    """m trials in s scenes; a scene is an object in a resting pose.
+
+    Attributes
+    ----------
+    source : (s,) str
+        Object set that holds the object of a scene alone (`graspbox.object_sets.load` finds it).
+    world_from_object : (s, 4, 4) float64
+        Resting pose; the table is the plane z = 0, metres.
+    scene_of : (m,) int64
+        The scene of each trial.
+    world_from_hand : (m, 4, 4) float64
+        Hand pose that was tried, metres.
+    preshape : (m,) float64
+        See `graspbox.Hand.preshape_limits`.
+    success, secure, slip : (m,) bool
+        Whether it succeeded, whether it held without shifting, and whether the object was lost after being held.
+    """
+
+    source: NDArray[np.str_]
+    world_from_object: NDArray[np.float64]
+    scene_of: NDArray[np.int64]
+    world_from_hand: NDArray[np.float64]
+    preshape: NDArray[np.float64]
+    success: NDArray[np.bool_]
+    secure: NDArray[np.bool_]
+    slip: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        scenes, trials = len(self.source), len(self.scene_of)
+        shapes = {
+            "world_from_object": (scenes, 4, 4),
+            "world_from_hand": (trials, 4, 4),
+            **dict.fromkeys(("preshape", "success", "secure", "slip"), (trials,)),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ConfigError(f"{name} has shape {getattr(self, name).shape}; give {shape}")
+        if trials and not (self.scene_of.min() >= 0 and self.scene_of.max() < scenes):
+            raise ConfigError(f"scene_of holds {self.scene_of.max()}; there are {scenes} scenes")
+
+    def __len__(self) -> int:
+        """Return the number of trials."""
+        return len(self.scene_of)
+
+    @classmethod
+    def of_scene(
+        cls,
+        source: str,
+        world_from_object: NDArray[np.float64],
+        world_from_hand: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+        outcomes: Outcomes,
+    ) -> Self:
+        """Build a table from the outcomes of one scene."""
+        slip = np.isin(outcomes.failure, _SLIPPED)
+        scene_of = np.zeros(len(outcomes), dtype=np.int64)
+        source_of, pose = np.array([source]), world_from_object[None]
+        return cls(source_of, pose, scene_of, world_from_hand, preshape, outcomes.success, outcomes.secure, slip)
+
+    @classmethod
+    def empty(cls, source: str, world_from_object: NDArray[np.float64]) -> Self:
+        """Build a table of one scene without trials."""
+        none = np.zeros(0, dtype=np.bool_)
+        poses, numbers = np.zeros((0, 4, 4)), np.zeros(0)
+        scene_of = np.zeros(0, dtype=np.int64)
+        return cls(np.array([source]), world_from_object[None], scene_of, poses, numbers, none, none, none)
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, Sequence[Any] | ArrayLike]) -> Self:
+        """Convert columns of a data set (`graspbox dataset`), or of part of one, in any order.
+
+        Parameters
+        ----------
+        columns : mapping
+            ``source``, ``world_from_object`` and ``executed_world_from_hand`` (16 numbers each), ``preshape``,
+            ``success``, ``secure`` and ``failure``; others are ignored.
+
+        Raises
+        ------
+        ConfigError
+            If a column is missing.
+        """
+        if missing := [name for name in _COLUMNS if name not in columns]:
+            raise ConfigError(f"the columns lack {', '.join(missing)}; read them from a data set of trials")
+        source = np.asarray(columns["source"], dtype=np.str_)
+        objects = np.asarray(columns["world_from_object"], dtype=np.float64).reshape(-1, 4, 4)
+        keys = [(name, pose.tobytes()) for name, pose in zip(source.tolist(), objects, strict=True)]
+        numbers: dict[tuple[str, bytes], int] = {}
+        scene_of = np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.int64)
+        first = np.unique(scene_of, return_index=True)[1]
+        return cls(
+            source[first],
+            objects[first],
+            scene_of,
+            np.asarray(columns["executed_world_from_hand"], dtype=np.float64).reshape(-1, 4, 4),
+            np.asarray(columns["preshape"], dtype=np.float64),
+            np.asarray(columns["success"], dtype=np.bool_),
+            np.asarray(columns["secure"], dtype=np.bool_),
+            np.isin(np.asarray(columns["failure"], dtype=np.str_), _SLIPPED),
+        )
+
+    @classmethod
+    def from_dataset(cls, folder: str | os.PathLike[str], split: str) -> Self:
+        """Read one split of a data set (``graspbox dataset``), even while it is still being made.
+
+        Only the columns that are needed are read, shard by shard: a trial takes about 200 bytes.
+
+        Parameters
+        ----------
+        folder : str or PathLike
+            The data set.
+        split : {"train", "validation", "test"}
+            The split; no object is in two of them.
+
+        Raises
+        ------
+        ConfigError
+            If the split does not exist, or the folder has no shard of it.
+        MissingExtraError
+            If pyarrow is not installed.
+        """
+        parts = []
+        for table in tables.shards(folder, split, list(_COLUMNS)):
+            matrices = {name: tables.matrices(table, name) for name in _COLUMNS if "world_from" in name}
+            others = {name: tables.column(table, name) for name in _COLUMNS if name not in matrices}
+            parts.append(cls.from_columns({**matrices, **others}))
+        return cls.joined(parts)
+
+    @classmethod
+    def from_datasets(cls, folders: Iterable[str | os.PathLike[str]], split: str) -> Self:
+        """Read one split of several data sets, as `from_dataset` does of one.
+
+        Raises
+        ------
+        ConfigError, MissingExtraError
+            As `from_dataset`, and ConfigError without a folder.
+        """
+        return cls.joined(cls.from_dataset(folder, split) for folder in folders)
+
+    @classmethod
+    def joined(cls, parts: Iterable["GraspTrials"]) -> Self:
+        """Concatenate trials; scenes are kept apart.
+
+        Raises
+        ------
+        ConfigError
+            If there are none.
+        """
+        given = list(parts)
+        if not given:
+            raise ConfigError("there are no trials to put together; give some")
+        starts = np.cumsum([0, *(len(part.source) for part in given)])
+        found = {f.name: np.concatenate([getattr(part, f.name) for part in given]) for f in fields(cls)}
+        found["scene_of"] = np.concatenate([part.scene_of + start for part, start in zip(given, starts, strict=False)])
+        return cls(**found)
+
+    def of_scenes(self, kept: NDArray[np.bool_]) -> "GraspTrials":
+        """Keep the scenes of a mask (s,), and their trials."""
+        rows = kept[self.scene_of]
+        number = np.cumsum(kept) - 1
+        per_scene = {name: getattr(self, name)[kept] for name in ("source", "world_from_object")}
+        names = ("world_from_hand", "preshape", "success", "secure", "slip")
+        per_trial = {name: getattr(self, name)[rows] for name in names}
+        return GraspTrials(scene_of=number[self.scene_of[rows]], **per_scene, **per_trial)

@@ -1,0 +1,140 @@
+"""How a policy of one depth image carries a grasp out: as one action of ``GraspPose-v0``, or by scripted motions."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._core import Hand
+from graspbox.configs import TrialConfig
+from graspbox.envs.coding import Codec, encode_action
+from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion, ScriptedRelease
+from graspbox.perception.finder import FoundGrasp
+from graspbox.policies._hand_view import HandView
+from graspbox.policies.base import Task
+
+__all__ = ["Executor", "GraspExecutor", "PoseExecutor", "executor_of"]
+
+#: An environment's row of each observation.
+Row = Mapping[str, Any]
+
+
+class PoseExecutor:
+    """Carries out grasps in ``GraspPose-v0``: each is one action.
+
+    Parameters
+    ----------
+    hand : Hand
+        The hand.
+    num_envs : int
+        Number of environments.
+    """
+
+    def __init__(self, hand: Hand, num_envs: int) -> None:
+        self._hand = hand
+        self._next: list[NDArray[np.float32] | None] = [None] * num_envs
+
+    def begin(self, env: int) -> None:
+        """Begin an episode in one environment."""
+        self._next[env] = None
+
+    def ready(self, env: int, row: Row) -> bool:
+        """Tell that it is time to look: no hand is in the image."""
+        del env, row
+        return True
+
+    def start(self, env: int, found: FoundGrasp | None, row: Row) -> None:
+        """Write a grasp as an action."""
+        del row
+        if found is not None:
+            self._next[env] = encode_action(found.world_from_hand, found.preshape, hand=self._hand)
+
+    def act(self, env: int, row: Row) -> NDArray[np.float32] | None:
+        """Give the action, once."""
+        del row
+        action, self._next[env] = self._next[env], None
+        return action
+
+
+class GraspExecutor:
+    """Carries out grasps in ``Grasp-v0`` by scripted motions (`graspbox.envs.scripted`).
+
+    The hand first leaves the image, since it would be taken for a part of the object.
+
+    Parameters
+    ----------
+    task : Task
+        The environments.
+    hand : Hand
+        Their hand.
+    view : HandView
+        The hand in the camera's image.
+    """
+
+    def __init__(self, task: Task, hand: Hand, view: HandView) -> None:
+        self._view, self._preshape = view, hand.preshape_limits[0]
+        self._proprio = Codec(task.control, hand, "proprio")
+        self._settings: dict[str, Any] = {"control": task.control, "hand": hand, "frame_skip": task.frame_skip}
+        self._motions: list[ScriptedMotion | None] = [None] * task.num_envs
+
+    def begin(self, env: int) -> None:
+        """Begin an episode in one environment."""
+        self._motions[env] = None
+
+    def hand_pose(self, row: Row) -> NDArray[np.float64]:
+        """Read ``world_from_hand`` (4, 4) off an environment's row of ``proprio``."""
+        return self._proprio.pose(row["proprio"], "hand")
+
+    def sees_hand(self, row: Row) -> bool:
+        """Tell whether some of the hand may be in the image."""
+        return self._view.sees(self.hand_pose(row), self._preshape_of(row))
+
+    def ready(self, env: int, row: Row) -> bool:
+        """Tell whether it is time to look; until then `act` moves the hand out of the image."""
+        if self._motions[env] is None:
+            hand, preshape = self.hand_pose(row), self._preshape_of(row)
+            if stops := self._view.leave(hand, preshape):
+                self._motions[env] = ScriptedMotion([hand, *stops], preshape, **self._settings)
+        motion = self._motions[env]
+        return motion is None or motion.finished
+
+    def start(self, env: int, found: FoundGrasp | None, row: Row) -> None:
+        """Begin to carry out a grasp, if there is one."""
+        self._motions[env] = None if found is None else self.grasping(found, self.hand_pose(row))
+
+    def act(self, env: int, row: Row) -> NDArray[np.float32] | None:
+        """Choose the next action of the present motion."""
+        motion = self._motions[env]
+        return None if motion is None else motion.follow(self.hand_pose(row))
+
+    def grasping(self, found: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
+        """Make the motion from ``world_from_hand`` (4, 4) to a grasp, which then closes and lifts."""
+        return ScriptedGrasp(world_from_hand, found.world_from_hand, found.preshape, found.top, **self._settings)
+
+    def closing_time(self, env: int) -> float | None:
+        """Give the seconds since the hand began to close, negative before; None where it carries out no grasp."""
+        motion = self._motions[env]
+        return motion.time - motion.closes_at if isinstance(motion, ScriptedGrasp) else None
+
+    def release(self, env: int, found: FoundGrasp, row: Row) -> None:
+        """Begin to take a grasp back: lower the hand, open it, back off and leave the image."""
+        goal = found.world_from_hand
+        behind = goal.copy()
+        behind[:3, 3] -= TrialConfig().standoff * behind[:3, 2]
+        stops = self._view.leave(behind, found.preshape)
+        self._motions[env] = ScriptedRelease(self.hand_pose(row), goal, found.preshape, stops, **self._settings)
+
+    def _preshape_of(self, row: Row) -> float:
+        """Read the preshape that the hand has; one whose preshape has no actuator keeps the least."""
+        if "preshape" not in self._proprio.names:
+            return self._preshape
+        return float(self._proprio.column(row["proprio"], "preshape")[0])
+
+
+Executor = PoseExecutor | GraspExecutor
+
+
+def executor_of(task: Task, hand: Hand, view: HandView) -> Executor:
+    """Make the executor for some environments; parameters as of `GraspExecutor`."""
+    return GraspExecutor(task, hand, view) if task.closed_loop else PoseExecutor(hand, task.num_envs)

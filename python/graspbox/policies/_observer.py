@@ -1,0 +1,62 @@
+"""How a policy of one depth image looks: with the first camera of its environments, and the noise of a real one."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from graspbox._core import Hand
+from graspbox.errors import ConfigError
+from graspbox.perception.cameras import camera_pose, lens
+from graspbox.perception.configs import DepthNoise
+from graspbox.perception.crops import add_depth_noise
+from graspbox.perception.depth_views import DepthView
+from graspbox.policies._hand_view import HandView
+from graspbox.policies.base import Task
+
+__all__ = ["Observer"]
+
+
+class Observer:
+    """Looks at the table with the first camera of some environments, which must stand in the world.
+
+    Parameters
+    ----------
+    task : Task
+        The environments.
+    hand : Hand
+        Their hand.
+    noise : DepthNoise
+        Noise that is added to the depth that the environments render.
+
+    Attributes
+    ----------
+    hand_view : HandView
+        The hand in the camera's image.
+
+    Raises
+    ------
+    ConfigError
+        If the camera is mounted on the hand.
+    """
+
+    def __init__(self, task: Task, hand: Hand, noise: DepthNoise = DepthNoise()) -> None:  # noqa: B008 (frozen)
+        camera, size = task.cameras.cameras[0], task.cameras.image_size
+        if camera.mount != "world":
+            raise ConfigError(f"camera {camera.name!r} is mounted on the hand; put one first whose mount is 'world'")
+        self._world_from_camera, self._intrinsics, self._noise = camera_pose(camera), lens(camera.fov, size), noise
+        self.hand_view = HandView(hand, self._world_from_camera, self._intrinsics, size)
+
+    def look(self, row: Mapping[str, Any], seed: int) -> DepthView:
+        """Look.
+
+        Parameters
+        ----------
+        row : mapping
+            An environment's row of the observation: ``depth`` (H, W, 1), metres.
+        seed : int
+            Seed of the noise.
+        """
+        clean = np.asarray(row["depth"])[None, :, :, 0]
+        depth = add_depth_noise(clean, self._intrinsics, seed, self._noise)[0]
+        return DepthView(depth, self._intrinsics, self._world_from_camera)

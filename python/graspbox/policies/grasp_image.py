@@ -1,0 +1,281 @@
+"""Ranked grasps for a depth image of your own, by a published policy.
+
+| name | what it is |
+|---|---|
+| `grasp_image`  | grasps for one image |
+| `ImageGrasper` | the same for many: networks are loaded once |
+| `ImageGrasps`  | the result |
+"""
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox.artifacts.configs import DepthPolicyConfig
+from graspbox.artifacts.downloads import folder_of
+from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.runtimes import Backend
+from graspbox.errors import ConfigError
+from graspbox.perception.crops import Crops
+from graspbox.perception.depth_images import check_intrinsics, check_pose, check_table, fit_table, thinned
+from graspbox.perception.depth_views import DepthView
+from graspbox.perception.finder import Clock, Ranked, TrainedScore
+from graspbox.perception.outputs import check_finite
+from graspbox.perception.perturbations import PoseNoise
+from graspbox.policies.depth import load_finder
+from graspbox.simulation import load_hand
+
+__all__ = ["ImageGrasper", "ImageGrasps", "grasp_image"]
+
+#: Grasps nearer than both to a better one are left out, metres and radians.
+_NEAR, _ALIKE = 0.01, 0.26
+
+
+@dataclass(frozen=True, eq=False)
+class ImageGrasps:
+    """Grasps of the object that an image shows, the best first; there may be none.
+
+    Attributes
+    ----------
+    policy : DepthPolicyConfig
+        The policy that found them.
+    depth : (h, w) float64
+        The image as the policy saw it, metres.
+    intrinsics : (3, 3) float64
+        Its intrinsics, pixels.
+    table_from_camera : (4, 4) float64
+        Pose of the camera, metres, corrected; the table is the plane z = 0.
+    object : (h, w) bool
+        Pixels of the object.
+    table_from_crop : (4, 4) float64
+        Frame of the occupancy.
+    occupancy : (N, N, N) uint8
+        The object's occupancy as the policy completes it, 0 to 255 for 0 to 1.
+    table_from_hand : (k, 4, 4) float64
+        Where the hand goes, metres.
+    preshape : (k,) float64
+        See `graspbox.Hand.preshape_limits`.
+    choice, success, secure : (k,) float64
+        Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift.
+    """
+
+    policy: DepthPolicyConfig
+    depth: NDArray[np.float64]
+    intrinsics: NDArray[np.float64]
+    table_from_camera: NDArray[np.float64]
+    object: NDArray[np.bool_]
+    table_from_crop: NDArray[np.float64]
+    occupancy: NDArray[np.uint8]
+    table_from_hand: NDArray[np.float64]
+    preshape: NDArray[np.float64]
+    choice: NDArray[np.float64]
+    success: NDArray[np.float64]
+    secure: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Count the grasps."""
+        return len(self.preshape)
+
+    @property
+    def camera_from_hand(self) -> NDArray[np.float64]:
+        """Where the hand goes, in the camera's frame (k, 4, 4), metres."""
+        return np.asarray(np.linalg.inv(self.table_from_camera) @ self.table_from_hand)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, as ``graspbox grasp-image`` writes them."""
+        in_camera = self.camera_from_hand
+        return {
+            "policy": self.policy.name,
+            "hand": self.policy.hand,
+            "table_from_camera": self.table_from_camera.tolist(),
+            "grasps": [
+                {
+                    "rank": rank + 1,
+                    "success": float(self.success[rank]),
+                    "secure": float(self.secure[rank]),
+                    "choice": float(self.choice[rank]),
+                    "preshape": float(self.preshape[rank]),
+                    "camera_from_hand": in_camera[rank].tolist(),
+                    "table_from_hand": self.table_from_hand[rank].tolist(),
+                }
+                for rank in range(len(self))
+            ],
+        }
+
+
+class ImageGrasper:
+    """A published policy, ready to find grasps in depth images; threads may share it.
+
+    Parameters
+    ----------
+    policy : str or PathLike
+        The folder of a published policy of one depth image, or ``hf://owner/name``.
+    backend : {"onnx", "torch"}
+        Runs the networks.
+    num_threads : int, optional
+        Threads of onnxruntime; by default one per core.
+
+    Raises
+    ------
+    ConfigError, MissingExtraError
+        If the folder holds no such policy, lacks a file, or onnxruntime is not installed.
+    """
+
+    def __init__(
+        self, policy: str | os.PathLike[str], *, backend: Backend = "onnx", num_threads: int | None = None
+    ) -> None:
+        folder = folder_of(policy)
+        self.config = read_depth_policy(folder)
+        hand = load_hand(self.config.hand)
+        self._finder = load_finder(folder, self.config, hand, backend=backend, num_threads=num_threads)
+
+    def find(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        table_from_camera: ArrayLike | None = None,
+        *,
+        count: int = 5,
+        region: tuple[int, int, int, int] | None = None,
+        hand_error: PoseNoise | None = None,
+        seed: int = 0,
+    ) -> ImageGrasps:
+        """Find grasps of the object that a depth image shows; arguments and errors as `grasp_image`."""
+        image = np.asarray(depth, dtype=np.float64)
+        if image.ndim != 2:
+            raise ConfigError(f"depth has shape {image.shape}; give one image (H, W)")
+        if count < 1:
+            raise ConfigError(f"count is {count}; give 1 or more")
+        lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
+        pose = fit_table(image, lens) if table_from_camera is None else check_pose(table_from_camera)
+        small, lens, step = thinned(image, lens)
+        view = DepthView(small, lens, pose).leveled()
+        pose = np.asarray(view.world_from_camera)
+        check_table(small, lens, pose)
+        within = None if region is None else _mask(region, image.shape, step, small.shape)
+        crops = view.crops(self.config.crop, within=within)
+        _check_object(crops, small)
+        ranked, success, secure = self._ranked(crops, count, hand_error, seed)
+        return ImageGrasps(
+            policy=self.config,
+            depth=small,
+            intrinsics=lens,
+            table_from_camera=pose,
+            object=crops.object[0],
+            table_from_crop=crops.world_from_crop[0],
+            occupancy=ranked.volume[0],
+            table_from_hand=crops.world_from_crop[0] @ ranked.poses,
+            preshape=ranked.preshapes,
+            choice=ranked.scores,
+            success=success,
+            secure=secure,
+        )
+
+    def _ranked(
+        self, crops: Crops, count: int, hand_error: PoseNoise | None, seed: int
+    ) -> tuple[Ranked, NDArray[np.float64], NDArray[np.float64]]:
+        """Rank the grasps that differ, the best first, with their probabilities of success and of a secure hold."""
+        finder = self._finder if hand_error is None else self._finder.tolerating(hand_error)
+        ranked = finder.rank(crops, seed, Clock())
+        ranked = ranked.kept(_distinct(ranked, count))
+        assert isinstance(finder.score, TrainedScore)
+        judged = finder.score.judge(ranked.volume, ranked.poses, ranked.preshapes)
+        for values in (judged.choice, judged.success, judged.secure):
+            check_finite(values, "scorer")
+        if finder.config.hand_error is None:
+            ranked = ranked._replace(scores=judged.choice)
+        order = ranked.best(count)
+        return ranked.kept(order), judged.success[order], judged.secure[order]
+
+
+def grasp_image(
+    depth: ArrayLike,
+    intrinsics: ArrayLike,
+    table_from_camera: ArrayLike | None,
+    policy: str | os.PathLike[str],
+    *,
+    count: int = 5,
+    region: tuple[int, int, int, int] | None = None,
+    hand_error: PoseNoise | None = None,
+    backend: Backend = "onnx",
+    seed: int = 0,
+) -> ImageGrasps:
+    """Find grasps of the object that a depth image shows.
+
+    Parameters
+    ----------
+    depth : (H, W) array
+        Metres along the optical axis, of any size; 0 where nothing was measured.
+    intrinsics : (3, 3) array
+        Pixels.
+    table_from_camera : (4, 4) array or None
+        Pose of the camera: z forward, x right, y down; the table is the plane z = 0, metres. Small errors of height and
+        tilt are corrected (`graspbox.perception.leveling.level`). None: the table is the largest plane in the image
+        (`graspbox.perception.depth_images.fit_table`).
+    policy : str or PathLike
+        The folder of a published policy of one depth image, or ``hf://owner/name``.
+    count : int
+        Most grasps; those much like a better one are left out.
+    region : (int, int, int, int), optional
+        Columns and rows, left, top, right and bottom, within which the object is looked for; by default it is the
+        largest thing on the table.
+    hand_error : PoseNoise, optional
+        How far your hand may go from where it is sent: grasps are then ranked by how well they do over such errors.
+        The probabilities stay those of a hand that does not err.
+    backend : {"onnx", "torch"}
+        Runs the networks.
+    seed : int
+        Seed of the refinement.
+
+    Raises
+    ------
+    ConfigError
+        If no object is found, the pose does not fit the image, the networks give numbers that are not finite, an
+        argument is wrong, or the policy lacks a file.
+    MissingExtraError
+        If onnxruntime is not installed.
+    """
+    grasper = ImageGrasper(policy, backend=backend)
+    return grasper.find(
+        depth, intrinsics, table_from_camera, count=count, region=region, hand_error=hand_error, seed=seed
+    )
+
+
+def _check_object(crops: Crops, depth: NDArray[np.float64]) -> None:
+    """Refuse an image (h, w) in which no object was found."""
+    if not crops.found[0]:
+        seen = depth[depth > 0]
+        raise ConfigError(
+            f"no object stands out of the table, at depths of {seen.min():.3g} to {seen.max():.3g} m; check the "
+            "camera's pose, the intrinsics and the depth scale, or give another region"
+        )
+
+
+def _mask(
+    region: tuple[int, int, int, int], shape: tuple[int, ...], step: int, small: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """Mark the pixels of a region in the thinned image."""
+    left, top, right, bottom = region
+    if not (0 <= left < right <= shape[1] and 0 <= top < bottom <= shape[0]):
+        raise ConfigError(f"region is {region}; give left < right <= {shape[1]} and top < bottom <= {shape[0]}")
+    full = np.zeros(shape, dtype=np.bool_)
+    full[top:bottom, left:right] = True
+    return np.ascontiguousarray(full[step // 2 :: step, step // 2 :: step][: small[0], : small[1]])
+
+
+def _distinct(ranked: Ranked, count: int) -> NDArray[np.int64]:
+    """Choose the best grasps that differ, by index."""
+    chosen: list[int] = []
+    for index in ranked.best(len(ranked.scores)).tolist():
+        pose, kept = ranked.poses[index], ranked.poses[chosen]
+        distances = np.linalg.norm(kept[:, :3, 3] - pose[:3, 3], axis=1)
+        traces = np.einsum("nij,ij->n", kept[:, :3, :3], pose[:3, :3])
+        angles = np.arccos(np.clip((traces - 1) / 2, -1, 1))
+        if not ((distances < _NEAR) & (angles < _ALIKE)).any():
+            chosen.append(index)
+        if len(chosen) == count:
+            break
+    return np.array(chosen, dtype=np.int64)

@@ -1,0 +1,387 @@
+"""The stages that train a policy of one depth image, from a data set to a published folder (extra ``train``).
+
+`graspbox.recipes.settings.DepthSettings` describes each; ``graspbox train depth`` runs them.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspbox import dataset, evaluation, learned_sets, object_sets
+from graspbox.artifacts.exports import FINALISTS, export_depth_policy, write_completion, write_head
+from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.graphs import ScorerGraph
+from graspbox.artifacts.runtimes import Parts, Scorer, load_parts, torch_network
+from graspbox.errors import ConfigError
+from graspbox.models.calibration import Calibration, calibration_error, fit_logits
+from graspbox.models.completion.network import train_completion
+from graspbox.models.head.training import HeadData, train_head
+from graspbox.models.scene_views import SceneViews
+from graspbox.models.scenes import SceneConfig, SceneSampler
+from graspbox.models.scorer.inputs import ScorerInputs
+from graspbox.models.scorer.training import train_scorer
+from graspbox.models.trials import GraspTrials
+from graspbox.perception import HandGrid, ProposalConfig
+from graspbox.perception.finder_configs import FinderConfig
+from graspbox.policies import DepthGrasp
+from graspbox.recipes.cards import write_card
+from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
+from graspbox.recipes.collection import CollectConfig, check_hand, collect, load_trials
+from graspbox.recipes.depth_cards import depth_card
+from graspbox.recipes.learned import evaluated_split, of_datasets, of_splits
+from graspbox.recipes.networks import TrainedNetworks
+from graspbox.recipes.settings import QUICK, QUICK_OBJECTS, DepthSettings, package_licence
+from graspbox.training.configs import TrainConfig
+from graspbox.training.options import Outcome
+from graspbox.training.runs import Run
+from graspbox.training.trainer import Trained, TrainProgress
+
+__all__ = ["FINDER", "train"]
+
+
+#: Settings of the policy's decision; `Sizes.refinements` sets the number of refinements.
+FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
+#: Number of trials per scene: enough that the random ones reveal the scorer's errors.
+_COLLECTED = {"most": 256, "predicted": 96}
+
+
+class TimeUp(Exception):  # noqa: N818 (no error)
+    """The time limit of the data set is reached."""
+
+
+def train(settings: DepthSettings, command: str, echo: Callable[[str], None]) -> Outcome:
+    """Run ``graspbox train depth``: all stages.
+
+    Raises
+    ------
+    ConfigError
+        If the folder holds a run with other settings, if the evaluation has only training objects, or if a data set is
+        of another hand.
+    """
+    if settings.quick:
+        settings = replace(settings, sizes=QUICK, **QUICK_OBJECTS)
+    learned = [*of_datasets(settings.data), *of_splits((*settings.objects, *settings.fresh))]
+    for objects in settings.evaluated:
+        if not learned_sets.without(object_sets.load(objects, split=evaluated_split(objects)), learned):
+            raise ConfigError(f"--evaluated is {objects!r}; name objects from which nothing is learned")
+    check_hand(settings.data, settings.load_hand())
+    with settings.run(echo) as run:
+        training = _DepthTraining(settings, run, learned)
+        training.go(command)
+        return Outcome({"folder": str(training.policy_folder()), **run.stages}, str(training.policy_folder()))
+
+
+class _DepthTraining:
+    """The stages of one run."""
+
+    def __init__(self, settings: DepthSettings, run: Run, learned: list[str]) -> None:
+        self.settings, self.sizes, self.run, self.learned = settings, settings.sizes, run, learned
+        self.seed, self.out = settings.seed, settings.out
+        self.finder, self.scenes = FINDER, SceneConfig()
+        self.grid = HandGrid(settings.load_hand(), crop=self.scenes.crop)
+        self.inputs = ScorerInputs(self.grid)
+        self.networks = TrainedNetworks(self.out, self.sizes, self.grid, self.scenes)
+        self.data = settings.data or (self.out / "data" / "set",)
+
+    def sampler(self, objects: str | tuple[str, ...], split: object_sets.Split | None, seed: int) -> SceneSampler:
+        """Sample scenes of a set of objects."""
+        return SceneSampler(object_sets.load(objects, split=split), self.scenes, seed)
+
+    def go(self, command: str) -> None:
+        """Run the stages."""
+        hours, sizes = self.settings.hours, self.sizes
+
+        def stage(name: str, limit: float, work: Callable[[Run], dict[str, Any]]) -> dict[str, Any]:
+            return self.run.stage(name, 3600 * limit, work)
+
+        if not self.settings.data:
+            stage("data", hours.data, self.make_data)
+        stage("completion", hours.completion, self.complete)
+        stage("scorer", hours.scorer, partial(self.member, number=0, rounds=0))
+        stage("head", hours.head, self.head)
+        for n in range(1, sizes.rounds + 1):
+            stage(f"collect-{n}", hours.collect, partial(self.collect, number=n))
+            stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
+        for n in range(1, sizes.members):
+            stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
+        tried = {
+            n: stage(f"calibrate-{n}", hours.calibrate / len(sizes.refinements), partial(self.calibrate, refinements=n))
+            for n in sizes.refinements
+        }
+        # Refinement exploits errors of the scorer.
+        found = tried[count := max(tried, key=lambda count: max(map(sum, tried[count]["rates"].values())))]
+        self.finder, weight = replace(self.finder, refinements=count), found["secure_weight"]
+        calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), weight)
+        stage("export", hours.evaluate, lambda s: self.export(calibration))
+        stage("ablations", hours.evaluate, lambda s: self.export_ablations(s.folder, calibration))
+        stage("evaluate", hours.evaluate, self.evaluate)
+        folder = self.policy_folder()
+        config, given = read_depth_policy(folder), self.settings
+        card = depth_card(folder, config, command=command, settings=given, scenes=self.scenes, stages=self.run.stages)
+        write_card(folder, config, card)
+        self.run.log(f"the policy is in {folder}")
+
+    # --- stages --------------------------------------------------------------------------------------------------
+
+    def make_data(self, stage: Run) -> dict[str, Any]:
+        """Make the data set, as far as the time limit allows."""
+        config = dataset.DatasetConfig(poses=self.sizes.poses, rests=self.sizes.rests, views=0, seed=self.seed)
+
+        def report(progress: dataset.Progress) -> None:
+            share = progress.trials / max(1, progress.total)
+            stage.report(f"{progress.trials} of {progress.total} trials, {progress.rate:.0f}/s", share)
+            if stage.late():
+                raise TimeUp
+
+        try:
+            objects, hand = list(self.settings.objects), self.grid.hand
+            dataset.generate(objects, self.data[0], hand=hand, config=config, progress=report)
+        except TimeUp:
+            stage.log("time limit reached; continuing with the trials collected")
+        return {split: len(GraspTrials.from_datasets(self.data, split)) for split in ("train", "validation")}
+
+    def common(self, stage: Run) -> dict[str, Any]:
+        """Return the settings that all trainings share."""
+        return {"max_seconds": stage.limit, "seed": self.seed, "device": self.settings.device}
+
+    def complete(self, stage: Run) -> dict[str, Any]:
+        """Train the completion and export it: onnxruntime runs it twice as fast."""
+        sizes = self.sizes
+        config = TrainConfig(
+            batch_size=sizes.completion_batch,
+            max_steps=sizes.completion_steps,
+            validate_every=sizes.validate_every,
+            # Most of the gain comes as the learning rate falls, after a long plateau.
+            patience=sizes.completion_steps,
+            **self.common(stage),
+        )
+        objects, held_out = (object_sets.load(self.settings.objects, split=s) for s in ("train", "validation"))
+        count = 4 if self.settings.quick else 48
+        trained = train_completion(
+            stage.folder,
+            objects,
+            held_out,
+            config,
+            self.scenes,
+            validation_objects=count,
+            width=sizes.completion_width,
+            progress=reporter(stage, "overlap"),
+        )
+        write_completion(self.networks.completion_net(), stage.folder / "completion.onnx", self.scenes.crop)
+        return results_of(trained)
+
+    @cached_property
+    def views(self) -> SceneViews:
+        """Views shared by all members and rounds."""
+        return SceneViews(self.scenes, self.networks.completion(), self.seed)
+
+    def member(self, stage: Run, number: int, rounds: int) -> dict[str, Any]:
+        """Train a member on the data set and on the on-policy trials of the first `rounds` rounds."""
+        sizes = self.sizes
+        going_on = number == 0 and rounds > 0
+        config = TrainConfig(
+            learning_rate=5e-4 if going_on else 1e-3,
+            batch_size=sizes.batch,
+            max_steps=sizes.round_steps if going_on else sizes.scorer_steps,
+            validate_every=sizes.validate_every,
+            **{**self.common(stage), "seed": self.seed + 10 * number + rounds},
+        )
+        train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
+        folders = [self.out / f"collect-{n}" for n in range(1, rounds + 1)]
+        on_policy = [load_trials(folder / "train") for folder in folders]
+        # The latest choices select the weights.
+        validation = load_trials(folders[-1] / "validation") if folders else held_out
+        trained = train_scorer(
+            stage.folder,
+            train,
+            validation,
+            self.inputs,
+            self.views,
+            config,
+            on_policy=GraspTrials.joined(on_policy) if on_policy else None,
+            start=self.networks.folder(0, rounds - 1) / "weights.pt" if going_on else None,
+            width=sizes.width,
+            progress=reporter(stage, "AUC"),
+        )
+        return results_of(trained) | {"trials": len(train), "on_policy": sum(len(trials) for trials in on_policy)}
+
+    def head(self, stage: Run) -> dict[str, Any]:
+        """Train the head whose grasps are scored together with the proposals, on the data set, and export it."""
+        steps = self.sizes.head_steps
+        config = TrainConfig(
+            batch_size=16,
+            max_steps=steps,
+            validate_every=min(250, steps),
+            patience=steps,
+            **self.common(stage),
+        )
+        train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
+        data = HeadData.of(train, held_out, self.grid, scenes=self.scenes, seed=self.seed)
+        trained = train_head(stage.folder, data, config=config, progress=reporter(stage, "share of holds"))
+        write_head(self.networks.head_net(), stage.folder / "head.onnx", self.scenes.crop)
+        return results_of(trained) | {"trials": len(train)}
+
+    def collect(self, stage: Run, number: int) -> dict[str, Any]:
+        """Collect trials of grasps chosen by the first member after the last round."""
+        graph = ScorerGraph([self.networks.member_net(0, number - 1)], Calibration(), FINALISTS)
+        scorer = Scorer(torch_network(graph), self.inputs, FINALISTS)
+        results: dict[str, Any] = {}
+        counts: dict[object_sets.Split, int] = {"validation": self.sizes.held_out_scenes, "train": self.sizes.scenes}
+        for split, scenes in counts.items():
+            sampler = self.sampler(self.settings.fresh, split, self.seed + 1000 * number)
+            proposals = replace(self.finder.proposals, most=_COLLECTED["most"])
+            finder = replace(self.finder, proposals=proposals, predicted=_COLLECTED["predicted"])
+            trials = collect(
+                stage.folder / split,
+                sampler,
+                range(scenes),
+                self.grid,
+                CollectConfig(finder=finder),
+                complete=self.networks.completion(),
+                score=scorer,
+                head=self.networks.predictor(),
+                progress=stage.counter(scenes, f"scenes ({split})"),
+                stop=stage.late,
+            )
+            shares = {"success": float(trials.success.mean()), "secure": float(trials.secure.mean())}
+            results[split] = {"trials": len(trials), **{k: round(v, 4) for k, v in shares.items()}}
+        return results
+
+    def calibrate(self, stage: Run, refinements: int) -> dict[str, Any]:
+        """Try choices on held-out objects; choose the weight of a secure hold, and fit the logits."""
+        graph = ScorerGraph(self.networks.members(), Calibration(), FINALISTS)
+        scorer = Scorer(torch_network(graph), self.inputs, FINALISTS)
+        parts = Parts(self.networks.completion(), scorer, self.networks.predictor())
+        finder = replace(self.finder, refinements=refinements)
+        found = self.choices(stage, self.settings.fresh, "validation", parts, finder, self.sizes.choices)
+        rates = np.stack([found.success.mean(axis=0), found.secure.mean(axis=0)], axis=1)
+        best = int(np.argmax(rates.sum(axis=1)))
+        return {
+            "choices": len(found),
+            "secure_weight": SECURE_WEIGHTS[best],
+            "rates": {
+                str(w): [round(float(r), 4) for r in pair] for w, pair in zip(SECURE_WEIGHTS, rates, strict=True)
+            },
+            "success": fit_logits(found.logits[:, best, 0], found.success[:, best]),
+            "secure": fit_logits(found.logits[:, best, 1], found.secure[:, best]),
+        }
+
+    def choices(
+        self,
+        stage: Run,
+        objects: str | tuple[str, ...],
+        split: object_sets.Split | None,
+        parts: Parts,
+        finder: FinderConfig,
+        count: int,
+        weights: tuple[float, ...] = SECURE_WEIGHTS,
+    ) -> Choices:
+        """Try choices on a set of objects."""
+        sampler = self.sampler(objects, split, self.seed + 9000)
+        folder = stage.folder / "-".join((objects,) if isinstance(objects, str) else objects).replace(":", "-")
+        return try_choices(
+            folder,
+            sampler,
+            range(count),
+            self.grid,
+            parts.complete,
+            parts.scorer,
+            finder,
+            head=parts.head,
+            weights=weights,
+            progress=stage.counter(count, f"choices ({objects})"),
+            stop=stage.late,
+        )
+
+    def policy_folder(self) -> Path:
+        """Name the folder of the policy."""
+        return self.settings.publish or self.out / "policy"
+
+    def export(self, calibration: Calibration) -> dict[str, Any]:
+        """Write the policy's folder."""
+        config = export_depth_policy(
+            self.policy_folder(),
+            self.settings.name,
+            self.networks.completion_net(),
+            self.networks.members(),
+            calibration,
+            # The completion is trained on `settings.objects`, even with `data`.
+            learned_from=[*of_datasets(self.data), *self.learned],
+            hand=self.settings.hand,
+            crop=self.scenes.crop,
+            finder=self.finder,
+            head=self.networks.head_net(),
+            licence=package_licence(),
+        )
+        return {"files": len(config.files)}
+
+    def export_ablations(self, folder: Path, calibration: Calibration) -> dict[str, Any]:
+        """Write the ablations: earlier stages of the policy, to measure the effect of each step.
+
+        Unrefined: ``scorer`` was trained on the data set alone, ``rounds`` also on its own choices, ``ensemble`` has
+        all members, if there are several. ``geometry`` is the policy without the head.
+        """
+        nets, unrefined = self.networks, replace(self.finder, refinements=0)
+        ablations = {
+            "scorer": ([nets.member_net(0, 0)], unrefined),
+            "rounds": ([nets.member_net(0, self.sizes.rounds)], unrefined),
+            "ensemble": (nets.members(), unrefined),
+            "geometry": (nets.members(), replace(self.finder, predicted=0)),
+        }
+        if self.sizes.members == 1:
+            del ablations["ensemble"]
+        for name, (members, finder) in ablations.items():
+            export_depth_policy(
+                folder / name,
+                name,
+                nets.completion_net(),
+                members,
+                calibration,
+                learned_from=[*of_datasets(self.data), *self.learned],
+                hand=self.settings.hand,
+                crop=self.scenes.crop,
+                finder=finder,
+                head=nets.head_net() if finder.predicted else None,
+            )
+        return {"folders": list(ablations)}
+
+    def evaluate(self, stage: Run) -> dict[str, Any]:
+        """Evaluate the policy as ``graspbox evaluate`` does, and measure its calibration."""
+        folder = self.policy_folder()
+        policy, config = DepthGrasp(folder), read_depth_policy(folder)
+        parts = load_parts(folder, config, self.grid)
+        results: dict[str, Any] = {}
+        for objects in self.settings.evaluated:
+            split = evaluated_split(objects)
+            count = self.sizes.trials
+            hand = self.settings.hand
+            progress = stage.counter(count, f"trials ({objects})")
+            result = evaluation.evaluate(
+                policy, objects=objects, split=split, trials=count, progress=progress, hand=hand
+            )
+            weights = (config.calibration.secure_weight,)
+            tried = self.choices(stage, objects, split, parts, config.finder, count, weights)
+            results[objects] = {
+                **{k: v for k, v in result.to_json().items() if k != "objects"},
+                "ece": round(calibration_error(tried.judged[:, 0, 0], tried.success[:, 0]), 4),
+            }
+        return results
+
+
+def reporter(run: Run, measure: str, name: str = "") -> Callable[[TrainProgress], None]:
+    """Log the progress of a training in a run, either all of it or a named part."""
+
+    def report(progress: TrainProgress) -> None:
+        best = f", best {measure} {progress.best:.3f}" if progress.best > -np.inf else ""
+        run.report(f"{name and f'{name}, '}step {progress.step}{best}", progress.share, progress.remaining)
+
+    return report
+
+
+def results_of(trained: Trained) -> dict[str, Any]:
+    """Return the results of a training."""
+    return {"reason": trained.reason, "steps": trained.step, "best": round(trained.best, 4)}

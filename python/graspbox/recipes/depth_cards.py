@@ -1,0 +1,215 @@
+"""Cards of policies that use one depth image: `DepthGrasp`, `HeadGrasp` and `FeelThenLift`."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from graspbox.artifacts.configs import DepthPolicyConfig
+from graspbox.models.scenes import SceneConfig
+from graspbox.progress import shown_time
+from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times
+from graspbox.recipes.learned import evaluated_split
+
+__all__ = ["depth_card", "feel_card", "head_card"]
+
+_DECISION, _GRASP = "graspbox/GraspPose-v0", "graspbox/Grasp-v0"
+_SUMMARY = "Grasps an object on a table from one depth image; it needs neither a mesh nor the object's true pose."
+_METHOD = (
+    f"First attempts in `{_DECISION}`, on objects that were not used in training; the depth images have the noise of a "
+    "real camera."
+)
+
+Stages = Mapping[str, Mapping[str, Any]]
+
+
+def _use(folder: Path) -> str:
+    return f"graspbox evaluate policies/{folder.name} --objects procedural:unseen:0-19"
+
+
+def _limits(scenes: SceneConfig) -> tuple[str, ...]:
+    near, far = scenes.distance
+    return (
+        f"One object on a flat table, no larger than a cube of 0.3 m. The camera is {near} to {far} m away, at least "
+        f"{scenes.elevation * 57.29578:.0f} degrees above the table.",
+        "Depth images have the noise of a structured-light sensor. Such sensors do not measure transparent and shiny "
+        "surfaces; the training images show none.",
+        "Masses and friction are those of the simulation. The probabilities hold there, not on a real arm.",
+    )
+
+
+def depth_card(
+    folder: Path, config: DepthPolicyConfig, *, command: str, settings: Any, scenes: SceneConfig, stages: Stages
+) -> Card:
+    """Describe a policy of one depth image.
+
+    Parameters
+    ----------
+    folder : Path
+        Its folder.
+    config : DepthPolicyConfig
+        Its description.
+    command : str
+        The command that trained it.
+    settings : Settings
+        Arguments of the training (`graspbox.recipes.depth`).
+    scenes : SceneConfig
+        How training scenes were rendered.
+    stages : mapping
+        Results of each stage by name, with its seconds.
+    """
+    scores = []
+    for objects, found in stages["evaluate"].items():
+        if objects != "seconds":
+            split = evaluated_split(objects)
+            counts = (found["trials"], found["succeeded"], found["secure"])
+            name = f"{objects}/{split}" if split else objects
+            scores.append(ScoreRow(name, _DECISION, *counts, more={"ECE": f"{found['ece']:.3f}"}))
+    weight, tried = config.calibration.secure_weight, []
+    for name, found in stages.items():
+        stage, _, count = name.partition("-")
+        if stage == "calibrate":
+            rates = found["rates"].items()
+            tried += [(count, str(w), str(found["choices"]), f"{a:.1%}", f"{b:.1%}") for w, (a, b) in rates]
+    details = paragraph(
+        "ECE is the expected calibration error of the predicted probability of success. The policy takes the grasp "
+        f"with the greatest (success + w secure) / (1 + w), where w = {weight}, after {config.finder.refinements} "
+        "refinements. Other settings on held-out scenes:"
+    )
+    columns = ("refinements", "w", "scenes", "success", "secure")
+    data, fresh = (listed(names) for names in (settings.data or settings.objects, settings.fresh))
+    trials = max(found["trials"] for found in stages.values() if "on_policy" in found)
+    on_policy = max(found.get("on_policy", 0) for found in stages.values())
+    learned = f"Seed {settings.seed}. {trials} trials of {data} (split `train`), then {on_policy} trials "
+    learned += f"of grasps that the policy chose on {fresh}."
+    stage_table = times({name: (found["seconds"], _result(name, found)) for name, found in stages.items()})
+    return Card(
+        summary=_SUMMARY,
+        commands=(
+            _use(folder),
+            f"graspbox grasp-image DEPTH.npy --intrinsics FX FY CX CY --policy policies/{folder.name}",
+        ),
+        method=_METHOD,
+        scores=scores,
+        details=f"{details}\n\n{table(columns, tried, 'r')}",
+        training=f"{code(command)}\n\n{paragraph(learned)}\n\n{stage_table}",
+        limits=_limits(scenes),
+    )
+
+
+def _result(name: str, found: Mapping[str, Any]) -> str:
+    """Summarize the result of a stage, unless it has a table of its own."""
+    if name.startswith("collect"):
+        return "; ".join(
+            f"{split}: {part['trials']} trials, {part['success']:.1%} success, {part['secure']:.1%} secure"
+            for split, part in found.items()
+            if split != "seconds"
+        )
+    if name.startswith("calibrate") or name in ("evaluate", "export", "ablations"):
+        return ""
+    if name == "data":
+        return f"{found['train']} trials for training, {found['validation']} for validation"
+    measure = {"completion": "overlap (IoU)", "head": "first choices that held"}.get(name, "AUC")
+    return f"{found['steps']} steps, {measure} {found['best']:.3f}"
+
+
+def head_card(
+    folder: Path, *, command: str, data: str, seed: int, trained: Mapping[str, Any], scores: Sequence[Mapping[str, Any]]
+) -> Card:
+    """Describe a published head.
+
+    Parameters
+    ----------
+    folder : Path
+        Its folder.
+    command, data, seed
+        Command of the training; its data sets and their splits; the seed.
+    trained : mapping
+        Trials, scenes, steps and seconds of the training.
+    scores : sequence of mapping
+        Rows with objects, whether collisions are filtered, trials, success, secure.
+    """
+    rows = [
+        ScoreRow(
+            row["objects"],
+            _DECISION,
+            row["trials"],
+            row["success"],
+            row["secure"],
+            "collisions filtered" if row["filtered"] else "unfiltered",
+        )
+        for row in scores
+    ]
+    learned = (
+        f"Seed {seed}. {trained['trials']} trials in {trained['scenes']} scenes of {data}; {trained['step']} steps in "
+        f"{shown_time(trained['seconds'])}."
+    )
+    return Card(
+        summary=_SUMMARY,
+        commands=(_use(folder),),
+        method=_METHOD,
+        scores=rows,
+        training=f"{code(command)}\n\n{paragraph(learned)}",
+        limits=_limits(SceneConfig()),
+    )
+
+
+def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card:
+    """Describe a policy that checks grasp stability before it lifts.
+
+    Parameters
+    ----------
+    folder : Path
+        Its folder.
+    settings : FeelSettings
+        Arguments of the training (`graspbox.recipes.feel`).
+    command : str
+        The command that trained it.
+    stages : mapping
+        Results of each stage by name, with its seconds.
+    """
+    found = {objects: part for objects, part in stages["evaluate"].items() if objects != "seconds"}
+    scores, felt = [], []
+    for objects, part in found.items():
+        first, feel, trials = part["first"], part["feel"], part["first"]["trials"]
+        more = {
+            "success, first attempt": rate(first["succeeded"], trials),
+            "secure, first attempt": rate(first["secure"], trials),
+            "success, perfect prediction": rate(part["perfect"], trials),
+        }
+        scores.append(ScoreRow(objects, _GRASP, trials, feel["succeeded"], feel["secure"], "paired trials", more))
+        counts = [str(feel[key]) for key in ("opened", "rightly", "saved", "lost")]
+        measures = [f"{part['auc']:.3f}", f"{part['ece']:.3f}", f"{first['steps']}", f"{feel['steps']}"]
+        felt.append([f"`{objects}`", *counts, *measures])
+    columns = ("objects", "opened", "rightly", "saved", "lost", "AUC", "ECE", "steps, first attempt", "steps")
+    details = paragraph(
+        f"The hand opens where the predicted probability that the grasp holds is below "
+        f"{stages['threshold']['threshold']:.2f}. *Rightly*: the first grasp would not have held. *Saved*: of these, "
+        "the second grasp held. *Lost*: the first grasp would have held, but the second one did not. AUC is the area "
+        "under the ROC curve of the predicted probability, ECE its expected calibration error; steps are those of a "
+        "successful trial, on average. *Perfect prediction* opens exactly where the first grasp does not hold."
+    )
+    train = stages["record-train"]
+    learned = paragraph(
+        f"Seed {settings.seed}. {train['trials']} grasps of `{settings.objects}`, {train['held']:.1%} of which held. "
+        f"Validation, calibration and the choice of the threshold used {stages['record-held-out']['trials']} grasps of "
+        f"`{settings.held_out}`. The hand feels {' and '.join(f'{time} s' for time in settings.times)} after it begins "
+        "to close."
+    )
+    stage_table = times({name: (part["seconds"], "") for name, part in stages.items()})
+    return Card(
+        summary="Grasps an object on a table from one depth image, closes the fingers, and predicts from touch whether "
+        "the grasp will hold. If not, it opens, looks again and tries one other grasp. The policy in "
+        f"`policies/{settings.policy.name}` looks and chooses the grasps; its folder must stay beside this one.",
+        commands=(_use(folder),),
+        method=f"Trials in `{_GRASP}`. Paired trials run the same scenes with the first attempt alone and with a "
+        "second one.",
+        scores=scores,
+        details=f"{details}\n\n{table(columns, felt)}\n\n![Success against the threshold, and reliability](feel.png)",
+        training=f"{code(command)}\n\n{learned}\n\n{stage_table}",
+        limits=(
+            f"Those of the policy that chooses the grasps; see its card, `../{settings.policy.name}/README.md`.",
+            "It feels the measurements of the simulated hand: joint positions, tendon tensions and tactile forces, "
+            "without the noise of real sensors.",
+            "There is one second attempt, which is lifted in any case.",
+        ),
+    )

@@ -1,0 +1,198 @@
+"""Training data of grasp stability: a policy's grasps, sensed while closing and always lifted.
+
+Each scene is rendered once, and several of the grasps scored there are tried, the policy's own choice first; the
+environments that try them render nothing. The folder of trials holds one file per block of scenes, so that an
+interrupted recording resumes.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from graspbox.artifacts.folders import read_depth_policy
+from graspbox.envs.coding import Codec
+from graspbox.envs.scripted import ScriptedGrasp
+from graspbox.evaluation import trial_seeds
+from graspbox.models.stability.inputs import Feeling, StabilityInputs
+from graspbox.perception.finder import FoundGrasp
+from graspbox.policies import DepthGrasp, GraspExecutor, Task
+from graspbox.training.array_files import ArrayTable, load_or_make_parts
+
+__all__ = ["BLOCK", "FeltTrials", "Recorder"]
+
+#: Scenes per file.
+BLOCK = 8
+#: Tried grasps are among this many of the best; one this many ranks lower is tried 1/e times as often.
+_BEST, _RANKS = 160, 60.0
+#: Waiting pose of the hand while the camera renders, world_from_hand: over the table, palm down, at its highest.
+_WAITING = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.74], [0.0, 0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class FeltTrials(ArrayTable):
+    """n grasps.
+
+    Attributes
+    ----------
+    felt : (n, k) float32
+        Known facts and sensor readings (`graspbox.models.stability.inputs.Feeling`).
+    held, secure : (n,) bool
+        Outcome of the trial: `graspbox.simulation` defines success and security.
+    first : (n,) bool
+        Whether the grasp was the policy's own choice.
+    """
+
+    felt: NDArray[np.float32]
+    held: NDArray[np.bool_]
+    secure: NDArray[np.bool_]
+    first: NDArray[np.bool_]
+
+    nothing = "no grasp was tried in any scene; the policy finds nothing"
+
+
+class Recorder:
+    """Records trials of a policy.
+
+    Parameters
+    ----------
+    policy : Path
+        Folder of the policy (`DepthGrasp`).
+    objects : str
+        Object set.
+    times : tuple of float
+        Sensing times, seconds after closing began.
+    seed : int
+        Determines the scenes, as `graspbox.evaluation.trial_seeds` does.
+    per_scene : int
+        Grasps of each scene.
+    """
+
+    def __init__(self, policy: Path, objects: str, times: tuple[float, ...], seed: int, per_scene: int) -> None:
+        self._policy = DepthGrasp(policy)
+        self._seed, self._per_scene = seed, per_scene
+        given: dict[str, Any] = {
+            "objects": objects,
+            "hand": read_depth_policy(policy).hand,
+            "autoreset_mode": AutoresetMode.DISABLED,
+            "max_episode_steps": 400,
+        }
+        self._looking = gymnasium.make_vec(
+            "graspbox/Grasp-v0", BLOCK, obs=("depth", "proprio"), **DepthGrasp.settings, **given
+        )
+        task = Task.of(self._looking)
+        self._policy.bind(task)
+        hand = self._policy.hand
+        self._inputs = StabilityInputs(hand, times, self._policy.finder.crop, task.control)
+        self._executor = GraspExecutor(task, hand, self._policy.observer.hand_view)
+        self._proprio = Codec(task.control, hand, "proprio")
+        trying = gymnasium.make_vec("graspbox/Grasp-v0", BLOCK * per_scene, obs=self._inputs.obs, **given)
+        # Gymnasium's class declares neither seeds per environment nor send and recv.
+        self._trying: Any = trying.unwrapped
+
+    def close(self) -> None:
+        """Close the environments."""
+        self._looking.close()
+        self._trying.close()
+
+    def record(
+        self,
+        folder: Path,
+        blocks: int,
+        *,
+        progress: Callable[[int], None] = lambda _: None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> FeltTrials:
+        """Record blocks of scenes, skipping those whose file exists.
+
+        Parameters
+        ----------
+        folder : Path
+            Folder of the files.
+        blocks : int
+            Number of blocks of `BLOCK` scenes.
+        progress : callable
+            Called with the number of blocks so far.
+        stop : callable
+            Asked before each new block; True ends the recording.
+
+        Raises
+        ------
+        ConfigError
+            If no scene has a grasp.
+        """
+        seeds = trial_seeds(self._seed, BLOCK * blocks)
+
+        def record(number: int) -> FeltTrials:
+            return self._block(number, seeds[BLOCK * number : BLOCK * (number + 1)])
+
+        return load_or_make_parts(FeltTrials, folder, range(blocks), record, progress=progress, stop=stop)
+
+    def _block(self, number: int, seeds: list[int]) -> FeltTrials:
+        """Render each scene, choose grasps and try all of them at once."""
+        rng = np.random.default_rng([self._seed, number])
+        # The same seed gives the same scene; only the hand's pose and the observations differ.
+        seen, _ = self._looking.reset(seed=seeds, options={"world_from_hand": _WAITING})  # type: ignore[arg-type]
+        grasps: dict[int, FoundGrasp] = {}
+        for scene, seed in enumerate(seeds):
+            # The policy's first random numbers in an episode of this seed: it gets the same noise.
+            drawn = int(np.random.default_rng(seed).integers(2**62))
+            found = self._policy.find(scene, drawn, {"depth": seen["depth"][scene]})
+            if found is not None:
+                for n, index in enumerate(_chosen(found, self._per_scene, rng)):
+                    grasps[scene * self._per_scene + n] = found.other(index)
+        felt, ends = self._try([seed for seed in seeds for _ in range(self._per_scene)], grasps)
+        tried = sorted(felt)
+        size = len(felt[tried[0]]) if tried else 0
+        return FeltTrials(
+            np.array([felt[env] for env in tried], dtype=np.float32).reshape(len(tried), size),
+            np.array([ends[env][0] for env in tried], dtype=np.bool_),
+            np.array([ends[env][1] for env in tried], dtype=np.bool_),
+            np.array([env % self._per_scene == 0 for env in tried], dtype=np.bool_),
+        )
+
+    def _try(
+        self, seeds: list[int], grasps: dict[int, FoundGrasp]
+    ) -> tuple[dict[int, NDArray[np.float32]], dict[int, tuple[bool, bool]]]:
+        """Try a grasp in each environment that has one; returns sensor readings, and success and security."""
+        seen, _ = self._trying.reset(seed=seeds)
+        drivers: dict[int, ScriptedGrasp] = {}
+        for env, found in grasps.items():
+            start = self._proprio.pose(seen["proprio"][env], "hand")
+            drivers[env] = self._executor.grasping(found, start)
+        feelings = {env: Feeling(self._inputs, found) for env, found in grasps.items()}
+        ends: dict[int, tuple[bool, bool]] = {}
+        active = sorted(drivers)
+        while active:
+            actions = []
+            for env in active:
+                driver, now = drivers[env], {name: seen[name][env] for name in self._inputs.obs}
+                feelings[env].add(driver.time - driver.closes_at, now)
+                actions.append(driver.follow(self._proprio.pose(now["proprio"], "hand")))
+            self._trying.send(np.stack(actions), np.array(active))
+            following, _, terminated, truncated, info = self._trying.recv(len(active))
+            for row, env in enumerate(info["env_id"].tolist()):
+                for name, values in following.items():
+                    seen[name][env] = values[row]
+                if terminated[row] or truncated[row] or drivers[env].finished:
+                    ends[env] = bool(info["is_success"][row]), bool(info["is_secure"][row])
+            active = [env for env in active if env not in ends]
+        # If the object leaves the table before the fingers have closed, the episode ends without readings.
+        felt = {env: feelings[env].vector() for env in ends if feelings[env].complete}
+        return felt, ends
+
+
+def _chosen(found: FoundGrasp, count: int, rng: np.random.Generator) -> list[int]:
+    """Choose grasps by index: the best, then others sampled from the best ones with decaying probability."""
+    order = np.argsort(-found.scores, kind="stable")[:_BEST]
+    weights = np.exp(-np.arange(1, len(order)) / _RANKS)
+    others = min(count, len(order)) - 1
+    if others < 1:
+        return [int(order[0])]
+    picked = rng.choice(len(weights), others, replace=False, p=weights / weights.sum())
+    return [int(order[0]), *order[1 + picked].tolist()]

@@ -1,0 +1,117 @@
+"""What a server offers: the object sets and hands that clients may name.
+
+A client names an offered set, a part of one, or the name that the server gave to one. It names no path.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from graspbox import object_sets
+from graspbox.arguments import shown
+from graspbox.errors import ConfigError, ObjectSetError
+from graspbox.object_sets import ObjectSet
+
+__all__ = ["MAX_OBJECTS", "Offer"]
+
+#: Most objects of the environments of a session.
+MAX_OBJECTS = 100_000
+
+
+@dataclass(frozen=True)
+class _Procedural:
+    """An offered procedural set: its families, and the seeds of each; None allows any seed."""
+
+    families: frozenset[str]
+    seeds: range | None
+
+    def covers(self, family: str, seeds: range) -> bool:
+        own = self.seeds
+        return family in self.families and (own is None or (seeds[0] in own and seeds[-1] in own))
+
+
+class Offer:
+    """What clients may name.
+
+    Parameters
+    ----------
+    objects : sequence of str
+        As `graspbox.remote.serving.ServerSettings.objects`.
+    hands : sequence of str
+        Names of hands.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError
+        For a path without a name, or a set that does not exist.
+    """
+
+    def __init__(self, objects: Sequence[str], hands: Sequence[str]) -> None:
+        self.hands = tuple(hands)
+        #: Names of the object sets, as clients see them.
+        self.names: list[str] = []
+        self._aliases: dict[str, str] = {}
+        self._procedural: list[_Procedural] = []
+        self._ycb: set[str] = set()
+        for text in objects:
+            name, equals, target = text.partition("=")
+            kind, _, rest = text.partition(":")
+            if equals:
+                if not name or name in self._aliases or name.partition(":")[0] in ("procedural", "ycb"):
+                    raise ConfigError(f"objects has {text!r}; write NAME=SET, with a name that no other set has")
+                object_sets.load(target)
+                self._aliases[name] = target
+            elif kind == "procedural":
+                families, seeds = object_sets.families_and_seeds(rest, text)
+                # No family begins with a digit; without a range of seeds every seed may be named.
+                ranged = rest.rpartition(":")[2][:1].isdigit()
+                self._procedural.append(_Procedural(frozenset(families), seeds if ranged else None))
+            elif kind == "ycb":
+                self._ycb |= set(object_sets.load(text).names)
+            else:
+                raise ConfigError(f"objects has {text!r}; clients name no path, so give it a name: tools={text}")
+            self.names.append(name)
+
+    def find(self, given: Any, scale: float = 1.0, mass: float | None = None) -> ObjectSet:
+        """Find the objects that a client names; `scale` and `mass` as of `graspbox.object_sets.load`.
+
+        Raises
+        ------
+        ObjectSetError
+            For anything that is not offered, and for too many objects.
+        """
+        names: list[str] = [given] if isinstance(given, str) else given
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise ObjectSetError(f"objects is {shown(given)}; give names of object sets")
+        # Everything below takes time for each name, and other clients wait meanwhile.
+        if len(names) > MAX_OBJECTS:
+            raise ObjectSetError(f"objects has {len(names)} names; this server takes at most {MAX_OBJECTS} objects")
+        self._check_count(names)
+        found = object_sets.load([self._aliases.get(name, name) for name in names], scale=scale, mass=mass)
+        # The client reads its own names in errors, not those of folders here.
+        return replace(found, name=",".join(names))
+
+    def _check_count(self, names: Iterable[str]) -> None:
+        """Count objects without describing procedural ones, name by name, and stop at the bound."""
+        count, seen = 0, set()
+        for name in names:
+            if name in seen:
+                raise ObjectSetError(f"objects has {shown(name)} twice; name each set once")
+            seen.add(name)
+            count += self._count(name)
+            if count > MAX_OBJECTS:
+                raise ObjectSetError(f"objects names at least {count} objects; this server takes at most {MAX_OBJECTS}")
+
+    def _count(self, name: str) -> int:
+        """Count the objects of a set that is offered."""
+        kind, _, rest = name.partition(":")
+        if name in self._aliases:
+            return len(object_sets.load(self._aliases[name]))
+        if kind == "procedural" and self._procedural:
+            families, seeds = object_sets.families_and_seeds(rest, name)
+            if all(any(offered.covers(family, seeds) for offered in self._procedural) for family in families):
+                return len(families) * len(seeds)
+        if kind == "ycb" and self._ycb and self._ycb.issuperset((found := object_sets.load(name)).names):
+            return len(found)
+        known = ", ".join(self.names)
+        raise ObjectSetError(f"this server does not offer the objects {name[:100]!r}; choose from {known}")

@@ -1,0 +1,122 @@
+"""A server that runs: threads that answer what needs Python, draining, the end."""
+
+import ctypes
+import threading
+import time
+from abc import ABC, abstractmethod
+from contextlib import suppress
+from typing import Self
+
+from graspbox import _core
+
+__all__ = ["DRAIN", "PAUSE", "RunningServer"]
+
+#: Seconds in which running calls end when a server is told to stop.
+DRAIN = 10.0
+#: Seconds for which a thread waits for something to answer before it looks whether the server has stopped.
+PAUSE = 0.25
+#: Seconds that an idle thread needs to end.
+_JOIN = 2.0
+#: Seconds after which free memory is given back: a millisecond if there is little, 15 ms for 100 MB.
+_TRIM = 10.0
+
+
+def _give_back_memory() -> None:
+    """Give free memory back to the system: glibc keeps what ended sessions had, in pieces between what others have.
+
+    Another C library has no such function.
+    """
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+class RunningServer(ABC):
+    """A server that runs until `stop`; also a context manager.
+
+    Parameters
+    ----------
+    core : _core.Server or _core.PolicyServer
+        The listening half.
+    secure : bool
+        Whether clients connect with TLS.
+    threads : int
+        Number of threads that answer.
+    """
+
+    def __init__(self, core: "_core.Server | _core.PolicyServer", secure: bool, threads: int) -> None:
+        self._listener, self._scheme = core, "wss" if secure else "ws"
+        # Plain flags: a signal handler may set them in the middle of anything.
+        self._draining = self._hurried = self._stopped = False
+        self._trim_at = time.monotonic() + _TRIM
+        self._workers = [
+            threading.Thread(target=self._answer_all, name=f"{type(self).__name__}-{index}", daemon=True)
+            for index in range(threads)
+        ]
+
+    @property
+    def url(self) -> str:
+        """The address for clients."""
+        host, port = self._listener.address
+        return f"{self._scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+
+    def metrics(self) -> str:
+        """Return the counters, in the text format of OpenMetrics."""
+        return self._listener.metrics()
+
+    def start(self) -> Self:
+        """Answer clients, in threads of their own."""
+        for worker in self._workers:
+            worker.start()
+        return self
+
+    def wait(self) -> None:
+        """Wait until `drain` or `stop` is called, from a signal handler or another thread."""
+        while not self._draining:
+            time.sleep(PAUSE)
+
+    def drain(self) -> None:
+        """Let nobody begin any more, and end `wait`. A signal handler may call it."""
+        self._draining = True
+        self._listener.drain()
+
+    def hurry(self) -> None:
+        """Let `stop` wait no longer. A signal handler may call it."""
+        self._hurried = True
+
+    def stop(self, patient: bool = True) -> bool:
+        """End everything; running calls are waited for, 10 s at most, unless `patient` is false.
+
+        Returns
+        -------
+        bool
+            Whether all of them had ended.
+        """
+        self.drain()
+        # Not in the core: a second signal must be noticed meanwhile.
+        until = time.monotonic() + DRAIN
+        while patient and self._listener.busy and not self._hurried and time.monotonic() < until:
+            time.sleep(0.01)
+        idle = not self._listener.busy
+        self._stopped = True
+        self._listener.stop()
+        for worker in self._workers:
+            if worker.is_alive():
+                worker.join(_JOIN if idle else 0.0)
+        return idle and not any(worker.is_alive() for worker in self._workers)
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def _answer_all(self) -> None:
+        while not self._stopped:
+            self._answer_next()
+            if time.monotonic() >= self._trim_at:
+                self._trim_at = time.monotonic() + _TRIM
+                _give_back_memory()
+
+    @abstractmethod
+    def _answer_next(self) -> None:
+        """Answer the next request, if one comes within `PAUSE`."""

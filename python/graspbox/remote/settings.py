@@ -1,0 +1,177 @@
+"""Settings of servers: types and exposure are checked here, ranges in the core."""
+
+import json
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from graspbox import _core
+from graspbox.arguments import natural, plain, shown
+from graspbox.envs.remote_config import check_token
+from graspbox.errors import ConfigError
+from graspbox.hands import Hand
+
+__all__ = ["ListenerSettings", "PolicyServerSettings", "ServerSettings"]
+
+Texts = Sequence[str]
+FilePath = str | Path
+#: Fields that the core does not know.
+_PYTHON = ("insecure", "objects", "hands", "env_id")
+#: Fewest characters of a token.
+_MIN_TOKEN = 16
+
+
+@dataclass(frozen=True)
+class ListenerSettings:
+    """Settings of any server.
+
+    Attributes
+    ----------
+    host, port : str and int
+        Where to listen; port 0 is any that is free.
+    token : str, optional
+        What clients must know: at least 16 characters of printable ASCII.
+    tls_cert, tls_key : path, optional
+        Certificate chain and private key, PEM files.
+    origins : sequence of str
+        Origins of browser pages that may connect, such as ``http://localhost:8080``.
+    insecure : bool
+        Allows an address beyond this machine without TLS and token.
+    max_sessions, max_message : int
+        Most sessions, largest message in bytes.
+    threads : int, optional
+        Threads that work for clients; by default ``GRASPBOX_THREADS``, else all.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 5055
+    token: str | None = None
+    tls_cert: FilePath | None = None
+    tls_key: FilePath | None = None
+    origins: Texts = ()
+    insecure: bool = False
+    max_sessions: int = 256
+    max_message: int = 64 << 20
+    threads: int | None = None
+
+    @property
+    def num_threads(self) -> int:
+        """Number of threads, chosen or by default."""
+        return _core.num_threads(self.threads)
+
+    def check(self) -> None:
+        """Refuse values of other types, and what would let in who does not belong.
+
+        Raises
+        ------
+        ConfigError
+            The message begins with the name of the field, where it is one.
+        """
+        hints = get_type_hints(type(self))
+        for field in fields(self):
+            _check_type(field.name, getattr(self, field.name), hints[field.name])
+        if self.token is not None:
+            check_token(self.token, "token")
+            if len(self.token) < _MIN_TOKEN:
+                wanted = f"give at least {_MIN_TOKEN}, such as {secrets.token_urlsafe(24)}"
+                raise ConfigError(f"the token has {len(self.token)} characters; {wanted}")
+        try:
+            local = self.host == "localhost" or ip_address(self.host).is_loopback
+        except ValueError:
+            local = False
+        if not local and not self.insecure and (self.token is None or self.tls_cert is None):
+            raise ConfigError(
+                f"host is {self.host!r}, which other machines reach; give tls_cert, tls_key and token (--tls-cert, "
+                "--tls-key, --token-file), or insecure=True (--insecure) where everybody on that network may use this "
+                "server"
+            )
+
+    def to_json(self) -> str:
+        """Write what the core needs of them."""
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in _PYTHON}
+        own |= {"threads": self.num_threads, "origins": list(self.origins)}
+        own = {name: str(value) if isinstance(value, Path) else value for name, value in own.items()}
+        return json.dumps({name: plain(value, name) for name, value in own.items()})
+
+
+@dataclass(frozen=True)
+class ServerSettings(ListenerSettings):
+    """Settings of a server of environments; those of any server are documented in `ListenerSettings`.
+
+    Attributes
+    ----------
+    objects : sequence of str
+        Object sets that clients may name: ``SET`` allows the set and its parts (``procedural`` allows
+        ``procedural:mug:0-9``), ``NAME=SET`` offers it under another name, which a path needs.
+    hands : sequence of str
+        Hands that clients may name.
+    max_envs : int
+        Most environments of all sessions.
+    idle_timeout, max_grace : float
+        Seconds without a command after which a session ends; longest time for which it waits for a lost client.
+    """
+
+    objects: Texts = ("procedural", "ycb")
+    hands: Texts = tuple(Hand.names())
+    max_envs: int = 1024
+    idle_timeout: float = 3600.0
+    max_grace: float = 300.0
+
+    def check(self) -> None:
+        """Refuse as `ListenerSettings.check`, and hands that do not exist, and an empty offer."""
+        super().check()
+        for name in ("objects", "hands"):
+            if not getattr(self, name):
+                raise ConfigError(f"{name} is empty; name what clients may use")
+        for hand in self.hands:
+            if hand not in Hand.names():
+                raise ConfigError(f"there is no hand {hand!r} to offer; choose from {', '.join(Hand.names())}")
+
+
+@dataclass(frozen=True)
+class PolicyServerSettings(ListenerSettings):
+    """Settings of a server of a policy; those of any server are documented in `ListenerSettings`.
+
+    Attributes
+    ----------
+    env_id : str, optional
+        The environment whose observations clients send; by default the policy's own, else ``graspbox/GraspPose-v0``.
+    threads : int
+        Decisions that are made at once.
+    """
+
+    port: int = 8000
+    max_sessions: int = 64
+    threads: int | None = 2
+    env_id: str | None = None
+
+
+def _check_type(name: str, value: Any, hint: Any) -> None:
+    """Refuse a value of another type than that of a field."""
+    if hint in (int, int | None):
+        if value is not None or hint is int:
+            natural(value, name)
+        return
+    if hint == Texts:
+        fits = not isinstance(value, str) and isinstance(value, Sequence) and all(isinstance(x, str) for x in value)
+    elif hint is float:
+        fits = isinstance(value, int | float) and not isinstance(value, bool)
+    else:
+        fits = isinstance(value, hint)
+    if not fits:
+        found = f"of the type {type(value).__name__}" if name == "token" else shown(value)
+        raise ConfigError(f"{name} is {found}; give {_WANTED[hint]}")
+
+
+#: What an error asks for, by the annotation of a field.
+_WANTED: dict[Any, str] = {
+    str: "a text",
+    str | None: "a text or None",
+    FilePath | None: "a path or None",
+    Texts: "a sequence of texts",
+    float: "a number",
+    bool: "True or False",
+}

@@ -1,0 +1,54 @@
+"""JSON documents from outside, validated field by field before use (pydantic, from the extra ``data``)."""
+
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.files import read_bounded
+
+__all__ = ["parse", "read"]
+
+Document = TypeVar("Document")
+
+
+def read(kind: type[Document], path: Path, limit: int, what: str) -> Document:
+    """Read a JSON file of at most `limit` bytes as an instance of a dataclass; ignores other fields.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or is larger.
+    ConfigError
+        If it is not JSON, a field is missing, or one has another type; `what` describes the expected file.
+    MissingExtraError
+        Without pydantic.
+    """
+    return parse(kind, read_bounded(path, limit), f"{str(path)!r} is no {what}")
+
+
+def parse(kind: type[Document], content: bytes, complaint: str) -> Document:
+    """Parse JSON as `read` does; an error begins with `complaint`."""
+    pydantic = _pydantic()
+    try:
+        found: Document = _adapter(cast(Any, kind)).validate_json(content, strict=True)
+    except pydantic.ValidationError as error:
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise ConfigError(f"{complaint}: {where + ': ' if where else ''}{first['msg']}") from None
+    return found
+
+
+@cache
+def _adapter(kind: Any) -> Any:
+    return _pydantic().TypeAdapter(kind)
+
+
+def _pydantic() -> Any:
+    try:
+        return import_module("pydantic")
+    except ModuleNotFoundError as error:
+        if error.name != "pydantic":
+            raise
+        raise MissingExtraError("data sets need the package pydantic: pip install 'graspbox[data]'") from None

@@ -1,0 +1,88 @@
+"""Published networks of the study: their configuration and runtime; without torch.
+
+``pose.onnx`` maps ``inputs`` (n, ...) uint8 to ``poses`` (n, 4, 4) float32, ``base_from_hand``.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.artifacts.configs import PolicyConfig
+from graspbox.artifacts.folders import load
+from graspbox.artifacts.runtimes import Network, onnx_network, output
+from graspbox.study.model_configs import ModelConfig
+
+__all__ = ["PosePolicyConfig", "PublishedPoses"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosePolicyConfig(PolicyConfig):
+    """A published network of the study.
+
+    Attributes
+    ----------
+    model : ModelConfig
+        The network.
+    """
+
+    kind: ClassVar[str] = "study"
+
+    environment: None = None
+    model: ModelConfig
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Names of its files: network, then weights."""
+        return "pose.onnx", "pose.safetensors"
+
+
+class PublishedPoses:
+    """A published network of the study, run by onnxruntime; predicts as `graspbox.study.model.PoseModel` does.
+
+    Parameters
+    ----------
+    folder : Path
+        Its folder.
+    num_threads : int, optional
+        Threads of a prediction; by default one per core.
+
+    Raises
+    ------
+    ConfigError
+        As `graspbox.artifacts.load`.
+
+    Attributes
+    ----------
+    published : PosePolicyConfig
+        The description.
+    config : ModelConfig
+        The network.
+    """
+
+    def __init__(self, folder: Path, num_threads: int | None = None) -> None:
+        self.published = load(folder, PosePolicyConfig)
+        self.config = self.published.model
+        self._file, self._num_threads = Path(folder) / "pose.onnx", num_threads
+        self._network: Network | None = None
+
+    def predict(self, inputs: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Predict ``base_from_hand`` (n, 4, 4) for inputs (n, ...) uint8, one by one.
+
+        Raises
+        ------
+        ConfigError
+            If the network does not take the inputs, or predicts poses that are not finite.
+        """
+        if self._network is None:
+            self._network = onnx_network(self._file, self._num_threads)
+        return predicted(self._network, inputs, str(self._file))
+
+
+def predicted(network: Network, inputs: NDArray[np.uint8], called: str) -> NDArray[np.float64]:
+    """Predict poses by a network, named `called` in errors; see `PublishedPoses.predict`."""
+    # One by one: the bits of a pose do not depend on the other inputs.
+    poses = [output(network({"inputs": np.ascontiguousarray(one[None])}), "poses", (1, 4, 4), called) for one in inputs]
+    return np.concatenate(poses).astype(np.float64)

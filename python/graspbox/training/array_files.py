@@ -1,0 +1,114 @@
+"""Tables of arrays in ``.npz`` files, made part by part: work that was interrupted continues with the next part.
+
+| name | purpose |
+|---|---|
+| `ArrayTable` | base of dataclasses whose fields are arrays: save, load, put together |
+| `load_or_make` | one table and its file |
+| `load_or_make_parts` | a folder with a file per part |
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import fields
+from pathlib import Path
+from typing import ClassVar, Self, TypeVar
+
+import numpy as np
+
+from graspbox.errors import ConfigError
+from graspbox.files import replacing
+
+__all__ = ["ArrayTable", "load_or_make", "load_or_make_parts"]
+
+
+class ArrayTable:
+    """Base of dataclasses whose fields are arrays, a row of each for every item.
+
+    Attributes
+    ----------
+    nothing : str
+        The error where no table has a row.
+    """
+
+    nothing: ClassVar[str] = "there is nothing to put together; give some"
+
+    def __len__(self) -> int:
+        """Count the rows."""
+        return len(vars(self)[fields(self)[0].name])  # type: ignore[arg-type]
+
+    @classmethod
+    def joined(cls, parts: Iterable[Self]) -> Self:
+        """Put tables together.
+
+        Raises
+        ------
+        ConfigError
+            If they have no rows.
+        """
+        filled = [vars(part) for part in parts if len(part)]
+        if not filled:
+            raise ConfigError(cls.nothing)
+        return cls(**{name: np.concatenate([part[name] for part in filled]) for name in filled[0]})
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an ``.npz`` file: whole, or not at all."""
+        with replacing(Path(path)) as temporary:
+            np.savez_compressed(temporary, **vars(self))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a table that `save` wrote."""
+        with np.load(path, allow_pickle=False) as arrays:
+            return cls(**arrays)
+
+
+Table = TypeVar("Table", bound=ArrayTable)
+
+
+def load_or_make(kind: type[Table], path: Path, make: Callable[[], Table]) -> Table:
+    """Read a table; if it has no file yet, make and write it first."""
+    if not path.exists():
+        make().save(path)
+    return kind.load(path)
+
+
+def load_or_make_parts(
+    kind: type[Table],
+    folder: Path,
+    numbers: Iterable[int],
+    make: Callable[[int], Table],
+    *,
+    progress: Callable[[int], None] = lambda _: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Table:
+    """Read the parts of a table, make those whose file is not there yet, and put them together.
+
+    Parameters
+    ----------
+    kind : type
+        The table's class.
+    folder : Path
+        Where the files are.
+    numbers : iterable of int
+        Numbers of the parts.
+    make : callable
+        Makes the part of a number.
+    progress : callable
+        Called with the number of parts so far.
+    stop : callable
+        Asked before each part that is not there yet; once it says so, no other is made or read.
+
+    Raises
+    ------
+    ConfigError
+        If there are no rows.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = []
+    for number in numbers:
+        path = folder / f"{number:07d}.npz"
+        if not path.exists() and stop():
+            break
+        parts.append(load_or_make(kind, path, lambda number=number: make(number)))  # type: ignore[misc]
+        progress(len(parts))
+    return kind.joined(parts)

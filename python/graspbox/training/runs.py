@@ -1,0 +1,303 @@
+"""The directory of a run, which an interruption leaves ready to be continued: trainings, their stages, their results.
+
+| file | contents |
+|---|---|
+| ``settings.json`` | settings that determine the results; a run with other settings is refused |
+| ``log.txt``       | lines with the time |
+| ``clock.json``    | seconds of work so far, those before interruptions included |
+| ``NAME.jsonl``    | rows of results, each on the disk before the work goes on |
+| ``NAME.json``     | results of the stage ``NAME``, whose folder is ``NAME`` |
+
+One process at a time works in a directory. Data sets and demonstrations keep their settings in their manifests, and
+share `refuse_changes` and the lock (`graspbox.files.locked`).
+"""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from graspbox.errors import ConfigError
+from graspbox.files import dumps, locked, write_text
+from graspbox.progress import shown_time
+
+__all__ = ["Rows", "Run", "changes", "read_settings", "refuse", "refuse_changes"]
+
+_SETTINGS, _CLOCK, _LOG = "settings.json", "clock.json", "log.txt"
+#: Files of a directory in which nothing was made yet.
+_NOTHING_MADE = {_SETTINGS, _CLOCK, _LOG, ".lock", "tensorboard"}
+#: Least time between two lines of progress, and between two records of the clock, seconds.
+_EVERY = 10.0
+#: Differences that a refusal names.
+_NAMED = 3
+
+
+class Run:
+    """A run in a directory; a context manager, which keeps other processes out.
+
+    Parameters
+    ----------
+    folder : Path
+        The directory; a run in it is continued.
+    settings : mapping, optional
+        Settings that determine the results, as JSON holds them. Time limits do not belong here: a run continues with
+        more time.
+    resume : bool
+        Continue the run in the directory; otherwise the directory must hold none.
+    limit : float
+        Seconds that the work may take, those before interruptions included.
+    echo : callable
+        Shows each line of the log.
+
+    Raises
+    ------
+    ConfigError
+        On entry: if the directory holds a run with other settings, or one that is not to be resumed, or if another
+        process is at work there.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        settings: Mapping[str, Any] | None = None,
+        *,
+        resume: bool = True,
+        limit: float = float("inf"),
+        echo: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.folder, self.limit = Path(folder), limit
+        self._settings, self._resume, self._echo = settings, resume, echo
+        self._parent: Run | None = None
+        #: Results of the stages that are done, by name.
+        self.stages: dict[str, dict[str, Any]] = {}
+        self._opened = ExitStack()
+        self._before, self._began, self._recorded, self._told = 0.0, time.monotonic(), 0.0, -_EVERY
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(locked(self.folder))
+            made = {path.name for path in self.folder.iterdir()} - _NOTHING_MADE
+            path = self.folder / _SETTINGS
+            if made and path.exists():
+                if not self._resume:
+                    raise ConfigError(f"{str(self.folder)!r} holds a run; resume it, or name another folder")
+                refuse_changes(self.folder, read_settings(self.folder), self._settings or {})
+            write_text(path, dumps(json.loads(json.dumps(self._settings or {}))) + "\n")
+            self._start()
+            self._opened = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.record()
+        self._opened.close()
+
+    def _start(self) -> None:
+        """Start the clock where an earlier process left it."""
+        clock = self.folder / _CLOCK
+        self._before = float(json.loads(clock.read_text())) if clock.exists() else 0.0
+        self._began = time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        """Time taken so far."""
+        return self._before + time.monotonic() - self._began
+
+    def late(self) -> bool:
+        """Tell whether the limit is reached; called often, it also records the time taken."""
+        now = time.monotonic() - self._began
+        if now - self._recorded > _EVERY:
+            self._recorded = now
+            self.record()
+        return self.seconds >= self.limit
+
+    def record(self) -> None:
+        """Write down the time taken, for the process that continues the run."""
+        write_text(self.folder / _CLOCK, f"{self.seconds:.1f}\n")
+
+    def log(self, line: str) -> None:
+        """Add a line to the log, with the time; a stage adds to the log of its run."""
+        if self._parent is not None:
+            self._parent.log(f"{self.folder.name}: {line}")
+            return
+        stamped = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} {line}"
+        with (self.folder / _LOG).open("a") as file:
+            file.write(stamped + "\n")
+        self._echo(stamped)
+
+    def report(self, text: str, share: float, remaining: float | None = None) -> None:
+        """Log progress every 10 seconds, with the time that is left; records the time taken.
+
+        Parameters
+        ----------
+        text : str
+            The progress, such as "40 of 100 scenes".
+        share : float
+            How much of the work that is, 0 to 1; the limit may end it before.
+        remaining : float, optional
+            Expected time to the end, seconds; by default from the share and the limit.
+        """
+        now = time.monotonic() - self._began
+        if now - self._told < _EVERY:
+            return
+        self._told = now
+        self.record()
+        if remaining is None:
+            remaining = self.seconds * max(1.0 / share - 1.0, 0.0) if share > 0 else float("inf")
+        left = min(remaining, max(0.0, self.limit - self.seconds))
+        self.log(f"{text}; {shown_time(self.seconds)} taken, {shown_time(left)} left")
+
+    def counter(self, total: int, things: str) -> Callable[[int], None]:
+        """Make a function that reports how many of a number of things are done."""
+        return lambda done: self.report(f"{done} of {total} {things}", done / max(total, 1))
+
+    def rows(self, name: str) -> "Rows":
+        """Open the rows ``NAME.jsonl``."""
+        return Rows(self.folder / f"{name}.jsonl")
+
+    def stage(self, name: str, limit: float, work: "Callable[[Run], Mapping[str, Any]]") -> dict[str, Any]:
+        """Do a stage unless it is done, and give its results, with ``seconds``.
+
+        Parameters
+        ----------
+        name : str
+            Its name; no other stage of the run has it.
+        limit : float
+            Seconds that it may take.
+        work : callable
+            Does it in a run of its own, in the folder of its name, and gives results that JSON can hold.
+        """
+        path = self.folder / f"{name}.json"
+        if path.exists():
+            found: dict[str, Any] = json.loads(path.read_text())
+            self.log(f"{name}: done by an earlier run, in {shown_time(found['seconds'])}")
+            return self.stages.setdefault(name, found)
+        stage = Run(self.folder / name, limit=limit)
+        stage.folder.mkdir(exist_ok=True)
+        stage._parent = self
+        stage._start()
+        self.log(f"{name}: begins, at most {shown_time(limit)}")
+        made = work(stage)
+        stage.record()
+        text = dumps({"seconds": round(stage.seconds, 1), **made}) + "\n"
+        write_text(path, text)
+        self.log(f"{name}: done after {shown_time(stage.seconds)}; {json.dumps(json.loads(text))}")
+        # As the next run will read them.
+        return self.stages.setdefault(name, json.loads(text))
+
+
+class Rows:
+    """Rows of JSON in a file; each is on the disk when `append` returns.
+
+    Parameters
+    ----------
+    path : Path
+        The file. An incomplete last line, which an interruption left, is removed.
+
+    Raises
+    ------
+    ConfigError
+        If the file holds something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        content = path.read_bytes() if path.exists() else b""
+        whole = content[: content.rfind(b"\n") + 1]
+        try:
+            self.rows: list[dict[str, Any]] = [dict(json.loads(line)) for line in whole.splitlines()]
+        except (ValueError, TypeError):
+            raise ConfigError(f"{str(path)!r} holds no rows of a run; name another folder") from None
+        if len(whole) < len(content):
+            os.truncate(path, len(whole))
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        return self.rows[index]
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Write a row to the disk."""
+        with self.path.open("a") as file:
+            file.write(json.dumps(row, allow_nan=False) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self.rows.append(dict(row))
+
+    def keep(self, worth: Callable[[dict[str, Any]], bool]) -> None:
+        """Keep some rows, such as those up to the checkpoint from which a run continues."""
+        kept = [row for row in self.rows if worth(row)]
+        if len(kept) < len(self.rows):
+            write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept))
+            self.rows = kept
+
+
+def read_settings(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the settings of a run off its directory.
+
+    Raises
+    ------
+    ConfigError
+        If there is no run.
+    """
+    try:
+        return dict(json.loads((Path(folder) / _SETTINGS).read_text()))
+    except (OSError, ValueError, TypeError):
+        raise ConfigError(f"there is no run in {os.fspath(folder)!r}: it has no readable {_SETTINGS}") from None
+
+
+def refuse_changes(place: str | os.PathLike[str], before: Any, now: Any, advice: str = "name another folder") -> None:
+    """Refuse to continue with other settings than those that a run, a data set or a file was begun with.
+
+    Parameters
+    ----------
+    place : str or PathLike
+        Folder or file.
+    before, now : mapping
+        The settings, as JSON holds them; they are compared field by field.
+    advice : str
+        The last words of the message.
+
+    Raises
+    ------
+    ConfigError
+        If they differ: it names the first three fields that do, and both values of each.
+    """
+    refuse(place, list(changes(*(json.loads(json.dumps(settings)) for settings in (before, now)))), advice)
+
+
+def refuse(place: str | os.PathLike[str], differing: Sequence[str], advice: str = "name another folder") -> None:
+    """Refuse to continue where settings differ, with the first three differences; do nothing where there are none."""
+    if differing:
+        more = f"; and {len(differing) - _NAMED} more" if len(differing) > _NAMED else ""
+        shown = "; ".join(differing[:_NAMED])
+        raise ConfigError(f"{os.fspath(place)!r} was begun with other settings: {shown}{more}; {advice}")
+
+
+def changes(before: Any, now: Any, name: str = "") -> Iterator[str]:
+    """List the differences between two settings; nested fields are named by paths with dots."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in {**before, **now}:
+            yield from changes(before.get(key, _ABSENT), now.get(key, _ABSENT), f"{name}.{key}" if name else key)
+    elif isinstance(now, dict) and now:
+        yield from changes({}, now, name)
+    elif before != now:
+        yield f"{name} was {before!r}, is now {now!r}"
+
+
+class _Absent:
+    def __repr__(self) -> str:
+        return "absent"
+
+
+_ABSENT = _Absent()

@@ -1,0 +1,152 @@
+"""Links, anchors and pictures of the pages lead somewhere: in a checkout, on the site and on a package index."""
+
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import graspbox
+from program_files import imported
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+#: A link or picture of Markdown: whether it is a picture, and where it leads.
+LINK = re.compile(r"(!?)\[[^\]]*\]\(([^)\s]+)\)")
+#: Code blocks and code spans, in which nothing is a link.
+CODE = re.compile(r"^( *)```.*?^\1```$|`[^`\n]+`", re.DOTALL | re.MULTILINE)
+
+
+def pages(folder: str = ".") -> list[Path]:
+    """Every Markdown file that git knows or would add."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", f"{folder}/*.md"]
+    listed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    found = sorted({ROOT / name for name in listed.split("\0") if name})
+    return [page for page in found if page.exists()]
+
+
+def links(page: Path) -> Iterator[tuple[bool, str]]:
+    """Links and pictures of a page that lead to no other host."""
+    for picture, target in LINK.findall(CODE.sub("", page.read_text())):
+        if not re.match(r"[a-z]+:", target):
+            yield bool(picture), target
+
+
+def anchors(page: Path) -> tuple[set[str], set[str]]:
+    """Anchors of the headings of a page, on the site and where a forge renders it."""
+    text = re.sub(r"^( *)```.*?^\1```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    titles = re.findall(r"^#+ +(.+?)(?: +\{.*\})?$", text, flags=re.MULTILINE)
+    words = [re.sub(r"[^\w\s-]", "", title).strip().lower() for title in titles]
+    return {re.sub(r"[-\s]+", "-", one) for one in words}, {one.replace(" ", "-") for one in words}
+
+
+def dead(page: Path, target: str) -> str:
+    """Say what is wrong with a link; nothing if it leads somewhere."""
+    path, _, anchor = target.partition("#")
+    found = page.parent / path if path else page
+    if not found.exists():
+        return "there is no such file"
+    if anchor and found.suffix == ".md" and not all(anchor in known for known in anchors(found)):
+        return "there is no such heading"
+    if page.is_relative_to(DOCS) and not found.resolve().is_relative_to(DOCS):
+        return "the site does not have this file"
+    return ""
+
+
+def test_links_lead_somewhere() -> None:
+    found = [(page, target) for page in pages() for _, target in links(page)]
+    assert len(found) > 100
+    wrong = [f"{page.relative_to(ROOT)}: {target}: {why}" for page, target in found if (why := dead(page, target))]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("target", ["nowhere.md", "start.md#nowhere", "#nowhere", "../README.md", "pictures/none.png"])
+def test_a_dead_link_is_found(target: str) -> None:
+    assert dead(DOCS / "index.md", target)
+    assert not dead(DOCS / "index.md", "start.md#object-sets")
+
+
+def test_links_in_code_are_none() -> None:
+    assert list(links(DOCS / "results" / "training.md"))
+    assert LINK.search(CODE.sub("", "see `[a](b.md)`\n```\n[a](b.md)\n```\n")) is None
+
+
+def test_every_page_has_a_place_in_the_navigation() -> None:
+    named = re.findall(r"[\w/]+[\w-]*\.md", (ROOT / "mkdocs.yml").read_text())
+    assert sorted(named) == sorted(str(page.relative_to(DOCS)) for page in pages("docs"))
+
+
+def test_every_picture_is_shown() -> None:
+    """Each picture of the site is on a page of it."""
+    shown = {(page.parent / target).resolve() for page in pages("docs") for picture, target in links(page) if picture}
+    assert {path.resolve() for path in (DOCS / "pictures").iterdir()} == shown
+
+
+@pytest.mark.parametrize("page", [page.stem for page in pages("docs/results") if page.stem != "index"])
+def test_results_say_when_they_were_measured(page: str) -> None:
+    """A date and a commit, and a command, in the sections that have a table."""
+    sections = re.split(r"^## ", (DOCS / "results" / f"{page}.md").read_text(), flags=re.MULTILINE)
+    measured = re.compile(r"20\d\d-\d\d-\d\d.*?`[0-9a-f]{7}`", re.DOTALL)
+    if measured.search(sections[0]):  # of the whole page
+        return
+    for section in sections[1:]:
+        if re.search(r"^\|.*\d %", section, flags=re.MULTILINE):
+            assert measured.search(section), section.partition("\n")[0]
+
+
+def test_the_reference_lists_the_public_names() -> None:
+    """What the package exports is documented, name by name or with its module."""
+    listed = re.findall(r"^::: (\S+)$", "".join(p.read_text() for p in pages("docs/reference")), flags=re.MULTILINE)
+    known = set(listed)
+    assert len(listed) > 50
+    public = {f"graspbox.{name}" for name in graspbox.__all__} - {"graspbox.__version__", "graspbox.GraspboxError"}
+    assert public <= known
+    # No name of the package's own pages has gone.
+    own = {name for name in known if re.fullmatch(r"graspbox\.[A-Za-z_]\w*", name)}
+    modules = {name for name in own if (ROOT / "python" / name.replace(".", "/")).with_suffix(".py").exists()}
+    modules |= {name for name in own if (ROOT / "python" / name.replace(".", "/") / "__init__.py").exists()}
+    assert own - modules <= public
+
+
+def test_a_release_has_absolute_links(tmp_path: Path) -> None:
+    """A package index renders the README alone; the address of the repository is given when a release is built."""
+    program = imported(ROOT / "scripts/release_tree.py")
+    url = "https://example.org/owner/name"
+    program.copy_tree(url, "v1", tmp_path / "tree")
+    readme = (tmp_path / "tree/README.md").read_text()
+    assert list(links(tmp_path / "tree/README.md")) == []
+    count = 0
+    for picture, target in LINK.findall(CODE.sub("", readme)):
+        if target.startswith(url):
+            kind, ref, path = target.removeprefix(f"{url}/").split("/", 2)
+            assert (kind, ref) == ("raw" if picture else "blob", "v1")
+            assert (ROOT / path).exists(), path
+            count += 1
+    assert count == len(list(links(ROOT / "README.md"))) > 10
+    assert f'Repository = "{url}"' in (tmp_path / "tree/pyproject.toml").read_text()
+
+
+def test_no_file_names_an_address_of_the_repository() -> None:
+    """The repository has no fixed address: links are relative, and `make release` is told one."""
+    command = [
+        "git",
+        "grep",
+        "-nIE",
+        r"(github\.com|githubusercontent\.com)/graspbox",
+        "--",
+        ":!tests/python/test_links.py",
+    ]
+    assert subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout == ""
+
+
+def words(page: Path) -> list[str]:
+    return page.read_text().split()
+
+
+def test_documents_are_short_and_plain() -> None:
+    assert len(words(ROOT / "README.md")) <= 700
+    assert len(words(ROOT / "ARCHITECTURE.md")) <= 1500
+    written = [page for page in pages("docs") if page != DOCS / "reference/cli.md"]
+    text = "\n".join(CODE.sub("", page.read_text()) for page in written)
+    assert len(re.findall(r"\bwhat\b", text, flags=re.IGNORECASE)) * 1000 <= len(text.split())

@@ -1,0 +1,107 @@
+"""The directory of a run: one at a time, continued with the same settings alone, stages with their time and results."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from graspbox.errors import ConfigError
+from graspbox.training.runs import Rows, Run, read_settings, refuse_changes
+
+
+def test_a_refusal_names_the_first_three_differences_and_what_to_do() -> None:
+    before = {"seed": 0, "sizes": {"rounds": 6, "width": 48}, "objects": ("ycb",), "hand": "reflex"}
+    refuse_changes("out/run", before, {**before, "objects": ["ycb"]})
+    now = {**before, "seed": 1, "sizes": {"rounds": 5, "width": 48, "depth": 2}, "objects": []}
+    with pytest.raises(ConfigError) as refused:
+        refuse_changes("out/run", before, now, "give another file")
+    assert str(refused.value) == (
+        "'out/run' was begun with other settings: seed was 0, is now 1; sizes.rounds was 6, is now 5; "
+        "sizes.depth was absent, is now 2; and 1 more; give another file"
+    )
+    with pytest.raises(ConfigError, match=r"hand was 'reflex', is now absent; name another folder"):
+        refuse_changes("out/run", before, {key: value for key, value in before.items() if key != "hand"})
+
+
+def test_a_run_is_continued_with_the_same_settings_alone(tmp_path: Path) -> None:
+    with Run(tmp_path, {"seed": 0, "objects": ("ycb",)}) as run:
+        run.log("nothing was made yet")
+    # A run in which nothing was made may still change its settings.
+    with Run(tmp_path, {"seed": 1}, resume=False) as run:
+        run.rows("results").append({"a": 1})
+    assert read_settings(tmp_path) == {"seed": 1}
+    with pytest.raises(ConfigError, match="seed was 1, is now 2; name another folder"), Run(tmp_path, {"seed": 2}):
+        pass
+    with (
+        pytest.raises(ConfigError, match="holds a run; resume it, or name another folder"),
+        Run(tmp_path, {"seed": 1}, resume=False),
+    ):
+        pass
+    with Run(tmp_path, {"seed": 1}) as run:
+        assert run.rows("results").rows == [{"a": 1}]
+    with pytest.raises(ConfigError, match="there is no run in"):
+        read_settings(tmp_path / "none")
+
+
+def test_two_processes_do_not_work_in_one_directory(tmp_path: Path) -> None:
+    other = "import sys; from graspbox.training.runs import Run\nwith Run(sys.argv[1], {}): print('in')"
+    command = [sys.executable, "-c", other, str(tmp_path)]
+    with Run(tmp_path, {}), pytest.raises(ConfigError, match="another process is writing"), Run(tmp_path, {}):
+        pass
+    with Run(tmp_path, {}):
+        refused = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert refused.returncode == 1
+        assert "another process is writing into" in refused.stderr
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "in\n"
+
+
+def test_rows_continue_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    rows = Rows(path)
+    for name in "abc":
+        rows.append({"name": name})
+    path.write_bytes(path.read_bytes()[:-4])
+    again = Rows(path)
+    assert again.rows == [{"name": "a"}, {"name": "b"}]
+    again.append({"name": "d"})
+    again.keep(lambda row: row["name"] != "b")
+    assert Rows(path).rows == again.rows == [{"name": "a"}, {"name": "d"}]
+
+
+@pytest.mark.parametrize("content", ["hello\n", "[1]\n", "3\n"])
+def test_a_file_that_holds_no_rows_is_left_alone(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "precious.txt"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match="holds no rows of a run"):
+        Rows(path)
+    assert path.read_text() == content
+
+
+def test_stages_keep_their_time_and_results(tmp_path: Path) -> None:
+    lines: list[str] = []
+
+    def late(stage: Run) -> dict[str, Any]:
+        assert stage.late()
+        return {"found": (1, 2)}
+
+    with Run(tmp_path, {"seed": 0}, echo=lines.append) as run:
+        assert run.stage("late", 0.0, late)["found"] == [1, 2]
+    with Run(tmp_path, {"seed": 0}, echo=lines.append) as run:
+        assert run.stage("late", 9.0, late)["found"] == [1, 2]
+        assert any("late: done by an earlier run" in line for line in lines)
+        (tmp_path / "long").mkdir()
+        (tmp_path / "long" / "clock.json").write_text("100.0\n")
+
+        def long(stage: Run) -> dict[str, Any]:
+            assert stage.seconds >= 100.0
+            stage.report("half of it", 0.5)
+            assert float((stage.folder / "clock.json").read_text()) >= 100.0
+            return {}
+
+        assert run.stage("long", 150.0, long)["seconds"] >= 100.0
+    assert any("long: half of it; 0:01:40 taken, 0:00:50 left" in line for line in lines)
+    assert (tmp_path / "log.txt").read_text().splitlines() == lines
+    assert set(json.loads((tmp_path / "late.json").read_text())) == {"seconds", "found"}

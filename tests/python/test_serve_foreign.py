@@ -1,0 +1,119 @@
+"""Clients that meet another server than they expect: a sentence that says so, and no traceback."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from foreign_server import close_frame, foreign, packed, text
+from graspbox import _core
+from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
+from graspbox.policies import Task
+from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
+from graspbox.remote.remote_policy import RemotePolicy
+from hostile_wire import frame
+from test_remote import make
+
+HELLO: dict[str, Any] = {
+    "protocol": "graspbox",
+    "protocol_version": 1,
+    "version": "0.1.0",
+    "limits": {"max_grace": 300.0},
+}
+
+
+def test_a_server_of_environments_is_no_server_of_a_policy() -> None:
+    with EnvironmentServer(ServerSettings(port=0)) as server:
+        with pytest.raises(ConfigError, match=r"is a server of environments; .*'graspbox serve-policy'"):
+            RemotePolicy(server.url)
+        with pytest.raises(ConfigError, match="is a server of environments"):
+            RemotePolicy(server.url, obs="depth")
+
+
+def test_a_server_of_a_policy_is_no_server_of_environments() -> None:
+    with (
+        PolicyServer("random", PolicyServerSettings(port=0)) as server,
+        pytest.raises(ConfigError, match="is no server of environments; start one with 'graspbox serve'"),
+    ):
+        make(1, remote=server.url)
+
+
+METADATA: list[tuple[bytes, str]] = [
+    (packed(["a", "list"]), "begins with .*list.*; a server of a policy sends a map"),
+    (packed(5), "begins with 5"),
+    (packed(None), "begins with None"),
+    (packed({"server": "graspbox"}), "does not say what it observes"),
+    (packed({"server": "graspbox", "observations": 5}), "names observations 5 "),
+    (packed({"observations": [5]}), "names observations "),
+    (packed({"observations": ["depth"], "environment": 5}), "environment 5 "),
+    (packed({"observations": ["depth"], "settings": 5}), "settings 5 "),
+    (packed({}), "does not say what it observes"),
+    (text("no metadata today"), "no metadata today"),
+    (frame(b"\xc1", mask=False), "msgpack"),
+]
+
+
+@pytest.mark.parametrize(("first", "sentence"), METADATA, ids=lambda value: str(value)[:40])
+def test_first_frames_that_are_no_metadata(first: bytes, sentence: str) -> None:
+    with foreign(first) as url, pytest.raises(ConfigError, match=sentence):
+        RemotePolicy(url)
+
+
+ANSWERS: list[tuple[bytes, str]] = [
+    (packed({"actions": "x"}), "gives actions as 'x'"),
+    (packed({"actions": [[1.0, 2.0], [3.0]]}), "gives actions as "),
+    (packed({"actions": {"left": [0.0]}}), "gives actions as {'left'"),
+    (packed({"actions": None}), "gives actions of shape|gives actions as"),
+    (packed({"actions": np.zeros((1, 3), np.float32)}), r"gives actions of shape \(1, 3\)"),
+    (packed({"action": 1}), "it must hold 'actions'"),
+    (packed([1]), "it must hold 'actions'"),
+    (text(""), "reports an error: it does not say which"),
+    (text(" \n "), "reports an error: it does not say which"),
+    (text("Traceback\nValueError: two cameras\n"), "reports an error: ValueError: two cameras$"),
+    (close_frame(1011, "out of memory"), r"the connection was closed \(1011 out of memory\)"),
+    (frame(b"\xc1", mask=False), "msgpack"),
+]
+
+
+@pytest.mark.parametrize(("answer", "sentence"), ANSWERS, ids=lambda value: str(value)[:40])
+def test_answers_that_hold_no_actions(answer: bytes, sentence: str) -> None:
+    envs = gymnasium.make_vec("graspbox/Grasp-v0", 1, objects="procedural:can:0", obs="proprio")
+    observation, _ = envs.reset(seed=0)
+    with foreign(packed({"robot": "arm"}), answer) as url:
+        policy = RemotePolicy(url, obs="proprio")
+        policy.bind(Task.of(envs))
+        policy.reset([1])
+        with pytest.raises((ConfigError, ConnectionLostError), match=sentence):
+            policy.act(observation)
+
+
+FIRST: list[tuple[tuple[bytes, ...], str]] = [
+    ((packed([1, 2]),), "is no server of environments"),
+    ((packed("hello"),), "is no server of environments"),
+    ((packed({}),), "is no server of environments"),
+    ((packed({"protocol": "graspbox"}),), "speaks version None of the protocol"),
+    ((packed({**HELLO, "protocol_version": 2}),), r"version 2 of the protocol \(graspbox 0.1.0\)"),
+    ((packed({**HELLO, "limits": None}),), "has no limits"),
+    ((packed({**HELLO, "limits": {}}),), "has no limits"),
+    ((frame(b"\xc1", mask=False),), "does not speak this protocol"),
+    ((text("go away"),), "does not speak this protocol: go away"),
+    ((packed(HELLO), packed({"id": 1})), "describes its environments without autoreset"),
+    ((packed(HELLO), packed({"id": 1, "description": {"autoreset": "disabled"}})), "without has_files"),
+    ((packed(HELLO), packed({"id": 1, "error": 5})), "an error that is none"),
+    ((packed(HELLO), packed({"id": 1, "error": {"type": "Strange", "message": "x"}})), "of the kind 'Strange': x"),
+    ((packed(HELLO), frame(b"\xc1", mask=False)), "does not speak this protocol"),
+    ((packed(HELLO), close_frame(4000, "too old")), "is over: too old"),
+]
+
+
+@pytest.mark.parametrize(("frames", "sentence"), FIRST, ids=lambda value: str(value)[-40:])
+def test_servers_that_are_not_of_graspbox(frames: tuple[bytes, ...], sentence: str) -> None:
+    with foreign(*frames) as url, pytest.raises(GraspboxError, match=sentence):
+        make(1, remote=url)
+
+
+def test_a_first_frame_that_never_comes() -> None:
+    with foreign(b"") as url, pytest.raises(ConnectionLostError, match="it sends nothing"):
+        _core.PolicyClient(url, token=None, ca=None)
