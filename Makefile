@@ -16,7 +16,7 @@ export VIRTUAL_ENV := $(VENV)
 export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
 
-.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-all lint fmt bench docs clean
+.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-all lint fmt bench docs release clean
 
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
@@ -26,10 +26,11 @@ help:
 	@echo "make test-lerobot   exported demonstrations and environments, used by LeRobot, in its own virtual environment (8 GB)"
 	@echo "make test-adapters  the adapters for OpenEnv, vla-eval and openpi, in their own virtual environment (1 GB)"
 	@echo "make test-all       all of them, the slow ones too"
-	@echo "make lint           clippy, rustfmt, rustdoc, ruff, mypy, stubtest"
+	@echo "make lint           clippy, rustfmt, rustdoc, ruff, import-linter, mypy, stubtest"
 	@echo "make fmt            format Rust and Python"
 	@echo "make bench          the figures of the benchmarks"
-	@echo "make docs           API pages of both languages, in out/docs/"
+	@echo "make docs           the documentation site and the pages of the Rust API, in out/docs/"
+	@echo "make release        wheel and source distribution for a package index, in out/dist/ (see CONTRIBUTING.md)"
 
 # --- set-up ----------------------------------------------------------------------------------------------------------
 
@@ -40,8 +41,8 @@ $(STAMPS)/venv:
 
 # One stamp for each set of extras; `maturin develop` installs the package in place together with what the extras name.
 EXTRAS_demo := cli,ycb
-EXTRAS_dev := cli,ycb,data,onnx,dev
-EXTRAS_train := cli,ycb,data,onnx,dev,ray,train
+EXTRAS_dev := cli,ycb,data,onnx,hub,dev,docs
+EXTRAS_train := cli,ycb,data,onnx,hub,dev,docs,ray,train
 $(STAMPS)/demo $(STAMPS)/dev $(STAMPS)/train: $(STAMPS)/%: pyproject.toml $(STAMPS)/venv
 	maturin develop --release --extras $(EXTRAS_$*)
 	touch $@ $(STAMPS)/core
@@ -122,6 +123,7 @@ lint: $(STAMPS)/dev $(STAMPS)/core
 	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 	ruff check .
 	ruff format --check .
+	lint-imports
 	python scripts/generate_docs.py --check
 	mypy
 	python -m mypy.stubtest graspbox._core
@@ -135,22 +137,20 @@ fmt: $(STAMPS)/dev $(STAMPS)/core
 bench: $(STAMPS)/demo $(STAMPS)/core
 	graspbox bench
 
-# The package shows what it exports; modules that it does not export have pages of their own. Importing MuJoCo starts a process.
-MODULES := $(subst /,.,$(patsubst python/%,%,$(patsubst %/__init__,%,$(basename \
-	$(wildcard python/graspbox/[a-z]*.py python/graspbox/[a-z]*/__init__.py)))))
-PAGES := graspbox $(filter-out $(addprefix graspbox.,errors evaluation learning object_sets policies policy_training sb3),$(MODULES))
-# Pages of these need torch and Stable-Baselines3, which only the extra `train` brings.
-TRAIN_PACKAGES := learning policy_training sb3
-TRAIN_PAGES := $(addprefix graspbox.,$(TRAIN_PACKAGES)) $(subst /,.,$(patsubst python/%.py,%,\
-	$(foreach package,$(TRAIN_PACKAGES),$(wildcard python/graspbox/$(package)/[a-z]*.py))))
-
-docs: $(STAMPS)/dev $(STAMPS)/core
-	rm -rf out/docs && mkdir -p out/docs
+# Neither the pages nor their build need a network: a script, style or picture from another host is an error.
+docs: $(STAMPS)/dev
+	rm -rf out/docs
+	zensical build --clean --strict
+	! grep -rlE '<(script|img|iframe)[^>]* src="?(https?:)?//|<link[^>]* href="?(https?:)?//' out/docs --include='*.html'
 	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 	cp -r $${CARGO_TARGET_DIR:-target}/doc out/docs/rust
-	PDOC_ALLOW_EXEC=1 pdoc --docformat numpy --output-directory out/docs/python $(PAGES) \
-		$$(python -c 'import stable_baselines3' 2>/dev/null && echo $(TRAIN_PAGES))
-	echo '<a href="python/graspbox.html">Python</a> <a href="rust/graspbox_episode/index.html">Rust</a>' > out/docs/index.html
+
+# The one place that needs the address of the published repository: make release REPOSITORY=https://HOST/OWNER/NAME
+release: $(STAMPS)/dev
+	python scripts/release_tree.py "$(REPOSITORY)" out/release
+	maturin sdist --manifest-path out/release/env/py/Cargo.toml --out out/dist
+	CARGO_TARGET_DIR=$${CARGO_TARGET_DIR:-$(CURDIR)/target} maturin build --manifest-path out/release/env/py/Cargo.toml \
+		--profile dist --out out/dist $(RELEASE_FLAGS)
 
 clean:
-	rm -rf out $(VENV) $(EXAMPLES) $(LEROBOT) $(ADAPTERS) target
+	rm -rf out .cache $(VENV) $(EXAMPLES) $(LEROBOT) $(ADAPTERS) target
