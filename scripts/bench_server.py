@@ -29,8 +29,8 @@ import tyro
 import graspbox
 import server_peers
 from graspbox import _core
+from graspbox.envs._pools.remote import now_of
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.envs.remote_pool import now_of
 from graspbox.policies import Task
 from graspbox.programs import run_program
 

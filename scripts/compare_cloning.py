@@ -36,9 +36,9 @@ import numpy as np
 import tyro
 
 from graspbox import evaluation
+from graspbox._common.files import dumps, write_text
 from graspbox.cli.common import console, progress
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.files import dumps, write_text
 from graspbox.pictures.files import Figure, write
 from graspbox.policies.goals import GOAL_NAME
 from graspbox.programs import run_program

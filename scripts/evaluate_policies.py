@@ -30,7 +30,8 @@ from typing import Any
 
 import tyro
 
-from graspbox import evaluation, learned_sets, object_sets, policies
+from graspbox import evaluation, object_sets, policies
+from graspbox._common.files import write_text
 from graspbox.artifacts.folders import read_depth_policy
 from graspbox.cli.common import console, print_json, progress
 from graspbox.envs import IDS
@@ -39,7 +40,7 @@ from graspbox.evaluation.conditions import CONDITIONS, settings_of
 from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.oracles import DepthOracle, Oracle
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table, pooled
-from graspbox.files import write_text
+from graspbox.object_sets import learned_sets
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.programs import run_program
 from graspbox.training.runs import Run

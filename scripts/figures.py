@@ -22,11 +22,11 @@ from typing import Any
 
 from graspbox import Plan, Scene, object_sets, pictures, plan
 from graspbox.configs import TrialConfig
+from graspbox.evaluation.planner_trials import try_set
 from graspbox.perception.crops import add_depth_noise
-from graspbox.planner_trials import try_set
 from graspbox.policies.grasp_image import grasp_image
 from graspbox.programs import run_program
-from graspbox.study import comparison, comparison_chart
+from graspbox.study import comparison
 from graspbox.views import ViewPlan, views
 
 #: From easy to hard: of their best 20 poses, nearly all succeed for the first and few for the last.
@@ -91,7 +91,7 @@ def write_study(args: argparse.Namespace) -> None:
     objects = object_sets.load(comparison.study_objects())
     result = try_set(objects, poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True))
     compared = comparison.Comparison.of(result)
-    comparison_chart.save_comparison(args.out / "table_3_1.png", compared)
+    comparison.save_comparison(args.out / "table_3_1.png", compared)
 
 
 PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {

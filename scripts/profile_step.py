@@ -28,7 +28,7 @@ from rich.table import Table
 
 import graspbox
 from graspbox import object_sets, policies
-from graspbox.cli import bench_images as bench
+from graspbox.cli import bench
 from graspbox.policies import Task
 from graspbox.programs import run_program
 

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspbox._common.arguments import floats, to_json
 from graspbox._core import Mesh
-from graspbox.arguments import floats, to_json
 from graspbox.configs import CleanConfig, LoadConfig
 from graspbox.errors import ConfigError
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.by_value import ByValue
+from graspbox._common.by_value import ByValue
 
 __all__ = ["FailureKind", "Outcome", "Outcomes", "Trace"]
 

@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
+from graspbox._common.arguments import floats, to_json
 from graspbox._core import Hand, Mesh
-from graspbox.arguments import floats, to_json
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
 from graspbox.meshes import MeshLike, as_mesh
 from graspbox.outcomes import Outcome, Outcomes, Trace
-from graspbox.plan_files import mesh_hash
 from graspbox.planning import Grasp, Plan
+from graspbox.planning.plan_files import mesh_hash
 
 __all__ = ["Body", "Hand", "Outcome", "Outcomes", "Scene", "Trace", "cache_folder", "load_hand", "simulate"]
 

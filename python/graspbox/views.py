@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
-from graspbox.arguments import floats, plain
-from graspbox.by_value import ByValue
+from graspbox._common.arguments import floats, plain
+from graspbox._common.by_value import ByValue
 from graspbox.errors import ConfigError
 from graspbox.meshes import MeshLike, as_mesh
 

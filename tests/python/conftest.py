@@ -1,6 +1,7 @@
 """What all Python tests share."""
 
 import os
+import signal
 from collections.abc import Iterator
 from importlib import import_module
 
@@ -10,6 +11,10 @@ import pytest
 REQUIRE_TRAIN = os.environ.get("GRASPBOX_REQUIRE_TRAIN", "0") not in ("", "0")
 
 _skipped: list[str] = []
+
+# A shell starts background jobs with SIGINT ignored, which children inherit; tests of Ctrl-C need Python's handler.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

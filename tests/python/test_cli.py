@@ -11,7 +11,7 @@ import pytest
 
 import graspbox
 from graspbox import _core, object_sets
-from graspbox.planner_trials import ObjectResult, SetResult
+from graspbox.evaluation.planner_trials import ObjectResult, SetResult
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -150,12 +150,12 @@ def test_demo_leaves_its_table_and_pictures(tmp_path: Path) -> None:
 
 
 def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
-    from graspbox.cli import bench, bench_images
+    from graspbox.cli import bench
 
     monkeypatch.setattr(bench, "_MIX", ("procedural:ball:0",))
     can = "procedural:can:0"
     for name, value in {"_SEEN": can, "_OBJECTS": (can,), "_ENVS": 2, "_STEPS": 12}.items():
-        monkeypatch.setattr(bench_images, name, value)
+        monkeypatch.setattr(bench, name, value)
     timed = Mock(side_effect=_core._time_best_split)
     monkeypatch.setattr(_core, "_time_best_split", timed)
     rows = bench.measure(1, seed=5)
@@ -169,7 +169,7 @@ def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
             assert (row["ratio"] >= 1) == (row["value"] >= row["goal"] if at_least else row["value"] <= row["goal"])
     assert all(row["value"] > 0 for row in rows if row["unit"] != "%")
     # So early the hand is still on its way; a can is on few of the pixels.
-    early = bench_images.idle(rows)
+    early = bench.idle(rows)
     assert any(sentence.startswith("steps in contact, 2 envs, expert: 0.0 %") for sentence in early)
-    assert not bench_images.idle([{**row, "value": 50.0} for row in rows])
+    assert not bench.idle([{**row, "value": 50.0} for row in rows])
     assert _core.num_threads() >= 1

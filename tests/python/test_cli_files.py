@@ -137,7 +137,7 @@ def test_a_bad_number_of_threads_is_reported_once() -> None:
 def test_ctrl_c_is_130() -> None:
     """In the middle of trials that would take hours."""
     ended = interrupted(
-        "import graspbox.planner_trials as trials\n"
+        "import graspbox.evaluation.planner_trials as trials\n"
         "real = trials.try_object\n"
         "trials.try_object = lambda *given, **settings: (ready(), real(*given, **settings))[1]\n"
         "sys.argv = ['graspbox', 'grasp', '--objects', 'procedural:0-99']\n"
@@ -199,7 +199,7 @@ def test_oversized_objects_are_their_own_error(tmp_path: Path) -> None:
 
 
 def test_meshes_that_vanish_are_their_own_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from graspbox.planner_trials import try_set
+    from graspbox.evaluation.planner_trials import try_set
 
     gone = write_box(tmp_path / "gone.off", 0.06, 0.06, 0.1)
     found = object_sets.load(str(gone))

@@ -16,7 +16,7 @@ import pytest
 
 import graspbox
 from graspbox import _core, configs, errors
-from graspbox.arguments import floats, to_json
+from graspbox._common.arguments import floats, to_json
 
 BOX = "procedural:box:0"
 CONFIGS: list[Any] = [kind for name in configs.__all__ if isinstance(kind := getattr(configs, name), type)]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from graspbox import _core, configs, errors, perception
-from graspbox.arguments import to_json
+from graspbox._common.arguments import to_json
 
 CONFIGS: list[Any] = [
     kind

@@ -14,7 +14,7 @@ import pytest
 import graspbox
 from datasets_for_tests import OBJECTS, config, contents, run
 from graspbox import dataset, errors, object_sets
-from graspbox.plan_files import mesh_hash
+from graspbox.planning.plan_files import mesh_hash
 
 pytest.importorskip("pyarrow")
 

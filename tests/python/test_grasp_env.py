@@ -336,13 +336,15 @@ def test_an_object_that_cannot_be_used_does_not_block_the_environment(tmp_path: 
     (tmp_path / "broken.off").write_text("OFF\n8 12 0\n0 0 0\n")
     env: Any = make(objects=f"dir:{tmp_path}").unwrapped
     env.reset(seed=0, options={"object": "cube"})
-    names = set()
+    names, messages = set(), []
     for _ in range(20):
         try:
             names.add(env.reset()[1]["object"])
         except errors.GraspboxError as error:
-            names.add(re.findall("`(.*?)`", str(error))[0])
+            names.add(error.object)
+            messages.append(str(error))
     assert names == {"cube", "broken"}
+    assert all(str(tmp_path / "broken.off") in message for message in messages)
 
 
 def test_an_unseeded_episode_can_be_had_again() -> None:

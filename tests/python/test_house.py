@@ -31,10 +31,6 @@ KNOWN_LARGE_FOLDERS = {
     "env/py/src": 23,
     "env/server/src": 26,
     "env/solver/src": 18,
-    "python/graspbox": 27,
-    "python/graspbox/cli": 17,
-    "python/graspbox/envs": 24,
-    "python/graspbox/study": 18,
 }
 
 

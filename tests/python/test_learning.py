@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import graspbox
-from graspbox import object_sets, rotations, study
+from graspbox import object_sets, study
+from graspbox._common import rotations
 from graspbox.errors import ConfigError, FileError, MissingExtraError
 from graspbox.study import execution, grasps, samples
 from graspbox.study.execution import BASELINES, Scenes, Score, average_pose, execute

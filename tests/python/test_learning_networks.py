@@ -9,8 +9,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="networks need the extra 'train'")
 
+from graspbox._common.rotations import quaternion_from_rotation, rotation_from_euler  # noqa: E402
 from graspbox.errors import ConfigError  # noqa: E402
-from graspbox.rotations import quaternion_from_rotation, rotation_from_euler  # noqa: E402
 from graspbox.study.losses import LOSSES, Errors, LossWeights, loss_named, normalized  # noqa: E402
 from graspbox.study.networks import NETWORKS, Cnn2d, Cnn2dDropout, Cnn3d, Units, network_named  # noqa: E402
 

@@ -14,10 +14,10 @@ pytest.importorskip("tensorboard", reason="training needs the extra 'train'")
 
 import graspbox  # noqa: E402
 from graspbox import evaluation, object_sets, policies  # noqa: E402
+from graspbox._common.rotations import poses_from, rotation_from_euler  # noqa: E402
 from graspbox.cli.train import train as command  # noqa: E402
 from graspbox.errors import ConfigError, FileError  # noqa: E402
 from graspbox.policies import Task  # noqa: E402
-from graspbox.rotations import poses_from, rotation_from_euler  # noqa: E402
 from graspbox.study import grasps  # noqa: E402
 from graspbox.study.execution import Scenes, execute  # noqa: E402
 from graspbox.study.figures import read_curve  # noqa: E402

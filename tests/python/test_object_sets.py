@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import graspbox
-from graspbox import errors, learned_sets, object_sets
+from graspbox import errors, object_sets
+from graspbox.object_sets import learned_sets
 
 SPLITS: tuple[object_sets.Split, ...] = ("train", "validation", "test")
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
@@ -282,7 +283,7 @@ def test_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pyte
     assert str(caught.value.filename).startswith("/proc")
     write_mesh(tmp_path / "more/a.off")
     write_mesh(tmp_path / "more/b.off")
-    monkeypatch.setattr("graspbox.mesh_folders._MAX_FILES", 1)
+    monkeypatch.setattr("graspbox.object_sets.mesh_folders._MAX_FILES", 1)
     with pytest.raises(errors.ObjectSetError, match="more than 1 files"):
         object_sets.load(f"dir:{tmp_path}")
     with pytest.raises(errors.ObjectSetError, match="names no object set"):

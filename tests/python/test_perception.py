@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox import errors, object_sets
-from graspbox.camera_configs import CameraConfig
+from graspbox.configs.cameras import CameraConfig
 from graspbox.perception import CropConfig, DepthNoise, add_depth_noise, crop, solid_occupancy
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.views import ViewPlan

@@ -18,7 +18,7 @@ from PIL import Image
 
 from graspbox import pictures
 from graspbox.pictures import files
-from graspbox.study import comparison_chart
+from graspbox.study import comparison
 
 #: Every function that writes a picture, without its input: a bad path must be refused before the input is used.
 NOTHING: Any = None
@@ -32,7 +32,7 @@ WRITERS = {
     "grasp_image": lambda path: pictures.save_grasp_image(path, NOTHING),
     "rates": lambda path: pictures.save_rates(path, "title", NOTHING),
     "reliability": lambda path: pictures.save_reliability(path, "title", NOTHING),
-    "comparison": lambda path: comparison_chart.save_comparison(path, NOTHING),
+    "comparison": lambda path: comparison.save_comparison(path, NOTHING),
 }
 
 
@@ -121,7 +121,7 @@ import os, sys
 from graspbox.pictures import files
 from graspbox.pictures.files import Figure
 files.write(Figure(figsize=(1, 1)), files.check_path({str(tmp_path / "chart.png")!r}))
-import graspbox.cli, graspbox.study.comparison_chart
+import graspbox.cli, graspbox.study.figures
 assert "matplotlib.pyplot" not in sys.modules
 import matplotlib
 print(os.environ["MPLBACKEND"], matplotlib.get_backend())

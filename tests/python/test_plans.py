@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import graspbox
 from graspbox import errors, object_sets, planning
-from graspbox.plan_files import mesh_hash
+from graspbox.planning.plan_files import mesh_hash
 
 COLUMNS = ("poses", "preshape", "feasible", "score", "box", "face")
 

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspbox import errors, learned_sets, object_sets, policies
+from graspbox import errors, object_sets, policies
 from graspbox.artifacts.folders import read_depth_policy, save
 from graspbox.models.calibration import Calibration
+from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid
 from graspbox.recipes.learned import of_splits
 from graspbox.recipes.settings import QUICK_OBJECTS, Sizes

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import graspbox
-from graspbox.progress import ProgressBar
+from graspbox._common.progress import ProgressBar
 
 OBJECTS = ["procedural:ball:0-1", "procedural:can:0"]
 

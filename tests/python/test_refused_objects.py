@@ -11,13 +11,13 @@ import pytest
 
 import graspbox
 from graspbox import dataset, object_sets
+from graspbox._common.refusals import errors_of, is_refusal, reason
 from graspbox.dataset.scenes import SceneTask, Subject
 from graspbox.dataset.shards import Shard, make
 from graspbox.demonstrations import Demonstrations, record
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError, FileError, GraspboxError, InternalError, MeshError, SimulationError
 from graspbox.evaluation import evaluate, trial_seeds
-from graspbox.refusals import errors_of, is_refusal, reason
 from test_cli_files import write_box
 
 POSE, LOOP = IDS

@@ -18,11 +18,11 @@ import pytest
 import graspbox
 import tiny_policy
 from graspbox import _core
+from graspbox._common.rotations import rotation_from_quaternion
 from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.policies.grasp_image import grasp_image
 from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
 from graspbox.remote.remote_policy import RemotePolicy
-from graspbox.rotations import rotation_from_quaternion
 from test_serve import served
 
 SETTINGS = PolicyServerSettings(port=0, threads=2)

@@ -14,7 +14,7 @@ import graspbox
 from graspbox import _core, cli, errors, object_sets
 from graspbox.envs.coding import encode_action, object_pose
 from graspbox.envs.expert import Expert
-from graspbox.planner_trials import try_set
+from graspbox.evaluation.planner_trials import try_set
 
 SHAKEN = graspbox.TrialConfig(shake=graspbox.ShakeConfig())
 CALM = graspbox.TrialConfig()

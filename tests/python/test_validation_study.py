@@ -9,12 +9,11 @@ import pytest
 
 import graspbox
 from graspbox import object_sets
-from graspbox.planner_trials import ObjectResult, SetResult
+from graspbox.evaluation.planner_trials import ObjectResult, SetResult
 from graspbox.study import comparison
 
 pytest.importorskip("matplotlib")
 
-from graspbox.study import comparison_chart
 from test_pictures import check_picture
 
 
@@ -60,10 +59,10 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
     text = compared.markdown()
     assert text.count("\n|") == len(comparison.TABLE_3_1) - 2 + 3
     assert comparison.CUP_GUESS in text
-    comparison_chart.save_comparison(tmp_path / "bars.png", compared)
+    comparison.save_comparison(tmp_path / "bars.png", compared)
     check_picture(tmp_path / "bars.png")
     # Two rows that nobody tried take no space.
-    rows_shown = comparison_chart.tried_rows(compared)
+    rows_shown = comparison.tried_rows(compared)
     assert [row.study_name for row in comparison.TABLE_3_1 if row not in rows_shown] == [
         "plastic wine cup",
         "plastic nut grey",
@@ -80,10 +79,9 @@ def test_study_objects_exist() -> None:
 def test_the_command_prints_and_writes_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from graspbox.study import comparison_command
     from graspbox.validation.__main__ import main
 
-    monkeypatch.setattr(comparison_command, "study_objects", lambda: ["ycb:013_apple"])
+    monkeypatch.setattr(comparison, "study_objects", lambda: ["ycb:013_apple"])
     assert main(["study", "--poses", "2", "--out", str(tmp_path / "new")]) == 0
     shown = capsys.readouterr().out
     (row,) = (line for line in shown.splitlines() if line.startswith("| apple "))

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from graspbox import _core
-from graspbox.arguments import check_range
+from graspbox._common.arguments import check_range
 from graspbox.envs import IDS
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, complete
 from graspbox.errors import ConfigError

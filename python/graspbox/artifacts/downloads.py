@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from graspbox._common.files import read_bounded
 from graspbox.artifacts.schema import parse
 from graspbox.errors import ConfigError, ConnectionLostError, MissingExtraError
-from graspbox.files import read_bounded
 
 __all__ = [
     "CARD",

@@ -10,13 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
+from graspbox._common.files import dumps, read_bounded, write_text
 from graspbox.artifacts.configs import DepthPolicyConfig, PolicyConfig, Use
 from graspbox.artifacts.downloads import CONFIG, LARGEST_CONFIG, folder_of, is_name, root_of
 from graspbox.artifacts.registry import kind_of
 from graspbox.artifacts.schema import content_of, parse
 from graspbox.errors import ConfigError, FileError
-from graspbox.files import dumps, read_bounded, write_text
-from graspbox.learned_sets import by_family
+from graspbox.object_sets.learned_sets import by_family
 
 __all__ = [
     "CONFIG",

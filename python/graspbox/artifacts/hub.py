@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from graspbox._common.files import dumps
 from graspbox.artifacts.configs import Use
 from graspbox.artifacts.downloads import CARD, CONFIG, LICENCE, download, hub, is_name, repository
 from graspbox.artifacts.folders import file_hash, load
 from graspbox.artifacts.schema import content_of
 from graspbox.errors import ConfigError
-from graspbox.files import dumps
 
 __all__ = ["push_to_hub"]
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from onnx import helper, numpy_helper
 from torch import Tensor, nn
 
+from graspbox._common.files import replacing
 from graspbox.artifacts.runtimes import onnx_network, torch_network
 from graspbox.errors import ConfigError
-from graspbox.files import replacing
 
 __all__ = ["PARITY", "write_onnx"]
 

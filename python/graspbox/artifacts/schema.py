@@ -11,7 +11,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any, Literal, TypeVar, cast, get_type_hints
 
-from graspbox.arguments import plain, shown
+from graspbox._common.arguments import plain, shown
 from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.registry import kind_of
 from graspbox.errors import ConfigError, MissingExtraError

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
+from graspbox._common.files import read_bounded, write_bytes
 from graspbox.errors import ConfigError
-from graspbox.files import read_bounded, write_bytes
 
 __all__ = [
     "LARGEST_NETWORK",

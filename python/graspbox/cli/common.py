@@ -10,10 +10,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from graspbox import object_sets, policies
+from graspbox._common.files import dumps
 from graspbox.errors import ObjectSetError
-from graspbox.files import dumps
 from graspbox.hands import Hand, load_hand
-from graspbox.mesh_folders import MASSES
+from graspbox.object_sets.mesh_folders import MASSES
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of all random numbers.")]

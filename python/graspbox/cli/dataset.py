@@ -9,6 +9,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from graspbox import dataset as data
+from graspbox._common.progress import shown_time
 from graspbox.cli.common import (
     HandName,
     Json,
@@ -24,7 +25,6 @@ from graspbox.cli.common import (
     print_table,
 )
 from graspbox.configs import ShakeConfig, TrialConfig
-from graspbox.progress import shown_time
 
 #: Time between two lines of progress where nothing can be drawn again, seconds.
 _LINE_EVERY = 30.0

@@ -6,11 +6,11 @@ from typing import Annotated
 import typer
 
 from graspbox import Scene, object_sets, plan
+from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import Json, Seed, Threads, console, end_with, print_json, print_table
 from graspbox.cli.grasp import run, summary, table_rows
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError, MissingExtraError
-from graspbox.files import check_output, dumps, write_text
 from graspbox.study import comparison
 
 #: Procedural families: round, with a handle, hollow, with spout and arch.
@@ -43,7 +43,6 @@ def demo(
     """Grasp a few objects, among them those of the reference study, and write tables and pictures into a folder."""
     # matplotlib is slow to import, and no other command needs it.
     from graspbox import pictures
-    from graspbox.study import comparison_chart
 
     check_output(out / "grasps.json")
     found = object_sets.load(demo_objects())
@@ -61,7 +60,7 @@ def demo(
     compared = comparison.Comparison.of(result)
     if known:
         write_text(out / "table_3_1.md", compared.markdown())
-        comparison_chart.save_comparison(out / "table_3_1.png", compared)
+        comparison.save_comparison(out / "table_3_1.png", compared)
     plot_sweeps_and_trials(out, seed, ycb=known)
     if as_json:
         print_json(table)

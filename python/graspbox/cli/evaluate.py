@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import (
     Json,
     Mass,
@@ -25,8 +26,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.evaluation.conditions import CONDITIONS
-from graspbox.files import check_output, dumps, write_text
-from graspbox.mesh_folders import MASSES
+from graspbox.object_sets.mesh_folders import MASSES
 from graspbox.policies import Policy
 from graspbox.remote.remote_policy import RemotePolicy
 

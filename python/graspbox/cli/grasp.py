@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import (
     HandName,
     Json,
@@ -22,9 +23,8 @@ from graspbox.cli.common import (
     progress,
 )
 from graspbox.configs import ShakeConfig, TrialConfig
-from graspbox.files import check_output, dumps, write_text
+from graspbox.evaluation.planner_trials import ObjectResult, SetResult, try_set
 from graspbox.object_sets import ObjectSet
-from graspbox.planner_trials import ObjectResult, SetResult, try_set
 
 
 def run(objects: ObjectSet, **settings: Any) -> SetResult:

@@ -7,9 +7,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import Json, Seed, console, print_json, print_table
 from graspbox.errors import ConfigError
-from graspbox.files import check_output, dumps, write_text
 from graspbox.perception.depth_images import camera_over_table, read_depth, read_pose
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasps, grasp_image

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 import graspbox
+from graspbox._common.files import check_output
 from graspbox.cli.common import (
     HandName,
     Json,
@@ -19,9 +20,8 @@ from graspbox.cli.common import (
     print_json,
     print_table,
 )
-from graspbox.files import check_output
-from graspbox.plan_files import grasp_rows
 from graspbox.planning import Box, Plan
+from graspbox.planning.plan_files import grasp_rows
 
 
 def box_row(box: Box) -> dict[str, object]:

@@ -4,10 +4,10 @@ from typing import Annotated
 
 import typer
 
+from graspbox._common.refusals import reason
 from graspbox.cli.common import Json, Mass, Scale, Split, Threads, end_with, find, print_json, progress
 from graspbox.configs import PhysicsConfig
-from graspbox.envs.preparation import load_objects, prepare_objects
-from graspbox.refusals import reason
+from graspbox.envs._pools.preparation import load_objects, prepare_objects
 
 
 def prepare(

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 import graspbox
+from graspbox._common.files import check_output, replacing
 from graspbox.cli.common import Json, Scale, console, find_one, print_json, print_table
-from graspbox.files import check_output, replacing
 
 
 def voxelize(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from graspbox import object_sets
+from graspbox._common.files import locked, replacing, write_text
 from graspbox._core import Hand
 from graspbox.dataset import extras, manifest
 from graspbox.dataset.manifest import KINDS
@@ -18,7 +19,6 @@ from graspbox.dataset.scenes import Subject
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.shards import Shard, divide, stored_facts
 from graspbox.errors import ConfigError, FileError
-from graspbox.files import locked, replacing, write_text
 from graspbox.hands import HandLike, load_hand
 from graspbox.object_sets import ObjectSet
 

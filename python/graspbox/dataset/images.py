@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
+from graspbox._common.arguments import floats, plain
 from graspbox._core import Mesh
-from graspbox.arguments import floats, plain
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.tables import column, lists, matrices
 from graspbox.errors import ConfigError
-from graspbox.plan_files import mesh_hash
+from graspbox.planning.plan_files import mesh_hash
 from graspbox.views import depth_millimetres
 
 if TYPE_CHECKING:

@@ -10,14 +10,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
-from graspbox import _core, schemas
+from graspbox import _core
+from graspbox._common import schemas
+from graspbox._common.arguments import plain
+from graspbox._common.files import dumps, read_bounded
 from graspbox._core import Hand
-from graspbox.arguments import plain
 from graspbox.dataset.scenes import Subject
 from graspbox.dataset.schema import SPLITS
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.errors import ConfigError, FileError
-from graspbox.files import dumps, read_bounded
 from graspbox.object_sets import ObjectSpec
 from graspbox.training.runs import changes, refuse
 

@@ -11,8 +11,8 @@ from itertools import islice
 from multiprocessing import active_children, get_context, parent_process
 from typing import Any
 
+from graspbox._common.arguments import natural
 from graspbox._core import Hand
-from graspbox.arguments import natural
 from graspbox.dataset import extras
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.shards import Shard, ShardFiles, make

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox._common.arguments import to_json
+from graspbox._common.refusals import errors_of
 from graspbox._core import Hand, Mesh
-from graspbox.arguments import to_json
 from graspbox.dataset import candidates as sources
 from graspbox.dataset.candidates import HandGeometry, Poses, Surface
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.errors import PlanError, SimulationError
 from graspbox.object_sets import ObjectSpec
 from graspbox.outcomes import Outcomes
-from graspbox.plan_files import mesh_hash
 from graspbox.planning import plan
-from graspbox.refusals import errors_of
+from graspbox.planning.plan_files import mesh_hash
 from graspbox.simulation import Scene
 
 __all__ = ["SceneTask", "Subject", "label", "scene_seed"]

@@ -65,7 +65,7 @@ TRIALS: tuple[Column, ...] = (
     Column("source", "string", "object set that holds this object alone (`graspbox.object_sets.load` finds it)"),
     Column("group", "string", "group of near-duplicates; no group is in two splits"),
     Column("split", "string", "`train`, `validation` or `test`"),
-    Column("sha256", "string", "hash of the mesh's vertices and faces (`graspbox.plan_files.mesh_hash`)"),
+    Column("sha256", "string", "hash of the mesh's vertices and faces (`graspbox.planning.plan_files.mesh_hash`)"),
     Column("scale", "double", "metres per unit of the mesh file; a factor on the size of procedural objects"),
     Column("world_from_object", "matrix", "pose of the object at rest; the table is the plane z = 0, metres"),
     Column("hand", "string", "name of the hand"),

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspbox import schemas
+from graspbox._common import schemas
+from graspbox._common.refusals import is_refusal, reason
 from graspbox._core import Hand, Mesh
 from graspbox.dataset.candidates import HandGeometry
 from graspbox.dataset.extras import parquet, pyarrow
@@ -20,8 +21,7 @@ from graspbox.dataset.scenes import SceneTask, Subject, label
 from graspbox.dataset.schema import TRIALS, arrow_schema, image_schema
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.errors import ConfigError, GraspboxError, InternalError
-from graspbox.plan_files import mesh_hash
-from graspbox.refusals import is_refusal, reason
+from graspbox.planning.plan_files import mesh_hash
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from graspbox import schemas
+from graspbox._common import schemas
+from graspbox._common.files import dumps, read_bounded, write_text
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, read_bounded, write_text
 
 __all__ = ["FILE", "Episode", "File", "Manifest", "content_of", "read_manifest", "write_manifest"]
 

@@ -13,7 +13,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from graspbox import _core, object_sets, policies
-from graspbox.arguments import natural
+from graspbox._common.arguments import natural
+from graspbox._common.files import locked
 from graspbox.demonstrations.manifest import Episode
 from graspbox.demonstrations.store import Demonstrations, EpisodeSteps, Store
 from graspbox.envs import IDS
@@ -21,7 +22,6 @@ from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.results import TrialResult
 from graspbox.evaluation.trials import Refusals, Steps, TrialRun, trial_seeds
-from graspbox.files import locked
 from graspbox.policies import Actions, Policy, Task
 from graspbox.policies.goals import GOAL_NAME, Goals, goal_space
 

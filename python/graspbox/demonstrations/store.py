@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.files import write_bytes
 from graspbox.dataset.extras import parquet, pyarrow
 from graspbox.demonstrations.manifest import FILE, Episode, File, content_of, read_manifest, write_manifest
 from graspbox.errors import ConfigError
-from graspbox.files import write_bytes
 from graspbox.policies.goals import GOAL_NAME
 from graspbox.training.runs import refuse_changes
 

@@ -9,13 +9,13 @@
 |---|---|
 | `graspbox.envs.grasp`, `graspbox.envs.grasp_pose` | the two environments: tables of actions, observations, rewards, infos and reset options |
 | `graspbox.envs.vector` | many environments stepped by one call, for ``gymnasium.make_vec`` |
-| `graspbox.envs.preparation` | objects shared by environments, and their preparation |
+| `graspbox.envs._pools.preparation` | objects shared by environments, and their preparation |
 | `graspbox.envs.settings` | keywords of the environments |
 | `graspbox.envs.coding` | reads poses from states, encodes poses as actions |
 | `graspbox.envs.expert` | a scripted expert for ``Grasp-v0`` |
 | `graspbox.envs.scripted` | scripted motions, independent of the object |
 | `graspbox.envs.reward` | weights of the reward terms |
-| `graspbox.envs.window` | the window of ``render_mode="human"`` |
+| `graspbox.envs._window` | the window of ``render_mode="human"`` |
 | `graspbox.envs.spaces` | spaces and tables from the core |
 
 Both specs set ``reward_threshold`` to 0.9: with ``reward="sparse"``, nine of ten episodes succeed.

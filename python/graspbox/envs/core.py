@@ -13,15 +13,15 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox.arguments import natural, plain, shown
+from graspbox._common.arguments import natural, plain, shown
 from graspbox.configs import AgentConfig, CamerasConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
-from graspbox.envs.local_pool import LocalPool, LocalSource, Pool, Source
+from graspbox.envs._pools.local import LocalPool, LocalSource, Pool, Source
+from graspbox.envs._pools.source import RemoteSource
+from graspbox.envs._window import Window
 from graspbox.envs.remote_config import remote_config
-from graspbox.envs.remote_source import RemoteSource
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
 from graspbox.envs.settings import RENDER_MODES, ObjectsArgument, Settings, complete
-from graspbox.envs.window import Window
 from graspbox.errors import ConfigError
 from graspbox.meshes import to_json
 

@@ -6,7 +6,7 @@ from os import environ
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from graspbox.arguments import natural, shown
+from graspbox._common.arguments import natural, shown
 from graspbox.errors import ConfigError, FileError
 
 __all__ = ["RemoteConfig", "check_token", "client_token", "remote_config", "token_in"]

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.arguments import shown
+from graspbox._common.arguments import shown
 from graspbox.envs.spaces import Tables
 from graspbox.errors import ConfigError
 

@@ -40,8 +40,8 @@ from typing import (
 from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets
+from graspbox._common.arguments import config_in, config_of, shown
 from graspbox._core import Hand
-from graspbox.arguments import config_in, config_of, shown
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError

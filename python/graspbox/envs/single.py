@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.envs._pools.preparation import PreparesObjects
 from graspbox.envs.core import GraspCore, checked_seed, fresh_seed
-from graspbox.envs.preparation import PreparesObjects
 from graspbox.object_sets import ObjectSet
 
 __all__ = ["SingleEnv"]

@@ -23,12 +23,19 @@ from gymnasium.vector.utils import batch_space, create_empty_array
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.arguments import natural
+from graspbox._common.arguments import natural
+from graspbox.envs._pools.preparation import PreparesObjects
+from graspbox.envs._vector_parts import (
+    EnvView,
+    full,
+    mask_of,
+    options_of_each,
+    reset_mask,
+    scattered,
+    seeds_of,
+    taken,
+)
 from graspbox.envs.core import GraspCore, checked_options
-from graspbox.envs.env_view import EnvView
-from graspbox.envs.infos import full, mask_of, scattered, taken
-from graspbox.envs.preparation import PreparesObjects
-from graspbox.envs.reset_arguments import options_of_each, reset_mask, seeds_of
 from graspbox.envs.settings import NUM_ENVS, OBJECTS, RENDER_MODES, GraspVectorSettings, ObjectsArgument, signed
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet

@@ -25,14 +25,15 @@ from typing import Any, SupportsIndex
 import gymnasium
 from gymnasium.vector import AutoresetMode
 
-from graspbox import learned_sets, object_sets, policies
-from graspbox.arguments import natural
+from graspbox import object_sets, policies
+from graspbox._common.arguments import natural
 from graspbox.envs import IDS
 from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError, MissingExtraError, ObjectSetError
 from graspbox.evaluation.conditions import settings_of
 from graspbox.evaluation.results import Evaluation, ObjectCount, TrialResult, wilson
 from graspbox.evaluation.trials import run_trials, run_usable, trial_seeds
+from graspbox.object_sets import learned_sets
 from graspbox.policies import Policy, Task
 
 __all__ = [

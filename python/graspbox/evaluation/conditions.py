@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from math import radians
 from typing import Any
 
-from graspbox.camera_configs import FRONT, CamerasConfig
 from graspbox.configs import Randomization, ShakeConfig, TrialConfig
+from graspbox.configs.cameras import FRONT, CamerasConfig
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 

@@ -10,11 +10,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox._common.refusals import reason
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.results import Evaluation, TrialResult
 from graspbox.object_sets import ObjectSet
 from graspbox.policies import Actions, Policy
-from graspbox.refusals import reason
 
 __all__ = ["Refusals", "Steps", "TrialRun", "run_trials", "run_usable", "trial_seeds"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.arguments import check_range
+from graspbox._common.arguments import check_range
 from graspbox.errors import ConfigError
 
 __all__ = ["CAUTION", "OTHERS", "Calibration", "calibration_error", "check_line", "fit_logits"]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.arguments import check_range
+from graspbox._common.arguments import check_range
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.outputs import check_finite

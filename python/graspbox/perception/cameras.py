@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.camera_configs import CameraConfig
+from graspbox.configs.cameras import CameraConfig
 from graspbox.errors import ConfigError
 
 __all__ = ["camera_pose", "lens"]

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox.arguments import floats
+from graspbox._common.arguments import floats
+from graspbox._common.files import read_bounded
 from graspbox.errors import ConfigError, FileError, MissingExtraError
-from graspbox.files import read_bounded
 
 __all__ = [
     "MAX_COORDINATE",

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox.arguments import floats
+from graspbox._common.arguments import floats
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import Crops, crop
 from graspbox.perception.leveling import level

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from graspbox.arguments import check_range
+from graspbox._common.arguments import check_range
 from graspbox.perception.configs import ProposalConfig
 from graspbox.perception.perturbations import PoseNoise
 

@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure  # for modules outside this package, which must import this one first
 from PIL import Image
 
+from graspbox._common.files import write_bytes
 from graspbox.errors import ConfigError, FileError
-from graspbox.files import write_bytes
 
 #: File name extensions of pictures. All but ``.pdf`` and ``.svg`` are raster formats.
 SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")

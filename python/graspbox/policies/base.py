@@ -13,8 +13,8 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox.arguments import config_of
-from graspbox.camera_configs import CamerasConfig
+from graspbox._common.arguments import config_of
+from graspbox.configs.cameras import CamerasConfig
 from graspbox.envs import IDS
 from graspbox.envs.settings import OBJECTS, HandArgument, ObjectsArgument, Settings, keywords
 from graspbox.errors import ConfigError

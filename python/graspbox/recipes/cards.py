@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from graspbox._common.files import write_text
+from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.downloads import CARD, hub
 from graspbox.evaluation import wilson
-from graspbox.files import write_text
-from graspbox.progress import shown_time
 
 __all__ = ["Card", "ScoreRow", "code", "listed", "paragraph", "rate", "table", "times", "write_card"]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from graspbox import dataset, evaluation, learned_sets, object_sets
+from graspbox import dataset, evaluation, object_sets
 from graspbox.artifacts.exports import FINALISTS, export_depth_policy, write_completion, write_head
 from graspbox.artifacts.folders import read_depth_policy
 from graspbox.artifacts.graphs import ScorerGraph
@@ -25,6 +25,7 @@ from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.scorer.inputs import ScorerInputs
 from graspbox.models.scorer.training import train_scorer
 from graspbox.models.trials import GraspTrials
+from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.policies import DepthGrasp

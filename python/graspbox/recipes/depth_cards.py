@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.models.scenes import SceneConfig
-from graspbox.progress import shown_time
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times
 from graspbox.recipes.learned import evaluated_split
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from graspbox import evaluation, object_sets
+from graspbox._common.files import write_text
 from graspbox.artifacts.exports import export_head
 from graspbox.artifacts.folders import load
 from graspbox.errors import ConfigError
-from graspbox.files import write_text
 from graspbox.models.head.batches import untried_scenes
 from graspbox.models.head.configs import HeadConfig, Kind
 from graspbox.models.head.training import HeadData, choose_constant, load_head, train_head

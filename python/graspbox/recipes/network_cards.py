@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from graspbox import evaluation, object_sets
+from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import GOAL_NAME, NetworkPolicyConfig
 from graspbox.envs.spaces import tables
 from graspbox.hands import load_hand
 from graspbox.policies import Policy
-from graspbox.progress import shown_time
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, table
 from graspbox.study.pose_folders import PosePolicyConfig
 

@@ -11,11 +11,11 @@ import numpy as np
 
 import graspbox
 from graspbox import object_sets
+from graspbox._common.files import write_text
+from graspbox._common.progress import shown_time
 from graspbox.artifacts.weight_files import LARGEST_NETWORK
 from graspbox.errors import ConfigError
-from graspbox.files import write_text
 from graspbox.object_sets import ObjectSet
-from graspbox.progress import shown_time
 from graspbox.recipes.cards import rate, table, write_card
 from graspbox.recipes.network_cards import measure, pose_card
 from graspbox.recipes.settings import StudySettings, package_licence

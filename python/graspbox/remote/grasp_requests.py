@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.arguments import natural, shown
+from graspbox._common.arguments import natural, shown
+from graspbox._common.rotations import quaternion_from_rotation
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
 from graspbox.perception.depth_images import metric_depth
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
-from graspbox.rotations import quaternion_from_rotation
 
 __all__ = ["ENTRIES", "answer_of", "decide", "from_json", "to_json"]
 

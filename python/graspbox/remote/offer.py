@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from graspbox import object_sets
-from graspbox.arguments import shown
+from graspbox._common.arguments import shown
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.object_sets import ObjectSet
 

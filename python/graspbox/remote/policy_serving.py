@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 
 from graspbox import _core, policies
-from graspbox.arguments import plain, shown
+from graspbox._common.arguments import plain, shown
 from graspbox.envs import IDS
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError, GraspboxError

@@ -15,7 +15,7 @@ from typing import Any
 import gymnasium
 from gymnasium.vector import VectorWrapper
 
-from graspbox.arguments import natural, shown
+from graspbox._common.arguments import natural, shown
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, MissingExtraError
 from graspbox.remote.serving import EnvironmentServer, available

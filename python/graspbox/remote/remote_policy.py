@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.arguments import shown
+from graspbox._common.arguments import shown
 from graspbox.envs.remote_config import client_token
 from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.policies import Actions, Policy, Task

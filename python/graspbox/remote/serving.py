@@ -14,10 +14,10 @@ import gymnasium
 import numpy as np
 
 from graspbox import _core
-from graspbox.arguments import shown
+from graspbox._common.arguments import shown
 from graspbox.envs import IDS
+from graspbox.envs._pools.source import kind_of
 from graspbox.envs.core import GraspCore
-from graspbox.envs.remote_source import kind_of
 from graspbox.envs.settings import Settings, complete, keywords
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.remote.offer import Offer

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from graspbox import _core
-from graspbox.arguments import natural, plain, shown
+from graspbox._common.arguments import natural, plain, shown
 from graspbox.envs.remote_config import check_token
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand

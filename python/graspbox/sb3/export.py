@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first
 from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 
-from graspbox.arguments import plain
+from graspbox._common.arguments import plain
 from graspbox.artifacts.configs import ACTING, SETTINGS, Environment, NetworkInput, NetworkPolicyConfig, Use
 from graspbox.artifacts.exports import Traced, export
 from graspbox.artifacts.folders import load, use_of, used_folder

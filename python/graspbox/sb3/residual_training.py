@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
 from graspbox import evaluation, policies
-from graspbox.files import write_text
+from graspbox._common.files import write_text
 from graspbox.policies import HeadGrasp, Policy
 from graspbox.policies.head import HEAD
 from graspbox.policies.residual import ResidualConfig, ResidualGrasp

@@ -19,8 +19,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch.utils.data import TensorDataset
 
 from graspbox import policies
+from graspbox._common.files import dumps, write_text
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, write_text
 from graspbox.policies import Task
 from graspbox.policies.goals import plain_settings
 from graspbox.sb3.cloning import CloningTerm, begin_as, imitate, settings_of_clone, steps_of

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from graspbox.camera_configs import CamerasConfig
+from graspbox.configs.cameras import CamerasConfig
 from graspbox.envs.settings import HandArgument
 from graspbox.errors import ConfigError
 from graspbox.models.head.heads import PoseNet

@@ -17,8 +17,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
+from graspbox.envs._vector_parts import EnvView
 from graspbox.envs.core import row
-from graspbox.envs.env_view import EnvView
 from graspbox.errors import ConfigError, MissingExtraError
 
 try:

@@ -1,14 +1,23 @@
 """Table 3.1 of the reference study, compared with graspbox.
 
-`StudyRow` is a row of the study's table, `Comparison` compares it with the counts of `graspbox.planner_trials`;
-`graspbox.study.comparison_chart` plots it.
+`StudyRow` is a row of the study's table, `Comparison` compares it with the counts of
+`graspbox.evaluation.planner_trials`; `save_comparison` plots it (extra ``cli``).
 """
 
+import argparse
+import json
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from graspbox.planner_trials import SetResult
+import numpy as np
+
+from graspbox import object_sets
+from graspbox._common.files import check_output, write_text
+from graspbox.configs import TrialConfig
+from graspbox.evaluation.planner_trials import SetResult, try_set
 
 #: YCB cups assumed to be the study's two cups. YCB's ten nested cups run from a (smallest) to j (largest);
 #: counted from 1, cup 7 is g and cup 9 is i. The study numbers its cups without giving a size.
@@ -128,3 +137,103 @@ def _share(succeeded: int, tried: int) -> str:
 
 def _rate(succeeded: int, tried: int) -> str:
     return f"{succeeded / tried:.0%}" if tried else ""
+
+
+#: Counts of successes and of trials.
+Count = tuple[int, int]
+_STUDY_COLOR, _OUR_COLOR = "#9aa5b1", "#0072b2"
+
+
+def save_comparison(path: str | Path, comparison: Comparison) -> None:
+    """Write a bar chart: the share of poses that succeed per object, the study's and ours, labelled with the counts.
+
+    Rows of the table that neither the study nor we tried are left out.
+
+    Parameters
+    ----------
+    path : str or Path
+        Image file; its extension, one of `graspbox.pictures.SUFFIXES`, names the format.
+    comparison : Comparison
+        The counts.
+
+    Raises
+    ------
+    ConfigError
+        If the path does not name an image file.
+    FileError
+        If the file cannot be written.
+    """
+    from graspbox.pictures.files import Figure, check_path, write
+
+    target = check_path(path)
+    rows = tried_rows(comparison)
+    study: list[Count] = [(row.succeeded, row.tried) for row in rows]
+    ours = [comparison.counts(row) for row in rows]
+    names = [f"{row.study_name}\n{row.ycb_name or 'no YCB mesh'}" for row in rows]
+    figure = Figure(figsize=(8.5, 0.43 * len(rows) + 1.6), dpi=110)
+    axes = figure.subplots()
+    at = -np.arange(len(rows) + 1, dtype=np.float64)
+    at[-1] -= 0.4
+    _bars(axes, at + 0.2, [*study, _sum(study)], _STUDY_COLOR, "the study (table 3.1)")
+    _bars(axes, at - 0.2, [*ours, _sum(ours)], _OUR_COLOR, "graspbox")
+    axes.set_yticks(at, [*names, "total"], fontsize=8)
+    axes.set_xlim(0, 112)
+    axes.set_xticks(range(0, 101, 20))
+    axes.set_xlabel("poses that succeed (%)")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=2, frameon=False, fontsize=9)
+    figure.text(0.99, 0.008, CUP_GUESS, ha="right", fontsize=7, color="#666666")
+    figure.tight_layout(rect=(0, 0.02, 1, 1))
+    write(figure, target)
+
+
+def tried_rows(comparison: Comparison) -> list[StudyRow]:
+    """Rows of table 3.1 that the study or we tried, in its order."""
+    return [row for row in TABLE_3_1 if row.tried or comparison.counts(row)[1]]
+
+
+def _sum(counts: list[Count]) -> Count:
+    return sum(s for s, _ in counts), sum(t for _, t in counts)
+
+
+def _bars(axes: Any, at: np.ndarray[Any, Any], counts: list[Count], color: str, label: str) -> None:
+    rates = [100 * s / t if t else 0.0 for s, t in counts]
+    axes.barh(at, rates, height=0.38, color=color, label=label)
+    for y, rate, (s, t) in zip(at, rates, counts, strict=True):
+        axes.text(rate + 1, y, f"{s}/{t}" if t else "not tried", va="center", fontsize=8, color="#333333")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m graspbox.validation study", description=__doc__)
+    parser.add_argument("--poses", type=int, default=20, help="poses to try per object, best first (20)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the plans (0)")
+    parser.add_argument("--threads", type=int, default=None, help="threads to use; all by default")
+    parser.add_argument("--out", type=Path, default=None, help="folder for table_3_1.md and table_3_1.png")
+    parser.add_argument("--json", action="store_true", help="print our counts as JSON")
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Try the study's objects and print both tables; the exit status is 1 if an object could not be tried."""
+    parser = _parser()
+    args = parser.parse_args(arguments)
+    if args.poses < 1:
+        parser.error(f"--poses is {args.poses}; give 1 or more")
+    if args.out is not None:
+        check_output(args.out / "table_3_1.md")
+    result = try_set(
+        object_sets.load(study_objects()),
+        poses=args.poses,
+        seed=args.seed,
+        trial=TrialConfig(legacy=True),
+        num_threads=args.threads,
+    )
+    comparison = Comparison.of(result)
+    if args.out is not None:
+        write_text(args.out / "table_3_1.md", comparison.markdown())
+        save_comparison(args.out / "table_3_1.png", comparison)
+    print(json.dumps(dict(comparison.ours)) if args.json else comparison.markdown())
+    errors = [f"{found.name}: {found.error}" for found in result.objects if found.error]
+    for error in errors:
+        print(error, file=sys.stderr)
+    return 1 if errors else 0

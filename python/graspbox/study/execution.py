@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.rotations import poses_from, quaternion_from_rotation, rotation_from_quaternion
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
 from graspbox.outcomes import Outcomes
-from graspbox.rotations import poses_from, quaternion_from_rotation, rotation_from_quaternion
 from graspbox.simulation import Scene
 from graspbox.study.grasps import executed
 from graspbox.study.samples import Samples

@@ -43,7 +43,7 @@ class PoseGraph(nn.Module):  # type: ignore[misc]
 
 
 def _quaternions(angles: Tensor) -> Tensor:
-    """Convert (roll, pitch, yaw) (n, 3) to quaternions (n, 4), as `graspbox.rotations.rotation_from_euler`."""
+    """Convert (roll, pitch, yaw) (n, 3) to quaternions (n, 4), as `graspbox._common.rotations.rotation_from_euler`."""
     (cr, cp, cy), (sr, sp, sy) = torch.cos(angles / 2).unbind(1), torch.sin(angles / 2).unbind(1)
     w, x = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr
     y, z = cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
@@ -51,7 +51,7 @@ def _quaternions(angles: Tensor) -> Tensor:
 
 
 def _rotations(quaternions: Tensor) -> Tensor:
-    """Convert unit quaternions (n, 4) to rotations (n, 3, 3), as `graspbox.rotations.rotation_from_quaternion`."""
+    """Convert unit quaternions (n, 4) to rotations (n, 3, 3), as `rotation_from_quaternion` does for arrays."""
     w, x, y, z = quaternions.unbind(1)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.by_value import ByValue
+from graspbox._common.by_value import ByValue
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet

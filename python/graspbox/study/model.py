@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from graspbox.arguments import config_of
+from graspbox._common.arguments import config_of
+from graspbox._common.files import read_bounded, replacing, write_text
 from graspbox.errors import ConfigError, FileError
-from graspbox.files import read_bounded, replacing, write_text
 from graspbox.study.losses import Loss, loss_named, normalized
 from graspbox.study.model_configs import ModelConfig
 from graspbox.study.networks import network_named

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import study
-from graspbox.camera_configs import CameraConfig, CamerasConfig
+from graspbox.configs.cameras import CameraConfig, CamerasConfig
 from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError
 from graspbox.perception.cameras import camera_pose

@@ -30,18 +30,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import meshes
-from graspbox._core import Mesh
-from graspbox.by_value import ByValue
-from graspbox.errors import ConfigError, FileError
-from graspbox.files import replacing
-from graspbox.object_sets import ObjectSet
-from graspbox.rotations import (
+from graspbox._common.by_value import ByValue
+from graspbox._common.files import replacing
+from graspbox._common.rotations import (
     euler_from_rotation,
     poses_from,
     quaternion_from_rotation,
     rotation_from_euler,
     rotation_from_quaternion,
 )
+from graspbox._core import Mesh
+from graspbox.errors import ConfigError, FileError
+from graspbox.object_sets import ObjectSet
 from graspbox.simulation import Scene
 from graspbox.study.grasps import Grasps, base_pose
 from graspbox.views import Views, occupancy, views

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from graspbox._common.rotations import angle_between
 from graspbox.errors import ConfigError
-from graspbox.rotations import angle_between
 from graspbox.study.losses import Errors, LossWeights
 from graspbox.study.model import ModelConfig, PoseModel
 from graspbox.study.samples import Samples, Split, labels_of, poses_of_labels

@@ -15,8 +15,8 @@ from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
+from graspbox._common.files import replacing
 from graspbox.errors import ConfigError
-from graspbox.files import replacing
 
 __all__ = ["ArrayTable", "load_or_make", "load_or_make_parts"]
 

@@ -9,7 +9,7 @@
 | ``NAME.json``     | results of the stage ``NAME``, whose folder is ``NAME`` |
 
 One process at a time works in a directory. Data sets and demonstrations keep their settings in their manifests, and
-share `refuse_changes` and the lock (`graspbox.files.locked`).
+share `refuse_changes` and the lock (`graspbox._common.files.locked`).
 """
 
 import json
@@ -22,9 +22,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from graspbox._common.files import dumps, locked, write_text
+from graspbox._common.progress import shown_time
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, locked, write_text
-from graspbox.progress import shown_time
 
 __all__ = ["Rows", "Run", "changes", "read_settings", "refuse", "refuse_changes"]
 

@@ -35,8 +35,8 @@ import torch
 from torch import Tensor, nn
 from torch.utils.tensorboard import SummaryWriter
 
+from graspbox._common.files import dumps, replacing, write_text
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, replacing, write_text
 from graspbox.training.configs import TrainConfig
 from graspbox.training.runs import Rows, Run
 

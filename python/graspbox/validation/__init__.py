@@ -6,7 +6,6 @@
 | `graspbox.validation.engines`     | `newton` with `rapier`: labels and speed |
 | `graspbox.validation.speed`       | the speed of `newton`, of `rapier` and of MuJoCo's rollout (extra ``dev``) |
 | `graspbox.study.comparison`       | table 3.1 of the reference study, compared with graspbox (extra ``ycb``) |
-| `graspbox.study.comparison_chart` | that table as a bar chart (extra ``cli``) |
 
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 ``python -m graspbox.validation engines --poses 20 --seed 0 [--json]``

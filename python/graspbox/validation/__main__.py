@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
             from graspbox.validation.speed import main as compare_speed
 
             return compare_speed(given[1:])
-        from graspbox.study.comparison_command import main as compare_study
+        from graspbox.study.comparison import main as compare_study
 
         return compare_study(given[1:])
     except GraspboxError as error:

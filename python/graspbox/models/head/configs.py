@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from graspbox.arguments import check_range
+from graspbox._common.arguments import check_range
 from graspbox.errors import ConfigError
 from graspbox.perception.anchors import AnchorConfig
 

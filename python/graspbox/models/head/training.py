@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from graspbox.arguments import config_of
+from graspbox._common.arguments import config_of
+from graspbox._common.files import dumps, write_text
 from graspbox.errors import ConfigError
-from graspbox.files import dumps, write_text
 from graspbox.models.head.batches import HeadBatch, HeadSampler
 from graspbox.models.head.configs import HeadConfig
 from graspbox.models.head.heads import ConstantNet, HeadNet, PoseNet, head_of

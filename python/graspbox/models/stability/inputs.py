@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.arguments import shown
 from graspbox._core import Hand
-from graspbox.arguments import shown
 from graspbox.envs import spaces
 from graspbox.envs.coding import Codec
 from graspbox.errors import ConfigError

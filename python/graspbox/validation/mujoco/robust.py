@@ -20,8 +20,8 @@ import numpy as np
 
 import graspbox
 from graspbox import _core
+from graspbox._common.files import read_bounded, write_text
 from graspbox.errors import ConfigError, FileError
-from graspbox.files import read_bounded, write_text
 from graspbox.hands import HandLike, load_hand
 from graspbox.training.runs import refuse_changes
 from graspbox.validation.agreement import kappa, spearman

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.files import dumps, read_bounded, write_text
 from graspbox._core import Mesh, __version__, is_rigid
 from graspbox.errors import ConfigError, PlanError
-from graspbox.files import dumps, read_bounded, write_text
 
 __all__ = ["grasp_rows", "mesh_hash", "read", "write"]
 

@@ -7,7 +7,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.by_value import ByValue
+from graspbox._common.by_value import ByValue
 
 __all__ = ["Box", "BoxTree"]
 

@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterator
 from difflib import get_close_matches
 from pathlib import Path
 
+from graspbox._common.files import read_bounded
 from graspbox.errors import ObjectSetError
-from graspbox.files import read_bounded
 
 __all__ = ["MASSES", "MESH_SUFFIXES", "masses_in", "meshes_in"]
 

@@ -8,7 +8,7 @@ SciPy.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox.arguments import floats
+from graspbox._common.arguments import floats
 from graspbox.errors import ConfigError
 
 __all__ = [

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from graspbox import object_sets
 from graspbox.errors import FileError, MissingExtraError, ObjectSetError
-from graspbox.mesh_folders import MESH_SUFFIXES
 from graspbox.object_sets import ObjectSet
+from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
 
 __all__ = ["by_family", "without"]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core, errors
-from graspbox.arguments import shown
+from graspbox._common.arguments import shown
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError, InternalError
 

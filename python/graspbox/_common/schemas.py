@@ -5,8 +5,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from graspbox._common.files import read_bounded
 from graspbox.errors import ConfigError, MissingExtraError
-from graspbox.files import read_bounded
 
 __all__ = ["parse", "read"]
 

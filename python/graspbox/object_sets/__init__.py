@@ -35,11 +35,11 @@ from pathlib import Path
 from typing import Literal, get_args, overload
 
 from graspbox import _core
+from graspbox._common.refusals import errors_of
 from graspbox._core import Mesh
 from graspbox.errors import FileError, MissingExtraError, ObjectSetError
-from graspbox.mesh_folders import MESH_SUFFIXES, masses_in, meshes_in
 from graspbox.meshes import load_mesh
-from graspbox.refusals import errors_of
+from graspbox.object_sets.mesh_folders import MESH_SUFFIXES, masses_in, meshes_in
 
 Split = Literal["train", "validation", "test"]
 

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox._common.progress import ProgressBar
 from graspbox._core import Hand
 from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig
 from graspbox.envs import spaces
-from graspbox.envs.preparation import load_objects, prepare_objects
+from graspbox.envs._pools.preparation import load_objects, prepare_objects
 from graspbox.envs.settings import HandArgument
 from graspbox.meshes import to_json
 from graspbox.object_sets import ObjectSet
-from graspbox.progress import ProgressBar
 
 __all__ = ["LocalPool", "LocalSource", "Pool", "Source"]
 
@@ -26,23 +26,23 @@ class Pool(Protocol):
     """Parallel environments, in this process or on servers. The methods are those of `graspbox._core.EnvPool`."""
 
     @property
-    def num_envs(self) -> int: ...  # noqa: D102
-    def reset(  # noqa: D102
+    def num_envs(self) -> int: ...
+    def reset(
         self,
         seeds: Sequence[int | None] | None,
         mask: NDArray[np.bool_] | None,
         options: Sequence[str],
         out: dict[str, Any] | None,
     ) -> "_core.EnvArrays": ...
-    def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped: ...  # noqa: D102
-    def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None: ...  # noqa: D102
-    def recv(self, count: int) -> Stepped: ...  # noqa: D102
-    def get_state(self, env: int) -> bytes: ...  # noqa: D102
-    def set_state(self, env: int, state: bytes) -> "_core.EnvArrays": ...  # noqa: D102
-    def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]: ...  # noqa: D102
-    def cameras(self) -> Cameras: ...  # noqa: D102
-    def prepare(self, progress: bool, delay: float, skip_errors: bool) -> None: ...  # noqa: D102
-    def close(self) -> None: ...  # noqa: D102
+    def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped: ...
+    def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None: ...
+    def recv(self, count: int) -> Stepped: ...
+    def get_state(self, env: int) -> bytes: ...
+    def set_state(self, env: int, state: bytes) -> "_core.EnvArrays": ...
+    def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]: ...
+    def cameras(self) -> Cameras: ...
+    def prepare(self, progress: bool, delay: float, skip_errors: bool) -> None: ...
+    def close(self) -> None: ...
 
 
 class Source(Protocol):
@@ -56,11 +56,11 @@ class Source(Protocol):
     #: Whether servers step the environments, whose objects need not be on this machine.
     is_remote: bool
 
-    def images(self, cameras: CamerasConfig) -> list[spaces.Image]: ...  # noqa: D102
-    def names(self) -> list[str]: ...  # noqa: D102
-    def objects(self) -> ObjectSet: ...  # noqa: D102
-    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> Pool: ...  # noqa: D102
-    def close(self) -> None: ...  # noqa: D102
+    def images(self, cameras: CamerasConfig) -> list[spaces.Image]: ...
+    def names(self) -> list[str]: ...
+    def objects(self) -> ObjectSet: ...
+    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> Pool: ...
+    def close(self) -> None: ...
 
 
 class LocalPool:

@@ -8,12 +8,12 @@ from typing import Any, Protocol
 from weakref import WeakValueDictionary
 
 from graspbox import _core, object_sets
+from graspbox._common.refusals import is_refusal
 from graspbox._core import Hand, Objects
 from graspbox.configs import PhysicsConfig
 from graspbox.envs.settings import HandArgument
 from graspbox.errors import GraspboxError
 from graspbox.meshes import to_json
-from graspbox.refusals import is_refusal
 from graspbox.simulation import cache_folder, load_hand
 
 __all__ = ["PreparesObjects", "load_objects", "prepare_objects"]

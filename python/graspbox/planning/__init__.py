@@ -8,14 +8,15 @@ from typing import Any, Literal, Self, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox import _core, plan_files
-from graspbox.arguments import floats, to_json, with_settings
-from graspbox.boxes import Box, BoxTree
-from graspbox.by_value import ByValue
+from graspbox import _core
+from graspbox._common.arguments import floats, to_json, with_settings
+from graspbox._common.by_value import ByValue
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
 from graspbox.meshes import MeshLike, as_mesh
+from graspbox.planning import plan_files
+from graspbox.planning.boxes import Box, BoxTree
 
 __all__ = ["Box", "BoxTree", "DecomposeSettings", "Grasp", "Plan", "PlanSettings", "decompose", "plan", "rank_weights"]
 
@@ -139,7 +140,7 @@ class Plan(ByValue):
         feasible. The score is their sum weighted by `rank_weights`, minus a small penalty per better-ranked pose of the
         same box, face and preshape.
     name, mesh_sha256, hand_name : str
-        The object's name, the hash of its mesh (`graspbox.plan_files.mesh_hash`), and the hand's name.
+        The object's name, the hash of its mesh (`graspbox.planning.plan_files.mesh_hash`), and the hand's name.
     """
 
     poses: NDArray[np.float64]
@@ -193,7 +194,7 @@ class Plan(ByValue):
         return self[np.flatnonzero(self.feasible)[:count]]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plan as JSON, in the format of `graspbox.plan_files`; `load` restores it bit for bit.
+        """Write the plan as JSON, in the format of `graspbox.planning.plan_files`; `load` restores it bit for bit.
 
         Parameters
         ----------

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox.envs._pools.remote import Cameras, RemotePool, Stepped, now_of, reset_fields, stepped_of
+from graspbox.envs._pools.shard import CHANGES, Shard
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.envs.remote_pool import Cameras, RemotePool, Stepped, now_of, reset_fields, stepped_of
-from graspbox.envs.remote_shard import CHANGES, Shard
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
 
 __all__ = ["SpreadPool"]

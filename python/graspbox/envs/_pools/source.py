@@ -6,12 +6,12 @@ from typing import Any, Literal
 from gymnasium.vector import AutoresetMode
 
 from graspbox import _core, object_sets
-from graspbox.arguments import natural, plain, shown
+from graspbox._common.arguments import natural, plain, shown
 from graspbox.configs import AgentConfig, CamerasConfig
 from graspbox.envs import spaces
+from graspbox.envs._pools.remote import RemotePool
+from graspbox.envs._pools.spread import SpreadPool
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.envs.remote_pool import RemotePool
-from graspbox.envs.remote_spread import SpreadPool
 from graspbox.envs.settings import (
     GraspPoseSettings,
     GraspPoseVectorSettings,
@@ -56,7 +56,7 @@ def kind_of(environment: str, vector: bool) -> type:
 
 
 class RemoteSource:
-    """Environments on servers; see `graspbox.envs.local_pool.Source`.
+    """Environments on servers; see `graspbox.envs._pools.local.Source`.
 
     Parameters
     ----------

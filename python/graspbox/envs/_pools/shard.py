@@ -7,8 +7,8 @@ the commands since then. On another server it restores the states and repeats th
 from dataclasses import dataclass, field
 from typing import Any
 
+from graspbox.envs._pools.remote import RemotePool, Stepped, checked, stepped_of
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.envs.remote_pool import RemotePool, Stepped, checked, stepped_of
 from graspbox.errors import ConfigError, ConnectionLostError
 
 __all__ = ["CHANGES", "Shard"]

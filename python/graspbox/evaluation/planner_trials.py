@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from graspbox import _core
+from graspbox._common.refusals import is_refusal, reason
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import GraspboxError
 from graspbox.hands import HandLike
 from graspbox.object_sets import ObjectSet, ObjectSpec
-from graspbox.plan_files import grasp_rows
 from graspbox.planning import Plan, plan
-from graspbox.refusals import is_refusal, reason
+from graspbox.planning.plan_files import grasp_rows
 from graspbox.simulation import Outcomes, Scene
 
 __all__ = ["ObjectResult", "SetResult", "try_object", "try_set"]
@@ -68,7 +68,8 @@ class ObjectResult:
 
         In addition to the counts of `row`: ``error`` (empty if none), ``hand``, ``world_from_object`` (4x4) and
         ``grasps``, best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box`` and ``face``
-        as in `graspbox.plan_files`, and the fields of `graspbox.Outcome`, null for NaN. Metres, radians, seconds.
+        as in `graspbox.planning.plan_files`, and the fields of `graspbox.Outcome`, null for NaN. Metres, radians,
+        seconds.
         """
         row = {**self.row(), "error": self.error}
         if self.plan is None or self.outcomes is None:

@@ -7,8 +7,8 @@ arrays are accepted as numbers and lists.
 from dataclasses import dataclass, field
 from typing import Literal, Self
 
-from graspbox.camera_configs import FRONT, PALM, VIEWER, CameraConfig, CamerasConfig, PictureConfig
-from graspbox.physics_configs import FrictionConfig, NewtonConfig, PhysicsConfig, RapierConfig
+from graspbox.configs.cameras import FRONT, PALM, VIEWER, CameraConfig, CamerasConfig, PictureConfig
+from graspbox.configs.physics import FrictionConfig, NewtonConfig, PhysicsConfig, RapierConfig
 
 __all__ = [
     "FRONT",
