@@ -16,7 +16,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import is_dataclass
+from dataclasses import dataclass, is_dataclass
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -41,12 +41,31 @@ WIDTH = 120
 
 FOUND = spaces.tables(graspbox.load_hand())
 
-#: Constructors: the file, the class, the keywords, and those that can be given by position.
+
+@dataclass(frozen=True)
+class Constructor:
+    """A class whose section Parameters is generated; with `base`, it lists the difference from that class."""
+
+    file: str
+    owner: str
+    keywords: type
+    positional: tuple[str, ...] = ("objects",)
+    base: "Constructor | None" = None
+
+    @property
+    def path(self) -> str:
+        """Full name of the class."""
+        return f"graspbox.envs.{self.file.removesuffix('.py')}.{self.owner}"
+
+
+GRASP = Constructor("grasp.py", "GraspEnv", settings.GraspSettings)
+POSE = Constructor("grasp_pose.py", "GraspPoseEnv", settings.GraspPoseSettings, base=GRASP)
+WIDE = ("num_envs", "objects")
 CONSTRUCTORS = (
-    ("grasp.py", "GraspEnv", settings.GraspSettings, ("objects",)),
-    ("vector.py", "GraspVectorEnv", settings.GraspVectorSettings, ("num_envs", "objects")),
-    ("grasp_pose.py", "GraspPoseEnv", settings.GraspPoseSettings, ("objects",)),
-    ("grasp_pose.py", "GraspPoseVectorEnv", settings.GraspPoseVectorSettings, ("num_envs", "objects")),
+    GRASP,
+    Constructor("vector.py", "GraspVectorEnv", settings.GraspVectorSettings, WIDE, GRASP),
+    POSE,
+    Constructor("grasp_pose.py", "GraspPoseVectorEnv", settings.GraspPoseVectorSettings, WIDE, POSE),
 )
 POSITIONAL = {"num_envs": settings.NUM_ENVS, "objects": settings.OBJECTS}
 
@@ -248,34 +267,41 @@ def with_tables(text: str) -> str:
     return re.sub(r"<!-- generated: (.*?) -->\n.*?<!-- end -->", replaced, text, flags=re.DOTALL)
 
 
-def parameters(kind: type, positional: Sequence[str]) -> str:
+def parameters(constructor: Constructor) -> str:
     """Write the section Parameters of a constructor."""
-    rows = {name: POSITIONAL[name] for name in positional} | dict(settings.keywords(kind))
+    own = {name: POSITIONAL[name] for name in constructor.positional} | dict(settings.keywords(constructor.keywords))
+    base = constructor.base
+    known = {} if base is None else dict(settings.keywords(base.keywords))
+    entries = [(f"{name} : {row.type}", row.meaning) for name, row in own.items() if name not in known]
+    if base is not None:
+        missing = [f"``{name}``" for name in known if name not in own]
+        exceptions = f", except {' and '.join(missing)}" if missing else ""
+        entries.append(("**settings", f"Other keywords of `{base.path}`{exceptions}."))
     lines = ["    Parameters", "    ----------"]
-    for name, row in rows.items():
-        lines.append(f"    {name} : {row.type}")
+    for head, meaning in entries:
+        lines.append(f"    {head}")
         indent = " " * 8
-        lines += textwrap.wrap(row.meaning, WIDTH, initial_indent=indent, subsequent_indent=indent)
+        lines += textwrap.wrap(meaning, WIDTH, initial_indent=indent, subsequent_indent=indent)
     return "\n".join(lines) + "\n"
 
 
-def with_parameters(text: str, owner: str, kind: type, positional: Sequence[str]) -> str:
+def with_parameters(text: str, constructor: Constructor) -> str:
     """Replace the section Parameters of a class."""
-    pattern = rf"(class {owner}\(.*?\n)    Parameters\n    -+\n.*?(\n    \w+\n    ---)"
+    pattern = rf"(class {constructor.owner}\(.*?\n)    Parameters\n    -+\n.*?(\n    \w+\n    ---)"
     found, count = re.subn(
-        pattern, lambda m: m.group(1) + parameters(kind, positional) + m.group(2), text, count=1, flags=re.DOTALL
+        pattern, lambda m: m.group(1) + parameters(constructor) + m.group(2), text, count=1, flags=re.DOTALL
     )
     if not count:
-        raise SystemExit(f"the docstring of {owner} has no section Parameters before another section")
+        raise SystemExit(f"the docstring of {constructor.owner} has no section Parameters before another section")
     return found
 
 
 def generated(path: Path) -> str:
     """Return a file as it should be."""
     text = with_tables(path.read_text())
-    for name, owner, kind, positional in CONSTRUCTORS:
-        if name == path.name:
-            text = with_parameters(text, owner, kind, positional)
+    for constructor in CONSTRUCTORS:
+        if constructor.file == path.name:
+            text = with_parameters(text, constructor)
     return text
 
 

@@ -52,12 +52,19 @@ def test_parameters_are_the_keywords() -> None:
     program = script("generate_docs")
     doc = '    """Doc.\n\n    Parameters\n    ----------\n    old : int\n\n    Raises\n    ------\n'
     text = f"class GraspEnv(SingleEnv):\n{doc}"
-    new = program.with_parameters(text, "GraspEnv", program.settings.GraspSettings, ("objects",))
+    new = program.with_parameters(text, program.GRASP)
     assert "old : int" not in new
     assert "    objects : str, Path, ObjectSet or sequence of str\n        Object sets to sample from" in new
     assert new.endswith("\n\n    Raises\n    ------\n")
     with pytest.raises(SystemExit, match="GraspPoseEnv has no section"):
-        program.with_parameters(text, "GraspPoseEnv", program.settings.GraspPoseSettings, ("objects",))
+        program.with_parameters(text, program.POSE)
+
+
+def test_parameters_of_a_relative_are_the_difference() -> None:
+    program = script("generate_docs")
+    text = program.parameters(program.POSE)
+    assert re.findall(r"^    (\S+) ?:?", text, flags=re.MULTILINE)[2:] == ["objects", "trial", "**settings"]
+    assert "graspbox.envs.grasp.GraspEnv`, except ``control`` and ``frame_skip``." in text
 
 
 @pytest.mark.parametrize("env_id", DOCS)

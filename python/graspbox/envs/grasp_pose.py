@@ -195,46 +195,10 @@ class GraspPoseEnv(SingleEnv):
     ----------
     objects : str, Path, ObjectSet or sequence of str
         Object sets to sample from: see `graspbox.object_sets`.
-    split : {"train", "validation", "test"}, optional
-        Sample from this split only.
-    scale : float
-        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
-    mass : float, optional
-        Kilograms of every object, instead of the masses of the set.
-    obs : str or sequence of str
-        Observation: a name, or several names, which give a ``Dict``.
-    reward : {"sparse", "dense", "firm"}
-        Weights of the reward terms.
-    reward_weights : mapping of str to float, optional
-        Weights that replace those of the same name in `reward`.
-    success : SuccessCriterion, optional
-        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
-    info : {"full", "numeric"}
-        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
-        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
-        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
-    image_size : int or pair of int, optional
-        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
-    randomization : "standard" or Randomization, optional
-        Properties that vary from episode to episode besides the object and the start; by default none.
-    render_mode : {"human", "rgb_array"}, optional
-        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
-        ``human``); a vector environment shows its first environment.
-    num_threads : int, optional
-        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
-    remote : str, sequence of str or RemoteConfig, optional
-        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
-        addresses to distribute them over. Results do not depend on it.
-    physics : PhysicsConfig
-        Settings of the engine; the time step must divide 0.05 s.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    cameras : CamerasConfig
-        Cameras, shadows, voxels; `obs` names the images.
-    picture : PictureConfig
-        Size, samples per pixel and camera of the pictures of `render`.
     trial : TrialConfig
         How the hand closes, lifts and holds.
+    **settings
+        Other keywords of `graspbox.envs.grasp.GraspEnv`, except ``control`` and ``frame_skip``.
 
     Raises
     ------
@@ -262,46 +226,6 @@ class GraspPoseVectorEnv(NativeVectorEnv):
         Number of environments.
     objects : str, Path, ObjectSet or sequence of str
         Object sets to sample from: see `graspbox.object_sets`.
-    split : {"train", "validation", "test"}, optional
-        Sample from this split only.
-    scale : float
-        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
-    mass : float, optional
-        Kilograms of every object, instead of the masses of the set.
-    obs : str or sequence of str
-        Observation: a name, or several names, which give a ``Dict``.
-    reward : {"sparse", "dense", "firm"}
-        Weights of the reward terms.
-    reward_weights : mapping of str to float, optional
-        Weights that replace those of the same name in `reward`.
-    success : SuccessCriterion, optional
-        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
-    info : {"full", "numeric"}
-        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
-        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
-        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
-    image_size : int or pair of int, optional
-        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
-    randomization : "standard" or Randomization, optional
-        Properties that vary from episode to episode besides the object and the start; by default none.
-    render_mode : {"human", "rgb_array"}, optional
-        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
-        ``human``); a vector environment shows its first environment.
-    num_threads : int, optional
-        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
-    remote : str, sequence of str or RemoteConfig, optional
-        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
-        addresses to distribute them over. Results do not depend on it.
-    physics : PhysicsConfig
-        Settings of the engine; the time step must divide 0.05 s.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    cameras : CamerasConfig
-        Cameras, shadows, voxels; `obs` names the images.
-    picture : PictureConfig
-        Size, samples per pixel and camera of the pictures of `render`.
-    trial : TrialConfig
-        How the hand closes, lifts and holds.
     autoreset_mode : AutoresetMode or its value
         When the next episode begins after an end.
     max_episode_steps : int, optional
@@ -312,6 +236,8 @@ class GraspPoseVectorEnv(NativeVectorEnv):
         the results come from the cache. Episodes do not depend on it.
     copy : bool
         Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.
+    **settings
+        Other keywords of `graspbox.envs.grasp_pose.GraspPoseEnv`.
 
     Raises
     ------
