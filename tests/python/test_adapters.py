@@ -34,10 +34,11 @@ ADAPTERS = ROOT / "scripts/adapters"
 #: Steps of 0.2 s, so that episodes are short.
 CLOSED_LOOP: dict[str, Any] = {"frame_skip": 4, "max_episode_steps": 50}
 SERVE = """
+import signal
 from graspbox.remote import EnvironmentServer, ServerSettings
-server = EnvironmentServer(ServerSettings(port=0, objects=("procedural",)))
-print(server.url, flush=True)
-server.serve()
+with EnvironmentServer(ServerSettings(port=0, objects=("procedural",))) as server:
+    print(server.url, flush=True)
+    signal.pause()
 """
 
 
