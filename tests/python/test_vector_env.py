@@ -310,7 +310,7 @@ def test_send_and_recv_give_what_step_gives() -> None:
             np.testing.assert_array_equal(found, expected[array][arrived])
         failures = np.concatenate([part[4]["failure"] for part in parts])
         assert (failures == expected[4]["failure"][arrived]).all()
-    with pytest.raises(errors.ConfigError, match="on their way"):
+    with pytest.raises(errors.ConfigError, match="steps are pending"):
         apart.recv(1)
     apart.send(pressing(1, 2)[0], [1, 3])
     with pytest.raises(errors.ConfigError):

@@ -180,7 +180,7 @@ impl EnvPool {
     fn recv<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Rows<'py>> {
         let away = self.core.away();
         if count == 0 || count > away {
-            return Err(CoreError::Config(format!("count is {count}; {away} environments are on their way")).into());
+            return Err(CoreError::Config(format!("count is {count}; {away} steps are pending")).into());
         }
         let mut arrived = Vec::with_capacity(count);
         if let Err(error) = self.gather(py, &mut arrived, count) {

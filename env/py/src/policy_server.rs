@@ -131,9 +131,9 @@ impl PolicyJob {
         self.reply(Ok(text.as_bytes().to_vec()));
     }
 
-    /// Sends the client an error instead of a decision; `kind` is the name of a class in `graspbox.errors`.
-    fn refuse(&self, kind: String, message: String) {
-        self.reply(Err(Fault { kind, message, ..Fault::default() }));
+    /// Sends the client an error instead of a decision; `kind` is the name of a class in `graspbox.errors`, `field` an entry of the request.
+    fn refuse(&self, kind: String, field: String, message: String) {
+        self.reply(Err(Fault { kind, field, message, ..Fault::default() }));
     }
 }
 

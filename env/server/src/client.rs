@@ -24,6 +24,8 @@ pub struct Client {
     socket: Option<Socket>,
     /// The first frame of the server.
     hello: Bytes,
+    /// Largest frame that the server reads, bytes.
+    max_message: usize,
     next: u64,
     seen: u64,
     ticket: Option<Ticket>,
@@ -47,7 +49,9 @@ impl Client {
     /// As [`Socket::open`], or a server that does not begin with a frame.
     pub fn connect(url: &str, options: ClientOptions, grace: Duration) -> Result<Self, ClientError> {
         let (socket, hello) = greet(url, &options)?;
+        let max_message = max_message(&hello);
         Ok(Self {
+            max_message,
             url: url.to_owned(),
             options,
             grace,
@@ -80,7 +84,8 @@ impl Client {
     /// * `fields`: number of fields that `write` appends, key and value each.
     ///
     /// # Errors
-    /// A connection that broke off, where the session cannot be taken up again.
+    /// [`ClientError::TooLarge`] for a frame that the server would not read, and nothing is sent; or a lost connection whose session cannot be
+    /// resumed.
     pub fn submit(
         &mut self,
         command: &str,
@@ -88,10 +93,6 @@ impl Client {
         write: impl FnOnce(&mut Encoder),
     ) -> Result<u64, ClientError> {
         let id = self.next;
-        self.next += 1;
-        if command == "make" {
-            self.making = Some(id);
-        }
         let mut frame = Encoder::default();
         frame.map(fields + 3);
         frame.text("id");
@@ -102,6 +103,13 @@ impl Client {
         frame.unsigned(self.seen);
         write(&mut frame);
         let frame = Bytes::from(frame.into_bytes());
+        if frame.len() > self.max_message {
+            return Err(ClientError::TooLarge { url: self.url.clone(), bytes: frame.len(), most: self.max_message });
+        }
+        self.next += 1;
+        if command == "make" {
+            self.making = Some(id);
+        }
         if !self.grace.is_zero() {
             self.unanswered.push_back((id, frame.clone()));
         }
@@ -187,6 +195,7 @@ impl Client {
             self.ticket = number("session").zip(number("secret")).map(|(session, secret)| Ticket { session, secret });
         }
         self.seen = self.seen.max(id);
+        self.lost = None;
         self.unanswered.retain(|(sent, _)| *sent != id);
         match self.unwanted.iter().position(|unwanted| *unwanted == id) {
             Some(index) => drop(self.unwanted.swap_remove(index)),
@@ -214,7 +223,10 @@ impl Client {
         let since = *self.lost.get_or_insert_with(Instant::now);
         match self.resume(ticket) {
             Ok(()) => {
-                self.lost = None;
+                // Commands that are sent again may break the connection again; only their answers show that it holds.
+                if self.unanswered.is_empty() {
+                    self.lost = None;
+                }
                 Ok(())
             }
             Err(error @ ClientError::Unreachable { .. }) => {
@@ -283,6 +295,17 @@ pub fn greet(url: &str, options: &ClientOptions) -> Result<(Socket, Bytes), Clie
     let mut socket = Socket::open(url, options)?;
     let hello = first(&mut socket, url)?;
     Ok((socket, hello))
+}
+
+/// Largest frame that a server reads, as its first frame says; unlimited if it does not.
+fn max_message(hello: &[u8]) -> usize {
+    let Ok(value) = decode(hello) else {
+        return usize::MAX;
+    };
+    match value.get("limits").and_then(|limits| limits.get("max_message")) {
+        Some(Value::Integer(most)) => usize::try_from(*most).unwrap_or(usize::MAX),
+        _ => usize::MAX,
+    }
 }
 
 /// The next frame, within ten seconds.

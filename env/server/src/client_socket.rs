@@ -1,15 +1,17 @@
 //! A client's WebSocket: blocking, with a bound on each wait.
 
-use crate::config::SESSION_OVER;
+use crate::config::{SESSION_OVER, TOO_LARGE};
+use crate::keepalive;
 use crate::pem::{self, PemError};
 use bytes::Bytes;
 use rustls::pki_types::ServerName;
-use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use rustls::{CertificateError, ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
+use tungstenite::error::ProtocolError;
 use tungstenite::http::header::AUTHORIZATION;
 use tungstenite::http::{HeaderValue, Uri};
 use tungstenite::protocol::{CloseFrame, WebSocketConfig};
@@ -70,11 +72,31 @@ pub enum ClientError {
     /// The certificates to trust cannot be used.
     #[error(transparent)]
     Certificates(#[from] PemError),
+    /// A certificate that is not trusted.
+    #[error("the certificate of {url} is not accepted: {why}")]
+    Untrusted {
+        /// The address of the server.
+        url: String,
+        /// What is wrong, and the remedy.
+        why: String,
+    },
     /// A token that no server has.
     #[error("the token for {url} has characters that no header can hold; it must be printable ASCII, on one line")]
     Token {
         /// The address of the server.
         url: String,
+    },
+    /// A command larger than the server accepts.
+    #[error(
+        "a command of {bytes} bytes is larger than the {most} that {url} accepts; send less, or raise its --max-message"
+    )]
+    TooLarge {
+        /// Its address.
+        url: String,
+        /// Size of the frame.
+        bytes: usize,
+        /// Largest frame that the server reads.
+        most: usize,
     },
     /// An answer that is none.
     #[error("the server {url} does not speak this protocol: {why}")]
@@ -176,6 +198,7 @@ impl Socket {
         let failed = |why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
         let tcp = connect(host, uri.port_u16().unwrap_or(default)).map_err(failed)?;
         tcp.set_nodelay(true).map_err(failed)?;
+        keepalive::set(&tcp);
         tcp.set_read_timeout(Some(HANDSHAKE)).map_err(failed)?;
         let control = tcp.try_clone().map_err(failed)?;
         let stream = if secure { Stream::Tls(Box::new(tls(tcp, host, options, url)?)) } else { Stream::Plain(tcp) };
@@ -244,6 +267,9 @@ impl Socket {
             Some(frame) if u16::from(frame.code) == SESSION_OVER => {
                 ClientError::SessionLost { url, why: frame.reason.to_string() }
             }
+            Some(frame) if u16::from(frame.code) == TOO_LARGE => {
+                ClientError::Protocol { url, why: frame.reason.to_string() }
+            }
             Some(frame) => {
                 let why = format!("the connection was closed ({} {})", u16::from(frame.code), frame.reason);
                 ClientError::Unreachable { url, why: why.replace(" )", ")") }
@@ -311,11 +337,45 @@ fn tls(
 
 fn refusal(url: &str, error: Error) -> ClientError {
     let url = url.to_owned();
+    let unreachable = |why: &str| ClientError::Unreachable { url: url.clone(), why: why.to_owned() };
     match error {
         Error::Http(response) => {
+            let status = response.status();
             let body = response.body().as_deref().map(String::from_utf8_lossy).unwrap_or_default();
-            ClientError::Refused { url, status: response.status().as_u16(), why: body.trim().to_owned() }
+            let why = match (body.trim(), status.as_u16()) {
+                (_, 401) => "give its token: token_file, --token-file or GRASPBOX_TOKEN",
+                ("", 400 | 404) => "it has no such page; give only ws://HOST:PORT",
+                ("", _) => status.canonical_reason().unwrap_or("it gives no reason"),
+                (why, _) => why,
+            };
+            ClientError::Refused { url: url.clone(), status: status.as_u16(), why: why.to_owned() }
         }
-        other => ClientError::Unreachable { url, why: other.to_string() },
+        Error::Io(error) => match error.get_ref().and_then(|inner| inner.downcast_ref::<rustls::Error>()) {
+            Some(rustls::Error::InvalidCertificate(why)) => ClientError::Untrusted { url, why: untrusted(why) },
+            Some(rustls::Error::InvalidMessage(_)) => {
+                unreachable("it does not answer with TLS; try ws:// instead of wss://")
+            }
+            _ => unreachable(&error.to_string()),
+        },
+        // A server with TLS answers plain text with an alert, which is no HTTP.
+        Error::Protocol(ProtocolError::HttparseError(_)) => {
+            unreachable("it does not answer with HTTP; try wss:// instead of ws://")
+        }
+        other => unreachable(&other.to_string()),
+    }
+}
+
+/// Describes a certificate that is not trusted, and the remedy.
+fn untrusted(why: &CertificateError) -> String {
+    match why {
+        CertificateError::UnknownIssuer => "its issuer is unknown; give the issuer's certificate as ca_file".to_owned(),
+        CertificateError::Expired | CertificateError::ExpiredContext { .. } => "it has expired; renew it".to_owned(),
+        CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. } => {
+            "it is for another host name; connect by a name in its subjectAltName".to_owned()
+        }
+        CertificateError::Other(other) if other.to_string().contains("CaUsedAsEndEntity") => {
+            "it is a certificate authority, not a server certificate; sign a server certificate with it".to_owned()
+        }
+        other => format!("{other:?}"),
     }
 }

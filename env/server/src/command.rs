@@ -1,7 +1,7 @@
 //! The commands of a client: one row of [`COMMANDS`] each.
 
 use crate::fault::Fault;
-use crate::fields::{Fields, items, json, natural};
+use crate::fields::{Fields, items, json, natural, wrong};
 use crate::value::Value;
 use graspbox_agent::ResetOptions;
 use graspbox_agent::json::{config, config_of};
@@ -222,7 +222,10 @@ fn reset(fields: &Fields<'_, '_>) -> Result<Command, Fault> {
         None => Seeds::Continue,
         Some(Value::Integer(_)) => Seeds::First(fields.natural("seed")?.unwrap_or_default()),
         Some(many) => {
-            let each = items(many, "seed")?;
+            let each = items(many, "seed").map_err(|fault| match many {
+                Value::List(_) | Value::Array(_) => fault,
+                _ => wrong("seed", "an integer that is not negative, or a list of them"),
+            })?;
             let one = |value: &Value<'_>| match value {
                 Value::Nil => Ok(None),
                 value => natural(value, "seed").map(Some),

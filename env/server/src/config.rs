@@ -12,6 +12,10 @@ pub const PING: u64 = 20;
 pub const MAX_UNUSED: usize = 3;
 /// Code with which a WebSocket is closed whose session is over; after any other the client may take its session up again.
 pub const SESSION_OVER: u16 = 4000;
+/// Code with which a WebSocket is closed whose client sent a frame that is too large (RFC 6455).
+pub const TOO_LARGE: u16 = 1009;
+/// Pings to a client of a policy that has not asked anything yet (five minutes); after that its connection ends.
+pub const MAX_UNUSED_POLICY: u64 = 15;
 /// Most commands of a session that wait; after that its connection is not read until one is done.
 pub const MAX_WAITING: usize = 64;
 /// Most answers of a session that wait to be acknowledged; a client that comes back has sent no more commands than may wait.

@@ -2,7 +2,7 @@
 
 use crate::answer;
 use crate::command::{Command, Request};
-use crate::config::{MAX_UNUSED, PING, SESSION_OVER, WRITE_TIMEOUT};
+use crate::config::{MAX_UNUSED, PING, SESSION_OVER, TOO_LARGE, WRITE_TIMEOUT};
 use crate::decode::decode;
 use crate::fault::Fault;
 use crate::session::Session;
@@ -10,6 +10,7 @@ use crate::session_state::Outgoing;
 use crate::sessions::Sessions;
 use axum::extract::ws::{CloseFrame, Message, WebSocket};
 use bytes::Bytes;
+use std::error::Error;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -79,7 +80,8 @@ impl Connection {
                         self.session.accept(Err((None, fault)));
                     }
                     Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
-                    Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                    Some(Err(error)) => return refuse(socket, &error, self.sessions.hub.config.max_message).await,
+                    Some(Ok(Message::Close(_))) | None => return,
                 },
                 _ = pings.tick() => {
                     // A client that begins no session would hold the place of one that does.
@@ -139,6 +141,16 @@ impl Connection {
     }
 }
 
-async fn write(socket: &mut WebSocket, message: Message) -> bool {
+/// Tells a client whose frame is too large why its connection ends; other errors of a connection need no answer.
+pub async fn refuse(socket: &mut WebSocket, error: &axum::Error, most: usize) {
+    let Some(tungstenite::Error::Capacity(_)) = error.source().and_then(|inner| inner.downcast_ref()) else {
+        return;
+    };
+    let reason = format!("a frame has more than {most} bytes; send less, or raise --max-message of the server");
+    write(socket, Message::Close(Some(CloseFrame { code: TOO_LARGE, reason: reason.into() }))).await;
+}
+
+/// Writes a message; false if the client does not take it in time.
+pub async fn write(socket: &mut WebSocket, message: Message) -> bool {
     matches!(timeout(Duration::from_secs(WRITE_TIMEOUT), socket.send(message)).await, Ok(Ok(())))
 }

@@ -74,6 +74,10 @@ impl Environment {
     fn fault(&self, field: &str, error: AgentError) -> Fault {
         let field = match &error {
             AgentError::BadOption { option, .. } => option,
+            AgentError::BadLength { what: "seeds", .. } => "seed",
+            AgentError::BadLength { what: "the reset mask", .. } => "mask",
+            // Commands for one environment name it by `env_id`.
+            AgentError::NoSuchEnv { .. } | AgentError::Busy { .. } if matches!(field, "env_id" | "state") => "env_id",
             AgentError::NoSuchEnv { .. } | AgentError::Busy { .. } => "env_ids",
             _ => field,
         };

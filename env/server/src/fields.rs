@@ -12,8 +12,9 @@ pub struct Fields<'v, 'a> {
     entries: &'v [(&'a str, Value<'a>)],
 }
 
-fn wrong(name: &str, wanted: &str) -> Fault {
-    Fault::config(name, format!("the field '{name}' is of another type; give {wanted}"))
+/// A field of another type.
+pub fn wrong(name: &str, wanted: &str) -> Fault {
+    Fault::config(name, format!("the field '{name}' has another type; give {wanted}"))
 }
 
 impl<'v, 'a> Fields<'v, 'a> {

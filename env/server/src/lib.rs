@@ -35,6 +35,7 @@ pub mod fault;
 pub mod fields;
 pub mod gate;
 pub mod hub;
+mod keepalive;
 pub mod listener;
 pub mod metrics;
 pub mod pem;

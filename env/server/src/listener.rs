@@ -2,6 +2,7 @@
 
 use crate::config::{HANDSHAKE, ServerConfig};
 use crate::error::ServerError;
+use crate::keepalive;
 use crate::metrics::Metrics;
 use crate::pem;
 use axum::{Extension, Router};
@@ -85,6 +86,7 @@ where
 async fn serve(stream: TcpStream, tls: Option<TlsAcceptor>, router: Router) {
     // Frames are written whole; waiting for more would cost 40 ms.
     drop(stream.set_nodelay(true));
+    keepalive::set(&stream);
     match tls {
         None => http(stream, router).await,
         Some(tls) => {

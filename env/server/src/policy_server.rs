@@ -3,7 +3,8 @@
 //! Decisions are made by whoever takes [`PolicyJob`]s from the queue. Connections wait for them without a thread, and go on
 //! answering pings.
 
-use crate::config::{PING, SPARE_CONNECTIONS, ServerConfig, WRITE_TIMEOUT};
+use crate::config::{MAX_UNUSED_POLICY, PING, SESSION_OVER, SPARE_CONNECTIONS, ServerConfig, WRITE_TIMEOUT};
+use crate::connection::{refuse, write};
 use crate::encode::Encoder;
 use crate::error::ServerError;
 use crate::fault::Fault;
@@ -12,7 +13,7 @@ use crate::listener;
 use crate::metrics::Metrics;
 use crate::server::{check, counters, io_runtime, refused};
 use axum::body::{Body, to_bytes};
-use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{DefaultBodyLimit, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderMap, StatusCode};
@@ -76,6 +77,8 @@ struct Desk {
     metadata: Bytes,
     metrics: Arc<Metrics>,
     max_message: usize,
+    /// Seconds without a request after which a connection ends.
+    idle_timeout: f64,
     slots: Arc<Semaphore>,
     draining: AtomicBool,
     connections: AtomicU64,
@@ -154,6 +157,7 @@ impl PolicyServer {
             metadata: frame.into_bytes().into(),
             metrics: Arc::default(),
             max_message: config.max_message,
+            idle_timeout: config.idle_timeout,
             slots: Arc::new(Semaphore::new(config.max_sessions)),
             draining: AtomicBool::new(false),
             connections: AtomicU64::new(1),
@@ -345,10 +349,6 @@ async fn connect(
     })
 }
 
-async fn write(socket: &mut WebSocket, message: Message) -> bool {
-    matches!(timeout(Duration::from_secs(WRITE_TIMEOUT), socket.send(message)).await, Ok(Ok(())))
-}
-
 /// Serves a client: one request after the other; pings are answered meanwhile.
 async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
     if !write(&mut socket, Message::Binary(desk.metadata.clone())).await {
@@ -358,6 +358,8 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
     let mut deciding: Option<(Reply, Unanswered)> = None;
     let mut pings = interval(Duration::from_secs(PING));
     pings.reset();
+    // A client that asks nothing would hold the place of one that does.
+    let (mut heard, mut longest) = (Instant::now(), Duration::from_secs(PING * MAX_UNUSED_POLICY));
     loop {
         if deciding.is_none() {
             deciding = behind.pop_front().map(|(frame, own)| (desk.submit(Form::Frame, frame, number), own));
@@ -378,7 +380,10 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
                 drop(unanswered);
             }
             message = socket.recv(), if behind.len() < MAX_BEHIND => match message {
-                Some(Ok(Message::Binary(frame))) => behind.push_back((frame, Unanswered::new(desk))),
+                Some(Ok(Message::Binary(frame))) => {
+                    (heard, longest) = (Instant::now(), Duration::from_secs_f64(desk.idle_timeout));
+                    behind.push_back((frame, Unanswered::new(desk)));
+                }
                 Some(Ok(Message::Text(_))) => {
                     let wrong = "observations are binary frames of msgpack; this frame is text";
                     if !write(&mut socket, Message::Text(wrong.into())).await {
@@ -386,10 +391,18 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
                     }
                 }
                 Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
-                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                Some(Err(error)) => return refuse(&mut socket, &error, desk.max_message).await,
+                Some(Ok(Message::Close(_))) | None => return,
             },
-            _ = pings.tick() => if !write(&mut socket, Message::Ping(Bytes::new())).await {
-                return;
+            _ = pings.tick() => {
+                if deciding.is_none() && heard.elapsed() > longest {
+                    let reason = format!("no request in {} s", longest.as_secs());
+                    write(&mut socket, Message::Close(Some(CloseFrame { code: SESSION_OVER, reason: reason.into() }))).await;
+                    return;
+                }
+                if !write(&mut socket, Message::Ping(Bytes::new())).await {
+                    return;
+                }
             },
         }
     }

@@ -240,7 +240,7 @@ impl Session {
         let environment = state.environment.as_ref().ok_or_else(nothing_made)?;
         let away = environment.pool.away();
         if count == 0 || count > away {
-            let message = format!("count is {count}; {away} environments are on their way");
+            let message = format!("count is {count}; {away} steps are pending");
             return Err(Fault::config("count", message));
         }
         let failed = state.arrivals.iter().position(|(_, result)| result.is_err());

@@ -96,9 +96,9 @@ class PolicyServer(RunningServer):
             else:
                 job.answer(answer)
         except GraspboxError as error:
-            job.refuse(type(error).__name__, str(error))
+            job.refuse(type(error).__name__, "", str(error))
         except BaseException as error:  # a panic of the core is no Exception, and would end this thread
-            job.refuse("InternalError", f"the decision failed, please report it: {type(error).__name__}: {error}")
+            job.refuse("InternalError", "", f"the decision failed, please report it: {type(error).__name__}: {error}")
 
     def _decided(self, request: Any, job: "_core.PolicyJob") -> dict[str, Any]:
         if not isinstance(request, dict):

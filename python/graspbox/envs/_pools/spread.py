@@ -141,7 +141,7 @@ class SpreadPool:
         """Receive environments that were sent, as `graspbox._core.EnvPool.recv`."""
         self._settle()
         if count == 0 or count > len(self._away):
-            raise ConfigError(f"count is {count}; {len(self._away)} environments are on their way")
+            raise ConfigError(f"count is {count}; {len(self._away)} steps are pending")
         while len(self._arrived) < count:
             for shard in self._shards:
                 if shard.away and (stepped := shard.next_arrival()) is not None:
