@@ -24,6 +24,9 @@ Threads = Annotated[
     int | None,
     typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),
 ]
+Objects = Annotated[
+    list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
+]
 Split = Annotated[str | None, typer.Option("--split", help="Use only this split: train, validation or test.")]
 HandName = Annotated[
     str,

@@ -10,20 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from graspbox import dataset as data
 from graspbox._common.progress import shown_time
-from graspbox.cli.common import (
-    HandName,
-    Json,
-    Mass,
-    Scale,
-    Seed,
-    Split,
-    console,
-    end_with,
-    find,
-    find_hand,
-    print_json,
-    print_table,
-)
+from graspbox.cli import common
 from graspbox.configs import ShakeConfig, TrialConfig
 
 #: Time between two lines of progress where nothing can be drawn again, seconds.
@@ -35,16 +22,16 @@ class _Reporter:
 
     def __init__(self) -> None:
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
-        self.bar = Progress(TextColumn("trials"), *columns, console=console, transient=True)
+        self.bar = Progress(TextColumn("trials"), *columns, console=common.console, transient=True)
         self.task = self.bar.add_task("", total=None, rate="")
         self.last = time.monotonic()
 
     def __call__(self, progress: data.Progress) -> None:
         rate = f"{progress.rate:.1f}/s, {shown_time(progress.remaining)} left"
         self.bar.update(self.task, completed=progress.trials, total=progress.total, rate=rate)
-        if not console.is_terminal and time.monotonic() - self.last > _LINE_EVERY:
+        if not common.console.is_terminal and time.monotonic() - self.last > _LINE_EVERY:
             self.last = time.monotonic()
-            console.print(f"{progress.trials} of {progress.total} trials, {rate}")
+            common.console.print(f"{progress.trials} of {progress.total} trials, {rate}")
 
 
 def _print(result: data.Result) -> None:
@@ -53,7 +40,7 @@ def _print(result: data.Result) -> None:
     for title, counts in (("split", table["counts"]), ("candidates", table["candidates"])):
         rows = [(name, *(str(numbers[key]) for key in keys)) for name, numbers in counts.items()]
         sums = [str(sum(numbers[key] for numbers in counts.values())) for key in keys]
-        print_table(str(result.folder), (title, *keys), [*rows, ("total", *sums)])
+        common.print_table(str(result.folder), (title, *keys), [*rows, ("total", *sums)])
     shards = table["shards"]
     typer.echo(
         f"{shards['made']} shards made, {shards['resumed']} found; {table['trials_made']} trials in "
@@ -88,9 +75,7 @@ _DEFAULT = data.DatasetConfig()
 
 def dataset(
     out: Annotated[Path, typer.Option("--out", help="Folder of the data set; what it holds already is resumed.")],
-    objects: Annotated[
-        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
-    ] = None,
+    objects: common.Objects = None,
     poses: Annotated[int, typer.Option("--poses", min=1, help="Trials per scene.")] = _DEFAULT.poses,
     rests: Rests = _DEFAULT.rests,
     views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = _DEFAULT.views,
@@ -101,21 +86,21 @@ def dataset(
         int, typer.Option("--image-size", min=1, help="Rows and columns of stored images.")
     ] = _DEFAULT.image_size[0],
     shard_trials: ShardTrials = _DEFAULT.shard_trials,
-    hand: HandName = "reflex",
-    split: Split = None,
-    scale: Scale = 1.0,
-    mass: Mass = None,
-    seed: Seed = 0,
+    hand: common.HandName = "reflex",
+    split: common.Split = None,
+    scale: common.Scale = 1.0,
+    mass: common.Mass = None,
+    seed: common.Seed = 0,
     workers: Workers = None,
     ray: Ray = False,
     resume: Annotated[bool, typer.Option(help="Continue the data set in the folder.")] = True,
-    as_json: Json = False,
+    as_json: common.Json = False,
 ) -> None:
     """Try candidate poses on every object of a set and store each trial as a row of Parquet files.
 
     The exit status is 1 if some objects cannot be used.
     """
-    found, loaded = find(objects, split, scale, mass), find_hand(hand)
+    found, loaded = common.find(objects, split, scale, mass), common.find_hand(hand)
     config = data.DatasetConfig(
         poses=poses,
         rests=rests,
@@ -133,7 +118,7 @@ def dataset(
     with reporter.bar:
         result = data.generate(found, out, hand=loaded, config=config, resume=resume, runner=runner, progress=report)
     if as_json:
-        print_json(result.table())
+        common.print_json(result.table())
     else:
         _print(result)
-    end_with(result.manifest["refused"])
+    common.end_with(result.manifest["refused"])

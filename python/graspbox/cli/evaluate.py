@@ -6,20 +6,7 @@ from typing import Annotated
 import typer
 
 from graspbox._common.files import check_output, dumps, write_text
-from graspbox.cli.common import (
-    Json,
-    Mass,
-    PolicyName,
-    Scale,
-    Seed,
-    Split,
-    Threads,
-    end_with,
-    find,
-    print_json,
-    print_table,
-    progress,
-)
+from graspbox.cli import common
 from graspbox.envs import IDS
 from graspbox.envs.remote_config import RemoteConfig, client_token
 from graspbox.errors import ConfigError
@@ -72,7 +59,7 @@ def _print(result: Evaluation) -> None:
     rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
     sums = ("total", str(len(result.trials)), str(result.succeeded), str(result.secure))
     where = result.env_id if result.condition == "nominal" else f"{result.env_id}, {result.condition}"
-    print_table(f"{result.policy} in {where}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
+    common.print_table(f"{result.policy} in {where}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
     secure, (low, high) = result.secure / len(result.trials), result.secure_ci95
     typer.echo(
         f"success {result.rate:.1%} (95 % interval {result.ci95[0]:.1%} to {result.ci95[1]:.1%}); "
@@ -127,25 +114,23 @@ def _servers(
 
 
 def evaluate(
-    policy: PolicyName,
+    policy: common.PolicyName,
     env: Annotated[
         str | None,
         typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
     ] = None,
-    objects: Annotated[
-        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
-    ] = None,
+    objects: common.Objects = None,
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
-    split: Split = None,
-    scale: Scale = 1.0,
-    mass: Mass = None,
+    split: common.Split = None,
+    scale: common.Scale = 1.0,
+    mass: common.Mass = None,
     include_learned: Annotated[
         bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
     ] = False,
     condition: Condition = "nominal",
-    seed: Seed = 0,
+    seed: common.Seed = 0,
     num_envs: NumEnvs = 16,
-    threads: Threads = None,
+    threads: common.Threads = None,
     remote: Remote = None,
     obs: Obs = None,
     keys: Keys = None,
@@ -153,7 +138,7 @@ def evaluate(
     token_file: ServerToken = None,
     ca_file: CaFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
-    as_json: Json = False,
+    as_json: common.Json = False,
 ) -> None:
     """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson).
 
@@ -168,13 +153,13 @@ def evaluate(
         _policy(policy, obs, keys, chunk, token_file, ca_file),
         _servers(remote, mass, token_file, ca_file),
     )
-    with progress() as bar:
+    with common.progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
             chosen,
             env,
             # A server has names of its own for what it offers.
-            (objects or ["procedural"]) if remote else find(objects, split, scale, mass),
+            (objects or ["procedural"]) if remote else common.find(objects, split, scale, mass),
             trials,
             seed,
             scale=scale if remote else 1.0,
@@ -187,13 +172,13 @@ def evaluate(
             progress=lambda done: bar.update(task, completed=done),
         )
     _report(result, out, as_json)
-    end_with(result.refused)
+    common.end_with(result.refused)
 
 
 def _report(result: Evaluation, out: Path | None, as_json: bool) -> None:
     """Print a result, and write it with every trial."""
     if as_json:
-        print_json(result.to_json())
+        common.print_json(result.to_json())
     else:
         _print(result)
     if out is not None:

@@ -6,22 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from graspbox._common.files import check_output, dumps, write_text
-from graspbox.cli.common import (
-    HandName,
-    Json,
-    Mass,
-    Scale,
-    Seed,
-    Split,
-    Threads,
-    console,
-    end_with,
-    find,
-    find_hand,
-    print_json,
-    print_table,
-    progress,
-)
+from graspbox.cli import common
 from graspbox.configs import ShakeConfig, TrialConfig
 from graspbox.evaluation.planner_trials import ObjectResult, SetResult, try_set
 from graspbox.object_sets import ObjectSet
@@ -29,7 +14,7 @@ from graspbox.object_sets import ObjectSet
 
 def run(objects: ObjectSet, **settings: Any) -> SetResult:
     """Evaluate a set with a progress bar."""
-    with progress() as bar:
+    with common.progress() as bar:
         task = bar.add_task("grasping", total=len(objects))
 
         def done(_: ObjectResult) -> None:
@@ -75,9 +60,7 @@ def summary(table: dict[str, Any]) -> str:
 
 
 def grasp(
-    objects: Annotated[
-        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
-    ] = None,
+    objects: common.Objects = None,
     poses: Annotated[int, typer.Option("--poses", min=1, help="Poses to try for each object, best first.")] = 20,
     legacy: Annotated[
         bool, typer.Option(help="Also take the reference study's measures (failed grasps then run for 2.5 s).")
@@ -86,19 +69,19 @@ def grasp(
         bool,
         typer.Option("--shake", help="Shake every success on six axes with 2 g; the table counts what is still held."),
     ] = False,
-    hand: HandName = "reflex",
-    split: Split = None,
-    scale: Scale = 1.0,
-    mass: Mass = None,
-    seed: Seed = 0,
-    threads: Threads = None,
+    hand: common.HandName = "reflex",
+    split: common.Split = None,
+    scale: common.Scale = 1.0,
+    mass: common.Mass = None,
+    seed: common.Seed = 0,
+    threads: common.Threads = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Write the JSON, with every grasp and its outcome, into this file.")
     ] = None,
     details: Annotated[
         bool, typer.Option("--details", help="Print every grasp and its outcome too, with --json.")
     ] = False,
-    as_json: Json = False,
+    as_json: common.Json = False,
 ) -> None:
     """Plan grasps for every object of a set and try the best ones in simulation.
 
@@ -108,17 +91,17 @@ def grasp(
         raise typer.BadParameter("it needs --json; --out always writes the details", param_hint="--details")
     if out is not None:
         check_output(out)
-    found, loaded = find(objects, split, scale, mass), find_hand(hand)
+    found, loaded = common.find(objects, split, scale, mass), common.find_hand(hand)
     trial = TrialConfig(legacy=legacy, shake=ShakeConfig() if shake else None)
     result = run(found, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
     table = result.table()
     if as_json:
-        print_json(result.table(details=True) if details else table)
+        common.print_json(result.table(details=True) if details else table)
     else:
         head, *rows = table_rows(table)
-        print_table(f"{found.name}: {poses} poses each, seed {seed}", head, rows)
+        common.print_table(f"{found.name}: {poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
     if out is not None:
         write_text(out, dumps(result.table(details=True)) + "\n")
-        console.print(f"wrote {out}")
-    end_with(table["refused"])
+        common.console.print(f"wrote {out}")
+    common.end_with(table["refused"])

@@ -8,18 +8,7 @@ import typer
 
 import graspbox
 from graspbox._common.files import check_output
-from graspbox.cli.common import (
-    HandName,
-    Json,
-    Scale,
-    Seed,
-    Threads,
-    console,
-    find_hand,
-    find_one,
-    print_json,
-    print_table,
-)
+from graspbox.cli import common
 from graspbox.planning import Box, Plan
 from graspbox.planning.plan_files import grasp_rows
 
@@ -56,7 +45,7 @@ def print_plan(table: dict[str, Any]) -> None:
     ]
     boxes = "1 box" if len(rows) == 1 else f"{len(rows)} boxes"
     columns = ("box", "long / mm", "middle / mm", "short / mm", "volume / cm3")
-    print_table(f"{table['name']}: {boxes}", columns, rows)
+    common.print_table(f"{table['name']}: {boxes}", columns, rows)
     typer.echo(f"{table['poses']} poses, {table['feasible']} feasible, {table['seconds']:.2f} s")
 
 
@@ -73,11 +62,11 @@ def plan(
         Path | None, typer.Option(help="Write a picture of boxes and best poses into this file.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Save the plan here, for graspbox.Plan.load.")] = None,
-    hand: HandName = "reflex",
-    seed: Seed = 0,
-    scale: Scale = 1.0,
-    threads: Threads = None,
-    as_json: Json = False,
+    hand: common.HandName = "reflex",
+    seed: common.Seed = 0,
+    scale: common.Scale = 1.0,
+    threads: common.Threads = None,
+    as_json: common.Json = False,
 ) -> None:
     """Cut an object into boxes, propose hand poses, and drop those that collide."""
     if out is not None:
@@ -88,9 +77,9 @@ def plan(
         if not picture.is_dir():
             check_output(picture)
         picture = pictures.check_path(picture)
-    spec, with_hand = find_one(mesh, scale), find_hand(hand)
+    spec, with_hand = common.find_one(mesh, scale), common.find_hand(hand)
     decompose = graspbox.DecomposeConfig(fit=fit, max_boxes=max_boxes)  # type: ignore[arg-type]
-    with console.status("planning"):
+    with common.console.status("planning"):
         loaded = spec.load()
         rest = graspbox.Scene(loaded, hand=with_hand).world_from_object if settle else None
         started = time.perf_counter()
@@ -99,12 +88,12 @@ def plan(
         )
         table = plan_table(planned, time.perf_counter() - started)
     if as_json:
-        print_json(table)
+        common.print_json(table)
     else:
         print_plan(table)
     if out is not None:
         planned.save(out)
-        console.print(f"wrote {out}")
+        common.console.print(f"wrote {out}")
     if picture is not None:
         pictures.save_plan(picture, loaded, planned, hand=with_hand)
-        console.print(f"wrote {picture}")
+        common.console.print(f"wrote {picture}")

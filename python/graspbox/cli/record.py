@@ -7,19 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from graspbox import demonstrations
-from graspbox.cli.common import (
-    Json,
-    Mass,
-    PolicyName,
-    Scale,
-    Seed,
-    Split,
-    Threads,
-    end_with,
-    find,
-    print_json,
-    progress,
-)
+from graspbox.cli import common
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS
@@ -66,12 +54,10 @@ def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
 
 
 def record(
-    policy: PolicyName,
+    policy: common.PolicyName,
     out: Annotated[Path, typer.Option("--out", help="Folder; what it holds already is continued.")],
     env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = "graspbox/Grasp-v0",
-    objects: Annotated[
-        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
-    ] = None,
+    objects: common.Objects = None,
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Episodes to keep.")] = 500,
     obs: Annotated[
         list[str] | None, typer.Option("--obs", help="Observation to record, 'state' by default; may be repeated.")
@@ -84,23 +70,23 @@ def record(
         list[str] | None,
         typer.Option("--set", help="Other keyword of the environment, such as frame_skip=4; may be repeated."),
     ] = None,
-    split: Split = None,
-    scale: Scale = 1.0,
-    mass: Mass = None,
-    seed: Seed = 0,
+    split: common.Split = None,
+    scale: common.Scale = 1.0,
+    mass: common.Mass = None,
+    seed: common.Seed = 0,
     num_envs: Environments = 32,
-    threads: Threads = None,
-    as_json: Json = False,
+    threads: common.Threads = None,
+    as_json: common.Json = False,
 ) -> None:
     """Record episodes of a policy as Parquet files, to learn from them.
 
     The exit status is 1 if some objects cannot be used.
     """
-    find(objects, split, scale, mass)
+    common.find(objects, split, scale, mass)
     # What is not given is no setting of the environment.
     given: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
     given |= {"mass": mass} if mass is not None else {}
-    with progress() as bar:
+    with common.progress() as bar:
         task = bar.add_task(policy, total=episodes)
         made = demonstrations.record(
             policy,
@@ -119,13 +105,13 @@ def record(
         )
     found = _counts(made)
     if as_json:
-        print_json(found)
+        common.print_json(found)
     else:
         typer.echo(
             f"{out}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
             f"{found['success']} successes, {found['secure']} secure"
         )
-    end_with(made.refused)
+    common.end_with(made.refused)
 
 
 def export(
