@@ -1,12 +1,12 @@
 """JSON documents from outside, validated field by field before use (pydantic, from the extra ``data``)."""
 
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from graspbox._common.extras import imported
 from graspbox._common.files import read_bounded
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.errors import ConfigError
 
 __all__ = ["parse", "read"]
 
@@ -46,9 +46,4 @@ def _adapter(kind: Any) -> Any:
 
 
 def _pydantic() -> Any:
-    try:
-        return import_module("pydantic")
-    except ModuleNotFoundError as error:
-        if error.name != "pydantic":
-            raise
-        raise MissingExtraError("data sets need the package pydantic: pip install 'graspbox[data]'") from None
+    return imported("pydantic", "data sets need the package pydantic", "data")

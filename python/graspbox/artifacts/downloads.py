@@ -9,9 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from graspbox._common.extras import imported
 from graspbox._common.files import read_bounded
 from graspbox.artifacts.schema import parse
-from graspbox.errors import ConfigError, ConnectionLostError, MissingExtraError
+from graspbox.errors import ConfigError, ConnectionLostError
 
 __all__ = [
     "CARD",
@@ -68,14 +69,7 @@ def hub() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    try:
-        found = import_module("huggingface_hub")
-    except ModuleNotFoundError as error:
-        if error.name != "huggingface_hub":
-            raise
-        raise MissingExtraError(
-            "policies on the hub need the package huggingface_hub: pip install 'graspbox[hub]'"
-        ) from None
+    found = imported("huggingface_hub", "policies on the hub need the package huggingface_hub", "hub")
     import_module("huggingface_hub.errors")
     return found
 

@@ -8,8 +8,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.extras import imported
 from graspbox.artifacts.configs import DepthPolicyConfig
-from graspbox.errors import ConfigError, FileError, MissingExtraError
+from graspbox.errors import ConfigError, FileError
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs
 from graspbox.perception.anchors import RESIDUALS, Anchors, Candidates
 from graspbox.perception.hand_grids import HandGrid
@@ -59,14 +60,7 @@ def onnx_network(path: Path, num_threads: int | None = None) -> Network:
     ConfigError
         If onnxruntime cannot read it. The network raises it too, for invalid inputs and outputs that are not finite.
     """
-    try:
-        runtime = import_module("onnxruntime")
-    except ModuleNotFoundError as error:
-        if error.name != "onnxruntime":
-            raise
-        raise MissingExtraError(
-            "policies with networks need the package onnxruntime: pip install 'graspbox[onnx]'"
-        ) from None
+    runtime = imported("onnxruntime", "policies with networks need the package onnxruntime", "onnx")
     if not Path(path).is_file():
         raise FileError(2, "there is no such network; export the policy again", str(path))
     options = runtime.SessionOptions()

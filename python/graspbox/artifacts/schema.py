@@ -12,9 +12,10 @@ from importlib import import_module
 from typing import Any, Literal, TypeVar, cast, get_type_hints
 
 from graspbox._common.arguments import plain, shown
+from graspbox._common.extras import imported
 from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.registry import kind_of
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.errors import ConfigError
 
 __all__ = ["FORMAT", "content_of", "parse"]
 
@@ -74,12 +75,7 @@ def parse(text: bytes, name: str) -> PolicyConfig:
 
 
 def _pydantic() -> Any:
-    try:
-        return import_module("pydantic")
-    except ModuleNotFoundError as error:
-        if error.name != "pydantic":
-            raise
-        raise MissingExtraError("folders of policies need the package pydantic: pip install 'graspbox[onnx]'") from None
+    return imported("pydantic", "folders of policies need the package pydantic", "onnx")
 
 
 @cache

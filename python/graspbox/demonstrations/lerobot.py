@@ -29,9 +29,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.extras import imported
 from graspbox.dataset.extras import parquet, pyarrow
 from graspbox.demonstrations.store import Demonstrations, EpisodeSteps
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.errors import ConfigError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -237,17 +238,12 @@ class _Writer:
 
 def _image_file(image: NDArray[Any]) -> bytes:
     """Encode colours as PNG, depth as TIFF, which supports float32."""
-    try:
-        from PIL import Image
-    except ModuleNotFoundError as error:
-        if error.name != "PIL":
-            raise
-        raise MissingExtraError("images need pillow: pip install 'graspbox[lerobot]'") from None
+    images = imported("PIL.Image", "images need pillow", "lerobot")
     raw = io.BytesIO()
     if image.shape[2] == 1:
-        Image.fromarray(np.ascontiguousarray(image[..., 0])).save(raw, format="TIFF", compression="raw")
+        images.fromarray(np.ascontiguousarray(image[..., 0])).save(raw, format="TIFF", compression="raw")
     else:
-        Image.fromarray(image).save(raw, format="PNG")
+        images.fromarray(image).save(raw, format="PNG")
     return raw.getvalue()
 
 

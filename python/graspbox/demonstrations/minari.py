@@ -4,14 +4,14 @@ import json
 import shutil
 import warnings
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
 
+from graspbox._common.extras import imported
 from graspbox.demonstrations.store import Demonstrations
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.errors import ConfigError
 from graspbox.policies.goals import GOAL_NAME
 
 __all__ = ["to_minari"]
@@ -98,11 +98,6 @@ def _buffers(demonstrations: Demonstrations, kind: Any) -> Iterator[Any]:
 
 
 def _minari() -> tuple[Any, Any, Any]:
-    try:
-        parts = "minari", "minari.data_collector.episode_buffer", "minari.storage.datasets_root_dir"
-        first, second, third = (import_module(part) for part in parts)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "minari":
-            raise
-        raise MissingExtraError("the format of Minari needs minari: pip install 'graspbox[minari]'") from None
+    parts = "minari", "minari.data_collector.episode_buffer", "minari.storage.datasets_root_dir"
+    first, second, third = (imported(part, "the format of Minari needs minari", "minari") for part in parts)
     return first, second, third

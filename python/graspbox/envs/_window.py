@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.errors import MissingExtraError
+from graspbox._common.extras import imported
 
 __all__ = ["Window"]
 
@@ -28,7 +28,7 @@ class Window:
     """
 
     def __init__(self, title: str) -> None:
-        self._pygame = _pygame()
+        self._pygame = imported("pygame", "render_mode='human' shows frames with pygame-ce", "human")
         self._title = title
         self._clock: Any = None
 
@@ -55,14 +55,3 @@ class Window:
         if self._clock is not None:
             self._clock = None
             self._pygame.display.quit()
-
-
-def _pygame() -> Any:
-    try:
-        import pygame
-    except ModuleNotFoundError as error:
-        if error.name != "pygame":
-            raise
-        message = "render_mode='human' shows frames with pygame-ce: pip install 'graspbox[human]'"
-        raise MissingExtraError(message) from None
-    return pygame

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
+from graspbox._common.extras import imported
 from graspbox._common.files import read_bounded
-from graspbox.errors import ConfigError, FileError, MissingExtraError
+from graspbox.errors import ConfigError, FileError
 
 __all__ = [
     "MAX_COORDINATE",
@@ -120,17 +121,14 @@ def _read_npy(path: Path) -> NDArray[np.generic]:
 
 
 def _read_png(path: Path) -> NDArray[np.generic]:
-    try:
-        from PIL import Image
-    except ModuleNotFoundError:
-        raise MissingExtraError("PNG files need Pillow, from the extra 'cli': pip install 'graspbox[cli]'") from None
+    pillow = imported("PIL.Image", "PNG files need Pillow, from the extra 'cli'", "cli")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
+            warnings.simplefilter("error", pillow.DecompressionBombWarning)
+            with pillow.open(path) as image:
                 _check_size(image.width * image.height, str(path))
                 mode, values = image.mode, np.asarray(image)
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+    except (pillow.DecompressionBombError, pillow.DecompressionBombWarning):
         _check_size(_MOST_PIXELS + 1, str(path))
     except (OSError, SyntaxError) as error:
         raise ConfigError(f"{path} is no PNG: {error}") from None

@@ -22,11 +22,10 @@ hidden parts), then one per picture.
 """
 
 import contextlib
-import importlib
 import os
 import sys
 
-from graspbox.errors import MissingExtraError
+from graspbox._common.extras import imported
 
 
 def _import_matplotlib() -> None:
@@ -35,13 +34,7 @@ def _import_matplotlib() -> None:
         return
     chosen = os.environ.pop("MPLBACKEND", None)
     try:
-        matplotlib = importlib.import_module("matplotlib")
-    except ModuleNotFoundError as error:
-        if error.name != "matplotlib":
-            raise
-        raise MissingExtraError(
-            "graspbox.pictures needs matplotlib, from the extra 'cli': pip install 'graspbox[cli]'"
-        ) from None
+        matplotlib = imported("matplotlib", "graspbox.pictures needs matplotlib, from the extra 'cli'", "cli")
     finally:
         if chosen is not None:
             os.environ["MPLBACKEND"] = chosen

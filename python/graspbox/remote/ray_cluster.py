@@ -9,15 +9,15 @@ import socket
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
-from importlib import import_module
 from typing import Any
 
 import gymnasium
 from gymnasium.vector import VectorWrapper
 
 from graspbox._common.arguments import natural, shown
+from graspbox._common.extras import imported
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.errors import ConfigError
 from graspbox.remote.serving import EnvironmentServer, available
 from graspbox.remote.settings import ServerSettings
 
@@ -37,12 +37,7 @@ def _ray() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    try:
-        return import_module("ray")
-    except ModuleNotFoundError as error:
-        if error.name != "ray":
-            raise
-        raise MissingExtraError("servers on Ray need the package ray: pip install 'graspbox[ray]'") from None
+    return imported("ray", "servers on Ray need the package ray", "ray")
 
 
 class _Server:
