@@ -72,14 +72,8 @@ class Expert(ScriptedGrasp):
         First observation ``state`` of the episode.
     object_from_hand : (4, 4) array_like
         Grasp pose.
-    preshape : float
-        See `graspbox.Hand.preshape_limits`.
-    control : {"twist", "delta_pose", "target_pose"}
-        The control mode of the environment.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    frame_skip : int
-        Control periods per step, as in the environment.
+    preshape, control, hand, frame_skip
+        As for `graspbox.envs.scripted.ScriptedMotion`.
     trial : TrialConfig
         Standoff, lift height, and the times to close, lift and hold; without a shake, which no action can command.
 

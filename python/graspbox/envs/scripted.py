@@ -11,6 +11,7 @@ Every motion is a minimum-jerk curve within the hand's limits.
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,14 @@ Pose = NDArray[np.float64]
 _SPEED_SHARE = 0.9
 #: Clearance between the hand and the object's highest point, metres: longer than the fingers of any hand here.
 _CLEARANCE = 0.20
+
+
+class MotionOptions(TypedDict, total=False):
+    """Keywords of `ScriptedMotion`, which its subclasses take too."""
+
+    control: str
+    hand: str | Hand | tuple[str, str]
+    frame_skip: int
 
 
 class ScriptedMotion:
@@ -146,13 +155,11 @@ class ScriptedGrasp(ScriptedMotion):
         preshape: float,
         top: float,
         *,
-        control: str = "twist",
-        hand: str | Hand | tuple[str, str] = "reflex",
-        frame_skip: int = 1,
         trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
+        **options: Unpack[MotionOptions],
     ) -> None:
         start = np.asarray(world_from_hand, dtype=np.float64)
-        super().__init__([start], preshape, control=control, hand=hand, frame_skip=frame_skip)
+        super().__init__([start], preshape, **options)
         #: Grasp pose, ``world_from_hand`` (4, 4).
         self.goal = np.asarray(goal, dtype=np.float64)
         self._motions = self._path(start, self.goal, top, trial)
@@ -204,13 +211,11 @@ class ScriptedRelease(ScriptedMotion):
         preshape: float,
         then: Sequence[ArrayLike] = (),
         *,
-        control: str = "twist",
-        hand: str | Hand | tuple[str, str] = "reflex",
-        frame_skip: int = 1,
         trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
+        **options: Unpack[MotionOptions],
     ) -> None:
         start, low = (np.asarray(pose, dtype=np.float64) for pose in (world_from_hand, goal))
-        super().__init__([start], preshape, control=control, hand=hand, frame_skip=frame_skip)
+        super().__init__([start], preshape, **options)
         behind = low.copy()
         behind[:3, 3] -= trial.standoff * low[:3, 2]
         lowering = self._between([start, low])

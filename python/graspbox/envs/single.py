@@ -100,12 +100,9 @@ class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
         return self._core.pool.get_state(0)
 
     def set_state(self, state: bytes) -> tuple[Any, dict[str, Any]]:
-        """Restore a state returned by `get_state`: from there the same actions give the same bits.
+        """Restore a state returned by `get_state`; returns its observation and info.
 
-        Returns
-        -------
-        observation, info
-            Those of the environment at that time.
+        From there the same actions give the same bits.
 
         Raises
         ------

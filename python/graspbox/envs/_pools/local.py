@@ -18,6 +18,10 @@ from graspbox.object_sets import ObjectSet
 
 __all__ = ["LocalPool", "LocalSource", "Pool", "Source"]
 
+Seeds = Sequence[int | None] | None
+Mask = NDArray[np.bool_] | None
+#: Arrays to write observations into, by name.
+Buffers = dict[str, Any] | None
 Stepped = tuple["_core.EnvArrays", "_core.EnvArrays | None"]
 Cameras = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
@@ -27,14 +31,8 @@ class Pool(Protocol):
 
     @property
     def num_envs(self) -> int: ...
-    def reset(
-        self,
-        seeds: Sequence[int | None] | None,
-        mask: NDArray[np.bool_] | None,
-        options: Sequence[str],
-        out: dict[str, Any] | None,
-    ) -> "_core.EnvArrays": ...
-    def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped: ...
+    def reset(self, seeds: Seeds, mask: Mask, options: Sequence[str], out: Buffers) -> "_core.EnvArrays": ...
+    def step(self, actions: NDArray[np.float32], out: Buffers) -> Stepped: ...
     def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None: ...
     def recv(self, count: int) -> Stepped: ...
     def get_state(self, env: int) -> bytes: ...

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core, errors
 from graspbox._common.arguments import shown
+from graspbox.envs._pools.local import Buffers, Cameras, Mask, Seeds, Stepped
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError, InternalError
 
@@ -26,9 +27,6 @@ _ROWS = ("reset", "step", "observe", "set_state")
 _DESCRIBED = ("autoreset", "has_files", "images", "objects", "tables")
 #: Seconds for which a cancelled call may still bring its answer.
 _GRACE = 0.5
-
-Stepped = tuple["_core.EnvArrays", "_core.EnvArrays | None"]
-Cameras = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 class RemotePool:
@@ -138,17 +136,11 @@ class RemotePool:
         for late in numbers:
             self._client.forget(late)
 
-    def reset(
-        self,
-        seeds: Sequence[int | None] | None,
-        mask: NDArray[np.bool_] | None,
-        options: Sequence[str],
-        out: dict[str, Any] | None,
-    ) -> "_core.EnvArrays":
+    def reset(self, seeds: Seeds, mask: Mask, options: Sequence[str], out: Buffers) -> "_core.EnvArrays":
         """Begin episodes, as `graspbox._core.EnvPool.reset`; options are JSON."""
         return now_of(self.call("reset", reset_fields(seeds, mask, options)), out)
 
-    def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped:
+    def step(self, actions: NDArray[np.float32], out: Buffers) -> Stepped:
         """Step all environments, as `graspbox._core.EnvPool.step`."""
         return stepped_of(self.call("step", {"actions": actions}), out)
 
@@ -200,9 +192,7 @@ class RemotePool:
             return
 
 
-def reset_fields(
-    seeds: Sequence[int | None] | None, mask: NDArray[np.bool_] | None, options: Sequence[str]
-) -> dict[str, Any]:
+def reset_fields(seeds: Seeds, mask: Mask, options: Sequence[str]) -> dict[str, Any]:
     """Fields of the command ``reset``."""
     return {"seed": None if seeds is None else list(seeds), "mask": mask, "options": list(options)}
 
@@ -230,18 +220,18 @@ def checked(answer: dict[str, Any]) -> dict[str, Any]:
     raise raised
 
 
-def now_of(answer: dict[str, Any], out: dict[str, Any] | None) -> "_core.EnvArrays":
+def now_of(answer: dict[str, Any], out: Buffers) -> "_core.EnvArrays":
     """Arrays of the rows of an answer, as the core returns them."""
     return _arrays(answer["now"], out)
 
 
-def stepped_of(answer: dict[str, Any], out: dict[str, Any] | None) -> Stepped:
+def stepped_of(answer: dict[str, Any], out: Buffers) -> Stepped:
     """Arrays of a step, and of the episodes that ended in it."""
     last = answer.get("last")
     return _arrays(answer["now"], out), None if last is None else _arrays(last, None)
 
 
-def _arrays(rows: dict[str, Any], out: dict[str, Any] | None) -> "_core.EnvArrays":
+def _arrays(rows: dict[str, Any], out: Buffers) -> "_core.EnvArrays":
     found = rows.pop("observations")
     for name, values in found.items():
         if values.dtype == np.uint16:  # depth in millimetres

@@ -7,7 +7,8 @@ the commands since then. On another server it restores the states and repeats th
 from dataclasses import dataclass, field
 from typing import Any
 
-from graspbox.envs._pools.remote import RemotePool, Stepped, checked, stepped_of
+from graspbox.envs._pools.local import Stepped
+from graspbox.envs._pools.remote import RemotePool, checked, stepped_of
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError
 

@@ -62,12 +62,8 @@ class RemoteSource:
     ----------
     remote : RemoteConfig
         The servers.
-    kind : type
-        One of the classes of `graspbox.envs.settings`.
-    num_envs : int
-        Number of environments.
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to sample from.
+    kind, num_envs, objects
+        As for `graspbox.envs.core.GraspCore`.
     settings : Mapping
         All keywords.
     """

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.envs._pools.remote import Cameras, RemotePool, Stepped, now_of, reset_fields, stepped_of
+from graspbox.envs._pools.local import Buffers, Cameras, Mask, Seeds, Stepped
+from graspbox.envs._pools.remote import RemotePool, now_of, reset_fields, stepped_of
 from graspbox.envs._pools.shard import CHANGES, Shard
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
@@ -91,13 +92,7 @@ class SpreadPool:
                 self._away -= set(shard.envs)
                 self._arrived = [(where, stepped) for where, stepped in self._arrived if where is not shard]
 
-    def reset(
-        self,
-        seeds: Sequence[int | None] | None,
-        mask: NDArray[np.bool_] | None,
-        options: Sequence[str],
-        out: dict[str, Any] | None,
-    ) -> "_core.EnvArrays":
+    def reset(self, seeds: Seeds, mask: Mask, options: Sequence[str], out: Buffers) -> "_core.EnvArrays":
         """Begin episodes, as `graspbox._core.EnvPool.reset`; options are JSON."""
         self._settle()
         self._check_here(range(self.num_envs))
@@ -116,7 +111,7 @@ class SpreadPool:
         self._begun |= chosen
         return self._joined([now_of(answer, None) for answer in answers], self._shards, out)
 
-    def step(self, actions: NDArray[np.float32], out: dict[str, Any] | None) -> Stepped:
+    def step(self, actions: NDArray[np.float32], out: Buffers) -> Stepped:
         """Step all environments, as `graspbox._core.EnvPool.step`."""
         self._settle()
         self._check_actions(range(self.num_envs), actions)
@@ -237,7 +232,7 @@ class SpreadPool:
                 value = str(action[bad[0]]).replace("nan", "NaN")
                 raise ConfigError(f"the action of environment {env} holds {value} at index {bad[0]}; nothing was moved")
 
-    def _stepped(self, found: Sequence[Stepped], shards: Sequence[Shard], out: dict[str, Any] | None) -> Stepped:
+    def _stepped(self, found: Sequence[Stepped], shards: Sequence[Shard], out: Buffers) -> Stepped:
         """Put together the steps of several shards."""
         now = self._joined([one for one, _ in found], shards, out)
         ended = [(last, shard) for (_, last), shard in zip(found, shards, strict=True) if last is not None]
@@ -248,9 +243,7 @@ class SpreadPool:
             return now, None
         return now, self._joined([last for last, _ in ended], [shard for _, shard in ended], None)
 
-    def _joined(
-        self, found: Sequence["_core.EnvArrays"], shards: Sequence[Shard], out: dict[str, Any] | None
-    ) -> "_core.EnvArrays":
+    def _joined(self, found: Sequence["_core.EnvArrays"], shards: Sequence[Shard], out: Buffers) -> "_core.EnvArrays":
         """Put rows of several shards together; their environments get their numbers here."""
         for arrays, shard in zip(found, shards, strict=True):
             arrays["env"] = arrays["env"] + shard.first
