@@ -100,18 +100,6 @@ class OutcomeArrays(TypedDict):
     failure: list[str]
 
 @type_check_only
-class SampleArrays(TypedDict):
-    time: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    hand_force: NDArray[np.float64]
-    world_from_hand: NDArray[np.float64]
-    world_from_object: NDArray[np.float64]
-    joints: NDArray[np.float64]
-    actuators: NDArray[np.float64]
-    loads: NDArray[np.float64]
-    tensions: NDArray[np.float64]
-
-@type_check_only
 class EnvArrays(TypedDict):
     """One row per environment. Observations are float32 (rows, size), if the config names them.
 
@@ -306,7 +294,10 @@ class Scene:
         num_threads: int | None,
     ) -> OutcomeArrays:
         """Try every pose, with the object's friction and mass multiplied by `factors` (n, 2)."""
-    def trace(self, pose: NDArray[np.float64], preshape: float, config: str) -> tuple[OutcomeArrays, SampleArrays]: ...
+    def trace(
+        self, pose: NDArray[np.float64], preshape: float, config: str
+    ) -> tuple[OutcomeArrays, dict[str, NDArray[np.float64]]]:
+        """Run a trial; its samples are the fields of `graspbox.Trace` by name."""
 
 @final
 class Objects:

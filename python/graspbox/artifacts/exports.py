@@ -255,10 +255,8 @@ def export_feel_policy(
 
     Parameters
     ----------
-    nets : sequence of StabilityNet
-        At least one.
-    calibration : pair of float
-        Slope and offset of the logit.
+    nets, calibration
+        As for `StabilityGraph`.
     depth : Path
         Folder of the published policy that chooses its grasps; it must not be moved.
     times, threshold

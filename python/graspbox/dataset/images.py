@@ -1,7 +1,6 @@
 """Images and voxels of the rows of a data set, rendered on demand, on all threads."""
 
 import json
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.tables import column, lists, matrices
 from graspbox.errors import ConfigError
 from graspbox.planning.plan_files import mesh_hash
-from graspbox.views import depth_millimetres
+from graspbox.views import Views, depth_millimetres
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,30 +27,11 @@ _KEPT = 512
 _NEAR, _FAR = 0.02, 5.0
 
 
-@dataclass(frozen=True, eq=False)
-class Rendered:
+class Rendered(Views):
     """Images of n rows, each from v cameras.
 
-    Attributes
-    ----------
-    depth : (n, v, H, W) float32
-        Metres along the optical axis; 0 where no surface is visible.
-    rgb : (n, v, H, W, 3) uint8 or None
-        Red, green, blue.
-    segmentation : (n, v, H, W) uint8 or None
-        0 background, 1 table and ground, 2 object.
-    intrinsics : (3, 3) float64
-        Maps a point in the camera frame to homogeneous image coordinates, pixels.
-    world_from_camera, camera_from_object : (n, v, 4, 4) float64
-        Homogeneous transforms, metres.
+    As `graspbox.Views`, but the arrays have the shapes (n, v, ...); `intrinsics` (3, 3) holds for all cameras.
     """
-
-    depth: NDArray[np.float32]
-    rgb: NDArray[np.uint8] | None
-    segmentation: NDArray[np.uint8] | None
-    intrinsics: NDArray[np.float64]
-    world_from_camera: NDArray[np.float64]
-    camera_from_object: NDArray[np.float64]
 
 
 @lru_cache(maxsize=_KEPT)

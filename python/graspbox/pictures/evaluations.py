@@ -76,10 +76,8 @@ def save_reliability(
 
     Parameters
     ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
-    title : str
-        Title of the figure.
+    path, title
+        As for `save_rates`.
     rows : mapping of str to two sequences
         Predicted probabilities, and whether the trials succeeded, by name.
     bins : int
@@ -88,7 +86,7 @@ def save_reliability(
     Raises
     ------
     ConfigError, FileError
-        If there are no rows, or `path` cannot be written.
+        As `save_rates`.
     """
     target = check_path(path)
     if not rows:

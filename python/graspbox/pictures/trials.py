@@ -193,10 +193,8 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
 
     Raises
     ------
-    ConfigError
-        If the path is not that of a picture, or a trial has no samples.
-    FileError
-        If the file cannot be written.
+    ConfigError, FileError
+        As `save_kindness`, and for another number of trials.
     """
     target = check_path(path)
     if not 1 <= len(trials) <= _MOST_ROWS:

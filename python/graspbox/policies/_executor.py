@@ -64,10 +64,8 @@ class GraspExecutor:
 
     Parameters
     ----------
-    task : Task
-        The environments.
-    hand : Hand
-        Their hand.
+    task, hand : Task and Hand
+        The environments and their hand.
     view : HandView
         The hand in the camera's image.
     """

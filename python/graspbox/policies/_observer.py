@@ -22,10 +22,8 @@ class Observer:
 
     Parameters
     ----------
-    task : Task
-        The environments.
-    hand : Hand
-        Their hand.
+    task, hand : Task and Hand
+        The environments and their hand.
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
 

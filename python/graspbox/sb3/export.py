@@ -81,10 +81,8 @@ def export_policy(
 
     Parameters
     ----------
-    folder : Path
-        The folder, which is created.
-    name : str
-        Name of the policy in results.
+    folder, name, learned_from, licence
+        As for `graspbox.artifacts.exports.export_depth_policy`.
     policy : ModelPolicy
         The policy to export, on the CPU.
     algorithm : str
@@ -93,10 +91,6 @@ def export_policy(
         Id and keywords of the run's environments, objects included.
     policy_kwargs : mapping
         The parameters of the policy, in the format of ``graspbox/sb3/parameters.yaml``.
-    learned_from : iterable of str
-        Object sets that it was trained on.
-    licence : Path, optional
-        A file to copy as ``LICENSE``.
 
     Raises
     ------

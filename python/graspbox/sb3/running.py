@@ -152,7 +152,7 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> ModelPolicy:
     Raises
     ------
     ConfigError
-        If there is no checkpoint.
+        As `load`.
     """
     found = _checkpoint(folder)
     statistics = found / "normalize.pkl"

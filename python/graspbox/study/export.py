@@ -75,20 +75,12 @@ def export_pose_model(
 
     Parameters
     ----------
-    folder : Path
-        The folder, which is created.
-    name : str
-        Name of the policy in results.
+    folder, name, learned_from, hand, licence
+        As for `graspbox.artifacts.exports.export_depth_policy`.
     model : PoseModel
         A trained network; its weights are rounded to half precision.
     examples : (n, ...) uint8
         Typical inputs, two or more, on which the ONNX file must predict the network's poses.
-    learned_from : iterable of str
-        Object sets that it was trained on.
-    hand : str
-        Name of the hand.
-    licence : Path, optional
-        A file to copy as ``LICENSE``.
 
     Raises
     ------

@@ -129,24 +129,18 @@ def train_completion(
     width: int = 16,
     progress: Callable[[TrainProgress], None] = lambda _: None,
 ) -> Trained:
-    """Train a completion in a folder, or resume there; see `graspbox.training.trainer`.
+    """Train a completion, or resume it; `folder`, `config` and `progress` as in `graspbox.training.trainer`.
 
     Parameters
     ----------
-    folder : Path
-        The run's folder.
     objects, validation : ObjectSet
         Training objects, and held-out objects whose mean overlap (IoU) selects the best weights.
-    config : TrainConfig
-        Training hyperparameters.
     scenes : SceneConfig
         How scenes are rendered.
     validation_objects : int
         Number of objects rendered for validation; the same at every validation.
     width : int
         See `CompletionNet`.
-    progress : callable
-        Called after each step.
     """
     torch.manual_seed(config.seed)
     sampler, held_out = SceneSampler(objects, scenes, config.seed), SceneSampler(validation, scenes, config.seed)

@@ -29,17 +29,9 @@ from graspbox.perception.anchors import AnchorConfig, Anchors
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.simulation import Scene
+from graspbox.training.configs import TrainConfig
 from graspbox.training.runs import refuse_changes
-from graspbox.training.trainer import (
-    TrainConfig,
-    Trained,
-    Trainer,
-    TrainProgress,
-    device_of,
-    load_weights,
-    moved,
-    save_atomic,
-)
+from graspbox.training.trainer import Trained, Trainer, TrainProgress, device_of, load_weights, moved, save_atomic
 
 __all__ = [
     "HeadData",
@@ -196,12 +188,10 @@ def train_head(
     config: TrainConfig = TrainConfig(batch_size=16, max_steps=4000, validate_every=250, patience=1000),  # noqa: B008
     progress: Callable[[TrainProgress], None] = lambda _: None,
 ) -> Trained:
-    """Train a head in a folder, or resume there; see `graspbox.training.trainer`.
+    """Train a head, or resume it; `folder` and `progress` as in `graspbox.training.trainer`.
 
     Parameters
     ----------
-    folder : Path
-        The run's folder.
     data : HeadData
         Training data, and the validation that selects the best weights: how many of the head's first choices succeed,
         and are secure, in simulation.
@@ -209,8 +199,6 @@ def train_head(
         The head; its anchors are those of the data.
     config : TrainConfig
         Training hyperparameters; `batch_size` counts scenes.
-    progress : callable
-        Called after each step.
 
     Raises
     ------

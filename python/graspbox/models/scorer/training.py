@@ -16,15 +16,8 @@ from graspbox.models.scorer.inputs import ScorerInputs
 from graspbox.models.scorer.network import TARGETS, ScorerBatch, ScorerNet, scorer_losses
 from graspbox.models.trials import GraspTrials
 from graspbox.perception.perturbations import PoseNoise, perturbed
-from graspbox.training.trainer import (
-    TrainConfig,
-    Trained,
-    Trainer,
-    TrainProgress,
-    device_of,
-    load_weights,
-    moved,
-)
+from graspbox.training.configs import TrainConfig
+from graspbox.training.trainer import Trained, Trainer, TrainProgress, device_of, load_weights, moved
 
 __all__ = ["TrialSampler", "auc", "train_scorer"]
 
@@ -137,12 +130,10 @@ def train_scorer(
     width: int = 48,
     progress: Callable[[TrainProgress], None] = lambda _: None,
 ) -> Trained:
-    """Train one member of a scorer in a folder, or resume there; see `graspbox.training.trainer`.
+    """Train one member of a scorer, or resume it; `folder` and `progress` as in `graspbox.training.trainer`.
 
     Parameters
     ----------
-    folder : Path
-        The member's folder.
     trials, validation : GraspTrials
         Training trials, and validation trials whose separation of successes from failures (AUC) selects the weights.
     inputs : ScorerInputs
@@ -159,8 +150,6 @@ def train_scorer(
         A file of initial weights.
     width : int
         See `ScorerNet`.
-    progress : callable
-        Called after each step.
 
     Raises
     ------

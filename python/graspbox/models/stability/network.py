@@ -100,12 +100,10 @@ def train_stability(
     width: int = 64,
     progress: Callable[[TrainProgress], None] = lambda _: None,
 ) -> tuple[StabilityNet, Trained]:
-    """Train a network in a folder, or resume there; see `graspbox.training.trainer`.
+    """Train a network, or resume it; `folder` and `progress` as in `graspbox.training.trainer`.
 
     Parameters
     ----------
-    folder : Path
-        The folder.
     felt, held : (n, k) float32, (n,) bool
         Input vectors, and whether the grasp held.
     validation : pair of arrays
@@ -114,8 +112,6 @@ def train_stability(
         Training hyperparameters; members of an ensemble differ in its seed.
     width : int
         See `StabilityNet`.
-    progress : callable
-        Called after each step.
 
     Raises
     ------

@@ -181,16 +181,10 @@ def compare_robust(
         Number of grasps, at least one.
     seed : int
         Seed of poses and perturbations.
-    source : str
-        Source of the poses; see `sampling.Source`.
+    source, hand, threads, numerics
+        As for `graspbox.validation.mujoco.compare`.
     how : Perturbation, optional
         Number and size of the perturbations.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    threads : int, optional
-        Number of threads for both engines; by default that of the core.
-    numerics : Numerics, optional
-        MuJoCo's settings.
     resume : Path, optional
         File for results of finished objects; objects that it contains already are skipped.
     progress : callable, optional
