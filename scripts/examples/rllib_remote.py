@@ -16,6 +16,7 @@ import gymnasium
 from gymnasium.vector import VectorEnv
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.tune.registry import register_env
+from rllib_ppo import train
 
 from graspbox.remote import RayServers
 
@@ -26,7 +27,7 @@ def make(settings: dict[str, Any]) -> VectorEnv[Any, Any, Any]:
 
 
 def main(iterations: int = 3, runners: int = 1, cpus_per_server: int = 1) -> None:
-    """Train for a few iterations."""
+    """Train on environments of servers."""
     register_env("grasp", make)
     with RayServers(cpus_per_server=cpus_per_server) as servers:
         print("servers:", *servers.remote.urls)
@@ -37,14 +38,8 @@ def main(iterations: int = 3, runners: int = 1, cpus_per_server: int = 1) -> Non
             .env_runners(
                 num_env_runners=runners, num_envs_per_env_runner=8, gym_env_vectorize_mode="vector_entry_point"
             )
-            .training(train_batch_size_per_learner=2048, minibatch_size=256, lr=3e-4)
-            .debugging(seed=0)
         )
-        algorithm = config.build_algo()
-        for _ in range(iterations):
-            found = algorithm.train()["env_runners"]
-            print("steps", found["num_env_steps_sampled_lifetime"], "return", found.get("episode_return_mean"))
-        algorithm.stop()
+        train(config, iterations)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,15 @@
-"""Ctrl-C at a moment that is known: when the work of another process has begun, on however busy a machine."""
+"""Signals at a moment that is known: when the work of another process has begun, on however busy a machine."""
 
+import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
-__all__ = ["Ended", "interrupted"]
+__all__ = ["Ended", "interrupted", "train_despite_kills"]
 
 #: A shell starts what it puts in the background deaf to Ctrl-C, and Python leaves it so.
 _PRELUDE = """
@@ -49,3 +53,17 @@ def interrupted(code: str) -> Ended:
         finally:
             process.kill()
     return Ended(process.returncode, output, errors)
+
+
+def train_despite_kills(command: Sequence[str], out: Path, signs: Sequence[str]) -> None:
+    """Run a training into `out` on one thread, killed when each file of `signs` appears, and at last to its end."""
+    env = {**os.environ, "OMP_NUM_THREADS": "1"}
+    for sign in signs:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=env)
+        while not (out / sign).exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.kill()
+        process.wait()
+        assert not (out / "evaluate.json").exists()
+    subprocess.run(command, check=True, env=env, stdout=subprocess.DEVNULL)

@@ -35,6 +35,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def folder(made: Path, tmp_path: Path, kind: str) -> Path:
+    """Copy the policy of a kind, for a test to spoil it."""
+    return shutil.copytree(made / kind, tmp_path / "policy")
+
+
 @pytest.fixture(scope="module")
 def tiny(made: Path) -> Path:
     return made / "depth"
@@ -266,17 +272,13 @@ SPOILT: list[tuple[str, Spoil, str]] = [
 
 @pytest.mark.parametrize(("kind", "spoil", "message"), SPOILT, ids=[f"{k}-{m}" for k, _, m in SPOILT])
 def test_a_spoilt_folder_is_refused(
-    made: Path,
-    tmp_path: Path,
-    kind: str,
+    folder: Path,
     spoil: Spoil,
     message: str,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """By the function, and by the command in one sentence with exit status 2."""
-    folder = tmp_path / "policy"
-    shutil.copytree(made / kind, folder)
     spoil(folder)
     with pytest.raises(errors.ConfigError, match=message) as raised:
         policies.load(str(folder))
@@ -340,9 +342,7 @@ NAN = np.full(1, np.nan, dtype=np.float32)
     ],
 )
 def test_a_network_that_does_not_fit_is_refused(
-    made: Path,
-    tmp_path: Path,
-    kind: str,
+    folder: Path,
     name: str,
     inputs: dict[str, Any],
     outputs: dict[str, Any],
@@ -351,8 +351,6 @@ def test_a_network_that_does_not_fit_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Other inputs, outputs, shapes, indices, or numbers that are not finite."""
-    folder = tmp_path / "policy"
-    shutil.copytree(made / kind, folder)
     tiny_policy.constant(folder / name, inputs, outputs)
     tiny_policy.save_again(folder)
     with pytest.raises(errors.ConfigError, match=message):
@@ -364,10 +362,8 @@ def test_a_network_that_does_not_fit_is_refused(
 
 
 @pytest.mark.parametrize(("kind", "name", "output"), [("depth", "scorer", "choice"), ("feel", "feel", "probability")])
-def test_nan_is_not_used_in_silence(kind: str, name: str, output: str, made: Path, tmp_path: Path) -> None:
+def test_nan_is_not_used_in_silence(folder: Path, name: str, output: str) -> None:
     """It would be the best of all scores, and less than no threshold."""
-    folder = tmp_path / "policy"
-    shutil.copytree(made / kind, folder)
     tiny_policy.give_nan(folder, name, output)
     with pytest.raises(errors.ConfigError, match=rf"{name}\.onnx gives '{output}' with numbers that are not finite"):
         evaluation.evaluate(str(folder), objects="procedural:can:0", trials=1)

@@ -1,12 +1,9 @@
 """``graspbox train depth``: all stages, after SIGKILL too; ONNX gives what torch gives."""
 
 import json
-import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +17,7 @@ from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid
 from graspbox.recipes.learned import of_splits
 from graspbox.recipes.settings import QUICK_OBJECTS, Sizes
+from interrupting import train_despite_kills
 
 pytestmark = pytest.mark.train
 ROOT = Path(__file__).parents[2]
@@ -39,16 +37,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for module in ("torch", "tyro", "pyarrow", "onnx", "onnxruntime", "onnxscript", "safetensors"):
         pytest.importorskip(module, reason="the training needs the extras 'data' and 'train'")
     out = tmp_path_factory.mktemp("training") / "run"
-    env = {**os.environ, "OMP_NUM_THREADS": "1"}
-    for sign in ("scorer/checkpoint.pt", "collect-2/train/0000000.npz"):
-        process = subprocess.Popen(command(out), stdout=subprocess.DEVNULL, env=env)
-        while not (out / sign).exists():
-            assert process.poll() is None
-            time.sleep(0.02)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        assert not (out / "evaluate.json").exists()
-    subprocess.run(command(out), check=True, env=env, stdout=subprocess.DEVNULL)
+    train_despite_kills(command(out), out, ("scorer/checkpoint.pt", "collect-2/train/0000000.npz"))
     return out
 
 

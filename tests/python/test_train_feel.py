@@ -1,11 +1,8 @@
 """``graspbox train feel``: all stages, after SIGKILL too; what it exports and learns."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +13,7 @@ from graspbox import errors, evaluation, policies
 from graspbox.artifacts.configs import FeelPolicyConfig
 from graspbox.artifacts.folders import load, used_folder
 from graspbox.policies import FeelThenLift
+from interrupting import train_despite_kills
 
 pytestmark = pytest.mark.train
 STAGES = ["record-train", "record-held-out", "member-0", "member-1", "calibrate", "export", "threshold", "evaluate"]
@@ -34,16 +32,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.mktemp("base") / "policy"
     tiny_policy.make(base)
     out = tmp_path_factory.mktemp("feel") / "run"
-    env = {**os.environ, "OMP_NUM_THREADS": "1"}
-    for sign in ("record-train/0000000.npz", "export.json"):
-        process = subprocess.Popen(command(base, out), stdout=subprocess.DEVNULL, env=env)
-        while not (out / sign).exists():
-            assert process.poll() is None
-            time.sleep(0.02)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        assert not (out / "evaluate.json").exists()
-    subprocess.run(command(base, out), check=True, env=env, stdout=subprocess.DEVNULL)
+    train_despite_kills(command(base, out), out, ("record-train/0000000.npz", "export.json"))
     return out
 
 
