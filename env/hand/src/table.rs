@@ -25,156 +25,137 @@ pub(crate) type Number<T> = Spanned<Quantity<T>>;
 /// Tables by name; the name keeps its position in the file.
 pub(crate) type Named<T> = BTreeMap<Spanned<String>, T>;
 
-/// The whole file.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct HandTable {
-    pub name: Spanned<String>,
-    #[serde(default)]
-    pub pads: Vec<Spanned<String>>,
-    pub friction: FrictionTable,
-    #[serde(default)]
-    pub joints: Named<JointTable>,
-    #[serde(default)]
-    pub tendons: Named<TendonTable>,
-    pub actuators: Vec<ActuatorTable>,
-    pub grasp: GraspTable,
-    #[serde(default)]
-    pub sensors: Vec<SensorTable>,
+/// Declares tables of the file; unknown fields are errors.
+macro_rules! tables {
+    ($($table:item)*) => { $(#[derive(Debug, Clone, Deserialize)] #[serde(deny_unknown_fields)] $table)* };
 }
 
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct FrictionTable {
-    pub pad: Number<f64>,
-    pub bare: Number<f64>,
-}
+tables! {
+    /// The whole file.
+    pub(crate) struct HandTable {
+        pub name: Spanned<String>,
+        #[serde(default)]
+        pub pads: Vec<Spanned<String>>,
+        pub friction: FrictionTable,
+        #[serde(default)]
+        pub joints: Named<JointTable>,
+        #[serde(default)]
+        pub tendons: Named<TendonTable>,
+        pub actuators: Vec<ActuatorTable>,
+        pub grasp: GraspTable,
+        #[serde(default)]
+        pub sensors: Vec<SensorTable>,
+    }
 
-/// Joints with the same numbers; without `names`, the joint of the table's own name.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct JointTable {
-    pub names: Option<Vec<Spanned<String>>>,
-    #[serde(default)]
-    pub encoder: bool,
-    pub stiffness: Option<Number<f64>>,
-    pub spring_reference: Option<Number<f64>>,
-    pub damping: Number<f64>,
-    pub armature: Number<f64>,
-    pub stop_stiffness: Number<f64>,
-}
+    pub(crate) struct FrictionTable {
+        pub pad: Number<f64>,
+        pub bare: Number<f64>,
+    }
 
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct TendonTable {
-    /// Moment arms, by the name of the joint.
-    pub arms: Named<Number<f64>>,
-    pub stiffness: Number<f64>,
-    pub damping: Number<f64>,
-    pub max_tension: Number<f64>,
-}
+    /// Joints with the same numbers; without `names`, the joint of the table's own name.
+    pub(crate) struct JointTable {
+        pub names: Option<Vec<Spanned<String>>>,
+        #[serde(default)]
+        pub encoder: bool,
+        pub stiffness: Option<Number<f64>>,
+        pub spring_reference: Option<Number<f64>>,
+        pub damping: Number<f64>,
+        pub armature: Number<f64>,
+        pub stop_stiffness: Number<f64>,
+    }
 
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ActuatorTable {
-    pub name: Spanned<String>,
-    pub spool: Option<SpoolTable>,
-    pub rigid: Option<RigidTable>,
-    pub servo: Option<ServoTable>,
-    pub travel: Number<[f64; 2]>,
-    pub default_speed: Number<f64>,
-    pub max_speed: Number<f64>,
-    pub ratio: Number<f64>,
-    pub load_limit: Number<f64>,
-    pub force_gain: Number<f64>,
-}
+    pub(crate) struct TendonTable {
+        /// Moment arms, by the name of the joint.
+        pub arms: Named<Number<f64>>,
+        pub stiffness: Number<f64>,
+        pub damping: Number<f64>,
+        pub max_tension: Number<f64>,
+    }
 
-/// Winds a tendon.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SpoolTable {
-    pub tendon: Spanned<String>,
-    pub radius: Number<f64>,
-}
+    pub(crate) struct ActuatorTable {
+        pub name: Spanned<String>,
+        pub spool: Option<SpoolTable>,
+        pub rigid: Option<RigidTable>,
+        pub servo: Option<ServoTable>,
+        pub travel: Number<[f64; 2]>,
+        pub default_speed: Number<f64>,
+        pub max_speed: Number<f64>,
+        pub ratio: Number<f64>,
+        pub load_limit: Number<f64>,
+        pub force_gain: Number<f64>,
+    }
 
-/// Drives joints by a self-locking gear.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RigidTable {
-    pub joints: Named<DrivenTable>,
-}
+    /// Winds a tendon.
+    pub(crate) struct SpoolTable {
+        pub tendon: Spanned<String>,
+        pub radius: Number<f64>,
+    }
 
-/// Drives joints by a spring and a damper of limited force.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ServoTable {
-    pub joints: Named<DrivenTable>,
-    pub stiffness: Number<f64>,
-    pub damping: Number<f64>,
-}
+    /// Drives joints by a self-locking gear.
+    pub(crate) struct RigidTable {
+        pub joints: Named<DrivenTable>,
+    }
 
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct DrivenTable {
-    pub ratio: Number<f64>,
-    pub offset: Option<Number<f64>>,
-}
+    /// Drives joints by a spring and a damper of limited force.
+    pub(crate) struct ServoTable {
+        pub joints: Named<DrivenTable>,
+        pub stiffness: Number<f64>,
+        pub damping: Number<f64>,
+    }
 
-/// The grasp frame in the base's frame, and how the hand grasps.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct GraspTable {
-    pub xyz: Number<[f64; 3]>,
-    pub rpy: Number<[f64; 3]>,
-    pub center: Number<[f64; 3]>,
-    /// Names of the actuators that close the hand.
-    pub closing: Vec<Spanned<String>>,
-    /// Where an object may lie along hand x, from the centre.
-    pub closing_range: Option<Number<[f64; 2]>>,
-    /// The same along hand y.
-    pub side_range: Option<Number<[f64; 2]>>,
-    /// Greatest turn about hand z that is tried.
-    pub max_roll: Option<Number<f64>>,
-    /// Greatest turn about hand x that is tried.
-    pub max_lean: Option<Number<f64>>,
-    pub coordinate: Option<CoordinateTable>,
-    #[serde(default)]
-    pub preshapes: Vec<PreshapeTable>,
-    /// Weights of the planner's ranking, by the name of the term.
-    #[serde(default)]
-    pub ranking: Named<Number<f64>>,
-}
+    pub(crate) struct DrivenTable {
+        pub ratio: Number<f64>,
+        pub offset: Option<Number<f64>>,
+    }
 
-/// The actuator whose position is the preshape.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct CoordinateTable {
-    pub actuator: Spanned<String>,
-    pub limits: Number<[f64; 2]>,
-}
+    /// The grasp frame in the base's frame, and how the hand grasps.
+    pub(crate) struct GraspTable {
+        pub xyz: Number<[f64; 3]>,
+        pub rpy: Number<[f64; 3]>,
+        pub center: Number<[f64; 3]>,
+        /// Names of the actuators that close the hand.
+        pub closing: Vec<Spanned<String>>,
+        /// Where an object may lie along hand x, from the centre.
+        pub closing_range: Option<Number<[f64; 2]>>,
+        /// The same along hand y.
+        pub side_range: Option<Number<[f64; 2]>>,
+        /// Greatest turn about hand z that is tried.
+        pub max_roll: Option<Number<f64>>,
+        /// Greatest turn about hand x that is tried.
+        pub max_lean: Option<Number<f64>>,
+        pub coordinate: Option<CoordinateTable>,
+        #[serde(default)]
+        pub preshapes: Vec<PreshapeTable>,
+        /// Weights of the planner's ranking, by the name of the term.
+        #[serde(default)]
+        pub ranking: Named<Number<f64>>,
+    }
 
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct PreshapeTable {
-    pub name: Spanned<String>,
-    /// Positions of actuators, by name.
-    #[serde(default)]
-    pub positions: Named<Number<f64>>,
-    pub length: Option<Number<[f64; 2]>>,
-    pub width: Option<Number<[f64; 2]>>,
-    pub max_ratio: Option<Number<f64>>,
-    pub any_ratio_below: Option<Number<f64>>,
-    #[serde(default)]
-    pub quarter: Quarter,
-    pub preference: Option<Number<f64>>,
-}
+    /// The actuator whose position is the preshape.
+    pub(crate) struct CoordinateTable {
+        pub actuator: Spanned<String>,
+        pub limits: Number<[f64; 2]>,
+    }
 
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SensorTable {
-    pub links: Vec<Spanned<String>>,
-    pub position: Number<[f64; 3]>,
-    pub normal: Number<[f64; 3]>,
+    pub(crate) struct PreshapeTable {
+        pub name: Spanned<String>,
+        /// Positions of actuators, by name.
+        #[serde(default)]
+        pub positions: Named<Number<f64>>,
+        pub length: Option<Number<[f64; 2]>>,
+        pub width: Option<Number<[f64; 2]>>,
+        pub max_ratio: Option<Number<f64>>,
+        pub any_ratio_below: Option<Number<f64>>,
+        #[serde(default)]
+        pub quarter: Quarter,
+        pub preference: Option<Number<f64>>,
+    }
+
+    pub(crate) struct SensorTable {
+        pub links: Vec<Spanned<String>>,
+        pub position: Number<[f64; 3]>,
+        pub normal: Number<[f64; 3]>,
+    }
 }
 
 /// What the numbers of a quantity are checked for.
@@ -246,7 +227,7 @@ impl<'a, 'r> Reader<'a, 'r> {
     }
 
     /// The value of a quantity, after a check of its unit, source and size.
-    pub fn value<T: Numbers>(&mut self, quantity: &'static str, number: &Number<T>, unit: &'static str) -> T {
+    pub fn value<T: Numbers>(&mut self, quantity: Literal, number: &Number<T>, unit: Literal) -> T {
         let Quantity { value, unit: found, source } = number.get_ref();
         if found != unit {
             self.add(number, ProblemKind::Unit { quantity, found: found.clone(), expected: unit });
@@ -261,35 +242,23 @@ impl<'a, 'r> Reader<'a, 'r> {
     }
 
     /// A number that must be greater than 0.
-    pub fn positive(
-        &mut self,
-        item: Item<'_>,
-        quantity: &'static str,
-        number: &Number<f64>,
-        unit: &'static str,
-    ) -> f64 {
+    pub fn positive(&mut self, item: Item<'_>, quantity: Literal, number: &Number<f64>, unit: Literal) -> f64 {
         self.at_least(item, quantity, number, unit, f64::MIN_POSITIVE, "greater than 0")
     }
 
     /// A number that must not be negative.
-    pub fn not_negative(
-        &mut self,
-        item: Item<'_>,
-        quantity: &'static str,
-        number: &Number<f64>,
-        unit: &'static str,
-    ) -> f64 {
+    pub fn not_negative(&mut self, item: Item<'_>, quantity: Literal, number: &Number<f64>, unit: Literal) -> f64 {
         self.at_least(item, quantity, number, unit, 0.0, "0 or greater")
     }
 
     fn at_least(
         &mut self,
         item: Item<'_>,
-        quantity: &'static str,
+        quantity: Literal,
         number: &Number<f64>,
-        unit: &'static str,
+        unit: Literal,
         least: f64,
-        must: &'static str,
+        must: Literal,
     ) -> f64 {
         let value = self.value(quantity, number, unit);
         if value < least {
@@ -303,9 +272,9 @@ impl<'a, 'r> Reader<'a, 'r> {
     pub fn interval(
         &mut self,
         item: Item<'_>,
-        quantity: &'static str,
+        quantity: Literal,
         number: &Number<[f64; 2]>,
-        unit: &'static str,
+        unit: Literal,
     ) -> [f64; 2] {
         let [lower, upper] = self.value(quantity, number, unit);
         if lower >= upper {
@@ -318,4 +287,7 @@ impl<'a, 'r> Reader<'a, 'r> {
 }
 
 /// Owner of a number: kind and name.
-pub(crate) type Item<'a> = (&'static str, &'a str);
+pub(crate) type Item<'a> = (Literal, &'a str);
+
+/// A name or a unit that the code, not the file, gives.
+type Literal = &'static str;

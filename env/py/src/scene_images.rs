@@ -4,7 +4,7 @@ use crate::convert::{Array, Floats, array, config, entries, isometries, matrices
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::mesh::Mesh;
-use crate::vision::{lens, still};
+use crate::vision::{image_arrays, lens, still};
 use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Renderer, ViewPlan, occupancy};
 use graspbox_mesh::VoxelFrame;
 use graspbox_vision::VisualModels;
@@ -76,18 +76,7 @@ pub fn render_scenes<'py>(
         let frames: Vec<_> = (0..count).into_par_iter().map_init(|| Renderer::new(Detail::Auto), one).collect();
         frames.into_iter().collect::<Result<Vec<Frame>, CoreError>>()
     })?;
-    let shape = [count, height as usize, width as usize];
-    let dict = PyDict::new(py);
-    let joined = |get: fn(&Frame) -> &[u8]| frames.iter().map(get).collect::<Vec<_>>().concat();
-    let depth = frames.iter().map(|f| f.depth.as_slice()).collect::<Vec<_>>().concat();
-    dict.set_item("depth", array(py, depth, &shape)?)?;
-    if channels.rgb {
-        dict.set_item("rgb", array(py, joined(|f| &f.rgb), &[shape[0], shape[1], shape[2], 3])?)?;
-    }
-    if channels.segmentation {
-        dict.set_item("segmentation", array(py, joined(|f| &f.segmentation), &shape)?)?;
-    }
-    Ok(dict)
+    image_arrays(py, &frames, channels, height, width)
 }
 
 /// Poses of the cameras of a plan (JSON) around `target`: `world_from_camera` (count, 4, 4).

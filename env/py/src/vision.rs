@@ -103,10 +103,10 @@ pub fn views<'py>(
     let target = target.unwrap_or_else(|| nalgebra::center(&bounds.min, &bounds.max));
     let [height, width] = config.image_size;
     let lens = Intrinsics::from_fov(width, height, config.fov).map_err(CoreError::from)?;
-    let (data, count) = (Arc::clone(&mesh.0), config.count);
-    let (rgb, segmentation) = (config.rgb, config.segmentation);
+    let data = Arc::clone(&mesh.0);
+    let channels = Channels { rgb: config.rgb, segmentation: config.segmentation };
     let (cameras, frames) = detached(py, num_threads, move || {
-        let around = graspbox_camera::views(&config.plan, lens, target, count, config.seed)?;
+        let around = graspbox_camera::views(&config.plan, lens, target, config.count, config.seed)?;
         let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
         let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
         // Without levels of detail there is nothing to prepare, and existing ones are not used.
@@ -116,28 +116,37 @@ pub fn views<'py>(
         };
         let scene_pose = still(&data, object, pose, Isometry3::identity(), Vec::new());
         let models = VisualModels::bare(config.table)?;
-        let channels = Channels { rgb, segmentation };
         let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels, detail)?;
         Ok::<_, CoreError>((cameras, frames))
     })?;
-    let (height, width) = (height as usize, width as usize);
-    let shape = [count, height, width];
-    let dict = PyDict::new(py);
-    let joined = |get: fn(&Frame) -> &[u8]| frames.iter().map(get).collect::<Vec<_>>().concat();
-    let depth = frames.iter().map(|f| f.depth.as_slice()).collect::<Vec<_>>().concat();
-    dict.set_item("depth", array(py, depth, &shape)?)?;
-    if rgb {
-        let colors = joined(|f| &f.rgb);
-        dict.set_item("rgb", array(py, colors, &[count, height, width, 3])?)?;
-    }
-    if segmentation {
-        dict.set_item("segmentation", array(py, joined(|f| &f.segmentation), &shape)?)?;
-    }
+    let dict = image_arrays(py, &frames, channels, height, width)?;
     dict.set_item("intrinsics", array(py, lens.matrix().to_vec(), &[3, 3])?)?;
     let world_from_camera = cameras.iter().map(|c| *c.world_from_camera());
     dict.set_item("world_from_camera", matrices(py, world_from_camera)?)?;
     let camera_from_object = cameras.iter().map(|c| c.camera_from_object(&pose));
     dict.set_item("camera_from_object", matrices(py, camera_from_object)?)?;
+    Ok(dict)
+}
+
+/// The arrays of images, by name: `depth`, and `rgb` and `segmentation` if they were requested.
+pub(crate) fn image_arrays<'py>(
+    py: Python<'py>,
+    frames: &[Frame],
+    channels: Channels,
+    height: u32,
+    width: u32,
+) -> PyResult<Bound<'py, PyDict>> {
+    let shape = [frames.len(), height as usize, width as usize];
+    let joined = |get: fn(&Frame) -> &[u8]| frames.iter().map(get).collect::<Vec<_>>().concat();
+    let depth = frames.iter().map(|f| f.depth.as_slice()).collect::<Vec<_>>().concat();
+    let dict = PyDict::new(py);
+    dict.set_item("depth", array(py, depth, &shape)?)?;
+    if channels.rgb {
+        dict.set_item("rgb", array(py, joined(|f| &f.rgb), &[shape[0], shape[1], shape[2], 3])?)?;
+    }
+    if channels.segmentation {
+        dict.set_item("segmentation", array(py, joined(|f| &f.segmentation), &shape)?)?;
+    }
     Ok(dict)
 }
 

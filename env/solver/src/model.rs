@@ -291,3 +291,31 @@ fn levers(tree: &Tree) -> Vec<f64> {
     levers.extend([1.0, 1.0, 1.0, LEVER, LEVER, LEVER]);
     levers
 }
+
+#[cfg(test)]
+impl Model {
+    /// A ball over a table, and a hand of one body without mass or shapes.
+    pub(crate) fn of_ball(mass: f64, inertia: f64) -> Self {
+        use crate::tree::{Body, Primitive};
+        use nalgebra::Matrix3;
+
+        let base = Body {
+            center: Point3::origin(),
+            inertia: Matrix3::zeros(),
+            mass: 0.0,
+            parent: 0,
+            joint: None,
+            shapes: vec![],
+        };
+        let object = Object {
+            parts: vec![ObjectPart::Primitive(Primitive::Sphere { radius: 0.03 })],
+            mass,
+            center: Point3::origin(),
+            inertia: Matrix3::identity() * inertia,
+            friction: 1.0,
+        };
+        let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
+        let tree = Tree { bodies: vec![base], ..Tree::default() };
+        Self::new(tree, object, scenery, NewtonConfig::default()).unwrap()
+    }
+}

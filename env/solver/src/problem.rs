@@ -424,34 +424,12 @@ impl Stiffness {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::NewtonConfig;
-    use crate::object::{Object, ObjectPart};
-    use crate::scenery::Scenery;
-    use crate::tree::{Body, Primitive, Tree};
-    use nalgebra::Point3;
 
     const STICK: f64 = 2e-5;
 
     /// A ball of 0.2 kg over a table that moves, on two points that press.
     fn ball() -> (Model, Problem) {
-        let base = Body {
-            center: Point3::origin(),
-            inertia: Matrix3::zeros(),
-            mass: 0.0,
-            parent: 0,
-            joint: None,
-            shapes: vec![],
-        };
-        let object = Object {
-            parts: vec![ObjectPart::Primitive(Primitive::Sphere { radius: 0.03 })],
-            mass: 0.2,
-            center: Point3::origin(),
-            inertia: Matrix3::identity() * 7e-5,
-            friction: 1.0,
-        };
-        let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
-        let tree = Tree { bodies: vec![base], ..Tree::default() };
-        let model = Model::new(tree, object, scenery, NewtonConfig::default()).unwrap();
+        let model = Model::of_ball(0.2, 7e-5);
         let point = |arm: Vector3<f64>, normal: Vector3<f64>| Point {
             arm,
             normal,

@@ -184,34 +184,14 @@ mod tests {
     use super::*;
     use crate::config::NewtonConfig;
     use crate::model::PairKind;
-    use crate::object::{Object, ObjectPart};
-    use crate::scenery::Scenery;
-    use crate::tree::{Body, Primitive, Tree};
-    use nalgebra::{Isometry3, Point3};
+    use nalgebra::Isometry3;
 
     const DT: f64 = 0.002;
 
     /// A point at signed distance `distance` between the object, or else the hand, and the table.
     fn on_table(with_object: bool, mass: f64, distance: f64) -> Point {
-        let base = Body {
-            center: Point3::origin(),
-            inertia: Matrix3::zeros(),
-            mass: 0.0,
-            parent: 0,
-            joint: None,
-            shapes: vec![],
-        };
-        let object = Object {
-            parts: vec![ObjectPart::Primitive(Primitive::Sphere { radius: 0.03 })],
-            mass,
-            center: Point3::origin(),
-            inertia: Matrix3::identity(),
-            friction: 1.0,
-        };
-        let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
-        let tree = Tree { bodies: vec![base], ..Tree::default() };
-        let model = Model::new(tree, object, scenery, NewtonConfig::default()).unwrap();
-        let planes = scenery.planes(&Isometry3::identity());
+        let model = Model::of_ball(mass, 1.0);
+        let planes = model.scenery.planes(&Isometry3::identity());
         let now = Situation { dt: DT, poses: &[], turns: &[], moving: &[], planes: &planes };
         let scene = Scene { now, center: Vector3::zeros(), scenery: Twist::default(), mass };
         let a = if with_object { OBJECT } else { BASE };
