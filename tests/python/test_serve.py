@@ -222,7 +222,7 @@ def test_a_wrong_scheme_or_path_is_named() -> None:
     with EnvironmentServer(ServerSettings(port=0, objects=("procedural",))) as server:
         with pytest.raises(ConnectionLostError, match="try ws:// instead of wss://"):
             gymnasium.make_vec("graspbox/Grasp-v0", remote=server.url.replace("ws", "wss"), **CAN)
-        with pytest.raises(ConfigError, match="404.*give only ws://HOST:PORT"):
+        with pytest.raises(ConfigError, match=r"404.*give only ws://HOST:PORT"):
             gymnasium.make_vec("graspbox/Grasp-v0", remote=f"{server.url}/moon", **CAN)
 
 
@@ -231,7 +231,7 @@ def test_a_frame_beyond_the_limit_is_refused_and_the_session_goes_on() -> None:
     with EnvironmentServer(ServerSettings(port=0, objects=("procedural",), max_message=1 << 16)) as server:
         env = gymnasium.make_vec("graspbox/Grasp-v0", remote=RemoteConfig((server.url,), grace=2.0), **CAN)
         env.reset(seed=0)
-        with pytest.raises(ConfigError, match="bytes is larger than the 65536 that .* accepts"):
+        with pytest.raises(ConfigError, match=r"bytes is larger than the 65536 that .* accepts"):
             env.unwrapped.set_state(0, b"x" * 100_000)  # type: ignore[attr-defined]
         env.step(env.action_space.sample())
         assert "graspbox_sessions 1" in server.metrics()
