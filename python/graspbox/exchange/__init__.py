@@ -1,0 +1,54 @@
+"""Grasps to take away, in formats of other programs, and to bring back (extra ``exchange``).
+
+>>> import graspbox
+>>> from graspbox import exchange
+>>> mesh = graspbox.object_sets.load("procedural:box:0")[0].load()
+>>> plan = graspbox.plan(mesh, hand="panda_gripper").best(3)
+>>> grasps = exchange.simulated(exchange.from_plan(plan), mesh)
+>>> len(grasps), grasps.closed.shape
+(3, (3,))
+
+``exchange.save(grasps, "box.h5", "acronym")`` writes a file; ``exchange.load("box.h5")`` reads it. On the command line:
+``graspbox export-grasps FILE --to acronym --out box.h5``.
+
+| format | file | poses | outcomes | joints |
+|---|---|---|---|---|
+| ``acronym`` | ``.h5``, ``.json`` | frame ``gripper``, object's frame | yes | no |
+| ``graspgen`` | ``.json`` | frame ``gripper``, object's frame | yes | no |
+| ``isaac`` | ``.yaml`` | base link, object's frame | as confidence | independent ones |
+| ``dexgraspbench`` | ``.npy``, one grasp each | base link, world | no | all, in three stages |
+
+| module | contents |
+|---|---|
+| `grasps` | `ExchangeGrasps`: grasps of one object and hand |
+| `conventions` | frames of hands in other programs; order of joints |
+| `sources` | from plans, tables of ``grasp``, data sets, ``grasp-image`` |
+| `trials` | outcomes and joint positions by simulation |
+| `formats` | the table of formats; `save`, `save_each`, `load` |
+| `acronym`, `isaac`, `dexgraspbench` | writers and readers |
+| `checks` | values of files of unknown origin |
+"""
+
+from graspbox.exchange.conventions import CONVENTIONS, Convention, frame_from_hand
+from graspbox.exchange.formats import FORMATS, Format, load, save, save_each
+from graspbox.exchange.grasps import ExchangeGrasps
+from graspbox.exchange.sources import from_dataset, from_image, from_plan, from_table, read
+from graspbox.exchange.trials import simulated
+
+__all__ = [
+    "CONVENTIONS",
+    "FORMATS",
+    "Convention",
+    "ExchangeGrasps",
+    "Format",
+    "frame_from_hand",
+    "from_dataset",
+    "from_image",
+    "from_plan",
+    "from_table",
+    "load",
+    "read",
+    "save",
+    "save_each",
+    "simulated",
+]

@@ -1,0 +1,193 @@
+"""What other programs call a hand, and the frames in which they place it.
+
+| frame | origin | axes | formats |
+|---|---|---|---|
+| ``hand`` | grasp frame, on the palm | z approach, x along which the fingers close | graspbox |
+| ``base`` | base link of the URDF | those of the base link | Isaac Grasp, DexGraspBench |
+| ``gripper`` | base link of the URDF | those of the base link, unless `CONVENTIONS` says otherwise | ACRONYM, GraspGen |
+
+The grasp frame in the base link is an entry of ``hand.toml``, so a hand of your own needs no row in `CONVENTIONS`.
+
+The order of joints in the arrays of this package is that of `graspbox.Hand.joints` for independent joints. Files that
+hold all joints (DexGraspBench) have them in the order of the hand's URDF: depth first from the base link, children in
+the order of the file, as MuJoCo orders them when it reads this URDF.
+"""
+
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._common.rotations import rotation_from_euler
+from graspbox._core import Hand
+
+__all__ = ["CONVENTIONS", "Convention", "Frame", "Mechanism", "convention_of", "frame_from_hand", "mechanism_of"]
+
+Array = NDArray[np.float64]
+Frame = Literal["base", "gripper"]
+
+
+@dataclass(frozen=True)
+class Convention:
+    """What other programs call a hand.
+
+    Attributes
+    ----------
+    gripper : str
+        Name of the hand in data sets.
+    prefix : str
+        What other programs put before the names of links and joints of graspbox's URDF.
+    axes : {"base", "grasp"}
+        Axes of the frame ``gripper``: those of the base link, or of the grasp frame.
+    """
+
+    gripper: str
+    prefix: str = ""
+    axes: Literal["base", "grasp"] = "base"
+
+
+#: Hands that other programs know by another name or frame, by their name in graspbox. In ACRONYM and GraspGen the
+#: fingers of the Franka Hand close along x, while they move along y of its link ``panda_hand``.
+CONVENTIONS = {"panda_gripper": Convention("panda", prefix="panda_", axes="grasp")}
+
+
+def convention_of(hand: Hand) -> Convention:
+    """Return what other programs call a hand; by default its own name, and its own base link."""
+    return CONVENTIONS.get(hand.name) or Convention(hand.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """Joints and actuators of a hand, as its two files list them.
+
+    Attributes
+    ----------
+    base_link : str
+        Root of the URDF.
+    base_from_hand : (4, 4) float64
+        Grasp frame in the frame of the base link, metres.
+    joints : tuple of str
+        All m joints that move, depth first from the base link.
+    limits : (c, 2) float64
+        Limits of the c independent joints, rad or m.
+    """
+
+    base_link: str
+    base_from_hand: Array
+    joints: tuple[str, ...]
+    limits: Array
+    #: For each joint the column of its independent joint, and its ratio and offset to it.
+    _follows: tuple[tuple[int, float, float], ...]
+    #: Place of each independent joint among all joints.
+    _own: tuple[int, ...]
+    #: Per servo: actuator, independent joint, ratio, offset.
+    _servos: tuple[tuple[int, int, float, float], ...]
+    #: Per spool: actuator, radius (m), and moment arms (c,) of its tendon (m).
+    _spools: tuple[tuple[int, float, Array], ...]
+
+    def all_positions(self, independent: Array) -> Array:
+        """Return the positions (n, m) of all joints from those (n, c) of the independent joints, rad or m."""
+        columns = [ratio * independent[:, column] + offset for column, ratio, offset in self._follows]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(independent), 0))
+
+    def independent_positions(self, positions: Array) -> Array:
+        """Return the positions (n, c) of the independent joints from those (n, m) of all joints, rad or m."""
+        return positions[:, list(self._own)]
+
+    def commanded(self, independent: Array, actuators: Array) -> Array:
+        """Return where the actuators would move the joints if nothing were in the way.
+
+        A joint that a servo drives goes to the servo's command. The joints of a tendon move on, in proportion to its
+        moment arms, until the tendon is as long as its spool has wound. All stay within their limits; other joints stay
+        where they are.
+
+        Parameters
+        ----------
+        independent : (n, c) float64
+            Positions of the independent joints, rad or m.
+        actuators : (n, a) float64
+            Positions of the actuators, rad or m.
+        """
+        found = independent.copy()
+        for actuator, joint, ratio, offset in self._servos:
+            found[:, joint] = ratio * actuators[:, actuator] + offset
+        for actuator, radius, arms in self._spools:
+            excess = np.maximum(radius * actuators[:, actuator] - independent @ arms, 0.0)
+            found += np.outer(excess / float(arms @ arms), arms)
+        return np.clip(found, self.limits[:, 0], self.limits[:, 1])
+
+
+@lru_cache(maxsize=64)
+def mechanism_of(hand: Hand) -> Mechanism:
+    """Read joints and actuators from the files of a hand, which the core has checked."""
+    urdf, toml = hand.files
+    robot, table = ET.fromstring(urdf), tomllib.loads(toml)
+    children = {child.attrib["link"] for child in robot.iterfind("joint/child")}
+    base = next(link.attrib["name"] for link in robot.findall("link") if link.attrib["name"] not in children)
+    column = {name: index for index, name in enumerate(hand.joints)}
+    joints = list(_depth_first(robot, base))
+    follows = []
+    for joint in joints:
+        mimic = joint.find("mimic")
+        name = joint.attrib["name"] if mimic is None else mimic.attrib["joint"]
+        ratio, offset = (1.0, 0.0) if mimic is None else (mimic.get("multiplier", "1"), mimic.get("offset", "0"))
+        follows.append((column[name], float(ratio), float(offset)))
+    names = [joint.attrib["name"] for joint in joints]
+    return Mechanism(
+        base_link=base,
+        base_from_hand=_grasp_frame(table["grasp"]),
+        joints=tuple(names),
+        limits=np.asarray(hand.joint_limits, dtype=np.float64).reshape(-1, 2),
+        _follows=tuple(follows),
+        _own=tuple(names.index(name) for name in hand.joints),
+        _servos=tuple(_servos(table, column)),
+        _spools=tuple(_spools(table, column)),
+    )
+
+
+def _grasp_frame(grasp: dict[str, Any]) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_from_euler(np.array([grasp["rpy"]["value"]], dtype=np.float64))[0]
+    pose[:3, 3] = grasp["xyz"]["value"]
+    return pose
+
+
+def _depth_first(robot: ET.Element, link: str) -> Iterator[ET.Element]:
+    """Yield the joints that move, from a link outwards."""
+    for joint in robot.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None and parent.attrib["link"] == link:
+            if joint.attrib["type"] != "fixed":
+                yield joint
+            yield from _depth_first(robot, child.attrib["link"])
+
+
+def _servos(table: dict[str, Any], column: dict[str, int]) -> Iterator[tuple[int, int, float, float]]:
+    for index, actuator in enumerate(table["actuators"]):
+        for joint, numbers in actuator.get("servo", {}).get("joints", {}).items():
+            offset = numbers.get("offset", {"value": 0.0})["value"]
+            yield index, column[joint], float(numbers["ratio"]["value"]), float(offset)
+
+
+def _spools(table: dict[str, Any], column: dict[str, int]) -> Iterator[tuple[int, float, Array]]:
+    for index, actuator in enumerate(table["actuators"]):
+        if "spool" in actuator:
+            arms = np.zeros(len(column))
+            for joint, arm in table["tendons"][actuator["spool"]["tendon"]]["arms"].items():
+                arms[column[joint]] = float(arm["value"])
+            yield index, float(actuator["spool"]["radius"]["value"]), arms
+
+
+def frame_from_hand(hand: Hand, frame: Frame) -> Array:
+    """Return the pose (4, 4) of the grasp frame in the frame ``base`` or ``gripper`` of a hand, metres."""
+    base_from_hand = mechanism_of(hand).base_from_hand
+    if frame == "base" or convention_of(hand).axes == "base":
+        return base_from_hand.copy()
+    base_from_gripper = np.eye(4)
+    base_from_gripper[:3, :3] = base_from_hand[:3, :3]
+    return np.asarray(np.linalg.inv(base_from_gripper) @ base_from_hand)
