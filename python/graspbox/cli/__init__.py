@@ -14,6 +14,7 @@ from graspbox.cli import (
     dataset,
     demo,
     evaluate,
+    export_grasps,
     grasp,
     grasp_image,
     objects,
@@ -37,6 +38,7 @@ typer_app.command("grasp-image")(grasp_image.grasp_image_command)
 typer_app.command("dataset")(dataset.dataset)
 typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)
+typer_app.command("export-grasps")(export_grasps.export_grasps)
 typer_app.add_typer(train.train_app, name="train")
 typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("serve")(serve.serve)

@@ -24,13 +24,13 @@
 | `conventions` | frames of hands in other programs; order of joints |
 | `sources` | from plans, tables of ``grasp``, data sets, ``grasp-image`` |
 | `trials` | outcomes and joint positions by simulation |
-| `formats` | the table of formats; `save`, `save_each`, `load` |
+| `formats` | the table of formats; `save`, `save_each`, `with_mesh`, `load` |
 | `acronym`, `isaac`, `dexgraspbench` | writers and readers |
 | `checks` | values of files of unknown origin |
 """
 
 from graspbox.exchange.conventions import CONVENTIONS, Convention, frame_from_hand
-from graspbox.exchange.formats import FORMATS, Format, load, save, save_each
+from graspbox.exchange.formats import FORMATS, Format, load, save, save_each, with_mesh
 from graspbox.exchange.grasps import ExchangeGrasps
 from graspbox.exchange.sources import from_dataset, from_image, from_plan, from_table, read
 from graspbox.exchange.trials import simulated
@@ -51,4 +51,5 @@ __all__ = [
     "save",
     "save_each",
     "simulated",
+    "with_mesh",
 ]

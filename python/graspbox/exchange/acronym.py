@@ -105,7 +105,7 @@ def _grasps(
     """Make grasps of the entries of a file, whose numbers `ExchangeGrasps` checks."""
     theirs = convention_of(hand).gripper
     if gripper is not None and gripper not in (theirs, hand.name):
-        raise ConfigError(f"the grasps are of the gripper {gripper!r}, not {theirs!r}; give that hand, or its two files")
+        raise ConfigError(f"the grasps are of the gripper {gripper!r}, not {theirs!r}; give that hand")
     if not np.isin(success, (0.0, 1.0)).all():
         row = int(np.argmin(np.isin(success, (0.0, 1.0))))
         raise ConfigError(f"the outcome of grasp {row} is {success[row]}; it must be 0 or 1")

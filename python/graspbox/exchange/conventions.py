@@ -3,8 +3,8 @@
 | frame | origin | axes | formats |
 |---|---|---|---|
 | ``hand`` | grasp frame, on the palm | z approach, x along which the fingers close | graspbox |
-| ``base`` | base link of the URDF | those of the base link | Isaac Grasp, DexGraspBench |
-| ``gripper`` | base link of the URDF | those of the base link, unless `CONVENTIONS` says otherwise | ACRONYM, GraspGen |
+| ``base`` | base link of the URDF | of the base link | Isaac Grasp, DexGraspBench |
+| ``gripper`` | base link of the URDF | of the base link, or as `CONVENTIONS` says | ACRONYM, GraspGen |
 
 The grasp frame in the base link is an entry of ``hand.toml``, so a hand of your own needs no row in `CONVENTIONS`.
 

@@ -198,7 +198,7 @@ class _Type:
             return content[0]
         if not isinstance(content, bytes | bytearray):
             raise ConfigError(_UNUSUAL)
-        dtype = np.dtype(self.name).newbyteorder(self.order if self.order != "|" else "=")
+        dtype = np.dtype((">" if self.order == ">" else "<") + self.name)
         return np.frombuffer(content, dtype=dtype).reshape(shape, order="F" if order == "F" else "C")
 
 

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from graspbox._common.arguments import floats
 from graspbox._common.files import check_output, write_text
 from graspbox._core import Hand
@@ -12,9 +14,10 @@ from graspbox.errors import ConfigError
 from graspbox.exchange import acronym, dexgraspbench, isaac
 from graspbox.exchange.grasps import ExchangeGrasps
 from graspbox.hands import HandLike, load_hand
+from graspbox.meshes import MeshLike, as_mesh
 from graspbox.object_sets import ObjectSpec
 
-__all__ = ["FORMATS", "Format", "load", "save", "save_each"]
+__all__ = ["FORMATS", "Format", "file_name", "load", "row_of", "rows_named", "save", "save_each", "with_mesh"]
 
 Writer = Callable[[ExchangeGrasps, Path], None]
 Reader = Callable[[Path, Hand, float | None], ExchangeGrasps]
@@ -175,6 +178,24 @@ def file_name(name: str) -> str:
     """Return the name of an object as the name of a file."""
     safe = "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name).strip(". ")
     return safe[:150] or "object"
+
+
+def with_mesh(grasps: ExchangeGrasps, mesh: MeshLike, folder: str | os.PathLike[str]) -> ExchangeGrasps:
+    """Write the mesh of the grasps as ``meshes/NAME.obj`` in a folder, and return grasps that name this file.
+
+    The file has the mesh as graspbox uses it: in metres, in the object's frame. Relative to the folder, its path is
+    the one that the files of the grasps hold.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    loaded, relative = as_mesh(mesh), f"meshes/{file_name(grasps.object_name)}.obj"
+    vertices = ["v {:.9g} {:.9g} {:.9g}".format(*row) for row in loaded.vertices.tolist()]
+    faces = ["f {} {} {}".format(*row) for row in (loaded.faces.astype(np.int64) + 1).tolist()]
+    write_text(check_output(Path(folder) / relative), "\n".join(["# metres", *vertices, *faces]) + "\n")
+    return replace(grasps, mesh_file=relative, scale=1.0)
 
 
 def load(

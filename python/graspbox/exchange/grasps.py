@@ -61,6 +61,8 @@ class ExchangeGrasps(ByValue):
         Metres per unit of the mesh file.
     mass : float
         Mass of the object, kg.
+    mesh_sha256 : str
+        Hash of its mesh (`graspbox.planning.plan_files.mesh_hash`); empty if it is not known.
     """
 
     hand: Hand
@@ -77,12 +79,14 @@ class ExchangeGrasps(ByValue):
     mesh_file: str = ""
     scale: float = 1.0
     mass: float = float("nan")
+    mesh_sha256: str = ""
 
     def __post_init__(self) -> None:
         count, joints = len(self.poses), len(self.hand.joints)
-        shapes = {name: (count,) for name in ("preshape", "success", "confidence", "score")}
-        shapes |= {name: (count, 4, 4) for name in ("poses", "world_from_object")}  # type: ignore[dict-item]
-        shapes |= {name: (count, joints) for name in ("pregrasp", "grasp", "squeeze")}  # type: ignore[dict-item]
+        shapes: dict[str, tuple[int, ...]] = {}
+        shapes |= dict.fromkeys(("preshape", "success", "confidence", "score"), (count,))
+        shapes |= dict.fromkeys(("poses", "world_from_object"), (count, 4, 4))
+        shapes |= dict.fromkeys(("pregrasp", "grasp", "squeeze"), (count, joints))
         for name, shape in shapes.items():
             if (found := getattr(self, name).shape) != shape:
                 raise ConfigError(f"{name} has shape {found}; give {shape}")
@@ -123,6 +127,7 @@ class ExchangeGrasps(ByValue):
         mesh_file: str | os.PathLike[str] = "",
         scale: float = 1.0,
         mass: float | None = None,
+        mesh_sha256: str = "",
     ) -> Self:
         """Make grasps from arrays.
 
@@ -138,7 +143,7 @@ class ExchangeGrasps(ByValue):
             See the attributes; NaN, and by default all, are unknown.
         world_from_object : (4, 4) or (n, 4, 4) array_like, optional
             Resting pose of the object on the table, for all grasps or for each.
-        object_name, mesh_file, scale, mass
+        object_name, mesh_file, scale, mass, mesh_sha256
             The object; see the attributes.
 
         Raises
@@ -151,7 +156,10 @@ class ExchangeGrasps(ByValue):
         if given.ndim != 3:
             raise ConfigError(f"poses has shape {given.shape}; give (n, 4, 4)")
         count = len(given)
-        shapes = np.broadcast_to(default_preshape(found) if preshape is None else floats(preshape, "preshape"), (count,))
+        given_shape = np.asarray(default_preshape(found) if preshape is None else floats(preshape, "preshape"))
+        if given_shape.shape not in {(), (count,)}:
+            raise ConfigError(f"preshape has shape {given_shape.shape}; give one number, or one for each of {count}")
+        shapes = np.broadcast_to(given_shape, (count,))
         nothing = np.full((count, len(found.joints)), np.nan)
         world = np.full((4, 4), np.nan) if world_from_object is None else floats(world_from_object, "world_from_object")
         if world.shape not in {(4, 4), (count, 4, 4)}:
@@ -171,6 +179,7 @@ class ExchangeGrasps(ByValue):
             mesh_file=os.fspath(mesh_file),
             scale=float(scale),
             mass=float("nan") if mass is None else float(mass),
+            mesh_sha256=mesh_sha256,
         )
 
     def __len__(self) -> int:
@@ -218,8 +227,6 @@ class ExchangeGrasps(ByValue):
         return replace(self, success=np.where(unknown, (self.confidence >= threshold).astype(np.float64), self.success))
 
 
-
-
 def default_preshape(hand: Hand) -> float:
     """Return the only preshape of a hand.
 
@@ -261,7 +268,7 @@ def _check_poses(poses: Array, name: str) -> None:
     if not rigid.all():
         row = int(np.argmin(rigid))
         raise ConfigError(
-            f"{name} of grasp {row} is not a rigid motion; give a rotation matrix, a translation and the last row 0 0 0 1"
+            f"{name} of grasp {row} is not a rigid motion; give a rotation matrix, a translation and a last row 0 0 0 1"
         )
     far = np.linalg.norm(poses[:, :3, 3], axis=1)
     if far.max() > _FARTHEST:
@@ -270,5 +277,3 @@ def _check_poses(poses: Array, name: str) -> None:
             f"{name} of grasp {row} is {far[row]:.4g} m from the origin, and at most {_FARTHEST:g} m make sense; give "
             "metres"
         )
-
-

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.arguments import shown
 from graspbox._common.files import read_bounded, write_text
 from graspbox._common.rotations import poses_from, quaternion_from_rotation, rotation_from_quaternion
 from graspbox._core import Hand
@@ -76,7 +77,8 @@ def read(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
     document = _document(path)
     if document.get("format") != _FORMAT or document.get("format_version") not in (_VERSION, "1.0"):
         raise ConfigError(
-            f"its format is {document.get('format')!r} {document.get('format_version')!r}; {_FORMAT!r} {_VERSION} is read"
+            f"it is of the format {shown(document.get('format'))}, version {shown(document.get('format_version'))}; give "
+            f"a file of {_FORMAT!r} {_VERSION}"
         )
     entries = document.get("grasps")
     if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):

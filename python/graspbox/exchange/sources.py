@@ -3,9 +3,9 @@
 | source | function | objects |
 |---|---|---|
 | `graspbox.Plan` | `from_plan` | one |
-| `graspbox.evaluation.planner_trials.SetResult.table`, and the file of ``graspbox grasp --out`` | `from_table` | those of the set |
+| the table of ``graspbox grasp --out`` (`SetResult.table`, with details) | `from_table` | those of the set |
 | a folder of ``graspbox dataset`` | `from_dataset` | those of the data set |
-| `graspbox.policies.grasp_image.ImageGrasps.to_json`, and the file of ``graspbox grasp-image --out`` | `from_image` | one |
+| the result of ``graspbox grasp-image --out`` (`ImageGrasps.to_json`) | `from_image` | one |
 | any of these as a file or folder | `read` | |
 """
 
@@ -33,10 +33,10 @@ __all__ = ["ImageFrame", "from_dataset", "from_image", "from_plan", "from_table"
 ImageFrame = Literal["table", "camera"]
 #: Largest JSON file, bytes.
 MAX_JSON = 256 << 20
+#: Columns of a data set that are read.
 _TRIALS = (
     "object",
-    "source",
-    "scale",
+    "sha256",
     "world_from_object",
     "hand",
     "executed_object_from_hand",
@@ -88,6 +88,7 @@ def from_plan(plan: Plan, outcomes: Outcomes | None = None, *, hand: HandLike | 
         score=plan.score[kept],
         world_from_object=plan.world_from_object,
         object_name=plan.name,
+        mesh_sha256=plan.mesh_sha256,
     )
 
 
@@ -106,7 +107,7 @@ def from_table(table: Mapping[str, Any], *, hand: HandLike | None = None) -> lis
         name = row.get("name")
         if "grasps" not in row or not isinstance(name, str):
             raise ConfigError(
-                "the table has no grasps of its objects; write it with `graspbox grasp --out`, or SetResult.table(details=True)"
+                "the table has no grasps of its objects; write it with `graspbox grasp --out`, whose files have details"
             )
         grasps = rows_of(row, "grasps", f"grasps of {name!r}")
         if grasps:
@@ -193,7 +194,7 @@ def from_dataset(
     from graspbox.dataset import tables
 
     table = tables.load(folder, split, list(_TRIALS))
-    values = {name: tables.column(table, name) for name in ("object", "scale", "preshape", "score", "mass")}
+    values = {name: tables.column(table, name) for name in ("object", "sha256", "preshape", "score", "mass")}
     poses = tables.matrices(table, "executed_object_from_hand")
     worlds = tables.matrices(table, "world_from_object")
     success = tables.column(table, "success").astype(np.float64)
@@ -214,6 +215,7 @@ def from_dataset(
                 world_from_object=worlds[rows],
                 object_name=str(names[index]),
                 mass=float(mass[rows[0]]),
+                mesh_sha256=str(values["sha256"][rows[0]]),
             )
         )
     return found

@@ -11,6 +11,7 @@ from graspbox.errors import ConfigError
 from graspbox.exchange.conventions import mechanism_of
 from graspbox.exchange.grasps import ExchangeGrasps
 from graspbox.meshes import MeshLike, as_mesh
+from graspbox.planning.plan_files import mesh_hash
 from graspbox.simulation import Scene
 
 __all__ = ["simulated"]
@@ -54,7 +55,7 @@ def simulated(
     SimulationError
         If the object cannot be simulated or does not come to rest.
     ConfigError
-        As `graspbox.simulate`.
+        If the grasps are for another mesh; as `graspbox.simulate`.
     """
     found = replace(
         grasps,
@@ -64,6 +65,10 @@ def simulated(
         squeeze=grasps.squeeze.copy(),
     )
     loaded = as_mesh(mesh)
+    if grasps.mesh_sha256 and grasps.mesh_sha256 != mesh_hash(loaded):
+        raise ConfigError(
+            f"the grasps are for another mesh, {grasps.object_name!r}, than {loaded.name!r}; give that one, in its scale"
+        )
     worlds, member = np.unique(grasps.world_from_object.reshape(-1, 16), axis=0, return_inverse=True, equal_nan=True)
     for index, start in enumerate(worlds.reshape(-1, 4, 4)):
         rows = np.flatnonzero(member.reshape(-1) == index)
