@@ -75,8 +75,8 @@ def _prepare(grasps: exchange.ExchangeGrasps, spec: ObjectSpec | None, wishes: _
     """Fill in what the format and the options need and is not known, and select rows."""
     if wishes.row.single and (spec is None or not wishes.joints):
         raise ConfigError(
-            f"{wishes.row.name} stores joint positions, which are simulated; name the object {grasps.object_name!r} with "
-            "--objects, and leave --no-joints out"
+            f"{wishes.row.name} stores joint positions, which are simulated; name the object {grasps.object_name!r} "
+            "with --objects, and leave --no-joints out"
         )
     if not wishes.successful:
         grasps = grasps[: wishes.count]

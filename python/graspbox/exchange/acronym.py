@@ -37,7 +37,8 @@ def _labels(grasps: ExchangeGrasps) -> NDArray[np.bool_]:
     if unknown:
         raise ConfigError(
             f"{unknown} of {len(grasps)} grasps of {grasps.object_name!r} have no outcome, which this format stores; "
-            "simulate them (with objects), or give a threshold of the predicted probability"
+            "simulate them (`graspbox.exchange.simulated`, or --objects on the command line), or give grasps of an "
+            "image a threshold"
         )
     return np.asarray(grasps.success >= 0.5)
 

@@ -56,8 +56,8 @@ def fields_of(grasps: ExchangeGrasps) -> dict[str, Any]:
     """Return the entries of the file of the first of `grasps`."""
     if not grasps.closed[0] or np.isnan(grasps.squeeze[0]).any():
         raise ConfigError(
-            f"the grasp of {grasps.object_name!r} has no joint positions, which this format stores; simulate it (with "
-            "objects), and leave out grasps at which the hand collides"
+            f"the grasp of {grasps.object_name!r} has no joint positions, which this format stores; simulate it "
+            "(`graspbox.exchange.simulated`), and leave out grasps at which the hand collides (`closed`)"
         )
     if np.isnan(grasps.world_from_object[0]).any():
         raise ConfigError(f"the pose of {grasps.object_name!r} in the world is not known; give world_from_object")

@@ -43,7 +43,8 @@ def write(grasps: ExchangeGrasps, path: Path) -> None:
     if np.isnan(confidence).any():
         raise ConfigError(
             f"{int(np.isnan(confidence).sum())} of {len(grasps)} grasps of {grasps.object_name!r} have neither outcome "
-            "nor predicted probability, from which this format's confidence follows; simulate them (with objects)"
+            "nor predicted probability, from which this format's confidence follows; simulate them "
+            "(`graspbox.exchange.simulated`, or --objects on the command line)"
         )
     prefix = convention_of(grasps.hand).prefix
     names = [prefix + name for name in grasps.hand.joints]
@@ -77,8 +78,8 @@ def read(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
     document = _document(path)
     if document.get("format") != _FORMAT or document.get("format_version") not in (_VERSION, "1.0"):
         raise ConfigError(
-            f"it is of the format {shown(document.get('format'))}, version {shown(document.get('format_version'))}; give "
-            f"a file of {_FORMAT!r} {_VERSION}"
+            f"its format is {shown(document.get('format'))}, version {shown(document.get('format_version'))}; files of "
+            f"{_FORMAT!r} {_VERSION} are read"
         )
     entries = document.get("grasps")
     if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):

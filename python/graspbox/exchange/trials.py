@@ -67,7 +67,7 @@ def simulated(
     loaded = as_mesh(mesh)
     if grasps.mesh_sha256 and grasps.mesh_sha256 != mesh_hash(loaded):
         raise ConfigError(
-            f"the grasps are for another mesh, {grasps.object_name!r}, than {loaded.name!r}; give that one, in its scale"
+            f"the grasps are for another mesh, {grasps.object_name!r}, than {loaded.name!r}; give theirs, in its scale"
         )
     worlds, member = np.unique(grasps.world_from_object.reshape(-1, 16), axis=0, return_inverse=True, equal_nan=True)
     for index, start in enumerate(worlds.reshape(-1, 4, 4)):
