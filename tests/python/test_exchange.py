@@ -1,0 +1,489 @@
+"""Grasps in formats of other programs: frames, joints, round trips, foreign readers, sources, the command."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+import datasets_for_tests
+import graspbox
+from graspbox import cli, errors, exchange, object_sets
+from graspbox.evaluation.planner_trials import try_set
+from graspbox.exchange.conventions import convention_of, mechanism_of
+
+h5py = pytest.importorskip("h5py", reason="ACRONYM's files need h5py, from the extra 'exchange'")
+yaml = pytest.importorskip("yaml", reason="Isaac Grasp files need PyYAML, from the extra 'exchange'")
+
+#: A hand of each kind, with an object that it holds.
+CASES = {"panda_gripper": "procedural:box:0", "reflex": "procedural:mug:3", "soft_hand": "procedural:can:3"}
+#: Format and suffix of each row of the table.
+FILES = [(row.name, row.suffix) for row in exchange.FORMATS]
+
+Made = tuple[graspbox.Mesh, exchange.ExchangeGrasps]
+
+
+@pytest.fixture(scope="module", params=CASES)
+def made(request: pytest.FixtureRequest) -> Made:
+    """Plan for an object at rest, and try the best grasps."""
+    mesh = object_sets.load(CASES[request.param])[0].load()
+    rest = graspbox.Scene(mesh, hand=request.param).world_from_object
+    plan = graspbox.plan(mesh, hand=request.param, world_from_object=rest).best(4)
+    return mesh, exchange.simulated(exchange.from_plan(plan), mesh)
+
+
+def test_a_grasp_is_closed_and_squeezed(made: Made) -> None:
+    """Pregrasp is the open hand, grasp where the object stops it, and squeeze goes on in the direction of closing."""
+    _, grasps = made
+    assert grasps.closed.all()
+    assert grasps.success.any()
+    for row in range(len(grasps)):
+        np.testing.assert_array_equal(grasps.pregrasp[row], grasps.hand.open(float(grasps.preshape[row])))
+    limits = grasps.hand.joint_limits
+    assert (grasps.squeeze >= limits[:, 0] - 1e-12).all()
+    assert (grasps.squeeze <= limits[:, 1] + 1e-12).all()
+    moved = np.abs(grasps.grasp - grasps.pregrasp) > 1e-3
+    assert moved.any(axis=1).all()
+    inside = (grasps.grasp > limits[:, 0]) & (grasps.grasp < limits[:, 1])
+    ways = (grasps.squeeze - grasps.grasp) * np.sign(grasps.grasp - grasps.pregrasp)
+    assert (ways[inside & moved] > -2e-2).all()
+    assert (ways.max(axis=1) > 1e-3).all()
+
+
+def test_the_squeeze_of_a_tendon_has_the_length_on_its_spool() -> None:
+    """A free finger whose tendon is wound by 10 mm closes until its joints take up 10 mm."""
+    mechanism = mechanism_of(graspbox.load_hand("reflex"))
+    start, actuators = np.zeros((1, 7)), np.zeros((1, 4))
+    actuators[0, 1] = 0.010 / 0.0125
+    found = mechanism.commanded(start, actuators)[0]
+    names = graspbox.load_hand("reflex").joints
+    moved = {name: value for name, value in zip(names, found, strict=True) if value != 0.0}
+    assert set(moved) == {"proximal_joint_2", "distal_joint_2"}
+    assert 0.010 * moved["proximal_joint_2"] + 0.006 * moved["distal_joint_2"] == pytest.approx(0.010)
+
+
+def test_frames_of_the_franka_hand() -> None:
+    """In ACRONYM's frame the fingers close along x, the pads are 0.1034 m ahead; in panda_hand they close along y."""
+    hand = graspbox.load_hand("panda_gripper")
+    shapes, _, pads, _ = hand.shapes(np.array([0.04]))
+    for frame, axis in (("gripper", 0), ("base", 1)):
+        centers = (exchange.frame_from_hand(hand, frame) @ shapes)[pads][:, :3, 3]  # type: ignore[arg-type]
+        assert sorted(centers[:, axis].round(9)) == [-0.045, 0.045]
+        np.testing.assert_allclose(centers[:, 1 - axis], 0.0, atol=1e-12)
+        np.testing.assert_allclose(centers[:, 2], 0.1033, atol=1e-9)
+    assert convention_of(hand).gripper == "panda"
+
+
+def test_frames_of_other_hands_are_their_base_links() -> None:
+    for name in ("reflex", "soft_hand"):
+        hand = graspbox.load_hand(name)
+        for frame in ("base", "gripper"):
+            found = exchange.frame_from_hand(hand, frame)  # type: ignore[arg-type]
+            np.testing.assert_array_equal(found, mechanism_of(hand).base_from_hand)
+    base_from_hand = exchange.frame_from_hand(graspbox.load_hand("reflex"), "base")
+    np.testing.assert_allclose(base_from_hand[:3, 3], [0.015, 0.0, 0.09])
+    np.testing.assert_allclose(base_from_hand[:3, :3], np.eye(3))
+
+
+@pytest.mark.parametrize(("to", "suffix"), FILES)
+def test_round_trips(made: Made, to: str, suffix: str, tmp_path: Path) -> None:
+    _, grasps = made
+    grasps = grasps[[0]] if to == "dexgraspbench" else grasps
+    # Formats without preshapes hold those of one shape alone.
+    given = None if to in ("acronym", "graspgen") else float(grasps.preshape[0])
+    if given is not None:
+        grasps = grasps[grasps.preshape == given]
+    exchange.save(grasps, tmp_path / f"file{suffix}", to)
+    back = exchange.load(tmp_path / f"file{suffix}", hand=grasps.hand, preshape=given)
+    np.testing.assert_allclose(back.poses, grasps.poses, atol=1e-12)
+    np.testing.assert_array_equal(back.preshape, grasps.preshape)
+    assert back.object_name == grasps.object_name
+    if to in ("acronym", "graspgen"):
+        np.testing.assert_array_equal(back.success, grasps.success)
+    if to == "isaac":
+        np.testing.assert_array_equal(back.confidence, grasps.success)
+        np.testing.assert_allclose(back.grasp, grasps.grasp, atol=1e-12)
+        np.testing.assert_allclose(back.pregrasp, grasps.pregrasp, atol=1e-12)
+    if to == "dexgraspbench":
+        np.testing.assert_allclose(back.world_from_object, grasps.world_from_object, atol=1e-12)
+        for stage in ("pregrasp", "grasp", "squeeze"):
+            np.testing.assert_allclose(getattr(back, stage), getattr(grasps, stage), atol=1e-12)
+
+
+def test_acronym_is_read_by_h5py_and_json(made: Made, tmp_path: Path) -> None:
+    """Entry by entry as ``acronym_tools`` reads them."""
+    _, grasps = made
+    exchange.save(replace(grasps, mesh_file="meshes/it.obj", scale=0.5), tmp_path / "it.h5", "acronym")
+    with h5py.File(tmp_path / "it.h5") as file:
+        transforms, success = (
+            np.array(file["grasps/transforms"]),
+            np.array(file["grasps/qualities/flex/object_in_gripper"]),
+        )
+        assert file["object/file"][()] == b"meshes/it.obj"
+        assert file["object/scale"][()] == 0.5
+        assert file["object/mass"][()] == grasps.mass
+    np.testing.assert_array_equal(transforms, grasps.object_from("gripper"))
+    assert success.dtype.kind == "i"
+    np.testing.assert_array_equal(success, grasps.success)
+    exchange.save(grasps, tmp_path / "it.json", "acronym")
+    document = json.loads((tmp_path / "it.json").read_text())
+    np.testing.assert_array_equal(document["transforms"], transforms)
+    assert document["object_scale"] == 1.0
+    assert len(document["quality_flex_object_in_gripper"]) == len(grasps)
+
+
+def test_graspgen_selects_rows_by_outcome(made: Made, tmp_path: Path) -> None:
+    """As its documentation reads a file: a mask of true and false selects the positive grasps."""
+    _, grasps = made
+    grasps = replace(grasps, success=np.array([1.0, 0.0, 1.0, 1.0]))
+    exchange.save(grasps, tmp_path / "it.json", "graspgen")
+    document = json.loads((tmp_path / "it.json").read_text())
+    poses, mask = np.array(document["grasps"]["transforms"]), np.array(document["grasps"]["object_in_gripper"])
+    np.testing.assert_array_equal(poses[mask], grasps.object_from("gripper")[[0, 2, 3]])
+    np.testing.assert_array_equal(poses[~mask], grasps.object_from("gripper")[[1]])
+    assert document["object"] == {"file": grasps.object_name, "scale": 1.0}
+
+
+def test_isaac_is_read_by_yaml(made: Made, tmp_path: Path) -> None:
+    """As GraspGen and Isaac Sim read a file; the Franka Hand has the names of Isaac Sim's manual."""
+    _, grasps = made
+    exchange.save(grasps, tmp_path / "it.yaml", "isaac")
+    document = yaml.safe_load((tmp_path / "it.yaml").read_text())
+    assert (document["format"], document["format_version"]) == ("isaac_grasp", 1.0)
+    entry = document["grasps"]["grasp_1"]
+    w, (x, y, z) = entry["orientation"]["w"], entry["orientation"]["xyz"]
+    turned = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    base = grasps.object_from("base")[1]
+    np.testing.assert_allclose(turned, base[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(entry["position"], base[:3, 3], atol=1e-9)
+    prefix = "panda_" if grasps.hand.name == "panda_gripper" else ""
+    assert list(entry["cspace_position"]) == [prefix + name for name in grasps.hand.joints]
+    np.testing.assert_allclose(list(entry["cspace_position"].values()), grasps.grasp[1])
+    np.testing.assert_allclose(list(entry["pregrasp_cspace_position"].values()), grasps.pregrasp[1])
+    if prefix:
+        assert document["gripper_frame_link"] == "panda_hand"
+
+
+def _fields(path: Path) -> dict[str, Any]:
+    """Read a file as the benchmark does."""
+    found: dict[str, Any] = np.load(path, allow_pickle=True).item()
+    return found
+
+
+@pytest.mark.parametrize("stage", ["pregrasp", "grasp", "squeeze"])
+def test_dexgraspbench_places_the_hand_in_mujoco(made: Made, stage: str, tmp_path: Path) -> None:
+    """MuJoCo reads the hand's URDF, gets a free base and the file's qpos, and has all joints and shapes in place."""
+    mujoco = pytest.importorskip("mujoco", reason="qpos is checked with mujoco, from the extra 'dev'")
+    _, grasps = made
+    exchange.save(grasps[[0]], tmp_path / "0.npy", "dexgraspbench")
+    qpos = _fields(tmp_path / "0.npy")[f"{stage}_qpos"]
+    spec = mujoco.MjSpec.from_string(grasps.hand.files[0].replace("</robot>", _MUJOCO + "</robot>"))
+    spec.worldbody.first_body().add_freejoint()
+    model = spec.compile()
+    assert model.nq == len(qpos)
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    base = grasps.world_from_object[0] @ grasps.object_from("base")[0]
+    np.testing.assert_allclose(data.xpos[1], base[:3, 3], atol=1e-9)
+    np.testing.assert_allclose(data.xmat[1].reshape(3, 3), base[:3, :3], atol=1e-9)
+    world_from_hand = grasps.world_from_object[0] @ grasps.poses[0]
+    positions = getattr(grasps, stage)[0]
+    joints, _, _ = grasps.hand.joint_frames(positions)
+    ours = world_from_hand @ joints
+    _same_joints(ours[:, :3, 0], ours[:, :3, 3], data.xaxis[1:], data.xanchor[1:])
+    shapes = world_from_hand @ grasps.hand.shapes(positions)[0]
+    np.testing.assert_allclose(_sorted(shapes[:, :3, 3]), _sorted(data.geom_xpos), atol=1e-6)
+
+
+@pytest.mark.parametrize("made", ["panda_gripper", "soft_hand"], indirect=True)
+def test_dexgraspbench_fits_the_model_of_the_validation(made: Made, tmp_path: Path) -> None:
+    """Its joints have the order of the file, and its links stand where graspbox's kinematics has them."""
+    pytest.importorskip("mujoco", reason="qpos is checked with mujoco, from the extra 'dev'")
+    import mujoco
+
+    from graspbox.validation import mujoco as judge
+
+    mesh, grasps = made
+    exchange.save(grasps[[0]], tmp_path / "0.npy", "dexgraspbench")
+    qpos = _fields(tmp_path / "0.npy")["grasp_qpos"]
+    item = judge.object_data(graspbox.Scene(mesh, hand=grasps.hand, world_from_object=grasps.world_from_object[0]))
+    scene = judge.build(judge.read_hand(*grasps.hand.files), item)
+    model, data = scene.model, mujoco.MjData(scene.model)
+    assert tuple(scene.hand.links[link].joint for link in scene.joints) == mechanism_of(grasps.hand).joints
+    model.body_pos[scene.base_body], model.body_quat[scene.base_body] = qpos[:3], qpos[3:7]
+    data.qpos[[address for address, _ in scene.joints.values()]] = qpos[7:]
+    mujoco.mj_forward(model, data)
+    shapes = grasps.world_from_object[0] @ grasps.poses[0] @ grasps.hand.shapes(grasps.grasp[0])[0]
+    np.testing.assert_allclose(_sorted(shapes[:, :3, 3]), _sorted(data.geom_xpos[scene.is_hand]), atol=1e-6)
+
+
+#: Keeps the base link a body, and collision shapes geoms.
+_MUJOCO = '<mujoco><compiler fusestatic="false" discardvisual="false" balanceinertia="true"/></mujoco>'
+
+
+def _sorted(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(points[np.lexsort(points.round(5).T)])
+
+
+def _same_joints(axes: Any, anchors: Any, their_axes: Any, their_anchors: Any) -> None:
+    """Compare joints up to their order, as lines in space: direction and moment."""
+
+    def lines(ways: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.hstack([ways, np.cross(points, ways)])
+
+    np.testing.assert_allclose(_sorted(lines(axes, anchors)), _sorted(lines(their_axes, their_anchors)), atol=1e-6)
+
+
+def test_plans_give_their_feasible_grasps(tmp_path: Path) -> None:
+    mesh = object_sets.load("procedural:box:0")[0].load()
+    plan = graspbox.plan(mesh, hand="panda_gripper")
+    plan.save(tmp_path / "plan.json")
+    (read,) = exchange.read(tmp_path / "plan.json")
+    assert read == exchange.from_plan(plan)
+    np.testing.assert_array_equal(read.poses, plan.poses[plan.feasible])
+    assert np.isnan(read.success).all()
+    assert read.object_name == mesh.name
+    outcomes = graspbox.simulate(mesh, plan, hand="panda_gripper")
+    np.testing.assert_array_equal(exchange.from_plan(plan, outcomes).success, outcomes.success[plan.feasible])
+    with pytest.raises(errors.ConfigError, match="3 outcomes for"):
+        exchange.from_plan(plan, outcomes[:3])
+    with pytest.raises(errors.ConfigError, match="hand 'panda_gripper', not 'reflex'"):
+        exchange.from_plan(plan, hand="reflex")
+
+
+def test_tables_of_grasp_give_their_outcomes(tmp_path: Path) -> None:
+    result = try_set(object_sets.load("procedural:box:0-1"), poses=3, hand="panda_gripper")
+    (tmp_path / "grasps.json").write_text(json.dumps(result.table(details=True)))
+    read = exchange.read(tmp_path / "grasps.json")
+    assert [one.object_name for one in read] == ["box-000000", "box-000001"]
+    for one, row in zip(read, result.objects, strict=True):
+        assert row.plan is not None
+        assert row.outcomes is not None
+        np.testing.assert_array_equal(one.poses, row.plan.poses)
+        np.testing.assert_array_equal(one.success, row.outcomes.success)
+        np.testing.assert_array_equal(one.world_from_object[0], row.plan.world_from_object)
+    (tmp_path / "counts.json").write_text(json.dumps(result.table()))
+    with pytest.raises(errors.ConfigError, match="has no grasps of its objects"):
+        exchange.read(tmp_path / "counts.json")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("pyarrow", reason="data sets need pyarrow, from the extra 'data'")
+    pytest.importorskip("pydantic", reason="data sets need pydantic, from the extra 'data'")
+    from graspbox import dataset
+
+    made = tmp_path_factory.mktemp("data") / "set"
+    config = datasets_for_tests.config(poses=6, views=1)
+    dataset.generate(["procedural:can:0", "procedural:box:1"], made, config=config, runner=dataset.local(1))
+    return made
+
+
+def test_data_sets_give_what_was_tried(folder: Path) -> None:
+    from graspbox import dataset
+
+    table = dataset.load(folder)
+    read = exchange.read(folder)
+    assert sorted(one.object_name for one in read) == ["box-000001", "can-000000"]
+    for one in read:
+        rows = dataset.column(table, "object") == one.object_name
+        np.testing.assert_array_equal(one.poses, dataset.matrices(table, "executed_object_from_hand")[rows])
+        np.testing.assert_array_equal(one.success, dataset.column(table, "success")[rows])
+        source = str(dataset.column(table, "source")[rows][0])
+        assert one.mass == pytest.approx(object_sets.load(source)[0].load().mass)
+
+
+def _image() -> dict[str, Any]:
+    """Give a result in the form of `ImageGrasps.to_json`."""
+    camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    camera[:3, 3] = (0.1, 0.0, 0.6)
+    table = np.diag([1.0, -1.0, -1.0, 1.0])
+    table[:3, 3] = (0.0, 0.02, 0.1)
+    grasp = {"preshape": 0.3, "success": 0.8, "secure": 0.7, "choice": 0.75, "rank": 1}
+    poses = {"table_from_hand": table.tolist(), "camera_from_hand": (np.linalg.inv(camera) @ table).tolist()}
+    weak = {**grasp, **poses, "success": 0.2, "rank": 2}
+    return {
+        "policy": "depth",
+        "hand": "reflex",
+        "table_from_camera": camera.tolist(),
+        "grasps": [{**grasp, **poses}, weak],
+    }
+
+
+def test_grasps_of_an_image_have_a_confidence(tmp_path: Path) -> None:
+    (tmp_path / "image.json").write_text(json.dumps(_image()))
+    (on_table,) = exchange.read(tmp_path / "image.json")
+    (at_camera,) = exchange.read(tmp_path / "image.json", frame="camera")
+    np.testing.assert_array_equal(on_table.confidence, [0.8, 0.2])
+    assert np.isnan(on_table.success).all()
+    world = at_camera.world_from_object @ at_camera.poses
+    np.testing.assert_allclose(world, on_table.world_from_object @ on_table.poses, atol=1e-12)
+    exchange.save(at_camera, tmp_path / "it.yaml", "isaac")
+    document = yaml.safe_load((tmp_path / "it.yaml").read_text())
+    assert document["object_frame_link"] == "camera"
+    assert document["grasps"]["grasp_0"]["confidence"] == 0.8
+    assert "cspace_position" not in document["grasps"]["grasp_0"]
+    with pytest.raises(errors.ConfigError, match="2 of 2 grasps of 'camera' have no outcome"):
+        exchange.save(at_camera, tmp_path / "it.h5", "acronym")
+    np.testing.assert_array_equal(at_camera.labeled(0.5).success, [1.0, 0.0])
+
+
+def test_results_of_grasp_image_are_read(tmp_path: Path) -> None:
+    """`_image` has the keys of the real thing."""
+    pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    import tiny_policy
+    from graspbox.perception import add_depth_noise
+    from graspbox.policies.grasp_image import grasp_image
+    from graspbox.views import ViewPlan, views
+
+    tiny_policy.make(tmp_path / "tiny")
+    mesh = object_sets.load("procedural:mug:3")[0].load()
+    plan = ViewPlan("random", axis=(-1.0, 0.0, 1.2), cap=0.2, distance=(0.6, 0.6))
+    seen = views(mesh, plan=plan, count=1, seed=2, image_size=(120, 160), images="depth", fov=0.5)
+    depth = add_depth_noise(seen.depth, seen.intrinsics, 1)[0] / 1000.0
+    found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tmp_path / "tiny", count=3)
+    result = found.to_json()
+    assert set(result) == set(_image())
+    assert set(result["grasps"][0]) == set(_image()["grasps"][0])
+    grasps = exchange.from_image(result)
+    np.testing.assert_array_equal(grasps.poses, found.table_from_hand)
+    np.testing.assert_array_equal(grasps.confidence, found.success)
+
+
+def test_imported_grasps_are_tried(made: Made, tmp_path: Path) -> None:
+    """A file comes back with the poses that succeeded before, and the mesh that lies beside it."""
+    mesh, grasps = made
+    named = exchange.with_mesh(grasps, mesh, tmp_path)
+    for name, to in (("it.h5", "acronym"), ("it.json", "graspgen")):
+        exchange.save(named, tmp_path / name, to)
+        found = exchange.load(tmp_path / name, hand=grasps.hand)
+        beside = graspbox.load_mesh(tmp_path / found.mesh_file, scale=found.scale, mass=mesh.mass)
+        np.testing.assert_allclose(beside.vertices, mesh.vertices, atol=1e-8)
+        rest = grasps.world_from_object[0]
+        outcomes = graspbox.simulate(beside, found.poses, found.preshape, hand=found.hand, world_from_object=rest)
+        np.testing.assert_array_equal(outcomes.success, grasps.success)
+
+
+def test_preshapes_have_to_be_given_where_a_hand_has_several(made: Made, tmp_path: Path) -> None:
+    _, grasps = made
+    exchange.save(grasps, tmp_path / "it.yaml", "isaac")
+    if grasps.hand.name == "reflex":
+        with pytest.raises(errors.ConfigError, match="preshape is missing, and 'reflex' has several"):
+            exchange.load(tmp_path / "it.yaml", hand="reflex")
+    else:
+        assert (exchange.load(tmp_path / "it.yaml", hand=grasps.hand).preshape == 0).all()
+
+
+def test_another_mesh_is_refused() -> None:
+    mesh, other = (object_sets.load(f"procedural:box:{seed}")[0].load() for seed in (0, 1))
+    grasps = exchange.from_plan(graspbox.plan(mesh, hand="panda_gripper").best(1))
+    with pytest.raises(errors.ConfigError, match="for another mesh, 'box-000000', than 'box-000001'"):
+        exchange.simulated(grasps, other)
+
+
+def test_a_grasp_that_collides_stays_open() -> None:
+    """It has an outcome, a failure, and no positions of the closed hand; DexGraspBench's format refuses it."""
+    mesh = object_sets.load("procedural:box:0")[0].load()
+    inside = np.eye(4)[None]
+    found = exchange.simulated(exchange.ExchangeGrasps.of(inside, hand="panda_gripper"), mesh)
+    assert found.success[0] == 0
+    assert not found.closed[0]
+    with pytest.raises(errors.ConfigError, match="has no joint positions"):
+        exchange.save(found, "it.npy", "dexgraspbench")
+
+
+def _run(*words: str) -> Any:
+    return CliRunner().invoke(cli.typer_app, ["export-grasps", *words])
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> str:
+    result = try_set(object_sets.load("procedural:box:0-1"), poses=3, hand="panda_gripper")
+    (tmp_path / "grasps.json").write_text(json.dumps(result.table(details=True)))
+    return str(tmp_path / "grasps.json")
+
+
+def test_the_command_writes_every_format(table: str, tmp_path: Path) -> None:
+    objects = ["--objects", "procedural:box:0-1"]
+    for to, files in (
+        ("acronym", ["box-000000.h5", "box-000001.h5"]),
+        ("graspgen", ["box-000000.json", "box-000001.json", "train.txt", "valid.txt"]),
+        ("isaac", ["box-000000.yaml", "box-000001.yaml"]),
+        ("dexgraspbench", ["box-000000/0.npy", "box-000000/1.npy", "box-000001/0.npy", "box-000001/1.npy"]),
+    ):
+        out = tmp_path / to
+        result = _run(table, "--to", to, "--out", str(out), *objects, "--count", "2", "--json")
+        assert result.exit_code == 0, result.output
+        report = json.loads(result.stdout)
+        assert report["files"] == [str(out / file) for file in files]
+        assert all((out / file).is_file() for file in files)
+        assert [row["grasps"] for row in report["objects"]] == [2, 2]
+        assert (out / "meshes/box-000000.obj").is_file()
+        assert report["objects"][0]["with_joints"] == (2 if to in ("isaac", "dexgraspbench") else 0)
+    lists = [(tmp_path / "graspgen" / name).read_text().split() for name in ("train.txt", "valid.txt")]
+    assert sorted(lists[0] + lists[1]) == ["meshes/box-000000.obj", "meshes/box-000001.obj"]
+
+
+def test_the_command_selects_and_writes_one_file(table: str, tmp_path: Path) -> None:
+    out = tmp_path / "one.h5"
+    result = _run(table, "--to", "acronym", "--out", str(out), "--only", "box-000000", "--successful")
+    assert result.exit_code == 0, result.output
+    assert exchange.load(out).success.all()
+    assert not (tmp_path / "meshes").exists()
+    data = _run(table, "--to", "dexgraspbench", "--out", str(tmp_path / "0.npy"), "--only", "box-000000")
+    assert isinstance(data.exception, errors.ConfigError)
+    assert "name the object 'box-000000' with --objects" in str(data.exception)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--to", "acronym", "--out", "it.h5"], "has grasps of 2 objects, and 'it.h5' holds one"),
+        (["--to", "acronym", "--out", "it.yaml"], "files of acronym end in .h5 or .json"),
+        (["--to", "grasps", "--out", "it.h5"], "there is no format 'grasps'; choose from acronym, graspgen, isaac"),
+        (["--to", "isaac", "--out", "it", "--only", "mug"], "no grasps of 'mug'; choose from box-000000, box-000001"),
+        (["--to", "isaac", "--out", "it", "--objects", "procedural:mug:0"], "has no object 'box-000000'"),
+        (["--to", "isaac", "--out", "it", "--hand", "a.urdf,b.toml"], "a.urdf"),
+    ],
+)
+def test_the_command_refuses(
+    table: str, words: list[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = _run(table, *words)
+    assert isinstance(result.exception, errors.GraspboxError)
+    assert why in str(result.exception)
+
+
+def test_the_command_reads_data_sets_and_images(folder: Path, tmp_path: Path) -> None:
+    """A data set names its objects, so that nothing else is needed; an image needs a threshold for outcomes."""
+    result = _run(
+        str(folder), "--to", "dexgraspbench", "--out", str(tmp_path / "d"), "--successful", "--count", "1", "--json"
+    )
+    report = json.loads(result.stdout)
+    assert report["objects"], report
+    assert result.exit_code == (1 if report["refused"] else 0)
+    for row in report["objects"]:
+        fields = _fields(tmp_path / "d" / row["name"] / "0.npy")
+        assert fields["obj_path"] == f"meshes/{row['name']}.obj"
+        assert len(fields["grasp_qpos"]) == 7 + 8
+    (tmp_path / "image.json").write_text(json.dumps(_image()))
+    words = [str(tmp_path / "image.json"), "--to", "graspgen", "--out", str(tmp_path / "i.json")]
+    assert "have no outcome" in str(_run(*words).exception)
+    assert _run(*words, "--threshold", "0.5").exit_code == 0
+    np.testing.assert_array_equal(exchange.load(tmp_path / "i.json", hand="reflex").success, [1.0, 0.0])
+    nothing = _run(str(folder), "--to", "acronym", "--out", str(tmp_path / "a"), "--only", "can-000000", "--no-meshes")
+    assert nothing.exit_code == 0
+    assert not (tmp_path / "a" / "meshes").exists()
