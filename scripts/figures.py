@@ -9,6 +9,7 @@
 | sweep   | ``sweep_kettle_FIT.png``: boxes for each pair of the planner's thresholds |
 | trials  | ``kindness.png``, ``stages.png``: a firm and a failed grasp |
 | episode | ``episode.png``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
+| frames  | ``hand_frames.png``: frames of hands in formats of other programs |
 | grasp_image | ``grasp_image.png``: grasps that ``policies/depth`` finds in a noisy depth image of a kettle |
 | study   | ``table_3_1.png``: table 3.1 of the reference study, compared with graspbox |
 
@@ -75,6 +76,11 @@ def write_episode(args: argparse.Namespace) -> None:
     pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
 
 
+def write_frames(args: argparse.Namespace) -> None:
+    """Show the frames in which other programs place hands."""
+    pictures.save_hand_frames(args.out / "hand_frames.png")
+
+
 def write_grasp_image(args: argparse.Namespace) -> None:
     """Show what a policy finds in one depth image."""
     scene = Scene(object_sets.load(SEEN)[0].load())
@@ -99,6 +105,7 @@ PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {
     "sweep": write_sweep,
     "trials": write_trials,
     "episode": write_episode,
+    "frames": write_frames,
     "grasp_image": write_grasp_image,
     "study": write_study,
 }

@@ -1,5 +1,6 @@
 """Grasps in formats of other programs: frames, joints, round trips, foreign readers, sources, the command."""
 
+import doctest
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -78,11 +79,17 @@ def test_frames_of_the_franka_hand() -> None:
     assert convention_of(hand).gripper == "panda"
 
 
+def test_docstring_examples_run() -> None:
+    result = doctest.testmod(exchange)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
 def test_frames_of_other_hands_are_their_base_links() -> None:
     for name in ("reflex", "soft_hand"):
         hand = graspbox.load_hand(name)
         for frame in ("base", "gripper"):
-            found = exchange.frame_from_hand(hand, frame)  # type: ignore[arg-type]
+            found = exchange.frame_from_hand(hand, frame)
             np.testing.assert_array_equal(found, mechanism_of(hand).base_from_hand)
     base_from_hand = exchange.frame_from_hand(graspbox.load_hand("reflex"), "base")
     np.testing.assert_allclose(base_from_hand[:3, 3], [0.015, 0.0, 0.09])
@@ -391,6 +398,32 @@ def test_another_mesh_is_refused() -> None:
     grasps = exchange.from_plan(graspbox.plan(mesh, hand="panda_gripper").best(1))
     with pytest.raises(errors.ConfigError, match="for another mesh, 'box-000000', than 'box-000001'"):
         exchange.simulated(grasps, other)
+
+
+def test_a_hand_of_your_own_needs_no_row(tmp_path: Path) -> None:
+    """Its frames follow from its two files, which have to be given, since files of graspbox hold its name alone."""
+    urdf, toml = graspbox.load_hand("panda_gripper").files
+    (tmp_path / "mine.urdf").write_text(urdf)
+    (tmp_path / "mine.toml").write_text(toml.replace('name = "panda_gripper"', 'name = "mine"'))
+    files = (tmp_path / "mine.urdf", tmp_path / "mine.toml")
+    hand = graspbox.load_hand(files)
+    np.testing.assert_array_equal(exchange.frame_from_hand(hand, "gripper"), exchange.frame_from_hand(hand, "base"))
+    mesh = object_sets.load("procedural:box:0")[0].load()
+    graspbox.plan(mesh, hand=hand).best(2).save(tmp_path / "plan.json")
+    with pytest.raises(errors.ConfigError, match="of the hand 'mine', which is not one of the package"):
+        exchange.read(tmp_path / "plan.json")
+    (read,) = exchange.read(tmp_path / "plan.json", hand=files)
+    tried = exchange.simulated(read, mesh)
+    exchange.save(tried, tmp_path / "it.h5", "acronym")
+    with pytest.raises(errors.ConfigError, match="of the gripper 'mine', not 'panda'"):
+        exchange.load(tmp_path / "it.h5")
+    np.testing.assert_allclose(exchange.load(tmp_path / "it.h5", hand=hand).poses, read.poses, atol=1e-12)
+    words = [str(tmp_path / "plan.json"), "--to", "isaac", "--out", str(tmp_path / "it.yaml")]
+    result = _run(*words, "--objects", "procedural:box:0", "--hand", ",".join(map(str, files)))
+    assert result.exit_code == 0, result.output
+    document = yaml.safe_load((tmp_path / "it.yaml").read_text())
+    assert document["gripper_frame_link"] == "hand"
+    assert list(document["grasps"]["grasp_0"]["cspace_position"]) == ["finger_joint1"]
 
 
 def test_a_grasp_that_collides_stays_open() -> None:

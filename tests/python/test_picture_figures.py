@@ -17,7 +17,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from graspbox import pictures
-from graspbox.pictures import GraspExample, Trial, View, episodes, files, plans, sweeps, trials
+from graspbox.pictures import GraspExample, Trial, View, episodes, files, hand_frames, plans, sweeps, trials
 from graspbox.pictures.solids import FAILURE, NOT_SIMULATED, SUCCESS
 from program_files import imported
 from test_pictures import check_picture
@@ -35,7 +35,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         kept.append(figure)
         write(figure, path, **settings)
 
-    for module in (episodes, plans, sweeps, trials):
+    for module in (episodes, hand_frames, plans, sweeps, trials):
         monkeypatch.setattr(module, "write", kept_and_written)
     return kept
 
@@ -331,3 +331,26 @@ def test_committed_pictures_are_small_and_show_something() -> None:
     assert len(found) >= 8
     for path in found:
         check_picture(path)
+
+
+def test_frames_of_hands_are_drawn_where_they_are(
+    figures: list[Figure], lines: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    """The Franka Hand has a panel per frame; the fingers lie along x of one and y of the other."""
+    pictures.save_hand_frames(tmp_path / "frames.png", ["panda_gripper", "reflex"])
+    check_picture(tmp_path / "frames.png")
+    (figure,) = figures
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles == [
+        "panda_gripper: ACRONYM, GraspGen",
+        "panda_gripper: Isaac Grasp, DexGraspBench",
+        "reflex: all formats",
+    ]
+    drawn = [np.array([line["segments"][0] for line in lines if line["axes"] is axes]) for axes in figure.axes]
+    ways = [segments[:, 1] - segments[:, 0] for segments in drawn]
+    # Three axes of the grasp frame, then three of the other frame.
+    gripper, base, reflex = (way / np.linalg.norm(way, axis=1, keepdims=True) for way in ways)
+    np.testing.assert_allclose(gripper[3:], gripper[:3], atol=1e-9)
+    np.testing.assert_allclose(base[4], base[0], atol=1e-9)
+    np.testing.assert_allclose(reflex[3:], reflex[:3], atol=1e-9)
+    np.testing.assert_allclose(drawn[0][3, 0] - drawn[0][0, 0], [0.0, 0.0, 0.066], atol=1e-9)

@@ -14,7 +14,6 @@ from graspbox.cli import (
     dataset,
     demo,
     evaluate,
-    export_grasps,
     grasp,
     grasp_image,
     objects,
@@ -26,6 +25,7 @@ from graspbox.cli import (
     train,
     voxelize,
 )
+from graspbox.cli.exports.grasps import export_grasps
 from graspbox.programs import run_program
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -38,7 +38,7 @@ typer_app.command("grasp-image")(grasp_image.grasp_image_command)
 typer_app.command("dataset")(dataset.dataset)
 typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)
-typer_app.command("export-grasps")(export_grasps.export_grasps)
+typer_app.command("export-grasps")(export_grasps)
 typer_app.add_typer(train.train_app, name="train")
 typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("serve")(serve.serve)

@@ -57,7 +57,9 @@ def _hand_of(name: object, given: HandLike | None) -> Hand:
         return hand
     if isinstance(name, str) and name in Hand.names():
         return load_hand(name)
-    raise ConfigError(f"the grasps are of the hand {name!r}, which has no such name here; give hand as its two files")
+    raise ConfigError(
+        f"the grasps are of the hand {name!r}, which is not one of the package; give its two files (hand=, or --hand)"
+    )
 
 
 def from_plan(plan: Plan, outcomes: Outcomes | None = None, *, hand: HandLike | None = None) -> ExchangeGrasps:
@@ -200,7 +202,9 @@ def from_dataset(
     success = tables.column(table, "success").astype(np.float64)
     mass = values["mass"] / tables.column(table, "mass_factor")
     hands = set(tables.column(table, "hand").tolist())
-    chosen = _hand_of(hands.pop() if len(hands) == 1 else None, hand)
+    if len(hands) != 1:
+        raise ConfigError(f"the data set has trials of {len(hands)} hands; give one of a single hand")
+    chosen = _hand_of(hands.pop(), hand)
     names, first, member = np.unique(values["object"], return_index=True, return_inverse=True)
     found = []
     for index in np.argsort(first):

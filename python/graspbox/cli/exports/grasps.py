@@ -147,50 +147,59 @@ def _table(
     return {"format": to, "objects": rows, "files": [str(path) for path in files], "refused": refused}
 
 
+Source = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="A plan, the JSON of `grasp` or `grasp-image`, or the folder of a data set."),
+]
+Out = Annotated[
+    Path, typer.Option("--out", help="The file, with the suffix of the format; without one, a folder for all.")
+]
+Objects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--objects",
+        help="Object set with the objects of the grasps; may be repeated. Needed for what is simulated: unknown "
+        "outcomes, and joint positions. A data set names its own.",
+    ),
+]
+Only = Annotated[list[str] | None, typer.Option("--only", help="Only the object of this name; may be repeated.")]
+Successful = Annotated[bool, typer.Option("--successful", help="Only grasps that succeed.")]
+Count = Annotated[int | None, typer.Option("--count", min=1, help="Most grasps per object, best first.")]
+Threshold = Annotated[
+    float | None,
+    typer.Option(
+        "--threshold",
+        min=0.0,
+        max=1.0,
+        help="Count grasps of an image as successes from this predicted probability on, where outcomes are stored.",
+    ),
+]
+Joints = Annotated[
+    bool, typer.Option(help="Simulate joint positions, where the format has them and the object is known.")
+]
+Meshes = Annotated[
+    bool, typer.Option(help="Write the meshes of known objects as .obj into the folder meshes beside the file.")
+]
+Frame = Annotated[str, typer.Option("--frame", help="Frame of the grasps of an image: table or camera.")]
+OtherHand = Annotated[
+    str | None,
+    typer.Option("--hand", help="The hand's two files with a comma between, if it is not one of the package."),
+]
+
+
 def export_grasps(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="A plan, the JSON of `grasp` or `grasp-image`, or the folder of a data set."
-        ),
-    ],
+    source: Source,
     to: Annotated[str, typer.Option("--to", help=f"Format: {_FORMATS}.")],
-    out: Annotated[
-        Path, typer.Option("--out", help="The file, with the suffix of the format; without one, a folder for all.")
-    ],
-    objects: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--objects",
-            help="Object set with the objects of the grasps; may be repeated. Needed for what is simulated: unknown "
-            "outcomes, and joint positions. A data set names its own.",
-        ),
-    ] = None,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", help="Only the object of this name; may be repeated.")
-    ] = None,
-    successful: Annotated[bool, typer.Option("--successful", help="Only grasps that succeed.")] = False,
-    count: Annotated[int | None, typer.Option("--count", min=1, help="Most grasps per object, best first.")] = None,
-    threshold: Annotated[
-        float | None,
-        typer.Option(
-            "--threshold",
-            min=0.0,
-            max=1.0,
-            help="Count grasps of an image as successes from this predicted probability on, where outcomes are stored.",
-        ),
-    ] = None,
-    joints: Annotated[
-        bool, typer.Option(help="Simulate joint positions, where the format has them and the object is known.")
-    ] = True,
-    meshes: Annotated[
-        bool, typer.Option(help="Write the meshes of known objects as .obj into the folder meshes beside the file.")
-    ] = True,
-    frame: Annotated[str, typer.Option("--frame", help="Frame of the grasps of an image: table or camera.")] = "table",
-    hand: Annotated[
-        str | None,
-        typer.Option("--hand", help="The hand's two files with a comma between, if it is not one of the package."),
-    ] = None,
+    out: Out,
+    objects: Objects = None,
+    only: Only = None,
+    successful: Successful = False,
+    count: Count = None,
+    threshold: Threshold = None,
+    joints: Joints = True,
+    meshes: Meshes = True,
+    frame: Frame = "table",
+    hand: OtherHand = None,
     scale: Scale = 1.0,
     mass: Mass = None,
     threads: Threads = None,
