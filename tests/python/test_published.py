@@ -1,5 +1,6 @@
 """Published policies: each folder is whole, and grasps about as often as its card says."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,9 @@ def test_a_published_policy_has_a_card_and_a_licence(name: str) -> None:
     card = (folder / "README.md").read_text()
     assert all(title in card for title in ("## Scores", "## Data and training", "## Limits", "## Licence"))
     assert "procedural:unseen:0-19" in card
+    lines = card.splitlines()
+    tables = [(above, rule) for above, rule in pairwise(lines) if rule.startswith("| --")]
+    assert all(above.count("|") == rule.count("|") for above, rule in tables)
     assert (folder / "LICENSE").read_text() == (FOLDER.parent / "LICENSE").read_text()
     data = pytest.importorskip("huggingface_hub").ModelCard.load(folder / "README.md").data
     assert (data.model_name, data.license, data.library_name) == (load(folder).name, "apache-2.0", "graspbox")

@@ -119,7 +119,8 @@ def code(*lines: str) -> str:
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], align: str = "l") -> str:
     """Format a table; `align` has an ``l`` or ``r`` for each column; further columns are aligned right."""
-    rules = ["---" if side == "l" else "--:" for side in align.ljust(len(columns), "r")]
+    sides = align[: len(columns)].ljust(len(columns), "r")
+    rules = ["---" if side == "l" else "--:" for side in sides]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (columns, rules, *rows))
 
 
