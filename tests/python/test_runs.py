@@ -46,6 +46,14 @@ def test_a_run_is_continued_with_the_same_settings_alone(tmp_path: Path) -> None
         read_settings(tmp_path / "none")
 
 
+def test_other_settings_start_another_clock(tmp_path: Path) -> None:
+    """As long as nothing was made, a run may change its settings; the time taken was that of the old ones."""
+    for seed, before in ((0, 0.0), (0, 500.0), (1, 0.0)):
+        with Run(tmp_path, {"seed": seed}) as run:
+            assert before <= run.seconds < before + 400.0
+        (tmp_path / "clock.json").write_text("500.0\n")
+
+
 def test_two_processes_do_not_work_in_one_directory(tmp_path: Path) -> None:
     other = "import sys; from graspbox.training.runs import Run\nwith Run(sys.argv[1], {}): print('in')"
     command = [sys.executable, "-c", other, str(tmp_path)]

@@ -87,7 +87,11 @@ class Run:
                 if not self._resume:
                     raise ConfigError(f"{str(self.folder)!r} holds a run; resume it, or name another folder")
                 refuse_changes(self.folder, read_settings(self.folder), self._settings or {})
-            write_text(path, dumps(json.loads(json.dumps(self._settings or {}))) + "\n")
+            text = dumps(json.loads(json.dumps(self._settings or {}))) + "\n"
+            if not made and not (path.exists() and path.read_bytes() == text.encode()):
+                # The time of other settings is not that of these.
+                (self.folder / _CLOCK).unlink(missing_ok=True)
+            write_text(path, text)
             self._start()
             self._opened = stack.pop_all()
         return self
