@@ -359,6 +359,8 @@ def test_states_pass_between_single_and_vector() -> None:
 def test_wrong_arguments_are_explained() -> None:
     with pytest.raises(errors.ConfigError, match="autoreset"):
         make(autoreset_mode="sometimes")
+    with pytest.raises(errors.ConfigError, match=r"num_envs is True \(bool\); give an integer"):
+        make(True)
     with pytest.raises(errors.ConfigError, match="num_envs"):
         make(0)
     env = make()

@@ -50,9 +50,11 @@ def natural(value: Any, name: str, bits: int = 32) -> int:
     Raises
     ------
     ConfigError
-        If the value, called `name`, is not an integer, is negative, or has more bits.
+        If the value, called `name`, is not an integer (a bool is none), is negative, or has more bits.
     """
     try:
+        if isinstance(value, bool):
+            raise TypeError
         found = operator.index(value)
     except TypeError:
         raise ConfigError(f"{name} is {shown(value)}; give an integer") from None
