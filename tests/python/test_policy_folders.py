@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,13 @@ import pytest
 
 import tiny_policy
 from graspbox import errors, evaluation, object_sets, policies
-from graspbox.artifacts.configs import DepthPolicyConfig, FeelPolicyConfig
-from graspbox.artifacts.folders import load
+from graspbox.artifacts.configs import DepthPolicyConfig, Environment, FeelPolicyConfig, NetworkInput
+from graspbox.artifacts.folders import load, save, use_of
 from graspbox.artifacts.registry import KINDS
 from graspbox.models.calibration import Calibration, calibration_error, fit_logits
 from graspbox.models.scenes import SceneConfig
 from graspbox.policies import DepthGrasp
-from graspbox.recipes.cards import write_card
+from graspbox.recipes.cards import times, write_card
 from graspbox.recipes.depth_cards import depth_card
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
@@ -189,10 +190,15 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     ("feel", put("uses", {}), "uses has no policy; a policy like this uses depth"),
     ("feel", put("uses.depth.policy", "nowhere"), "uses.depth.policy is 'nowhere', but .* holds no policy"),
     ("feel", put("uses.depth.sha256", "0" * 64), "uses.depth.policy is 'chooser', but .* another one than that"),
+    ("feel", put("hand", "panda_gripper"), "hand is 'panda_gripper', but the policy of uses.depth, .* hand 'reflex'"),
     ("feel", put("uses.depth.sha256", "0"), "uses.depth.sha256 is '0'; give a SHA-256"),
     ("feel", put("uses.depth.policy", "hf://nobody"), "the policy is 'hf://nobody'; give hf://owner/name"),
     # Files.
-    ("depth", put("files", {}), "files lacks 'completion.onnx'"),
+    (
+        "depth",
+        put("files", {}),
+        "files lacks 'completion.onnx'; .*'depth' has completion.onnx, scorer.onnx, completion.safetensors, scorer-0.",
+    ),
     ("depth", changed(lambda c: c["files"].update({"../x": "0" * 64})), r"files has '\.\./x'"),
     ("depth", changed(lambda c: c["files"].update({"a\0b": "0" * 64})), r"files has 'a\\x00b'"),
     ("depth", put("files", "all"), "files is 'all' .*give an object"),
@@ -255,8 +261,22 @@ SPOILT: list[tuple[str, Spoil, str]] = [
         put("environment.settings.objects", "dir:/"),
         "environment.settings has 'objects'; a policy names control",
     ),
+    *(
+        ("network", put(f"environment.settings.{name}", value), f"environment, with the hand 'reflex': .*{message}")
+        for name, value, message in (
+            ("control", "x", "no control mode 'x'"),
+            ("frame_skip", -1, "frame_skip is -1"),
+            ("frame_skip", 10**6, "`frame_skip` is 1000000, but it must be between 1 and 100"),
+            ("image_size", 2**63, "image_size is 9223372036854775808"),
+            ("max_episode_steps", 0, "`max_episode_steps` is 0"),
+            ("cameras", {"cameras": [{"fov": 4.0}]}, "`vertical_fov` is 4"),
+        )
+    ),
+    ("network", put("environment.obs", "sound"), r"inputs has \['proprio', 'tactile'\]"),
+    ("network", put("hand", "panda_gripper"), "with the hand 'panda_gripper': this hand has no tactile"),
     ("network", without("environment.settings"), "environment.settings is missing"),
     ("network", put("network.actions", 0), "actions is 0 .*give a number from 1"),
+    ("network", put("network.actions", 9), r"network.actions is 9, but the actions .* have the shape \(10,\)"),
     ("network", changed(lambda c: c["network"]["inputs"].pop()), r"inputs has \['proprio'\]; give one for each name"),
     (
         "network",
@@ -267,6 +287,13 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     ("study", put("study.model", 3), "study.model is 3 .*give an object"),
     ("study", put("study.model.widht", 3), "there is no field study.model.widht"),
     ("study", without("study.model.units"), "study.model.units is missing"),
+    ("study", put("study.model.network", "x"), "study.model.network is 'x' .*give 'cnn2d', 'cnn2d_dropout' or 'cnn3d'"),
+    ("study", put("study.model.loss", "x"), "study.model.loss is 'x' .*give 'posenet'"),
+    ("study", put("study.model.preshape", 1e308), r"study.model.preshape is 1e\+308; the hand 'reflex' has 0 to"),
+    ("study", put("study.model.size", -1), "study.model.size is -1 .*give an integer that is not negative"),
+    ("study", put("study.model.size", 0), "study.model.size is 0 .*give a number from 1 to 1024"),
+    ("study", put("study.model.fully_connected", []), r"study.model.fully_connected is \(\) .*give integers from 1"),
+    ("study", put("study.model.fully_connected", [0]), r"study.model.fully_connected is \(0,\) .*give integers from 1"),
 ]
 
 
@@ -411,6 +438,19 @@ def test_another_hand_and_another_backend_are_refused(tiny: Path, tmp_path: Path
         policies.load("nothing")
 
 
+def test_a_goal_for_another_hand_is_refused(tmp_path: Path) -> None:
+    tiny_policy.make(tmp_path / "chooser", hand="panda_gripper")
+    config = tiny_policy.make_network(tmp_path)
+    environment = Environment("graspbox/Grasp-v0", (*tiny_policy.SEEN, "goal"), config.environment.settings)
+    inputs = (*config.inputs, NetworkInput("goal", (14,), "float32"))
+    uses = {"goal": use_of(tmp_path, tmp_path / "chooser")}
+    save(tmp_path, replace(config, environment=environment, inputs=inputs, uses=uses))
+    with pytest.raises(
+        errors.ConfigError, match=r"hand is 'reflex', but .* uses\.goal, 'chooser', knows .*'panda_gripper'"
+    ):
+        policies.load(str(tmp_path))
+
+
 def test_logits_are_made_to_say_how_often() -> None:
     rng = np.random.default_rng(0)
     true = rng.normal(0.5, 1.5, 20_000)
@@ -429,6 +469,11 @@ def test_logits_are_made_to_say_how_often() -> None:
         fit_logits(np.zeros(0), np.zeros(0, dtype=np.bool_))
     with pytest.raises(errors.ConfigError, match="secure_weight"):
         Calibration(secure_weight=-1.0)
+
+
+def test_a_table_of_times_has_a_rule_for_each_column() -> None:
+    assert times({"train": (60.0, "")}).splitlines()[:2] == ["| stage | time |", "| --- | --: |"]
+    assert times({"train": (60.0, "9 steps")}).splitlines()[1] == "| --- | --: | --- |"
 
 
 def test_a_card_states_what_was_measured(tmp_path: Path) -> None:

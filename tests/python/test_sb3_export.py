@@ -287,3 +287,18 @@ def test_a_run_from_the_state_is_privileged(tmp_path: Path, capsys: pytest.Captu
         assert published(arguments[0], tmp_path / "x", *arguments[1:])["code"] == 2
         assert message in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"net_arch": ["a"]}, {"widths": [16]}, {"activation_fn": "Nothing"}, {"activation_fn": 3}]
+)
+def test_networks_that_the_folder_misdescribes_are_refused(tmp_path: Path, wrong: dict[str, Any]) -> None:
+    """The policy itself does not read them."""
+    env = {"obs": "state", "objects": OBJECTS}
+    exported(tmp_path, trained("ppo", GRASP, env), "ppo", GRASP, env)
+    content = json.loads((tmp_path / "config.json").read_text())
+    content["network"]["policy_kwargs"] = wrong
+    (tmp_path / "config.json").write_text(json.dumps(content))
+    assert policies.load(str(tmp_path)).name == "tiny"
+    with pytest.raises(errors.ConfigError, match=r"config\.json: network\.policy_kwargs is .*, which makes no policy"):
+        export.load_graph(tmp_path)

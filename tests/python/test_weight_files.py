@@ -15,7 +15,13 @@ torch = pytest.importorskip("torch")
 
 from graspbox.artifacts.onnx_files import write_onnx  # noqa: E402
 from graspbox.artifacts.runtimes import onnx_network  # noqa: E402
-from graspbox.artifacts.weight_files import fold_norms, restore_weights, round_weights, save_weights  # noqa: E402
+from graspbox.artifacts.weight_files import (  # noqa: E402
+    fold_norms,
+    restore_weights,
+    restored,
+    round_weights,
+    save_weights,
+)
 from graspbox.models.completion.network import CompletionNet  # noqa: E402
 from graspbox.models.head.network import AnchorNet  # noqa: E402
 from graspbox.models.scorer.network import ScorerNet  # noqa: E402
@@ -69,6 +75,16 @@ def test_folded_networks_give_the_same(name: str, left: int, tmp_path: Path) -> 
     restore_weights(other, tmp_path / "net.safetensors")
     with torch.no_grad():
         torch.testing.assert_close(other(*inputs), net(*inputs), atol=0, rtol=0)
+
+
+def test_weights_of_another_size_are_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    """The wide network would take 500 GB."""
+    net = CompletionNet(4)
+    fold_norms(net)
+    save_weights(net, tmp_path / "net.safetensors")
+    assert torch.equal(restored(lambda: CompletionNet(4), tmp_path / "net.safetensors").stem.weight, net.stem.weight)
+    with pytest.raises(errors.ConfigError, match=r"another network: for 'stem.weight' it has \(4, 3, .* needs \(20000"):
+        restored(lambda: CompletionNet(20_000), tmp_path / "net.safetensors")
 
 
 class Table(torch.nn.Module):  # type: ignore[misc, name-defined]

@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 
 from graspbox import _core
 from graspbox._common.arguments import check_range
 from graspbox.envs import IDS
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, complete
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, GraspboxError
 from graspbox.hands import load_hand
 from graspbox.models.calibration import Calibration, check_line
 from graspbox.models.head.configs import HeadConfig, check_anchor
@@ -50,6 +51,8 @@ SETTINGS = (*ACTING, "max_episode_steps", "image_size", "cameras", "trial")
 _MOST_MEMBERS, _WIDEST, _MOST_ACTIONS = 64, 4096, 1024
 #: Greatest length of a network's input along an axis.
 _LONGEST = 1 << 16
+#: An object set that is quick to prepare, for environments that check settings.
+_ANY_OBJECT = "procedural:can:0"
 _HASH = re.compile(r"[0-9a-f]{64}")
 
 
@@ -346,7 +349,9 @@ class NetworkPolicyConfig(PolicyConfig):
     algorithm : str
         Algorithm of Stable-Baselines3 whose policy it is.
     policy_kwargs : mapping
-        Arguments of that policy, as in ``graspbox/sb3/parameters.yaml``.
+        Arguments of that policy, as in ``graspbox/sb3/parameters.yaml``. They record the training: the policy runs
+        ``policy.onnx`` and does not read them. `graspbox.sb3.export.load_graph` alone does, which checks them by
+        building the network in torch.
     """
 
     kind: ClassVar[str] = "network"
@@ -378,6 +383,25 @@ class NetworkPolicyConfig(PolicyConfig):
     def settings(self) -> dict[str, Any]:
         """Keywords of the environments besides ``obs``, with the hand."""
         return {**self.environment.settings, "hand": self.hand}
+
+    def check(self) -> None:
+        """Check the settings of its environment too, by making one; raises as `PolicyConfig.check`."""
+        super().check()
+        # The observation `goal` comes from a policy; `Grasp-v0` shows `proprio` in any case.
+        obs = tuple(name for name in self.environment.names if name != GOAL_NAME) or ("proprio",)
+        try:
+            env = gymnasium.make_vec(
+                self.environment.id, num_envs=1, objects=_ANY_OBJECT, obs=obs, num_threads=1, **self.settings
+            )
+        except GraspboxError as error:
+            raise ConfigError(f"environment, with the hand {self.hand!r}: {error}") from None
+        size = env.single_action_space.shape
+        env.close()
+        if size != (self.actions,):
+            raise ConfigError(
+                f"network.actions is {self.actions}, but the actions of {self.environment.id!r} with the hand "
+                f"{self.hand!r} have the shape {size}"
+            )
 
 
 def _check_settings(crop: CropConfig, grid: HandGridConfig, proposals: ProposalConfig) -> None:

@@ -141,7 +141,7 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
     Raises
     ------
     ConfigError
-        If it is missing, or differs from the policy at the time of publication.
+        If it is missing, differs from the policy at the time of publication, or knows another hand.
     """
     use = config.uses[role]
     found = folder_of(use.policy) if is_name(use.policy) else Path(folder) / use.policy
@@ -149,6 +149,11 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
         raise ConfigError(
             f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} holds no policy, or "
             f"another one than that with which {config.name!r} was published; restore it"
+        )
+    if (known := _read(found / CONFIG).hand) != config.hand:
+        raise ConfigError(
+            f"{Path(folder) / CONFIG}: hand is {config.hand!r}, but the policy of uses.{role}, {use.policy!r}, knows the "
+            f"hand {known!r}; name the hand that both were trained with"
         )
     return found
 
@@ -186,4 +191,5 @@ def _check_names(config: PolicyConfig, called: str) -> None:
     if given != wanted:
         wrong = [f"lacks {name!r}" for name in sorted(wanted - given)]
         wrong += [f"has {name!a}" for name in sorted(given - wanted)]
-        raise ConfigError(f"{called}: files {wrong[0]}; a policy of the kind {config.kind!r} has {', '.join(wanted)}")
+        expected = ", ".join(config.holds)
+        raise ConfigError(f"{called}: files {wrong[0]}; a policy of the kind {config.kind!r} has {expected}")

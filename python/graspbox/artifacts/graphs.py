@@ -10,12 +10,12 @@ import torch
 from torch import Tensor, nn
 
 from graspbox.artifacts.folders import read_depth_policy
-from graspbox.artifacts.weight_files import fold_norms, restore_weights
+from graspbox.artifacts.weight_files import restored
 from graspbox.models.calibration import CAUTION, OTHERS, Calibration
 from graspbox.models.completion.network import CompletionNet
 from graspbox.models.head.graph import HeadGraph
 from graspbox.models.head.network import AnchorNet
-from graspbox.models.scorer.network import ScorerNet
+from graspbox.models.scorer.network import DECIDING, ScorerNet, deciding
 from graspbox.perception.hand_grids import HandGrid
 
 __all__ = ["CompletionGraph", "ScorerGraph", "load_graphs"]
@@ -60,21 +60,25 @@ class ScorerGraph(nn.Module):  # type: ignore[misc]
         self._weight, self._finalists = calibration.secure_weight, finalists
 
     def _judged(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return probabilities of success and of a secure hold, and the score of the choice, from logits (m, 2)."""
-        success = torch.sigmoid(logits[:, 0] * self._success[0] + self._success[1])
-        secure = torch.sigmoid(logits[:, 1] * self._secure[0] + self._secure[1])
+        """Return the score of the choice, and probabilities of success and of a secure hold, from logits of `DECIDING`."""
+        (slope, offset), (slope_of_secure, offset_of_secure) = self._success, self._secure
+        of_success, of_secure = logits.unbind(1)
+        success = torch.sigmoid(of_success * slope + offset)
+        secure = torch.sigmoid(of_secure * slope_of_secure + offset_of_secure)
         return (success + self._weight * secure) / (1.0 + self._weight), success, secure
 
     def forward(self, cells: Tensor, poses: Tensor, preshape: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return choice, success and secure (m,), and the logits (m, 2) before calibration."""
-        logits = self.members[0](cells, poses, preshape)[:, :2]
+        logits = deciding(self.members[0](cells, poses, preshape))
         if len(self.members) > 1:
-            best = self._judged(logits)[0].topk(self._finalists).indices
+            choice, _, _ = self._judged(logits)
+            best = choice.topk(self._finalists).indices
             chosen = cells[best], poses[best], preshape[best]
-            votes = torch.stack([logits[best], *(member(*chosen)[:, :2] for member in list(self.members)[1:])])
+            others = [deciding(member(*chosen)) for member in list(self.members)[1:]]
+            votes = torch.stack([logits[best], *others])
             mean = votes.mean(0)
             cautious = mean - CAUTION * (votes - mean).square().mean(0).sqrt()
-            logits = (logits - OTHERS).scatter(0, best[:, None].expand(-1, 2), cautious)
+            logits = (logits - OTHERS).scatter(0, best[:, None].expand(-1, len(DECIDING)), cautious)
         return *self._judged(logits), logits
 
 
@@ -88,14 +92,11 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | HeadGraph
     """
     config = read_depth_policy(Path(folder))
     grid = HandGrid(config.hand, config.grid, crop=config.crop)
-    completion = CompletionNet(config.completion_width)
-    head = None if config.head is None else AnchorNet(len(grid.preshapes), config.head, config.crop)
-    members = [ScorerNet(grid, config.width) for _ in range(config.members)]
-    nets = {"completion.safetensors": completion, **dict(zip(config.member_weights, members, strict=True))}
-    if head is not None:
-        nets["head.safetensors"] = head
-    for name, net in nets.items():
-        fold_norms(net)
-        restore_weights(net, Path(folder) / name)
+    folder = Path(folder)
+    completion = restored(lambda: CompletionNet(config.completion_width), folder / "completion.safetensors")
+    members = [restored(lambda: ScorerNet(grid, config.width), folder / name) for name in config.member_weights]
     parts = CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
-    return parts if head is None else (*parts, HeadGraph(head))
+    if (settings := config.head) is None:
+        return parts
+    head = restored(lambda: AnchorNet(len(grid.preshapes), settings, config.crop), folder / "head.safetensors")
+    return *parts, HeadGraph(head)

@@ -5,8 +5,10 @@ file, and the remaining weights are rounded. Both files of the network then cont
 computes in single precision.
 """
 
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -21,9 +23,12 @@ __all__ = [
     "fold_norms",
     "load_weights",
     "restore_weights",
+    "restored",
     "round_weights",
     "save_weights",
 ]
+
+Net = TypeVar("Net", bound=nn.Module)
 
 #: Greatest size of the weights of a published network, bytes; its folder contains them twice.
 LARGEST_NETWORK = 8_000_000
@@ -112,8 +117,43 @@ def restore_weights(net: nn.Module, path: Path) -> None:
     ConfigError
         If the file holds no weights, or belongs to another network.
     """
-    try:
-        net.load_state_dict(load_weights(path))
-    except RuntimeError as error:
-        raise ConfigError(f"{path} holds the weights of another network: {str(error).splitlines()[0]}") from None
+    _restore(net, load_weights(path), path)
+
+
+def restored(make: Callable[[], Net], path: Path) -> Net:
+    """Make a network with folded norms, and load a file of `save_weights` into it.
+
+    The sizes are compared before memory is allocated: a network that the file does not fit may be huge.
+
+    Raises
+    ------
+    ConfigError
+        If the file holds no weights, or belongs to another network.
+    """
+    weights = load_weights(path)
+    with torch.device("meta"):
+        outline = make()
+    fold_norms(outline)
+    _check_fit(outline, weights, path)
+    net = make()
+    fold_norms(net)
+    _restore(net, weights, path)
+    return net
+
+
+def _restore(net: nn.Module, weights: Mapping[str, Tensor], path: Path) -> None:
+    _check_fit(net, weights, path)
+    net.load_state_dict(weights)
     net.eval()
+
+
+def _check_fit(net: nn.Module, weights: Mapping[str, Tensor], path: Path) -> None:
+    """Refuse weights whose names or shapes are not those of a network, by the first that differs."""
+    wanted, given = ({name: tuple(each.shape) for name, each in d.items()} for d in (net.state_dict(), weights))
+    for name in [*wanted, *given]:
+        if wanted.get(name) != given.get(name):
+            has, needs = (str(sizes.get(name, "nothing")) for sizes in (given, wanted))
+            raise ConfigError(
+                f"{path} holds the weights of another network: for {name!r} it has {has}, config.json needs {needs}; "
+                "export the policy again"
+            )

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first
 from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 
-from graspbox._common.arguments import plain
+from graspbox._common.arguments import plain, shown
 from graspbox.artifacts.configs import ACTING, SETTINGS, Environment, NetworkInput, NetworkPolicyConfig, Use
 from graspbox.artifacts.exports import Traced, export
-from graspbox.artifacts.folders import load, use_of, used_folder
+from graspbox.artifacts.folders import CONFIG, load, use_of, used_folder
 from graspbox.artifacts.onnx_files import PARITY
 from graspbox.artifacts.runtimes import Network, onnx_network
 from graspbox.artifacts.weight_files import load_weights, restore_weights
@@ -223,8 +223,16 @@ def load_graph(folder: Path) -> ActionGraph:
         raise ConfigError(f"algorithm is {config.algorithm!r}; choose from {', '.join(ALGORITHMS)}")
     algorithm = ALGORITHMS[config.algorithm]
     arguments = {"policy_kwargs": dict(config.policy_kwargs)}
-    made = model_arguments(algorithm, arguments, SimpleNamespace(observation_space=space, action_space=spaces[1]), 0)
-    policy = algorithm.policy_aliases[made["policy"]](space, spaces[1], lambda _: 0.0, **made["policy_kwargs"])
+    try:
+        made = model_arguments(
+            algorithm, arguments, SimpleNamespace(observation_space=space, action_space=spaces[1]), 0
+        )
+        policy = algorithm.policy_aliases[made["policy"]](space, spaces[1], lambda _: 0.0, **made["policy_kwargs"])
+    except (AssertionError, AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise ConfigError(
+            f"{Path(folder) / CONFIG}: network.policy_kwargs is {shown(dict(config.policy_kwargs))}, which makes no policy "
+            f"of {config.algorithm!r}: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+        ) from None
     weights = load_weights(Path(folder) / _WEIGHTS)
     names = tuple(one.name for one in config.inputs)
     # The scales are in the file too; it determines which observations have one.

@@ -1,13 +1,22 @@
 """Configuration of a network of the study; read without torch."""
 
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+from graspbox._common.arguments import check_range, natural, shown
+from graspbox.errors import ConfigError
 from graspbox.study.samples import Kind
 
-__all__ = ["ModelConfig", "Units"]
+__all__ = ["LossName", "ModelConfig", "NetworkName", "Units"]
 
+#: Keys of `graspbox.study.networks.NETWORKS` and of `graspbox.study.losses.LOSSES`, which need torch.
+NetworkName = Literal["cnn2d", "cnn2d_dropout", "cnn3d"]
+LossName = Literal["posenet", "psi1", "psi2", "psi3", "psi4", "euler"]
 Units = Literal["sigmoid", "relu"]
+
+#: Upper bounds of the side of an input and of the units of a layer, with a wide margin.
+_LARGEST, _WIDEST = 1024, 1 << 16
 
 
 @dataclass(frozen=True)
@@ -27,15 +36,20 @@ class ModelConfig:
     zero_output : bool
         Whether its last layer is initialized with zeros.
     preshape : float
-        The preshape of its training grasps, which it does not predict.
+        The preshape of its training grasps, which it does not predict; within the limits of the hand.
     size : int or None
-        Side of its inputs; None for the study's.
+        Side of its inputs, 1 to 1024; None for the study's.
     fully_connected : tuple of int or None
-        Units of the fully connected layers before the last; None for the study's.
+        Units of the fully connected layers before the last, at least one; None for the study's.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown name, or a number out of range.
     """
 
-    network: str
-    loss: str
+    network: NetworkName
+    loss: LossName
     kind: Kind
     units: Units = "relu"
     zero_output: bool = False
@@ -44,6 +58,20 @@ class ModelConfig:
     fully_connected: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
+        for name, known in (("network", NetworkName), ("loss", LossName), ("kind", Kind), ("units", Units)):
+            if (value := getattr(self, name)) not in get_args(known):
+                raise ConfigError(f"{name} is {shown(value)}; choose from {', '.join(get_args(known))}")
+        if not math.isfinite(self.preshape):
+            raise ConfigError(f"preshape is {self.preshape}; give a finite number")
+        if self.size is not None:
+            natural(self.size, "size")
+            check_range(self, "size", 1, _LARGEST)
         if self.fully_connected is not None:
             # JSON has lists, not tuples.
             object.__setattr__(self, "fully_connected", tuple(self.fully_connected))
+            if not self.fully_connected or not all(
+                0 < natural(n, "fully_connected") <= _WIDEST for n in self.fully_connected
+            ):
+                raise ConfigError(
+                    f"fully_connected is {shown(self.fully_connected)}; give integers from 1 to {_WIDEST}"
+                )

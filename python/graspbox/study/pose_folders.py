@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.folders import load
 from graspbox.artifacts.runtimes import Network, onnx_network, output
+from graspbox.errors import ConfigError
+from graspbox.hands import load_hand
 from graspbox.study.model_configs import ModelConfig
 
 __all__ = ["PosePolicyConfig", "PublishedPoses"]
@@ -37,6 +39,15 @@ class PosePolicyConfig(PolicyConfig):
     def holds(self) -> tuple[str, ...]:
         """Names of its files: network, then weights."""
         return "pose.onnx", "pose.safetensors"
+
+    def check(self) -> None:
+        """Check the preshape too; raises as `PolicyConfig.check`."""
+        super().check()
+        low, high = load_hand(self.hand).preshape_limits
+        if not low <= self.model.preshape <= high:
+            raise ConfigError(
+                f"study.model.preshape is {self.model.preshape:g}; the hand {self.hand!r} has {low:g} to {high:g}"
+            )
 
 
 class PublishedPoses:

@@ -17,10 +17,12 @@ from graspbox.models.head.trunk import Trunk, unit
 from graspbox.perception.anchors import RESIDUALS, Anchors, Candidates
 from graspbox.perception.configs import CropConfig
 
-__all__ = ["LOGITS", "AnchorNet", "AnchorSamples"]
+__all__ = ["LOGITS", "REACHED", "SECURE", "SUCCESS", "AnchorNet", "AnchorSamples"]
 
 #: Events whose logits an anchor has: the open hand reaches the pose, the grasp succeeds, the grasp is secure.
 LOGITS = ("reached", "success", "secure")
+#: Their places.
+REACHED, SUCCESS, SECURE = range(len(LOGITS))
 #: Sampling points of features, along the hand's x and y from the grasp point, metres.
 _ALONG, _ACROSS = (-0.07, -0.035, 0.0, 0.035, 0.07), (-0.04, 0.0, 0.04)
 
@@ -115,7 +117,7 @@ class AnchorNet(nn.Module):  # type: ignore[misc]
         """
         features = self.seen(volumes)
         shares = torch.sigmoid(self._all(features))
-        scores = shares[0] * (shares[1] + self.config.secure * shares[2]) / (1.0 + self.config.secure)
+        scores = shares[REACHED] * (shares[SUCCESS] + self.config.secure * shares[SECURE]) / (1.0 + self.config.secure)
         best, index = scores.flatten().topk(count)
         return index, self.residuals_at(features, torch.zeros_like(index), index), best
 
@@ -131,7 +133,7 @@ class AnchorNet(nn.Module):  # type: ignore[misc]
         with torch.no_grad():
             logits = functional.logsigmoid(self._all(features))
             preshapes, heights, rolls, *cells = self.anchors.shape
-            best = (logits[0] + logits[1]).transpose(1, 2).flatten(2).argmax(2)
+            best = (logits[REACHED] + logits[SUCCESS]).transpose(1, 2).flatten(2).argmax(2)
             height, column = best // (cells[0] * cells[1]), best % (cells[0] * cells[1])
             groups = torch.arange(preshapes, device=height.device)[:, None] * heights + height
             turns = torch.arange(rolls, device=height.device)

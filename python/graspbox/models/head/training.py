@@ -21,7 +21,7 @@ from graspbox.errors import ConfigError
 from graspbox.models.head.batches import HeadBatch, HeadSampler
 from graspbox.models.head.configs import HeadConfig
 from graspbox.models.head.heads import ConstantNet, HeadNet, PoseNet, head_of
-from graspbox.models.head.network import AnchorNet, AnchorSamples
+from graspbox.models.head.network import REACHED, SECURE, SUCCESS, AnchorNet, AnchorSamples
 from graspbox.models.scenes import SceneConfig
 from graspbox.models.scorer.training import auc
 from graspbox.models.trials import GraspTrials
@@ -77,12 +77,12 @@ def anchor_losses(net: AnchorNet, batch: HeadBatch, look_up: HeadSampler | None 
     features = net.seen(batch.volumes)
     kept = batch.inside
     tried = net.values(features, batch.trials)
-    looked_up = net.values(features, batch.probes)[:, 0]
+    looked_up = net.values(features, batch.probes)[:, REACHED]
     entropy = functional.binary_cross_entropy_with_logits
     found = {"reached": entropy(looked_up, batch.reached)}
     if kept.any():
-        found["success"] = entropy(tried[:, 1], batch.success[kept])
-        found["secure"] = _SECURE * entropy(tried[:, 2], batch.secure[kept])
+        found["success"] = entropy(tried[:, SUCCESS], batch.success[kept])
+        found["secure"] = _SECURE * entropy(tried[:, SECURE], batch.secure[kept])
     if look_up is not None:
         found["chosen"] = _chosen_loss(net, features, batch, look_up)
     good = kept & (batch.success > 0.5)
@@ -107,7 +107,7 @@ def _chosen_loss(net: AnchorNet, features: Tensor, batch: HeadBatch, look_up: He
     samples = AnchorSamples.of(sample_of, np.concatenate(place), np.concatenate(preshape))
     wanted = torch.from_numpy(np.concatenate(reached)).float().to(features.device)
     samples = moved(samples, features.device)
-    return functional.binary_cross_entropy_with_logits(net.values(features, samples)[:, 0], wanted)
+    return functional.binary_cross_entropy_with_logits(net.values(features, samples)[:, REACHED], wanted)
 
 
 def pose_losses(net: PoseNet, batch: HeadBatch) -> dict[str, Tensor]:
@@ -303,13 +303,13 @@ class Validation:
             batch = moved(batch, device_of(net))
             features = net.seen(batch.volumes)
             tried.append(net.values(features, batch.trials).cpu())
-            looked_up.append(net.values(features, batch.probes)[:, 0].cpu())
+            looked_up.append(net.values(features, batch.probes)[:, REACHED].cpu())
         values = torch.cat(tried).double().numpy()
         targets = [torch.cat([getattr(b, n)[b.inside] for b in self._batches]) for n in ("success", "secure")]
         reached = torch.cat([b.reached for b in self._batches])
         return {
-            "auc": auc(values[:, 1], _flags(targets[0])),
-            "auc_secure": auc(values[:, 2], _flags(targets[1])),
+            "auc": auc(values[:, SUCCESS], _flags(targets[0])),
+            "auc_secure": auc(values[:, SECURE], _flags(targets[1])),
             "auc_reached": auc(torch.cat(looked_up).double().numpy(), _flags(reached)),
         }
 

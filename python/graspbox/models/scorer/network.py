@@ -16,10 +16,12 @@ from torch.nn import functional
 
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid
 
-__all__ = ["TARGETS", "ScorerBatch", "ScorerNet", "scorer_losses"]
+__all__ = ["DECIDING", "TARGETS", "ScorerBatch", "ScorerNet", "deciding", "scorer_losses"]
 
-#: The events whose logits the network outputs.
-TARGETS = ("success", "secure", "slip")
+#: The events by which grasps are chosen.
+DECIDING = ("success", "secure")
+#: The events whose logits the network outputs: those, and one that only helps it to learn.
+TARGETS = (*DECIDING, "slip")
 #: Number of scalar inputs besides the cells.
 _SCALARS = 8
 #: Share of a batch that enters the loss: its hardest samples.
@@ -97,6 +99,11 @@ class ScorerNet(nn.Module):  # type: ignore[misc]
         beside = self.scalars(cells, poses)
         logits: Tensor = self.head(torch.cat([found, beside, self.shape_of_preshape(preshape)], dim=1))
         return logits
+
+
+def deciding(values: Tensor) -> Tensor:
+    """Select the columns (m, 2) of `DECIDING` from those (m, 3) of `TARGETS`."""
+    return values[:, : len(DECIDING)]
 
 
 def _moments(shape: Sequence[int], cell: float) -> Tensor:

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from graspbox.errors import ConfigError
 from graspbox.models.scene_views import SceneViews
 from graspbox.models.scorer.inputs import ScorerInputs
-from graspbox.models.scorer.network import TARGETS, ScorerBatch, ScorerNet, scorer_losses
+from graspbox.models.scorer.network import TARGETS, ScorerBatch, ScorerNet, deciding, scorer_losses
 from graspbox.models.trials import GraspTrials
 from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.training.configs import TrainConfig
@@ -190,11 +190,13 @@ def train_scorer(
 def _measures(net: nn.Module, kept: list[_Sampled]) -> dict[str, float]:
     """Return AUC, mean cross-entropy, and success rates: of each scene's best-scored trial, and of all trials."""
     batches = [moved(drawn.batch, device_of(net)) for drawn in kept]
-    logits = torch.cat([net(b.cells, b.poses, b.preshape)[:, :2].cpu() for b in batches]).double()
-    targets: Tensor = torch.cat([d.batch.targets[:, :2] for d in kept])
+    logits = torch.cat([deciding(net(b.cells, b.poses, b.preshape)).cpu() for b in batches]).double()
+    targets: Tensor = torch.cat([deciding(d.batch.targets) for d in kept])
     scene_of = np.concatenate([d.scene_of for d in kept])
     (scores, firm), (success, secure) = logits.numpy().T, targets.numpy().T > 0.5
-    entropy = nn.functional.binary_cross_entropy_with_logits(logits[:, 0], targets[:, 0].double())
+    entropy = nn.functional.binary_cross_entropy_with_logits(
+        torch.from_numpy(scores), torch.from_numpy(success).double()
+    )
     best = [success[rows][scores[rows].argmax()] for scene in np.unique(scene_of) for rows in [scene_of == scene]]
     return {
         "auc": auc(scores, success),
