@@ -105,10 +105,20 @@ def test_an_evaluation_goes_on_with_other_trials(meshes: str, env_id: str) -> No
     env.close()
 
 
-def test_a_set_of_bad_objects_alone_is_an_error(meshes: str, tmp_path: Path) -> None:
+def test_all_objects_of_a_bad_set_are_named(meshes: str, tmp_path: Path) -> None:
+    """A data set or demonstrations cannot be made of them; an evaluation has no trial."""
     files = [str(spec.path) for spec in object_sets.load(meshes) if spec.name in ("empty", "cut")]
-    with pytest.raises(MeshError, match=r"empty|cut"):
-        evaluate("zero", POSE, files, 1)
+    result = evaluate("zero", POSE, files, 1)
+    check(result.refused, {"empty", "cut"}, meshes)
+    assert (result.trials, result.ci95, result.to_json()["rate"]) == ((), (0.0, 1.0), None)
+    words = ("evaluate", "zero", *(word for file in files for word in ("--objects", file)), "--trials", 4)
+    out = tmp_path / "out.json"
+    done = run(*words, "--out", out)
+    assert done.returncode == 1
+    assert all(f"{name}: {why}" in done.stderr for name, why in result.refused.items())
+    assert done.stdout == "no trial: 2 of 2 objects were tried, and none can be used\n"
+    assert json.loads(out.read_text())["refused"] == result.refused
+    assert json.loads(run(*words, "--json").stdout)["refused"] == result.refused
     with pytest.raises(MeshError, match=r"empty|cut"):
         record("zero", tmp_path / "out", objects=files, episodes=1)
 

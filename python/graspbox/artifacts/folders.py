@@ -152,8 +152,8 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
         )
     if (known := _read(found / CONFIG).hand) != config.hand:
         raise ConfigError(
-            f"{Path(folder) / CONFIG}: hand is {config.hand!r}, but the policy of uses.{role}, {use.policy!r}, knows the "
-            f"hand {known!r}; name the hand that both were trained with"
+            f"{Path(folder) / CONFIG}: hand is {config.hand!r}, but the policy of uses.{role}, {use.policy!r}, knows "
+            f"the hand {known!r}; name the hand that both were trained with"
         )
     return found
 

@@ -60,7 +60,7 @@ class ScorerGraph(nn.Module):  # type: ignore[misc]
         self._weight, self._finalists = calibration.secure_weight, finalists
 
     def _judged(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the score of the choice, and probabilities of success and of a secure hold, from logits of `DECIDING`."""
+        """Return the score of the choice, and the probabilities of `DECIDING`, from their logits (m, 2)."""
         (slope, offset), (slope_of_secure, offset_of_secure) = self._success, self._secure
         of_success, of_secure = logits.unbind(1)
         success = torch.sigmoid(of_success * slope + offset)

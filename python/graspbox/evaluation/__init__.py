@@ -73,7 +73,8 @@ def evaluate(
     """Evaluate a policy on seeded trials; the same seed gives the same trials for any `num_envs`.
 
     Training objects of the policy (`Policy.learned_from`) are left out, and so are objects that cannot be read or
-    simulated: `Evaluation.refused` names them, and further seeds replace their trials.
+    simulated: `Evaluation.refused` names them, and further seeds replace their trials. If no object is left, the result
+    has no trial.
 
     Parameters
     ----------
@@ -107,8 +108,6 @@ def evaluate(
     ------
     ConfigError, ObjectSetError, MissingExtraError
         If an argument is invalid, or all objects are training objects of the policy.
-    MeshError, FileError, SimulationError
-        If no object can be read and simulated.
     """
     chosen = policies.load(policy) if isinstance(policy, str) else policy
     if not isinstance(chosen, policies.Policy):

@@ -1,5 +1,6 @@
 """Results of an evaluation: trials, counts, Wilson intervals."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -101,7 +102,7 @@ class Evaluation:
     env_id : str
         Id of the environment.
     trials : tuple of TrialResult
-        In the order of `trial_seeds`.
+        In the order of `trial_seeds`; empty if no object can be used.
     ms_per_decision : float
         Wall time of the policy per action, milliseconds; without the simulation.
     objects_given, objects_left_out : int
@@ -138,24 +139,24 @@ class Evaluation:
 
     @property
     def rate(self) -> float:
-        """Share of trials that succeeded."""
-        return self.succeeded / len(self.trials)
+        """Share of trials that succeeded; NaN without trials."""
+        return self.succeeded / len(self.trials) if self.trials else math.nan
 
     @property
     def ci95(self) -> tuple[float, float]:
-        """Wilson 95 % interval of `rate`."""
-        return wilson(self.succeeded, len(self.trials))
+        """Wilson 95 % interval of `rate`; 0 to 1 without trials."""
+        return wilson(self.succeeded, len(self.trials)) if self.trials else (0.0, 1.0)
 
     @property
     def secure_ci95(self) -> tuple[float, float]:
-        """Wilson 95 % interval of the share of secure trials."""
-        return wilson(self.secure, len(self.trials))
+        """Wilson 95 % interval of the share of secure trials; 0 to 1 without trials."""
+        return wilson(self.secure, len(self.trials)) if self.trials else (0.0, 1.0)
 
     @property
     def calibration_error(self) -> float | None:
-        """Expected calibration error of the predicted probabilities, in ten bins; None if some trial has none."""
+        """Expected calibration error of the predicted probabilities, in ten bins; None if a trial has none, or without trials."""
         stated = [trial.confidence for trial in self.trials if trial.confidence is not None]
-        if len(stated) < len(self.trials):
+        if not stated or len(stated) < len(self.trials):
             return None
         return calibration_error(np.array(stated), np.array([trial.success for trial in self.trials]))
 
@@ -177,14 +178,14 @@ class Evaluation:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Values for JSON, as ``graspbox evaluate --json`` prints them."""
+        """Values for JSON, as ``graspbox evaluate --json`` prints them; ``rate`` is null without trials."""
         return {
             "policy": self.policy,
             "condition": self.condition,
             "trials": len(self.trials),
             "succeeded": self.succeeded,
             "secure": self.secure,
-            "rate": self.rate,
+            "rate": self.rate if self.trials else None,
             "ci95": list(self.ci95),
             "objects": [{"name": o.name, "trials": o.trials, "succeeded": o.succeeded} for o in self.objects],
             "failures": self.failures,

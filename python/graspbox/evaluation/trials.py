@@ -82,19 +82,15 @@ class Refusals:
     ----------
     reasons : dict
         The reason for each, by name.
-    first : GraspboxError or None
-        The first error.
     """
 
     def __init__(self, names: Sequence[str], objects: ObjectSet | None = None) -> None:
         self._names, self._objects = set(names), objects or ()
-        self.first: GraspboxError | None = None
         self.reasons: dict[str, str] = {}
 
     def add(self, error: GraspboxError) -> None:
         """Record an object, which `GraspboxError.object` names."""
         assert error.object is not None
-        self.first = self.first or error
         if error.object not in self.reasons:
             paths = (spec.path for spec in self._objects if spec.name == error.object)
             self.reasons[error.object] = reason(error, next(paths, None))
@@ -120,7 +116,8 @@ def run_usable(
     policy, envs, progress
         As for `run_trials`.
     trials : int
-        Number of trials. If almost no object can be used there are fewer: ``100 + 20 * trials`` seeds are tried.
+        Number of trials. If almost no object can be used there are fewer: ``100 + 20 * trials`` seeds are tried; and
+        none if no object can be used.
     seed : int
         Determines the seeds: those of `trial_seeds`, in order.
 
@@ -128,8 +125,6 @@ def run_usable(
     ------
     ConfigError
         As `run_trials`.
-    MeshError, FileError, SimulationError
-        If no object can be used.
     """
     results: dict[int, TrialResult] = {}
     native: Any = envs.unwrapped
@@ -145,10 +140,8 @@ def run_usable(
         # An object refused in some of its trials is left out of all.
         results = {trial: result for trial, result in results.items() if result.object not in refusals.reasons}
         first, seconds, decisions = last, seconds + run.seconds, decisions + run.decisions
-    if not results and refusals.first is not None:
-        raise refusals.first
     ordered = tuple(results[trial] for trial in sorted(results))
-    pace = 1e3 * seconds / decisions
+    pace = 1e3 * seconds / decisions if decisions else 0.0
     return Evaluation(policy.name, policy.task.env_id, ordered, pace, refused=dict(sorted(refusals.reasons.items())))
 
 

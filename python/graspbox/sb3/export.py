@@ -229,9 +229,10 @@ def load_graph(folder: Path) -> ActionGraph:
         )
         policy = algorithm.policy_aliases[made["policy"]](space, spaces[1], lambda _: 0.0, **made["policy_kwargs"])
     except (AssertionError, AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        why = str(error).partition("\n")[0] or type(error).__name__
         raise ConfigError(
-            f"{Path(folder) / CONFIG}: network.policy_kwargs is {shown(dict(config.policy_kwargs))}, which makes no policy "
-            f"of {config.algorithm!r}: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+            f"{Path(folder) / CONFIG}: network.policy_kwargs is {shown(dict(config.policy_kwargs))}, which makes no "
+            f"policy of {config.algorithm!r}: {why}"
         ) from None
     weights = load_weights(Path(folder) / _WEIGHTS)
     names = tuple(one.name for one in config.inputs)

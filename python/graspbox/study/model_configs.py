@@ -68,10 +68,7 @@ class ModelConfig:
             check_range(self, "size", 1, _LARGEST)
         if self.fully_connected is not None:
             # JSON has lists, not tuples.
-            object.__setattr__(self, "fully_connected", tuple(self.fully_connected))
-            if not self.fully_connected or not all(
-                0 < natural(n, "fully_connected") <= _WIDEST for n in self.fully_connected
-            ):
-                raise ConfigError(
-                    f"fully_connected is {shown(self.fully_connected)}; give integers from 1 to {_WIDEST}"
-                )
+            widths = tuple(natural(width, "fully_connected") for width in self.fully_connected)
+            object.__setattr__(self, "fully_connected", widths)
+            if not widths or not all(0 < width <= _WIDEST for width in widths):
+                raise ConfigError(f"fully_connected is {shown(widths)}; give integers from 1 to {_WIDEST}")
