@@ -136,6 +136,7 @@ WRONG: list[tuple[str, Any]] = [
     for key in ("format", "version", "fingerprint", "config", "versions", "shards", "objects")
     for value in VALUES
 ]
+WRONG += [("hand", {}), ("hand", {"name": "reflex"}), ("versions", {}), ("config", {}), ("counts", {}), ("objects", [])]
 
 
 @pytest.mark.parametrize(("key", "value"), WRONG)

@@ -64,6 +64,19 @@ class _Object:
 
 
 @dataclass(frozen=True)
+class _Hand:
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class _Versions:
+    graspbox: str
+    numpy: str
+    pyarrow: str
+
+
+@dataclass(frozen=True)
 class _Manifest:
     """Entries of a manifest that are used here; the file has more."""
 
@@ -71,8 +84,8 @@ class _Manifest:
     version: Literal[1]
     complete: bool
     fingerprint: str
-    versions: dict[str, str]
-    hand: dict[str, str]
+    versions: _Versions
+    hand: _Hand
     config: dict[str, Any]
     counts: dict[str, dict[str, int]]
     candidates: dict[str, dict[str, int]]
@@ -213,9 +226,15 @@ def read(folder: Path) -> dict[str, Any] | None:
         return None
     content = read_bounded(path, _MAX_BYTES)
     complaint = f"{str(path)!r} is no manifest of a data set that this graspbox reads"
-    for shard in schemas.parse(_Manifest, content, complaint).shards:
+    manifest = schemas.parse(_Manifest, content, complaint)
+    for shard in manifest.shards:
         if not _NAME.fullmatch(shard.name):
             raise ConfigError(f"{complaint}: it names the shard {shard.name!r}")
+    # Without trials there is nothing to count.
+    filled = ("config", "objects", *(("counts",) if any(shard.trials for shard in manifest.shards) else ()))
+    for name in filled:
+        if not getattr(manifest, name):
+            raise ConfigError(f"{complaint}: {name} is empty")
     found: dict[str, Any] = json.loads(content)
     return found
 
