@@ -44,14 +44,15 @@ def test_units_are_recognized(tmp_path: Path, depth: NDArray[np.float64]) -> Non
         ((depth * 1000).round().astype(np.uint16), None, None),
         ((depth * 10_000).round().astype(np.uint16), 0.0001, None),
         (depth[..., None], None, None),
-        ((depth * 1000).astype(np.float32), None, "seems to hold millimetres, so give the depth scale 0.001"),
-        ((depth * 1000).astype(np.uint16), 1.0, "seems to hold millimetres"),
-        (depth, 0.001, "seems to hold metres, so give the depth scale 1"),
+        ((depth * 1000).astype(np.float32), None, r"perhaps the file holds millimetres \(depth scale 0.001\), which"),
+        ((depth * 1000).astype(np.uint16), 1.0, r"perhaps the file holds millimetres \(depth"),
+        (depth, 0.001, r"perhaps the file holds metres \(depth scale 1\)"),
         (depth * 100, 0.01, None),
-        ((depth * 100).astype(np.float32), None, "seems to hold centimetres, so give the depth scale 0.01"),
-        ((depth * 100).astype(np.float32), 0.001, "seems to hold centimetres, so give the depth scale 0.01"),
-        ((depth * 100).astype(np.uint16), None, "seems to hold centimetres, so give the depth scale 0.01"),
-        ((depth * 10_000).astype(np.uint16), None, "tenths of millimetres, so give the depth scale 0.0001"),
+        ((depth * 100).astype(np.float32), None, r"perhaps .* centimetres \(depth scale 0.01\) or inches \(depth sc"),
+        ((depth * 100).astype(np.float32), 0.001, r"perhaps .* centimetres \(depth scale 0.01\) or inches"),
+        ((depth * 100).astype(np.uint16), None, r"perhaps .* centimetres \(depth scale 0.01\) or inches"),
+        (depth / 0.0254, None, r"perhaps .* inches \(depth scale 0.0254\) or centimetres \(depth scale 0.01\)"),
+        ((depth * 10_000).astype(np.uint16), None, r"tenths of millimetres \(depth scale 0.0001\)"),
         (depth * 1e9, None, "give the depth scale, in metres per unit of the file; here it is 1"),
         (depth * 0, None, "no depth at all"),
         (-depth, None, "distances along the optical axis"),
@@ -70,7 +71,7 @@ def test_units_are_recognized(tmp_path: Path, depth: NDArray[np.float64]) -> Non
     holes[0, :2] = np.nan, np.inf
     np.save(tmp_path / "holes.npy", holes)
     assert read_depth(tmp_path / "holes.npy")[0, :2].tolist() == [0.0, 0.0]
-    with pytest.raises(errors.FileError, match="no such depth image"):
+    with pytest.raises(errors.FileError, match=r"^.*/missing\.npy: there is no such depth image$"):
         read_depth(tmp_path / "missing.npy")
     (tmp_path / "text.npy").write_text("text")
     with pytest.raises(errors.ConfigError, match=r"numpy\.save"):

@@ -31,7 +31,13 @@ __all__ = [
 #: Metres per unit of images of integers, as most cameras write them.
 _INTEGERS = 0.001
 #: Units of depth images, metres.
-_UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "tenths of millimetres": 0.0001}
+_UNITS = {
+    "metres": 1.0,
+    "inches": 0.0254,
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+    "tenths of millimetres": 0.0001,
+}
 #: In the right unit half of the pixels are farther than the first, and a tenth nearer than the second, metres.
 _NEAREST, _FARTHEST = 0.15, 3.0
 #: Distance of the tables that policies learn from, metres.
@@ -159,12 +165,14 @@ def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
 
     if np.isfinite(off(metres)):
         return
-    unit = min(_UNITS, key=lambda unit: off(_UNITS[unit]))
-    factor = _UNITS[unit]
-    advice = f"give the depth scale, in metres per unit of the file; here it is {metres:g}"
-    if np.isfinite(off(factor)):
-        advice = f"the file seems to hold {unit}, so give the depth scale {factor:g}"
-    raise ConfigError(f"the middle depth of {name} would be {middle:.3g} m; {advice}")
+    # An image does not show its unit: some may be plausible, and the nearest to usual distances may be wrong.
+    possible = sorted((unit for unit in _UNITS if np.isfinite(off(_UNITS[unit]))), key=lambda unit: off(_UNITS[unit]))
+    choices = " or ".join(f"{unit} (depth scale {_UNITS[unit]:g})" for unit in possible)
+    perhaps = f"; perhaps the file holds {choices}, which an image does not show" if possible else ""
+    raise ConfigError(
+        f"the middle depth of {name} would be {middle:.3g} m{perhaps}: look its unit up, and give the depth scale, in "
+        f"metres per unit of the file; here it is {metres:g}"
+    )
 
 
 def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
