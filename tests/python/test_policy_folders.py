@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import tiny_policy
 from graspbox import errors, evaluation, object_sets, policies
 from graspbox.artifacts.configs import DepthPolicyConfig, Environment, FeelPolicyConfig, NetworkInput
 from graspbox.artifacts.folders import load, save, use_of
+from graspbox.artifacts.onnx_weights import check_weights
 from graspbox.artifacts.registry import KINDS
 from graspbox.models.calibration import Calibration, calibration_error, fit_logits
 from graspbox.models.scenes import SceneConfig
@@ -388,11 +390,14 @@ def test_a_network_that_does_not_fit_is_refused(
     assert "\n" not in said
 
 
-@pytest.mark.parametrize(("kind", "name", "output"), [("depth", "scorer", "choice"), ("feel", "feel", "probability")])
+@pytest.mark.parametrize(
+    ("kind", "name", "output"),
+    [("depth", "scorer", "choice"), ("feel", "feel", "probability"), ("depth", "completion", "occupancy")],
+)
 def test_nan_is_not_used_in_silence(folder: Path, name: str, output: str) -> None:
-    """It would be the best of all scores, and less than no threshold."""
+    """It would be the best of all scores, less than no threshold, and any byte."""
     tiny_policy.give_nan(folder, name, output)
-    with pytest.raises(errors.ConfigError, match=rf"{name}\.onnx gives '{output}' with numbers that are not finite"):
+    with pytest.raises(errors.ConfigError, match=rf"{name}\.onnx: the weights 'nan' are not finite; train or"):
         evaluation.evaluate(str(folder), objects="procedural:can:0", trials=1)
 
 
@@ -513,3 +518,33 @@ def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
         "graspbox/GraspPose-v0",
     )
     assert card.data.to_dict()["tags"] == ["robotics", "grasping", "policy-depth", "hand-reflex"]
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+@pytest.mark.parametrize("raw", [True, False])
+def test_weights_of_a_network_are_scanned(dtype: str, raw: bool) -> None:
+    """As onnx stores them, as bytes or one by one; a lone infinity is a bound."""
+    from onnx import helper, numpy_helper
+
+    for values, is_wrong in (
+        ([1.0, -2.0], False),
+        ([np.inf], False),
+        ([np.nan], True),
+        ([0.0, np.nan, 1.0], True),
+        ([-np.inf, 1.0], True),
+    ):
+        array = np.array(values, dtype=dtype)
+        kind = helper.np_dtype_to_tensor_dtype(array.dtype)
+        tensor = numpy_helper.from_array(array, "w") if raw else helper.make_tensor("w", kind, array.shape, array)
+        if not raw and dtype == "float16":
+            continue  # stored as integers, which the exporter does not write
+        counts = numpy_helper.from_array(np.arange(3), "counts")
+        content = helper.make_model(helper.make_graph([], "g", [], [], [counts, tensor])).SerializeToString()
+        if is_wrong:
+            with pytest.raises(errors.ConfigError, match=r"^a\.onnx: the weights 'w' are not finite"):
+                check_weights(content, "a.onnx")
+        else:
+            check_weights(content, "a.onnx")
+        for end in range(len(content)):
+            with suppress(errors.ConfigError):
+                check_weights(content[:end], "a.onnx")

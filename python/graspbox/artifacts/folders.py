@@ -13,6 +13,7 @@ from typing import Any, TypeVar, overload
 from graspbox._common.files import dumps, read_bounded, write_text
 from graspbox.artifacts.configs import DepthPolicyConfig, PolicyConfig, Use
 from graspbox.artifacts.downloads import CONFIG, LARGEST_CONFIG, folder_of, is_name, root_of
+from graspbox.artifacts.onnx_weights import check_weights
 from graspbox.artifacts.registry import kind_of
 from graspbox.artifacts.schema import content_of, parse
 from graspbox.errors import ConfigError, FileError
@@ -62,7 +63,7 @@ def load(folder: str | os.PathLike[str], kind: type[PolicyConfig] = PolicyConfig
     ------
     ConfigError
         If there is no ``config.json``, a field of it is missing, unknown or wrong, the policy is of another kind, or a
-        file is missing, outside the folder, or different from the exported one.
+        file is missing, outside the folder, different from the exported one, or has weights that are not finite.
     MissingExtraError
         If pydantic is not installed.
     """
@@ -76,8 +77,11 @@ def load(folder: str | os.PathLike[str], kind: type[PolicyConfig] = PolicyConfig
         raise ConfigError(f"{path}: {error}") from None
     _check_names(config, str(path))
     for name, expected in config.files.items():
-        if file_hash(path.parent / name) != expected:
+        content = _bytes_of(path.parent / name, _LARGEST_FILE)
+        if hashlib.sha256(content).hexdigest() != expected:
             raise ConfigError(f"{path.parent / name} is not the file that {path} names; export the policy again")
+        if name.endswith(".onnx"):
+            check_weights(content, str(path.parent / name))
     return config
 
 
