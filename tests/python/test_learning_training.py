@@ -126,7 +126,7 @@ def test_training_stops_at_its_time_limit_and_continues_with_more(tmp_path: Path
 
 
 @pytest.mark.parametrize("network", ["cnn3d", "cnn2d_dropout"])
-def test_an_interrupted_training_gives_the_same_bits(network: str, tmp_path: Path) -> None:
+def test_an_interrupted_training_gives_the_same_bits(network: Any, tmp_path: Path) -> None:
     """Interrupted after its checkpoint, in the middle of an epoch; with dropout too."""
     model, samples = SMALL, SAMPLES
     if network == "cnn2d_dropout":

@@ -39,7 +39,7 @@ def seen(kind: Any, count: int) -> Any:
     return np.broadcast_to(inputs, (count, *inputs.shape[1:])).copy() if len(inputs) == 1 else inputs
 
 
-def model_of(network: str, loss: str, kind: Any) -> PoseModel:
+def model_of(network: Any, loss: Any, kind: Any) -> PoseModel:
     """Make a network that tells what it sees apart."""
     made = PoseModel(ModelConfig(network, loss, kind, preshape=grasps.PRESHAPE, fully_connected=(8,)), seed=1)
     inputs = seen(kind, 4)

@@ -29,7 +29,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "guides" / "train.md"
 SMALL = HeadConfig(width=8, features=8, hidden=16, anchors=AnchorConfig(cells=12, heights=14))
 
 
-def regressor(folder: Path, kind: Any = "binary", network: str = "cnn3d") -> Path:
+def regressor(folder: Path, kind: Any = "binary", network: Any = "cnn3d") -> Path:
     model = PoseModel(ModelConfig(network, "psi3", kind, fully_connected=(16,)), seed=1)
     model.input_shift.fill_(0.2)
     model.save(folder)

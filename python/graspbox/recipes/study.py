@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from graspbox.study.figures import normalized_figure, read_curve, training_figur
 from graspbox.study.grasps import PRESHAPE, Grasps, collect
 from graspbox.study.losses import LOSSES, LossWeights
 from graspbox.study.model import ModelConfig, PoseModel, moved
+from graspbox.study.model_configs import LossName, NetworkName
 from graspbox.study.results import PARTS, NetworkResult, network_table, page, position_spread
 from graspbox.study.samples import Kind, Samples, Split, make_samples, observe, split_at_random
 from graspbox.study.settings import SAMPLES, SETTINGS, training_settings
@@ -171,7 +172,8 @@ def _run_network(
         chosen["max_steps"] = settings.iterations
     config = replace(STUDY, **chosen, seed=settings.seed, device=settings.device)
     kind, preshape = _kind_of(settings, network), _preshape(settings)
-    made = ModelConfig(network, loss, kind, settings.units, zero_output, preshape)
+    names = cast(NetworkName, network), cast(LossName, loss)
+    made = ModelConfig(*names, kind, settings.units, zero_output, preshape)
     folder = run.folder / name / network / loss
 
     def show(done: TrainProgress) -> None:
