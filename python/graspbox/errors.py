@@ -20,6 +20,12 @@ class ConfigError(GraspboxError, ValueError):
 class FileError(GraspboxError, OSError):
     """A file or folder cannot be read or written; ``errno`` gives the reason, ``filename`` the path."""
 
+    def __str__(self) -> str:
+        """Name the path and the reason, without the number that ``OSError`` begins with."""
+        if self.filename is None or self.strerror is None:
+            return super().__str__()
+        return f"{self.filename}: {self.strerror}"
+
 
 class MeshError(GraspboxError, ValueError):
     """A mesh or a mesh file is invalid."""

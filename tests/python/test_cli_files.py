@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import graspbox
-from graspbox import cli, object_sets
+from graspbox import cli, errors, object_sets
 from interrupting import interrupted
 from test_cli import run
 
@@ -114,7 +115,42 @@ def test_full_and_closed_outputs(tmp_path: Path) -> None:
             assert closed.stderr is not None
             closed.stdout.close()
             assert closed.stderr.read() == b""
-            assert closed.wait() == 1
+            assert closed.wait() == 141
+
+
+def test_warnings_are_shown_once(tmp_path: Path) -> None:
+    """A mesh whose surface is open, and a link to nothing; a mesh is loaded for more than one trial."""
+    mesh = object_sets.load("procedural:can:0")[0].load()
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices]
+    faces = [face for face in mesh.faces if mesh.vertices[face, 2].mean() < mesh.vertices[:, 2].max() - 1e-4]
+    assert len(faces) < len(mesh.faces)
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    (tmp_path / "open.obj").write_text("\n".join(lines))
+    (tmp_path / "gone.obj").symlink_to("nowhere.obj")
+    done = run("evaluate", "zero", "--objects", f"dir:{tmp_path}", "--trials", "3")
+    assert done.returncode == 0
+    warnings = [line for line in done.stderr.splitlines() if line.startswith("graspbox: ")]
+    assert len(warnings) == 2
+    assert "gone.obj is left out: it is a link to nowhere.obj, which does not exist" in warnings[0]
+    assert "open.obj" in warnings[1]
+
+
+def test_missing_files_are_named_in_sentences(tmp_path: Path) -> None:
+    (tmp_path / "masses.csv").mkdir()
+    write_box(tmp_path / "box.off", 0.1, 0.1, 0.1)
+    image = ("--intrinsics", *"1111", "--policy", "x")
+    for words, said in (
+        (("grasp-image", tmp_path / "a.npy", *image), f"{tmp_path}/a.npy: there is no such depth image"),
+        (("plan", tmp_path / "a.obj"), ""),
+        (("objects", f"dir:{tmp_path}"), f"{tmp_path}/masses.csv: it is not a regular file"),
+    ):
+        done = run(*map(str, words))
+        assert done.returncode in (1, 2)
+        assert done.stderr.startswith(f"graspbox: {said}")
+        assert not re.search(r"Errno|PosixPath", done.stderr)
+    with pytest.raises(errors.FileError, match=r"^.*/a\.obj: No such file or directory$") as raised:
+        graspbox.load_mesh(tmp_path / "a.obj")
+    assert raised.value.errno == 2
 
 
 def test_backends_that_do_not_exist_do_not_matter(tmp_path: Path) -> None:

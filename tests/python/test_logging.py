@@ -10,6 +10,7 @@ import pytest
 
 import graspbox
 from graspbox import object_sets
+from graspbox.programs import run_program
 
 
 def scanned() -> graspbox.Mesh:
@@ -51,6 +52,30 @@ def test_a_broken_handler_does_not_stop_the_call(tmp_path: Path, monkeypatch: py
     finally:
         logger.removeFilter(broken)
     assert len(seen) == 1
+
+
+@pytest.mark.parametrize("handled", [False, True])
+def test_a_program_prints_a_warning_once(handled: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    """Unless it sets logging up itself."""
+    seen: list[logging.LogRecord] = []
+    handler = logging.Handler()
+    handler.emit = seen.append  # type: ignore[assignment, method-assign]
+
+    def main() -> None:
+        for _ in range(2):
+            logging.getLogger("graspbox.part").warning("the mesh\nis open")
+        logging.getLogger("graspbox.part").info("it is grey")
+
+    # pytest has handlers of its own.
+    root = logging.getLogger()
+    before, root.handlers = root.handlers, [handler] if handled else []
+    try:
+        with pytest.raises(SystemExit):
+            run_program(main)
+    finally:
+        root.handlers = before
+    assert capsys.readouterr().err == ("" if handled else "graspbox: the mesh is open\n")
+    assert len(seen) == 2 * handled
 
 
 @pytest.mark.parametrize("handled", [False, True])

@@ -57,7 +57,9 @@ Chunk = Annotated[
 
 def _print(result: Evaluation) -> None:
     if not result.trials:
-        typer.echo(f"no trial: {len(result.refused)} of {result.objects_given} objects were tried, and none can be used")
+        typer.echo(
+            f"no trial: {len(result.refused)} of {result.objects_given} objects were tried, and none can be used"
+        )
         return
     rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
     sums = ("total", str(len(result.trials)), str(result.succeeded), str(result.secure))

@@ -154,7 +154,10 @@ class Evaluation:
 
     @property
     def calibration_error(self) -> float | None:
-        """Expected calibration error of the predicted probabilities, in ten bins; None if a trial has none, or without trials."""
+        """Expected calibration error of the predicted probabilities, in ten bins.
+
+        None if some trial has none, or there is no trial.
+        """
         stated = [trial.confidence for trial in self.trials if trial.confidence is not None]
         if not stated or len(stated) < len(self.trials):
             return None
