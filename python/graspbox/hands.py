@@ -1,13 +1,14 @@
-"""Loading hands by name or from their two files; the cache folder."""
+"""Loading hands by name or from their two files; angles of a URDF; the cache folder."""
 
 import os
 from pathlib import Path
 from typing import TypeAlias
 
+from graspbox._common.rotations import euler_from_rotation
 from graspbox._core import Hand
 from graspbox.errors import ConfigError
 
-__all__ = ["Hand", "HandLike", "cache_folder", "load_hand"]
+__all__ = ["Hand", "HandLike", "cache_folder", "euler_from_rotation", "load_hand"]
 
 #: A name, a hand, or the paths of a URDF and a ``hand.toml``.
 HandLike: TypeAlias = str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]]

@@ -3,7 +3,10 @@
 import re
 import subprocess
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -95,11 +98,60 @@ def test_results_say_when_they_were_measured(page: str) -> None:
             assert measured.search(section), section.partition("\n")[0]
 
 
+def listed() -> set[str]:
+    """Names that the reference documents, those of modules with all that they export."""
+    text = "".join(page.read_text() for page in pages("docs/reference"))
+    return set(re.findall(r"^::: (\S+)$", text, flags=re.MULTILINE))
+
+
+def is_listed(name: str, known: set[str]) -> bool:
+    """Tell whether a dotted name is in the reference: itself, or what holds it and exports it."""
+    if name in known:
+        return True
+    holder, _, last = name.rpartition(".")
+    found = find(holder) if holder else None
+    exported = getattr(found, "__all__", None)
+    return found is not None and (exported is None or last in exported) and is_listed(holder, known)
+
+
+def find(name: str) -> Any:
+    """Find what a dotted name means: a module, or an attribute of one; None if there is nothing."""
+    try:
+        return import_module(name)
+    except ImportError:
+        holder, _, last = name.rpartition(".")
+        return getattr(find(holder), last, None) if holder else None
+
+
+def test_the_reference_lists_what_its_packages_export() -> None:
+    """Its index names the packages; every name of the reference exists."""
+    known = listed()
+    packages = re.findall(r"^\| \[`(graspbox\.\w+)`\]", (DOCS / "reference/python/index.md").read_text(), re.MULTILINE)
+    assert len(packages) > 10
+    names = [f"{one}.{name}" for one in packages for name in getattr(find(one), "__all__", ())]
+    # This function tells which extra is missing.
+    missing = [name for name in names if not is_listed(name, known) and not name.endswith(".require")]
+    assert missing == []
+    assert [name for name in known if find(name) is None] == []
+
+
+def test_the_reference_lists_what_guides_use() -> None:
+    known = listed()
+    used = set()
+    for page in [*pages("docs/guides"), DOCS / "start.md", ROOT / "README.md"]:
+        for block in re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL):
+            for module, names in re.findall(r"^from (graspbox[.\w]*) import (.+)$", block, flags=re.MULTILINE):
+                used |= {f"{module}.{name}" for name in re.split(r", *", names)}
+            used |= set(re.findall(r"\bgraspbox(?:\.\w+)+", block))
+    assert len(used) > 20
+    modules = {name for name in used if isinstance(find(name), ModuleType)}
+    assert sorted(name for name in used - modules if not is_listed(name, known)) == []
+
+
 def test_the_reference_lists_the_public_names() -> None:
     """What the package exports is documented, name by name or with its module."""
-    listed = re.findall(r"^::: (\S+)$", "".join(p.read_text() for p in pages("docs/reference")), flags=re.MULTILINE)
-    known = set(listed)
-    assert len(listed) > 50
+    known = listed()
+    assert len(known) > 50
     public = {f"graspbox.{name}" for name in graspbox.__all__} - {"graspbox.__version__", "graspbox.GraspboxError"}
     assert public <= known
     # No name of the package's own pages has gone.
