@@ -17,7 +17,7 @@ from graspbox import evaluation, policies
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import evaluate, run_trials, trial_seeds, wilson
-from graspbox.policies import Policy, Task
+from graspbox.policies import Policy, Task, Zero
 from interrupting import interrupted
 
 POSE, LOOP = IDS
@@ -304,7 +304,7 @@ def test_an_object_that_cannot_be_used_fails_the_command(tmp_path: Path) -> None
     (tmp_path / "broken.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n")
     done = run("zero", "--objects", str(tmp_path / "broken.off"), "--trials", "1", "--json")
     assert done.returncode == 1
-    assert done.stdout == ""
+    assert list(json.loads(done.stdout)["refused"]) == ["broken"]
     assert "object `broken`: the OFF file is truncated" in done.stderr
     assert "Traceback" not in done.stderr
 
@@ -312,12 +312,41 @@ def test_an_object_that_cannot_be_used_fails_the_command(tmp_path: Path) -> None
 def test_ctrl_c_ends_the_command() -> None:
     """While trials run that would take hours; what was counted by then is not printed."""
     ended = interrupted(
-        "import graspbox.evaluation.trials as trials\n"
-        "real = trials.TrialRun._act\n"
-        "trials.TrialRun._act = lambda run, active: (ready(), real(run, active))[1]\n"
+        "from graspbox import policies\n"
+        "class Watched(policies.Planner):\n"
+        "    def act(self, observation):\n"
+        "        ready()\n"
+        "        return super().act(observation)\n"
+        "policies.load = lambda name: Watched()\n"
         f"words = 'evaluate planner --env {LOOP} --objects procedural:can:0-4 --trials 1000000 --json'\n"
         "sys.argv = ['graspbox', *words.split()]\n"
         "from graspbox.__main__ import main; main()\n"
     )
     assert (ended.status, ended.stdout) == (130, "")
     assert set(ended.stderr.split()) <= {"ready"}
+
+
+class _Stopped(Zero):
+    """Acts a number of times, then Ctrl-C arrives."""
+
+    def __init__(self, left: int) -> None:
+        super().__init__()
+        self.left = left
+
+    def act(self, observation: Any) -> Any:
+        self.left -= 1
+        if self.left < 0:
+            raise KeyboardInterrupt
+        return super().act(observation)
+
+
+def test_an_interrupted_evaluation_counts_whole_trials() -> None:
+    """Two environments, three steps each: the third pair of trials is cut off, and the next evaluation is whole."""
+    settings: dict[str, Any] = {"env_id": LOOP, "objects": "procedural:can:0-4", "max_episode_steps": 3}
+    told: list[int] = []
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(_Stopped(7), trials=6, num_envs=2, progress=told.append, **settings)
+    assert told == [1, 2, 3, 4]
+    again = evaluate(_Stopped(9), trials=6, num_envs=2, **settings)
+    assert [trial.steps for trial in again.trials] == 6 * [3]
+    assert again.trials == evaluate("zero", trials=6, **settings).trials

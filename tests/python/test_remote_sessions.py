@@ -106,12 +106,10 @@ def test_a_proxy_that_goes_away_ends_no_session(urls: Urls, code: int, reason: s
 def test_a_server_that_stops_ends_its_sessions_at_once() -> None:
     """It says so, and the client does not try again for the grace of its session."""
     with served() as server:
-        env = begun(2, remote=server.url)
+        env = begun(2, remote=RemoteConfig((server.url,), grace=600.0))
         server.stop()
-        started = time.monotonic()
         with pytest.raises(errors.ConnectionLostError, match="is over: the server is stopping"):
             env.step(acting(env, 1)[0])
-        assert time.monotonic() - started < 10.0
 
 
 def test_a_session_that_nobody_takes_up_ends() -> None:
@@ -236,13 +234,14 @@ def test_a_signal_ends_a_call_over_several_servers(urls: Urls) -> None:
     env.reset(seed=3)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     action[:, [2, 3, 7]] = [-0.3, 1.0, -1.0]
+    before = env.call("get_state")
     Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
-    started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         env.step(action)
-    assert time.monotonic() - started < 3.0
+    states = env.call("get_state")
+    assert any(state == old for state, old in zip(states, before, strict=True)), "the call did not run to its end"
     local = make(128, POSE)
-    for index, state in enumerate(env.call("get_state")):
+    for index, state in enumerate(states):
         local.set_state(index, state)
     assert same(env.reset(seed=5), local.reset(seed=5))
     env.close()
