@@ -8,9 +8,12 @@ class GraspboxError(Exception):
     ----------
     object : str or None
         Name of the object that cannot be used, where another object might; None for every other error.
+    field : str
+        Name of the argument, keyword or entry of a request that is wrong, where one alone is known to be; else empty.
     """
 
     object: str | None = None
+    field: str = ""
 
 
 class ConfigError(GraspboxError, ValueError):

@@ -153,7 +153,22 @@ def test_what_nobody_may_make(honest: Honest, fields: dict[str, Any], words: str
         ({"objects": []}, "objects"),
         ({"objects": 5}, "objects"),
         ({"keywords": "ab"}, "keywords"),
-        ({"keywords": {"moon": 1}}, "keywords"),
+        ({"keywords": {"moon": 1}}, "moon"),
+        ({"keywords": {"m" * 4000: 1}}, "m" * 100),
+        ({"keywords": {"remote": "ws://127.0.0.1:1"}}, "remote"),
+        ({"keywords": {"render_mode": "human"}}, "render_mode"),
+        ({"keywords": {"render_mode": "film"}}, "render_mode"),
+        ({"keywords": {"obs": "moon"}}, "obs"),
+        ({"keywords": {"obs": ["state", "state"]}}, "obs"),
+        ({"keywords": {"obs": "tactile", "hand": "panda_gripper"}}, "obs"),
+        ({"keywords": {"control": "think"}}, "control"),
+        ({"keywords": {"autoreset_mode": "never"}}, "autoreset_mode"),
+        ({"keywords": {"reward": "praise"}}, "reward"),
+        ({"keywords": {"reward_weights": {"moon": 1.0}}}, "reward_weights"),
+        ({"keywords": {"reward_weights": {"reach": "much"}}}, "reward_weights"),
+        ({"keywords": {"randomization": "wild"}}, "randomization"),
+        ({"keywords": {"info": "less"}}, "info"),
+        ({"keywords": {"cameras": {"moon": 1}}}, "cameras"),
         ({"keywords": {"hand": "nose"}}, "hand"),
         ({"keywords": {"hand": []}}, "hand"),
         ({"keywords": {"split": "half"}}, "split"),
@@ -168,10 +183,18 @@ def test_what_nobody_may_make(honest: Honest, fields: dict[str, Any], words: str
     ],
 )
 def test_a_refused_make_names_the_field(honest: Honest, fields: dict[str, Any], field: str) -> None:
-    """The entry of the command, or the keyword where the sentence begins with one."""
+    """The entry of the command, or the keyword, whatever the sentence begins with."""
     with Peer(honest.server.url) as peer:
         error = peer.call("make", **{"objects": CAN, **fields})["error"]
     assert (error["field"], error["type"]) in ((field, "ConfigError"), (field, "ObjectSetError")), error
+
+
+def test_a_client_is_offered_no_keyword_that_it_may_not_use(honest: Honest) -> None:
+    """The choices named `remote`."""
+    with Peer(honest.server.url) as peer:
+        message = peer.call("make", objects=CAN, keywords={"xyz": 1})["error"]["message"]
+    assert "reward_weights" in message
+    assert not {"remote", "num_threads", "copy", "prepare_files"} & set(message.replace(",", "").split())
 
 
 def test_absurd_commands_are_refused_by_name(honest: Honest) -> None:

@@ -6,7 +6,8 @@ numpy's scalars and arrays count as numbers and lists anywhere in a config.
 import json
 import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -16,9 +17,9 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, GraspboxError
 
-__all__ = ["check_range", "config_of", "floats", "natural", "plain", "shown", "to_json", "with_settings"]
+__all__ = ["about", "check_range", "config_of", "floats", "natural", "plain", "shown", "to_json", "with_settings"]
 
 #: Greatest depth of nested lists in a config; lists of matrices need the most.
 _MAX_DEPTH = 8
@@ -26,6 +27,16 @@ _MAX_DEPTH = 8
 _SHOWN = 60
 
 Config = TypeVar("Config")
+
+
+@contextmanager
+def about(field: str) -> Iterator[None]:
+    """Mark errors of a block as errors of an argument (`GraspboxError.field`), unless they name another one."""
+    try:
+        yield
+    except GraspboxError as error:
+        error.field = error.field or field
+        raise
 
 
 def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox._common.arguments import natural, plain, shown
+from graspbox._common.arguments import about, natural, plain, shown
 from graspbox.configs import AgentConfig, CamerasConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs._pools.local import LocalPool, LocalSource, Pool, Source
@@ -99,15 +99,19 @@ class GraspCore:
         self.render_mode = settings["render_mode"]
         if self.render_mode not in (None, *RENDER_MODES):
             modes = ", ".join(map(repr, RENDER_MODES))
-            raise ConfigError(f"render_mode={self.render_mode!r} is not available; use None or one of {modes}")
+            with about("render_mode"):
+                raise ConfigError(f"render_mode={self.render_mode!r} is not available; use None or one of {modes}")
         self._window = Window("graspbox") if self.render_mode == "human" else None
         if settings["info"] not in ("full", "numeric"):
             raise ConfigError(f"info is {settings['info']!r}; choose from 'full', 'numeric'")
         self._numeric = settings["info"] == "numeric"
-        cameras = completed(settings["cameras"], spaces.image_names(settings["obs"]), settings["image_size"])
+        with about("obs"):
+            images = spaces.image_names(settings["obs"])
+        cameras = completed(settings["cameras"], images, settings["image_size"])
         # With autoreset, a step that begins the next episode must not wait for a mesh file.
         prepare_files = natural(settings.get("prepare_files", 0), "prepare_files")
-        self.autoreset_mode = checked_autoreset(settings.get("autoreset_mode", AutoresetMode.DISABLED))
+        with about("autoreset_mode"):
+            self.autoreset_mode = checked_autoreset(settings.get("autoreset_mode", AutoresetMode.DISABLED))
         self._prepare_files = 0 if self.autoreset_mode is AutoresetMode.DISABLED else prepare_files
         self.source = self._source_of(kind, num_envs, objects, settings)
         try:
@@ -124,17 +128,20 @@ class GraspCore:
         self._decides = "trial" in settings
         control = "grasp_pose" if self._decides else settings["control"]
         if not self._decides and control not in self.tables["actions"]:
-            raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(self.tables['actions'])}")
+            known = ", ".join(self.tables["actions"])
+            with about("control"):
+                raise ConfigError(f"there is no control mode {control!r}; choose from {known}")
         self.control, self.frame_skip = control, settings.get("frame_skip", 1)
         self.action_space = spaces.action_space(control, self.tables)
         self.action_size = spaces.size(spaces.columns_of(control, self.tables)[0])
         seen = self.source.images(cameras)
-        self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
+        with about("obs"):
+            self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
         # A Dict space sorts its names.
         self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
         names = (self.obs,) if isinstance(self.obs, str) else self.obs
-        known = DECISION_WEIGHTS if self._decides else WEIGHTS
-        self.weights = term_weights(settings["reward"], settings["reward_weights"], self.tables, known)
+        weights = DECISION_WEIGHTS if self._decides else WEIGHTS
+        self.weights = term_weights(settings["reward"], settings["reward_weights"], self.tables, weights)
         trial = settings.get("trial", TrialConfig())
         success = settings["success"] or trial.success
         self.config = AgentConfig(
@@ -347,7 +354,8 @@ def _randomization(given: Literal["standard"] | Randomization | None) -> Randomi
         return Randomization.standard()
     if isinstance(given, Randomization):
         return given
-    raise ConfigError(f"randomization is {given!r}; give None, 'standard' or a Randomization")
+    with about("randomization"):
+        raise ConfigError(f"randomization is {given!r}; give None, 'standard' or a Randomization")
 
 
 def completed(

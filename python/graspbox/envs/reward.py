@@ -4,13 +4,15 @@ A reward is the weighted sum of named terms, which the core computes. ``graspbox
 lists them with their ranges and meanings.
 """
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from numbers import Real
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._common.arguments import shown
+from graspbox._common.arguments import about, shown
 from graspbox.envs.spaces import Tables
 from graspbox.errors import ConfigError
 
@@ -25,6 +27,9 @@ __all__ = [
     "term_weights",
     "total",
 ]
+
+#: Greatest size of a weight.
+_HEAVIEST = sys.float_info.max
 
 #: 1 for a success, else 0.
 SPARSE: Mapping[str, float] = MappingProxyType({"success": 1.0})
@@ -105,16 +110,24 @@ def term_weights(
         For an unknown reward or term, or a weight that is not finite.
     """
     if reward not in known:
-        raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(known)}")
+        with about("reward"):
+            raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(known)}")
+    with about("reward_weights"):
+        return _weights(known[reward], given, [term["name"] for term in found["terms"]])
+
+
+def _weights(
+    named: Mapping[str, float], given: Mapping[str, float] | None, names: Sequence[str]
+) -> NDArray[np.float64]:
+    """Replace weights by those that are given, and put them into the order of the terms."""
     if given is not None and not isinstance(given, Mapping):
         raise ConfigError(f"reward_weights is {shown(given)}; give a dictionary of weights by the names of terms")
-    names = [term["name"] for term in found["terms"]]
-    chosen = {**known[reward], **(given or {})}
+    chosen = {**named, **(given or {})}
     for name, weight in chosen.items():
         if name not in names:
             raise ConfigError(f"there is no reward term {name!r}; choose from {', '.join(names)}")
-        if not np.isfinite(weight):
-            raise ConfigError(f"the weight of {name!r} is {weight}; give a finite number")
+        if not isinstance(weight, Real) or not -_HEAVIEST <= weight <= _HEAVIEST:
+            raise ConfigError(f"the weight of {name!r} is {shown(weight)}; give a finite number")
     return np.array([float(chosen.get(name, 0.0)) for name in names])
 
 

@@ -19,7 +19,7 @@ work for environments whose hand is given by name or by paths.
 
 import difflib
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -40,7 +40,7 @@ from typing import (
 from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets
-from graspbox._common.arguments import config_in, config_of, shown
+from graspbox._common.arguments import about, config_in, config_of, shown
 from graspbox._core import Hand
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
 from graspbox.envs.remote_config import RemoteConfig
@@ -266,26 +266,31 @@ def keywords(kind: type) -> Mapping[str, Keyword]:
     return {name: get_args(hint)[-1] for name, hint in hints.items()}
 
 
-def complete(kind: type, given: Mapping[str, Any]) -> Settings:
+def complete(kind: type, given: Mapping[str, Any], hidden: Collection[str] = ()) -> Settings:
     """Add missing keywords with their defaults, and convert dictionaries to configs.
 
     Raises
     ------
     ConfigError
-        For an unknown keyword (the message suggests the nearest one), or a value of the wrong type for a keyword that
-        takes a config.
+        For an unknown keyword (the message suggests the nearest one, or all but those `hidden`), or a value of the
+        wrong type for a keyword that takes a config. Its `field` is the keyword.
     """
     rows = keywords(kind)
     for name in given:
         if name not in rows:
-            near = difflib.get_close_matches(name, rows, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(rows)}"
-            raise ConfigError(f"this environment has no keyword {name!r}; {hint}")
-    hints = get_type_hints(kind)
-    chosen = {name: _configured(name, value, hints[name]) for name, value in given.items()}
+            offered = [row for row in rows if row not in hidden]
+            near = difflib.get_close_matches(name, offered, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(offered)}"
+            with about(name):
+                raise ConfigError(f"this environment has no keyword {name!r}; {hint}")
+    hints, chosen = get_type_hints(kind), {}
+    for name, value in given.items():
+        with about(name):
+            chosen[name] = _configured(name, value, hints[name])
     for name, value in chosen.items():
         if name not in _CHECKED_LATER and not _fits(value, hints[name]):
-            raise ConfigError(f"{name} is {shown(value)}; its type is {rows[name].type}")
+            with about(name):
+                raise ConfigError(f"{name} is {shown(value)}; its type is {rows[name].type}")
     return cast(Settings, {**{name: row.default for name, row in rows.items()}, **chosen})
 
 

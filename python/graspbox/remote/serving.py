@@ -32,6 +32,8 @@ _MAKERS = 2
 _LOCAL = ("remote", "num_threads", "copy", "prepare_files")
 #: Longest sentence of an error that a client is told, characters.
 _MAX_SENTENCE = 4096
+#: Longest name of a field.
+_MAX_FIELD = 100
 
 
 def available() -> tuple[str, ...]:
@@ -126,11 +128,14 @@ class EnvironmentServer(RunningServer):
                     f"this server does not offer the hand {shown(hand)}; choose from {', '.join(self.offer.hands)}"
                 )
         with _about("keywords"):
-            complete(kind, given)
-            if given.get("remote") is not None or given.get("render_mode") == "human":
-                raise ConfigError(
-                    "a server makes environments of its own, without a window; leave remote and 'human' out"
-                )
+            complete(kind, given, hidden=_LOCAL)
+        refused = {"remote": given.get("remote") is not None, "render_mode": given.get("render_mode") == "human"}
+        for name, wrong in refused.items():
+            with _about(name):
+                if wrong:
+                    raise ConfigError(
+                        "a server makes environments of its own, without a window; leave remote and 'human' out"
+                    )
         split = given.pop("split", None)
         choice = {name: given.pop(name) for name in ("scale", "mass") if name in given}
         with _about("objects"):
@@ -154,12 +159,12 @@ class _WrongField(Exception):  # noqa: N818 (it wraps the error)
 
 @contextmanager
 def _about(field: str) -> Iterator[None]:
-    """Say which field an error is about; sentences about a keyword begin with its name."""
+    """Say which field an error is about: the one that it names, or the keyword with which the core's sentence begins."""
     try:
         yield
     except GraspboxError as error:
         leading = re.match(r"[`\w.]+", str(error))
         words = leading[0].strip("`").split(".") if leading else []
         # Perhaps behind the name of a config.
-        field = next((word for word in words if word in keywords(Settings)), field)
-        raise _WrongField(error, field) from error
+        field = error.field or next((word for word in words if word in keywords(Settings)), field)
+        raise _WrongField(error, field[:_MAX_FIELD]) from error

@@ -216,7 +216,7 @@ def checked(answer: dict[str, Any]) -> dict[str, Any]:
     if not (isinstance(kind, type) and issubclass(kind, GraspboxError)):
         raise InternalError(f"the server reports an error of the kind {name!r}: {message}")
     raised = kind(message)
-    raised.object = error.get("object") or None
+    raised.object, raised.field = error.get("object") or None, str(error.get("field") or "")
     raise raised
 
 
