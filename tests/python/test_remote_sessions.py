@@ -335,6 +335,30 @@ def test_the_error_of_a_lost_server_names_it_and_its_environments(reconnect: Any
             assert "environments 0 to 1 " in sentence, name
 
 
+def test_the_error_of_the_only_server_names_it_and_its_environments() -> None:
+    """It named the environments of one of several servers alone."""
+    with served() as server:
+        env, alone = begun(3, remote=RemoteConfig((server.url,), grace=0.0)), make_single(remote=server.url)
+        alone.reset(seed=0)
+        server.stop(patient=False)
+        for call in (lambda: env.step(acting(env, 1)[0]), lambda: env.get_state(1), lambda: env.reset(seed=1)):
+            with pytest.raises(errors.ConnectionLostError, match=f"{server.url}.*; environments 0 to 2 are on it$"):
+                call()
+        with pytest.raises(errors.ConnectionLostError, match=f"{server.url}.*; environment 0 is on it$"):
+            alone.reset()
+        with pytest.raises(errors.ConnectionLostError, match="reached.*; environments 0 to 2 are to be on it$"):
+            make(3, remote=server.url)
+
+
+def test_a_mass_that_is_none_is_refused_as_in_this_process() -> None:
+    """It was an error of another class, about another rule."""
+    with served() as server:
+        for choice in ({"mass": float("nan")}, {"mass": -1.0}, {"scale": float("inf")}, {"scale": 0.0}):
+            here, there = (error_of(partial(make, 1, remote=remote, **choice)) for remote in (None, server.url))
+            assert here == there
+            assert here[0] == "ObjectSetError"
+
+
 def send(env: Any, count: int, envs: list[int]) -> Any:
     return env.send(acting(env, 1)[0][:count], envs)
 

@@ -214,10 +214,7 @@ def load(
     MissingExtraError
         If ``ycb`` is requested without its package.
     """
-    if not (0.0 < scale < float("inf")):
-        raise ObjectSetError(f"scale is {scale}; give a positive number of metres per unit of the file")
-    if mass is not None and not (0.0 < mass < float("inf")):
-        raise ObjectSetError(f"mass is {mass}; give a positive number of kilograms")
+    check_sizes(scale, mass)
     if isinstance(objects, ObjectSet):
         if scale != 1.0:
             raise ObjectSetError("scale applies when a set is loaded; this one has been loaded already")
@@ -230,6 +227,14 @@ def load(
         found = replace(found, objects=tuple(replace(spec, mass=mass, mass_known="given") for spec in found))
     _check_names(found)
     return found if split is None else found.split(split)
+
+
+def check_sizes(scale: float, mass: float | None) -> None:
+    """Refuse a scale or a mass that is not a positive number; raises as `load`."""
+    if not (0.0 < scale < float("inf")):
+        raise ObjectSetError(f"scale is {scale}; give a positive number of metres per unit of the file")
+    if mass is not None and not (0.0 < mass < float("inf")):
+        raise ObjectSetError(f"mass is {mass}; give a positive number of kilograms")
 
 
 def set_names(objects: str | Path | Sequence[str | Path]) -> list[str]:

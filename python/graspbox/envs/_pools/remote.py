@@ -5,7 +5,8 @@ those of the server, bit for bit, and errors have its sentences.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from graspbox.envs._pools.local import Buffers, Cameras, Mask, Seeds, Stepped
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError, InternalError
 
-__all__ = ["PROTOCOL", "RemotePool"]
+__all__ = ["PROTOCOL", "OnlyPool", "RemotePool", "lost"]
 
 #: Version of the protocol; the server tells its own in its first frame.
 PROTOCOL = 1
@@ -190,6 +191,42 @@ class RemotePool:
             self._client.submit("close", {})
         except GraspboxError:
             return
+
+
+class OnlyPool(RemotePool):
+    """The session on the only server: errors of a lost server name the environments, as those of one of several do."""
+
+    _made = False
+
+    def __init__(self, url: str, config: RemoteConfig, request: dict[str, Any]) -> None:
+        try:
+            super().__init__(url, config, request)
+        except ConnectionLostError as error:
+            raise lost(error, range(int(request["num_envs"])), made=False) from None
+        self._made = True
+
+    def begin(self, command: str, fields: dict[str, Any]) -> int:
+        """Send a command, as `RemotePool.begin`."""
+        with self._named():
+            return super().begin(command, fields)
+
+    def end(self, number: int) -> dict[str, Any]:
+        """Wait for the answer to a command, as `RemotePool.end`."""
+        with self._named():
+            return super().end(number)
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except ConnectionLostError as error:
+            raise lost(error, range(self.num_envs)) if self._made else error from None
+
+
+def lost(error: Exception, envs: range, made: bool = True) -> ConnectionLostError:
+    """Name the environments that are on a lost server, or were to be made on it, in its error."""
+    which = f"environments {envs[0]} to {envs[-1]} are" if len(envs) > 1 else f"environment {envs.start} is"
+    return ConnectionLostError(f"{error}; {which} {'' if made else 'to be '}on it")
 
 
 def reset_fields(seeds: Seeds, mask: Mask, options: Sequence[str]) -> dict[str, Any]:

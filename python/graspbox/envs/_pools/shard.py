@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from graspbox.envs._pools.local import Stepped
-from graspbox.envs._pools.remote import RemotePool, checked, stepped_of
+from graspbox.envs._pools.remote import RemotePool, checked, lost, stepped_of
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError
 
@@ -52,7 +52,7 @@ class Shard:
 
     def named(self, error: Exception) -> ConnectionLostError:
         """Name its environments in an error."""
-        return ConnectionLostError(f"{error}; environments {self.first} to {self.last - 1} are on it")
+        return lost(error, self.envs)
 
     def begin(self, command: str, fields: dict[str, Any]) -> int | None:
         """Send a command; None if the server is gone, which `end` finds out too."""

@@ -9,7 +9,7 @@ from graspbox import _core, object_sets
 from graspbox._common.arguments import natural, plain, shown
 from graspbox.configs import AgentConfig, CamerasConfig
 from graspbox.envs import spaces
-from graspbox.envs._pools.remote import RemotePool
+from graspbox.envs._pools.remote import OnlyPool, RemotePool
 from graspbox.envs._pools.spread import SpreadPool
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.envs.settings import (
@@ -79,6 +79,7 @@ class RemoteSource:
         _core.num_threads(settings["num_threads"])  # is checked, although nothing runs here
         self._objects = objects
         self._choice: dict[str, Any] = {name: settings[name] for name in _CHOICE}
+        object_sets.check_sizes(settings["scale"], settings["mass"])
         environment, vector = KINDS[kind]
         request = {
             "environment": environment,
@@ -88,7 +89,7 @@ class RemoteSource:
             "keywords": _keywords(settings),
         }
         if len(remote.urls) == 1 and remote.reconnect == "resume":
-            self._pool: RemotePool | SpreadPool = RemotePool(remote.urls[0], remote, request)
+            self._pool: RemotePool | SpreadPool = OnlyPool(remote.urls[0], remote, request)
         else:
             self._pool = SpreadPool(remote, request)
         described = self._pool.description

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox.envs._pools.local import Buffers, Cameras, Mask, Seeds, Stepped
-from graspbox.envs._pools.remote import RemotePool, now_of, reset_fields, stepped_of
+from graspbox.envs._pools.remote import RemotePool, lost, now_of, reset_fields, stepped_of
 from graspbox.envs._pools.shard import CHANGES, Shard
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
@@ -257,7 +257,7 @@ def _shard(url: str, first: int, last: int, remote: RemoteConfig, request: dict[
     try:
         return Shard(remote, own, first, last, RemotePool(url, remote, own))
     except ConnectionLostError as error:
-        raise ConnectionLostError(f"{error}; environments {first} to {last - 1} are to be on it") from None
+        raise lost(error, range(first, last), made=False) from None
 
 
 def _concatenated(found: Sequence[Any], out: dict[str, Any]) -> Any:
