@@ -106,7 +106,7 @@ def metric_depth(
         )
     _check_size(values.size, name)
     if scale is not None and not 0.0 < scale < float("inf"):
-        raise ConfigError(f"the depth scale is {scale}; give metres per unit of the file, such as 0.001")
+        raise ConfigError(f"the depth scale is {scale}; give metres per unit of the image, such as 0.001")
     metres = scale if scale is not None else (1.0 if values.dtype.kind == "f" else _INTEGERS)
     depth = np.where(np.isfinite(values), values, 0).astype(np.float64) * metres
     if depth.min() < 0:
@@ -168,10 +168,10 @@ def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
     # An image does not show its unit: some may be plausible, and the nearest to usual distances may be wrong.
     possible = sorted((unit for unit in _UNITS if np.isfinite(off(_UNITS[unit]))), key=lambda unit: off(_UNITS[unit]))
     choices = " or ".join(f"{unit} (depth scale {_UNITS[unit]:g})" for unit in possible)
-    perhaps = f"; perhaps the file holds {choices}, which an image does not show" if possible else ""
+    perhaps = f"; perhaps its unit is {choices}, which an image does not show" if possible else ""
     raise ConfigError(
         f"the middle depth of {name} would be {middle:.3g} m{perhaps}: look its unit up, and give the depth scale, in "
-        f"metres per unit of the file; here it is {metres:g}"
+        f"metres per unit of the image; here it is {metres:g}"
     )
 
 
@@ -252,8 +252,8 @@ def check_pose(table_from_camera: ArrayLike, name: str = "table_from_camera") ->
         raise ConfigError(f"{name} places the camera at {pose[:3, 3]}; give metres, at most {MAX_COORDINATE:g}")
     if pose[2, 3] <= 0 or turn[2, 2] >= 0:
         raise ConfigError(
-            f"{name} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give "
-            "table_from_camera, not its inverse, with z up and z = 0 on the table"
+            f"{name} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give the camera's pose "
+            "in the table's frame, not its inverse, with z up and z = 0 on the table"
         )
     return pose
 
@@ -366,7 +366,7 @@ def check_table(
         middle = f"; the middle height of its pixels is {np.median(heights):.3g} m" if len(points) else ""
         raise ConfigError(
             f"the camera's pose does not fit the image: {share:.0%} of it is at the height of the table{middle}. "
-            "Check the pose (table_from_camera, not its inverse), its units and the depth scale"
+            "Check the pose (the camera's in the table's frame, not its inverse), its units and the depth scale"
         )
 
 

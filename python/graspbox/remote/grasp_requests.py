@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._common.arguments import natural, shown
+from graspbox._common.arguments import about, natural, shown
 from graspbox._common.rotations import quaternion_from_rotation
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
-from graspbox.perception.depth_images import metric_depth
+from graspbox.perception.depth_images import check_intrinsics, check_pose, metric_depth
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
 
@@ -41,16 +41,21 @@ ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "hand_error", "depth_
 MAX_IMAGES, MAX_PIXELS = 16, 4096 * 3072
 #: Most grasps for an image.
 MAX_GRASPS = 100
+#: Largest scale of depth, metres per unit; longest name of an entry that an error repeats.
+_LARGEST_SCALE, _MAX_NAME = 1e6, 100
 
 
 def _array(request: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Take an array of numbers of a shape."""
+    """Take an array of finite numbers of a shape."""
+    wanted = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
     try:
         found = np.asarray(request[name], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ConfigError(f"{name} is {shown(request[name])}; give an array of shape {shape}") from None
-    if found.shape != shape or not np.isfinite(found).all():
-        raise ConfigError(f"{name} has shape {found.shape}; give finite numbers of shape {shape}")
+    except (OverflowError, TypeError, ValueError):
+        raise ConfigError(f"{name} is {shown(request[name])}; give {wanted}") from None
+    if found.shape != shape:
+        raise ConfigError(f"{name} has shape {found.shape}; give {wanted}")
+    if not np.isfinite(found).all():
+        raise ConfigError(f"{name} holds {found[~np.isfinite(found)][0]}; give {wanted}")
     return found
 
 
@@ -59,14 +64,16 @@ def _image(request: Mapping[str, Any]) -> NDArray[np.generic]:
         raise ConfigError("a request for grasps needs the entries 'depth' and 'intrinsics'")
     try:
         found: NDArray[np.generic] = np.asarray(request["depth"])
-    except ValueError:
+    except (OverflowError, ValueError):
         raise ConfigError("depth holds rows of different lengths; give an image (H, W)") from None
     if found.dtype.kind not in "fiu" or found.ndim not in (2, 3):
         raise ConfigError(f"depth is {found.dtype} of shape {found.shape}; give numbers (H, W), or (k, H, W)")
+    if not found.size:
+        raise ConfigError(f"depth has shape {found.shape}, without a pixel; give an image (H, W)")
     if found.ndim == 3 and found.shape[2] == 1 and found.shape[0] > MAX_IMAGES:
         found = found[..., 0]
     images = found.shape[0] if found.ndim == 3 else 1
-    if images > MAX_IMAGES or not 0 < found.size <= images * MAX_PIXELS:
+    if images > MAX_IMAGES or found.size > images * MAX_PIXELS:
         raise ConfigError(f"depth has shape {found.shape}; at most {MAX_IMAGES} images of {MAX_PIXELS} pixels fit")
     return found
 
@@ -75,18 +82,24 @@ def _separate(request: Mapping[str, Any], depth: NDArray[np.generic]) -> list[di
     """Make one request per image."""
     if depth.ndim == 2:
         return [{**request, "depth": depth}]
-    parts = []
-    for index in range(len(depth)):
-        own = {**request, "depth": depth[index]}
-        for name in ("intrinsics", "camera_pose"):
-            if request.get(name) is not None and np.ndim(request[name]) == 3:
-                if len(request[name]) != len(depth):
-                    raise ConfigError(
-                        f"{name} has {len(request[name])} matrices; give one for each of {len(depth)} images"
-                    )
-                own[name] = request[name][index]
-        parts.append(own)
+    parts: list[dict[str, Any]] = [{**request, "depth": image} for image in depth]
+    for name, size in (("intrinsics", 3), ("camera_pose", 4)):
+        with about(name):
+            matrices = _matrices(request.get(name), name, size, len(depth))
+        for part, own in zip(parts, matrices, strict=False):
+            part[name] = own
     return parts
+
+
+def _matrices(given: Any, name: str, size: int, images: int) -> Any:
+    """Take one matrix for each image; empty where one is given for all, or none."""
+    try:
+        several = given is not None and np.ndim(given) == 3
+    except ValueError:
+        raise ConfigError(f"{name} holds rows of different lengths; give matrices ({size}, {size})") from None
+    if several and len(given) != images:
+        raise ConfigError(f"{name} has {len(given)} matrices; give one for each of {images} images")
+    return given if several else ()
 
 
 def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -100,35 +113,65 @@ def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        For an entry that is wrong, missing or unknown, or an image without an object.
+        For an entry that is wrong, missing or unknown, which `GraspboxError.field` names, or an image without an
+        object.
     """
     for name in request:
         if name not in ENTRIES:
-            raise ConfigError(f"a request for grasps has no entry {name!r}; choose from {', '.join(ENTRIES)}")
-    depth = _image(request)
+            with about(shown(name) if not isinstance(name, str) else name[:_MAX_NAME]):
+                choices = ", ".join(ENTRIES)
+                raise ConfigError(f"a request for grasps has no entry {shown(name)}; choose from {choices}")
+    with about("intrinsics" if "depth" in request and "intrinsics" not in request else "depth"):
+        depth = _image(request)
     hand = load_hand(grasper.config.hand)
     answers = [answer_of(_found(grasper, one), hand) for one in _separate(request, depth)]
     return answers[0] if depth.ndim == 2 else {"images": answers}
 
 
-def _found(grasper: ImageGrasper, request: Mapping[str, Any]) -> ImageGrasps:
+def _scale(request: Mapping[str, Any]) -> float | None:
+    """Take the scale of the depth."""
     scale = request.get("depth_scale")
-    if scale is not None and (isinstance(scale, bool) or not isinstance(scale, int | float | np.number)):
-        raise ConfigError(f"depth_scale is {shown(scale)}; give metres per unit, such as 0.001")
-    depth = metric_depth(request["depth"], None if scale is None else float(scale))
-    lens = _array(request, "intrinsics", (3, 3))
-    pose = None if request.get("camera_pose") is None else _array(request, "camera_pose", (4, 4))
-    region = None
-    if request.get("region") is not None:
-        left, top, right, bottom = (int(x) for x in _array(request, "region", (4,)))
-        region = (left, top, right, bottom)
-    error = None
+    if scale is None:
+        return None
+    known = isinstance(scale, int | float | np.integer | np.floating) and not isinstance(scale, bool)
+    if not known or not 0.0 < scale <= _LARGEST_SCALE:
+        raise ConfigError(f"depth_scale is {shown(scale)}; give metres per unit of depth, such as 0.001")
+    return float(scale)
+
+
+def _region(request: Mapping[str, Any]) -> tuple[int, int, int, int] | None:
+    """Take the pixels within which the object is looked for."""
+    if request.get("region") is None:
+        return None
+    found = _array(request, "region", (4,))
+    if (found != np.round(found)).any() or (np.abs(found) > MAX_PIXELS).any():
+        raise ConfigError(f"region is {shown(request['region'])}; give the pixels left, top, right, bottom")
+    left, top, right, bottom = (int(x) for x in found)
+    return left, top, right, bottom
+
+
+def _found(grasper: ImageGrasper, request: Mapping[str, Any]) -> ImageGrasps:
+    with about("depth_scale"):
+        scale = _scale(request)
+    with about("depth"):
+        depth = metric_depth(request["depth"], scale)
+    with about("intrinsics"):
+        lens = check_intrinsics(_array(request, "intrinsics", (3, 3)), (depth.shape[0], depth.shape[1]))
+    pose = error = None
+    if request.get("camera_pose") is not None:
+        with about("camera_pose"):
+            pose = check_pose(_array(request, "camera_pose", (4, 4)), "camera_pose")
+    with about("region"):
+        region = _region(request)
     if request.get("hand_error") is not None:
-        error = PoseNoise.in_millimetres(*_array(request, "hand_error", (2,)).tolist())
-    count = natural(request.get("count", 5), "count")
-    if not 1 <= count <= MAX_GRASPS:
-        raise ConfigError(f"count is {count}; give 1 to {MAX_GRASPS}")
-    seed = natural(request.get("seed", 0), "seed", bits=63)
+        with about("hand_error"):
+            error = PoseNoise.in_millimetres(*_array(request, "hand_error", (2,)).tolist())
+    with about("count"):
+        count = natural(request.get("count", 5), "count")
+        if not 1 <= count <= MAX_GRASPS:
+            raise ConfigError(f"count is {count}; give 1 to {MAX_GRASPS}")
+    with about("seed"):
+        seed = natural(request.get("seed", 0), "seed", bits=63)
     return grasper.find(depth, lens, pose, count=count, region=region, hand_error=error, seed=seed)
 
 
@@ -178,7 +221,11 @@ def from_json(body: bytes) -> dict[str, Any]:
         raise ConfigError(f"the body is not JSON: {error}") from None
     if not isinstance(found, dict):
         raise ConfigError("the body is JSON, but no object; send {'depth': ..., 'intrinsics': ...}")
-    return {name: _decoded(value, name) for name, value in found.items()}
+    request: dict[str, Any] = {}
+    for name, value in found.items():
+        with about(name[:_MAX_NAME]):
+            request[name] = _decoded(value, name)
+    return request
 
 
 def _decoded(value: Any, name: str) -> Any:
@@ -187,7 +234,7 @@ def _decoded(value: Any, name: str) -> Any:
     try:
         dtype, shape = np.dtype(value["dtype"]), tuple(int(n) for n in value["shape"])
         data = base64.b64decode(value["data"], validate=True)
-    except (KeyError, OverflowError, TypeError, ValueError, binascii.Error):
+    except (KeyError, OverflowError, SyntaxError, TypeError, ValueError, binascii.Error):
         raise ConfigError(
             f"{name} is {shown(value)}; an array is {{'data': base64, 'dtype': '<u2', 'shape': [H, W]}}"
         ) from None
