@@ -46,11 +46,11 @@ class Args:
     """What to measure."""
 
     only: tuple[str, ...] = ()
-    """Parts: steps, calls, clients, memory, policy. All by default."""
+    """Parts: steps, calls, clients, memory, policy, acting. All by default."""
     runs: int = 5
     """Runs of each figure."""
     policy: str = ""
-    """Folder of a policy, for the part policy."""
+    """Folder of a policy, for the parts policy and acting."""
     peer_python: tuple[str, ...] = ()
     """Interpreters in which peers are installed, beside this one."""
     json: Path | None = None
@@ -266,6 +266,51 @@ def policy(args: Args) -> None:
             add(args, f"decisions/s: {name}", rates, "1/s", ratio=float(np.median(ratios)))
 
 
+def acting(args: Args) -> None:
+    """Answers with actions to observations: the first one of a connection, and eight clients at once against one."""
+    if not args.policy:
+        print("acting: left out, name a folder with --policy", file=sys.stderr)
+        return
+    with served(args.policy, command="serve-policy") as (_, url):
+        hello: Any = _core.PolicyClient(url, token=None, ca=None).metadata
+        made = {"objects": "procedural:mug:0", "obs": hello["observations"], **hello["settings"]}
+        env = gymnasium.make(hello["environment"], **made)
+        seen, _ = env.reset(seed=1)
+        request = {name: np.ascontiguousarray(value) for name, value in seen.items()}
+
+        def first() -> float:
+            started = time.perf_counter()
+            client = _core.PolicyClient(url, token=None, ca=None)
+            client.send({**request, "reset": True})
+            client.receive()
+            return 1e3 * (time.perf_counter() - started)
+
+        add(args, f"first answer of a connection: {hello['policy']}", [first() for _ in range(3 * args.runs)], "ms")
+        peers = [_core.PolicyClient(url, token=None, ca=None) for _ in range(8)]
+        inferring: list[float] = []
+
+        def act(client: Any, count: int) -> None:
+            for _ in range(count):
+                client.send(request)
+                inferring.append(client.receive()["server_timing"]["infer_ms"])
+
+        def at_once(count: int) -> float:
+            threads = [threading.Thread(target=act, args=(peer, 1600 // count)) for peer in peers[:count]]
+            started = time.perf_counter()
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            return 1600 / (time.perf_counter() - started)
+
+        found = alternating({"one client": lambda: at_once(1), "eight clients": lambda: at_once(8)}, args.runs)
+        for name, rates in found.items():
+            ratios = np.array(rates) / np.array(found["one client"])
+            add(args, f"actions/s, {hello['policy']}: {name}", rates, "1/s", ratio=float(np.median(ratios)))
+        act(peers[0], 400)
+        add(args, "of an answer, in the policy itself", inferring[-400:], "ms")
+
+
 def add(args: Args, work: str, values: list[float], unit: str, **more: float) -> None:
     """Add a row, and print it."""
     row = {"work": work, "median": float(np.median(values)), "unit": unit, "count": len(values), **more}
@@ -274,7 +319,7 @@ def add(args: Args, work: str, values: list[float], unit: str, **more: float) ->
     print(f"{work:<60} {row['median']:>10.4g} {unit}{extra}", flush=True)
 
 
-PARTS = {"steps": steps, "calls": calls, "clients": clients, "memory": memory, "policy": policy}
+PARTS = {"steps": steps, "calls": calls, "clients": clients, "memory": memory, "policy": policy, "acting": acting}
 
 
 def main(args: Args) -> None:

@@ -346,7 +346,7 @@ def test_the_error_of_the_only_server_names_it_and_its_environments() -> None:
                 call()
         with pytest.raises(errors.ConnectionLostError, match=f"{server.url}.*; environment 0 is on it$"):
             alone.reset()
-        with pytest.raises(errors.ConnectionLostError, match="reached.*; environments 0 to 2 are to be on it$"):
+        with pytest.raises(errors.ConnectionLostError, match=r"reached.*; environments 0 to 2 are to be on it$"):
             make(3, remote=server.url)
 
 

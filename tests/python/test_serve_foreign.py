@@ -50,6 +50,13 @@ METADATA: list[tuple[bytes, str]] = [
     (packed({"observations": ["depth"], "environment": 5}), "environment 5 "),
     (packed({"observations": ["depth"], "settings": 5}), "settings 5 "),
     (packed({}), "does not say what it observes"),
+    (packed({"server": "graspbox", "learned_from": "procedural"}), "learned_from 'procedural'.*at most 1000 names"),
+    (packed({"server": "graspbox", "learned_from": [5]}), r"learned_from \[5\]"),
+    (packed({"server": "graspbox", "learned_from": ["x"] * 1001}), "learned_from .*at most 1000 names"),
+    (packed({"server": "graspbox", "learned_from": ["x" * 1001]}), "learned_from .*of 1000 characters"),
+    (packed({"server": "graspbox", "hand": 5}), "the hand 5 "),
+    (packed({"server": "graspbox", "hand": "x" * 1001}), "the hand 'xxx"),
+    (packed({"server": "graspbox", "confidence": 0.5}), "has confidence 0.5 "),
     (text("no metadata today"), "no metadata today"),
     (frame(b"\xc1", mask=False), "msgpack"),
 ]
@@ -87,6 +94,35 @@ def test_answers_that_hold_no_actions(answer: bytes, sentence: str) -> None:
         policy.reset([1])
         with pytest.raises((ConfigError, ConnectionLostError), match=sentence):
             policy.act(observation)
+
+
+CONFIDENCES: list[tuple[dict[str, Any], str]] = [
+    ({}, "states the confidence None"),
+    ({"confidence": "much"}, "states the confidence 'much'"),
+    ({"confidence": 1.5}, "states the confidence 1.5 .*from 0 to 1"),
+    ({"confidence": float("nan")}, "states the confidence nan"),
+    ({"confidence": True}, "states the confidence True"),
+]
+
+
+@pytest.mark.parametrize("ours", [True, False], ids=["ours", "foreign"])
+@pytest.mark.parametrize(("more", "sentence"), CONFIDENCES, ids=lambda value: str(value)[:40])
+def test_confidences_that_are_none(more: dict[str, Any], sentence: str, ours: bool) -> None:
+    """A server that is not ours may mean something else by its entries."""
+    envs = gymnasium.make_vec("graspbox/Grasp-v0", 1, objects="procedural:can:0", obs="proprio")
+    observation, _ = envs.reset(seed=0)
+    hello = {"observations": ["proprio"], "confidence": True, **({"server": "graspbox"} if ours else {"hand": 5})}
+    with foreign(packed(hello), packed({"actions": np.zeros(10, np.float32), **more})) as url:
+        policy = RemotePolicy(url)
+        policy.bind(Task.of(envs))
+        policy.reset([1])
+        if ours:
+            with pytest.raises(ConfigError, match=sentence):
+                policy.act(observation)
+        else:
+            policy.act(observation)
+            assert policy.confidence(0) is None
+            assert policy.learned_from == ()
 
 
 FIRST: list[tuple[tuple[bytes, ...], str]] = [

@@ -8,6 +8,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,11 @@ import graspbox
 import tiny_policy
 from graspbox import _core
 from graspbox._common.rotations import rotation_from_quaternion
+from graspbox.artifacts import runtimes
+from graspbox.artifacts.folders import load, save
 from graspbox.errors import ConfigError, ConnectionLostError
-from graspbox.policies.grasp_image import grasp_image
+from graspbox.policies.grasp_image import ImageGrasper, grasp_image
+from graspbox.remote import grasp_requests
 from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
 from graspbox.remote.remote_policy import RemotePolicy
 from test_serve import served
@@ -106,10 +110,17 @@ def test_json_says_the_same(server: PolicyServer, request_of_can: dict[str, Any]
     [
         ({"depth": None}, "numbers"),
         ({"depth": [[1.0, 2.0], [3.0]]}, "depth"),
-        ({"depth": np.zeros((0, 4))}, "depth has shape"),
+        ({"depth": np.zeros((0, 4))}, "depth has shape (0, 4), without a pixel"),
         ({"depth": np.full((40, 40), np.nan)}, "no depth at all"),
         ({"depth": np.full((40, 40), 700.0)}, "millimetres"),
         ({"intrinsics": np.eye(4)}, "intrinsics has shape"),
+        ({"intrinsics": np.full((3, 3), np.nan)}, "intrinsics holds nan; give finite numbers of shape (3, 3)"),
+        ({"camera_pose": np.diag([2.0, 1.0, 1.0, 1.0])}, "camera_pose is no rigid motion"),
+        ({"camera_pose": np.diag([1.0, 1.0, 1.0, 1.0])}, "camera_pose places the camera at the height"),
+        ({"region": [1e300, 0, 5, 5]}, "region is [1e+300, 0, 5, 5] (list); give the pixels left, top"),
+        ({"region": [0.5, 0, 5, 5]}, "region is [0.5, 0, 5, 5] (list); give the pixels left, top"),
+        ({"depth_scale": -1.0}, "depth_scale is -1.0 (float); give metres per unit of depth"),
+        ({"depth_scale": float("nan")}, "depth_scale is nan (float)"),
         ({"camera_pose": "above"}, "camera_pose"),
         ({"region": [5, 5, 1, 1]}, "region"),
         ({"count": 0}, "count is 0"),
@@ -124,6 +135,46 @@ def test_wrong_requests_are_told_what_is_wrong(
     answer = asked(server, {**request_of_can, **changed})
     assert isinstance(answer, str)
     assert sentence in answer
+
+
+WRONG_JSON: list[tuple[str, str, str]] = [
+    ("depth_scale", "1" + 400 * "0", "depth_scale is 1000"),
+    ("depth_scale", "true", "depth_scale is True (bool)"),
+    ("intrinsics", "[[1" + 400 * "0" + ",0,1],[0,1,1],[0,0,1]]", "intrinsics is [[1000"),
+    ("intrinsics", "[[1],[1,2]]", "intrinsics is [[1], [1, 2]]"),
+    ("camera_pose", "[[NaN,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "camera_pose holds nan"),
+    ("region", "[0,0,1" + 400 * "0" + ",1]", "region is [0, 0, 1000"),
+    ("depth", "[[1" + 400 * "0" + "]]", "depth is object"),
+    ("depth", "[]", "depth is float64 of shape (0,)"),
+    ("count", "1" + 400 * "0", "count is 1000"),
+    ("seed", "[1]", "seed is [1] (list)"),
+    ("hand_error", "[1" + 400 * "0" + ",0]", "hand_error is [1000"),
+    ("moon", "1", "no entry 'moon'"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "sentence"), WRONG_JSON, ids=lambda value: value[:30])
+def test_wrong_json_names_entry_and_value(
+    server: PolicyServer, request_of_can: dict[str, Any], name: str, value: str, sentence: str
+) -> None:
+    """A scale of 400 digits was an error of the server."""
+    body = {key: request_of_can[key].tolist() for key in ("depth", "intrinsics", "camera_pose")}
+    text = json.dumps({**body, name: "HERE"}).replace('"HERE"', value)
+    status, answer = posted(server.url, text.encode())
+    assert (status, answer["error"]["type"]) == (400, "ConfigError")
+    assert sentence in answer["error"]["message"]
+    assert len(answer["error"]["message"]) < 300
+    assert "table_from_camera" not in answer["error"]["message"]
+    with pytest.raises(ConfigError) as found:
+        grasp_requests.decide(ImageGrasper(server._policy), grasp_requests.from_json(text.encode()))
+    assert found.value.field == name
+
+
+def test_matrices_of_several_images_that_are_none(server: PolicyServer, request_of_can: dict[str, Any]) -> None:
+    several = {**request_of_can, "depth": np.stack([request_of_can["depth"]] * 2)}
+    assert "intrinsics holds rows of different lengths" in asked(server, {**several, "intrinsics": [[1], [1, 2]]})
+    assert "rows of different lengths" in asked(server, {**several, "camera_pose": [[[1]], [[1, 2]], []]})
+    assert "give one for each of 2 images" in asked(server, {**several, "camera_pose": np.zeros((3, 4, 4))})
 
 
 def test_bodies_that_are_no_request_are_refused(server: PolicyServer) -> None:
@@ -179,6 +230,85 @@ def test_observations_are_checked_by_name_and_shape(server: PolicyServer) -> Non
     assert "no observation 'rgb'" in asked(server, {"rgb": np.zeros((4, 4, 3), np.uint8)})
     assert "is missing" in asked(server, {"depth": np.zeros((128, 128, 1), np.float32)})
     assert "of shape (4, 4, 1)" in asked(server, {"depth": np.zeros((4, 4, 1), np.float32)})
+
+
+def seen(server: PolicyServer) -> dict[str, Any]:
+    """Observations as the policy of `server` takes them."""
+    return {"depth": np.full((128, 128, 1), 0.5, np.float32), "proprio": np.zeros(28, np.float32)}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"reset": True, "seed": "x"}, "seed is 'x' (str); give an integer"),
+        ({"reset": True, "seed": -1}, "seed is -1 (int); give an integer that is not negative"),
+        ({"reset": True, "seed": float("nan")}, "seed is nan (float); give an integer"),
+        ({"reset": True, "seed": 1e300}, "seed is 1e+300 (float); give an integer"),
+        ({"reset": True, "seed": [1]}, "seed is [1] (list); give an integer"),
+        ({"seed": "x"}, "seed is 'x' (str); give an integer"),
+        ({"reset": "x"}, "reset is 'x' (str); give True or False"),
+        ({"reset": 1}, "reset is 1 (int); give True or False"),
+        ({"depth": np.full((128, 128, 1), np.nan, np.float32)}, "'depth' holds numbers that are not finite"),
+        ({"proprio": np.full(28, 1e300)}, "'proprio' holds numbers that are not finite"),
+        ({"proprio": [[1.0], [1.0, 2.0]]}, "the observation 'proprio' is [[1.0], [1.0, 2.0]] (list); give float32"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_wrong_frames_to_a_policy_that_acts(server: PolicyServer, wrong: dict[str, Any], sentence: str) -> None:
+    """Most of them were said to be errors of the server, a NaN one of the policy."""
+    answer = asked(server, {**seen(server), **wrong})
+    assert isinstance(answer, str)
+    assert sentence in answer
+    assert isinstance(asked(server, {**seen(server), "reset": True, "seed": 7}), dict)
+
+
+def test_no_error_tells_a_path_of_the_server(tmp_path: Path) -> None:
+    tiny_policy.make_network(tmp_path)
+    tiny_policy.give_nan(tmp_path, "policy", "action")
+    with PolicyServer(tmp_path, SETTINGS) as running:
+        answer = asked(running, {name: np.zeros(size, np.float32) for name, size in tiny_policy.SEEN.items()})
+    assert answer.startswith("tiny/policy.onnx gives 'action' with numbers that are not finite")
+    assert str(tmp_path) not in answer
+
+
+@pytest.mark.parametrize("kind", ["depth", "network", "feel"])
+def test_a_served_policy_has_the_trials_of_the_policy(tmp_path: Path, kind: str) -> None:
+    """Objects from which it learned were left in, and its probabilities were not told."""
+    tiny_policy.MAKERS[kind](tmp_path)
+    config = load(tmp_path)
+    save(tmp_path, replace(config, learned_from=("procedural:can:0-1", "procedural:mug:2")))
+    keywords: dict[str, Any] = {"objects": ["procedural:can:0-3", "procedural:mug:0-3"], "trials": 4, "num_envs": 2}
+    with PolicyServer(tmp_path, SETTINGS) as running:
+        served = graspbox.evaluation.evaluate(RemotePolicy(running.url), **keywords)
+    local = graspbox.evaluation.evaluate(str(tmp_path), **keywords)
+    assert served == local
+    assert (served.objects_given, served.objects_left_out) == (local.objects_given, local.objects_left_out) == (8, 3)
+    assert [trial.confidence for trial in served.trials] == [trial.confidence for trial in local.trials]
+    assert (local.calibration_error is None) == (kind == "network")
+    assert {**served.to_json(), "ms_per_decision": 0} == {**local.to_json(), "ms_per_decision": 0}
+
+
+def test_connections_share_networks_and_nothing_else(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each loaded the networks again, and made an environment for its spaces."""
+    loaded: list[str] = []
+    real = runtimes.onnx_network
+    monkeypatch.setattr(runtimes, "onnx_network", lambda path, *more: loaded.append(path.name) or real(path, *more))
+    with PolicyServer(folder, SETTINGS) as running:
+        before = list(loaded)
+        answers = [asked(running, {**seen(running), "reset": True, "seed": 7}) for _ in range(3)]
+        made = [running._actors.of(number) for number in (101, 102)]  # type: ignore[union-attr]
+    assert loaded == before
+    assert len({answer["actions"].tobytes() for answer in answers}) == 1
+    one, other = (actor._policy for actor in made)
+    assert one.finder is other.finder  # type: ignore[attr-defined]
+    assert one.executor is not other.executor  # type: ignore[attr-defined]
+    assert one._streams[0].random() != other._streams[0].random()  # type: ignore[attr-defined]
+
+
+def test_a_hand_that_the_policy_on_a_server_does_not_know(server: PolicyServer) -> None:
+    policy = RemotePolicy(server.url)
+    with pytest.raises(ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
+        graspbox.evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
 
 
 def test_a_policy_that_reads_the_state_is_not_served() -> None:

@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.artifacts.folders import read_depth_policy
@@ -143,6 +144,8 @@ class DepthPolicy(Policy):
 class DepthGrasp(DepthPolicy):
     """Grasps the object in one depth image, with published networks (`graspbox.perception.GraspFinder`).
 
+    Copies share the networks, which are loaded when the first of them is bound, and may act in different threads.
+
     Parameters
     ----------
     folder : Path
@@ -184,7 +187,7 @@ class DepthGrasp(DepthPolicy):
         if hand_error is not None:
             settings = settings.tolerating(hand_error)
         load = partial(load_finder, Path(folder), published, config=settings, backend=backend, num_threads=num_threads)
-        super().__init__(partial(Observer, noise=noise), load)
+        super().__init__(partial(Observer, noise=noise), MadeOnce(load))
         self.name, self.learned_from = published.name, published.learned_from
 
 

@@ -3,6 +3,7 @@
 from functools import partial
 from pathlib import Path
 
+from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
 from graspbox.artifacts.configs import HeadPolicyConfig
 from graspbox.artifacts.folders import load
@@ -60,7 +61,7 @@ class HeadGrasp(DepthPolicy):
             return
         published = load(folder, HeadPolicyConfig)
         chosen = published.filtered if filtered is None else filtered
-        super().__init__(observer, partial(_published, folder, published, chosen, num_threads))
+        super().__init__(observer, MadeOnce(partial(_published, folder, published, chosen, num_threads)))
         self.name, self.learned_from = published.name, published.learned_from
 
 

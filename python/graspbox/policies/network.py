@@ -1,11 +1,13 @@
 """`NetworkPolicy`: a published network from the observations of an environment to actions, such as a clone."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from graspbox._common.made_once import MadeOnce
 from graspbox.artifacts.configs import ACTING, NetworkInput, NetworkPolicyConfig
 from graspbox.artifacts.folders import load, policy_of, used_folder
 from graspbox.artifacts.runtimes import Network, onnx_network, output
@@ -49,8 +51,8 @@ class NetworkPolicy(Policy):
         self.settings = self.config.settings
         base: Policy | None = policy_of(used_folder(folder, self.config, "goal")) if roles else None
         self.learned_from = (*self.config.learned_from, *(base.learned_from if base else ()))
-        self._file, self._num_threads = Path(folder) / "policy.onnx", num_threads
-        self._network: Network | None = None
+        self._file = Path(folder) / "policy.onnx"
+        self._network: MadeOnce[Network] = MadeOnce(partial(onnx_network, self._file, num_threads))
         self._goals = self._make_goals(base)
         self.base = self._goals.base if self._goals else None
 
@@ -85,8 +87,7 @@ class NetworkPolicy(Policy):
             )
         if self._goals is not None:
             self._goals.bind(task)
-        if self._network is None:
-            self._network = onnx_network(self._file, self._num_threads)
+        self._network()
 
     def _check(self, wanted: NetworkInput, task: Task) -> None:
         """Compare an observation of the environments with an input of the network."""
@@ -105,7 +106,7 @@ class NetworkPolicy(Policy):
     def act(self, observation: Any) -> Actions:
         """Run the network for each environment separately: its bits must not depend on the others."""
         actions = self._zeros()
-        assert self._network is not None
+        network = self._network()
         names = [one.name for one in self.config.inputs]
         rows: Mapping[str, Any] = observation if isinstance(observation, Mapping) else {names[0]: observation}
         if self._goals is not None:
@@ -113,5 +114,5 @@ class NetworkPolicy(Policy):
             rows = {**rows, GOAL_NAME: self._goals.show(rows["proprio"])}
         for i in range(len(actions)):
             inputs = {name: np.ascontiguousarray(rows[name][i : i + 1]) for name in names}
-            actions[i] = output(self._network(inputs), "action", (1, actions.shape[1]), str(self._file))[0]
+            actions[i] = output(network(inputs), "action", (1, actions.shape[1]), str(self._file))[0]
         return actions

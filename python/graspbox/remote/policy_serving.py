@@ -3,11 +3,13 @@
 What a client gets depends on what it sends. ``depth`` with ``intrinsics`` is a request for grasps
 (`graspbox.remote.grasp_requests`). Observations of an environment are answered with ``actions``; each connection has a
 policy of its own then, bound to one environment, and ``{"reset": True}`` beside the observations begins an episode.
+Those policies share their networks.
 """
 
 import json
 import threading
 import time
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,12 @@ import gymnasium
 import numpy as np
 
 from graspbox import _core, policies
-from graspbox._common.arguments import plain, shown
+from graspbox._common.arguments import about, natural, plain, shown
+from graspbox.artifacts.downloads import folder_of
 from graspbox.envs import IDS
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError, GraspboxError
+from graspbox.hands import load_hand
 from graspbox.policies import DepthGrasp, Policy, Task
 from graspbox.policies.grasp_image import ImageGrasper
 from graspbox.remote import grasp_requests
@@ -29,6 +33,8 @@ __all__ = ["PolicyServer", "PolicyServerSettings"]
 
 #: Entries that say how an observation is meant.
 _CONTROL = ("reset", "seed")
+#: Longest sentence of an error that a client is told, characters.
+_MAX_SENTENCE = 4096
 
 
 class PolicyServer(RunningServer):
@@ -60,20 +66,44 @@ class PolicyServer(RunningServer):
         # Policies that derive from it decide otherwise than in one image, or have no scorer.
         decides = type(prototype) is DepthGrasp
         self._grasper = ImageGrasper(self._policy) if decides else None
-        metadata = {
+        self._name, self._folders = prototype.name, _folders(self._policy)
+        self._actors: _Actors | GraspboxError = self._made_of(prototype)
+        metadata = self._described(prototype)
+        self._core = _core.PolicyServer(settings.to_json(), json.dumps(metadata))
+        super().__init__(self._core, settings.tls_cert is not None, settings.num_threads)
+
+    @property
+    def finds_grasps(self) -> bool:
+        """Whether it answers requests for grasps, and POST."""
+        return self._grasper is not None
+
+    def _made_of(self, prototype: Policy) -> "_Actors | GraspboxError":
+        """Make what acts; the error, where the policy finds grasps in images although it does not act."""
+        try:
+            return _Actors(prototype, self._env_id)
+        except GraspboxError as error:
+            if self._grasper is None:
+                raise
+            return error
+
+    def _described(self, prototype: Policy) -> dict[str, Any]:
+        """Describe the policy to a client."""
+        hand, confident = None if self._grasper is None else self._grasper.config.hand, False
+        if isinstance(self._actors, _Actors):
+            hand, confident = self._actors.hand, self._actors.confident
+        return {
             "server": "graspbox",
             "version": _core.__version__,
             "policy": prototype.name,
             "environment": self._env_id,
             "observations": _names(prototype) or [keywords(Settings)["obs"].default],
             "settings": plain(dict(prototype.settings), "settings"),
-            "grasps": self._grasper is not None,
-            "requests": list(grasp_requests.ENTRIES) if self._grasper else [],
+            "hand": hand,
+            "learned_from": list(prototype.learned_from),
+            "confidence": confident,
+            "grasps": self.finds_grasps,
+            "requests": list(grasp_requests.ENTRIES) if self.finds_grasps else [],
         }
-        self._core = _core.PolicyServer(settings.to_json(), json.dumps(metadata))
-        super().__init__(self._core, settings.tls_cert is not None, settings.num_threads)
-        self._actors: dict[int, _Actor] = {}
-        self._lock = threading.Lock()
 
     def _answer_next(self) -> None:
         for job in self._core.next_jobs(1, PAUSE):
@@ -81,8 +111,8 @@ class PolicyServer(RunningServer):
             self._answer(job)
             self._core.decided(time.perf_counter() - started)
         for number in self._core.gone():
-            with self._lock:
-                self._actors.pop(number, None)
+            if isinstance(self._actors, _Actors):
+                self._actors.forget(number)
 
     def _answer(self, job: "_core.PolicyJob") -> None:
         waited, started = job.age, time.perf_counter()
@@ -96,9 +126,17 @@ class PolicyServer(RunningServer):
             else:
                 job.answer(answer)
         except GraspboxError as error:
-            job.refuse(type(error).__name__, "", str(error))
+            job.refuse(type(error).__name__, error.field, self._told(error))
         except BaseException as error:  # a panic of the core is no Exception, and would end this thread
-            job.refuse("InternalError", "", f"the decision failed, please report it: {type(error).__name__}: {error}")
+            told = f"the decision failed, please report it: {type(error).__name__}: {self._told(error)}"
+            job.refuse("InternalError", "", told)
+
+    def _told(self, error: BaseException) -> str:
+        """Name the policy instead of its folder, which is nobody's business elsewhere."""
+        text = str(error)
+        for folder in self._folders:
+            text = text.replace(f"{folder}/", f"{self._name}/")
+        return text[:_MAX_SENTENCE]
 
     def _decided(self, request: Any, job: "_core.PolicyJob") -> dict[str, Any]:
         if not isinstance(request, dict):
@@ -107,13 +145,17 @@ class PolicyServer(RunningServer):
             if self._grasper is None:
                 raise ConfigError("this policy finds no grasps in images of your own; send observations")
             return grasp_requests.decide(self._grasper, request)
-        return self._actor(job.connection).act(request)
+        if isinstance(self._actors, GraspboxError):
+            raise ConfigError(f"this policy finds grasps in images, but does not act: {self._actors}")
+        return self._actors.of(job.connection).act(request)
 
-    def _actor(self, connection: int) -> "_Actor":
-        with self._lock:
-            if connection not in self._actors:
-                self._actors[connection] = _Actor(policies.load(self._policy), self._env_id)
-            return self._actors[connection]
+
+def _folders(policy: str) -> list[str]:
+    """Names of the folder of a policy, as errors may hold them."""
+    if policy in policies.names():
+        return []
+    found = folder_of(policy)
+    return [str(path) for path in dict.fromkeys((found.resolve(), found, Path(policy)))]
 
 
 def _names(policy: Policy) -> list[str]:
@@ -121,25 +163,68 @@ def _names(policy: Policy) -> list[str]:
     return [policy.obs] if isinstance(policy.obs, str) else list(policy.obs or ())
 
 
-class _Actor:
-    """A policy that acts for one connection."""
+class _Actors:
+    """The policies that act, one for each connection; they share networks, which are loaded now.
+
+    Raises
+    ------
+    GraspboxError
+        If the policy does not act in the environment.
+    """
 
     def __init__(self, policy: Policy, env_id: str) -> None:
         settings = {**policy.settings, **({} if policy.obs is None else {"obs": policy.obs})}
         # Made for its spaces alone.
         env = gymnasium.make_vec(env_id, 1, objects="procedural:can:0", **settings)
-        policy.bind(Task.of(env))
-        self._policy, self._space = policy, env.unwrapped.single_observation_space
+        self._task = Task.of(env)
         env.close()
+        self._policy, self._lock = policy, threading.Lock()
+        self._actors: dict[int, _Actor] = {}
+        first = self._new()
+        self.hand = load_hand(self._task.hand).name
+        self.confident = first.confidence(0) is not None
+
+    def _new(self) -> Policy:
+        # Never bound itself, so copies have no state in common.
+        policy = deepcopy(self._policy)
+        policy.bind(self._task)
+        return policy
+
+    def of(self, connection: int) -> "_Actor":
+        """Find the policy of a connection, which asks for one action after the other."""
+        with self._lock:
+            found = self._actors.get(connection)
+        if found is None:
+            found = _Actor(self._new(), self._task.observation_space)
+            with self._lock:
+                self._actors[connection] = found
+        return found
+
+    def forget(self, connection: int) -> None:
+        """Drop the policy of a connection that ended."""
+        with self._lock:
+            self._actors.pop(connection, None)
+
+
+class _Actor:
+    """A policy that acts for one connection."""
+
+    def __init__(self, policy: Policy, space: Any) -> None:
+        self._policy, self._space = policy, space
         self._begun = False
 
     def act(self, request: dict[str, Any]) -> dict[str, Any]:
         """Choose the next action."""
         control = {name: request.pop(name) for name in _CONTROL if name in request}
+        begins, seed = control.get("reset"), control.get("seed")
+        with about("reset"):
+            if not isinstance(begins, bool | np.bool_ | None):
+                raise ConfigError(f"reset is {shown(begins)}; give True or False")
+        with about("seed"):
+            seed = None if seed is None else natural(seed, "seed", bits=64)
         rows = self._rows(request)
-        if control.get("reset") or not self._begun:
-            seed = control.get("seed")
-            self._policy.reset([seed if seed is None else int(seed)])
+        if begins or not self._begun:
+            self._policy.reset([seed])
             self._begun = True
         actions = self._policy.act(rows)
         confidence = self._policy.confidence(0)
@@ -150,17 +235,35 @@ class _Actor:
         spaces = getattr(self._space, "spaces", None)
         if spaces is None:
             name = next(iter(request)) if len(request) == 1 else "observation"
-            return self._row(name, request.get(name), self._space)
-        unknown = [name for name in request if name not in spaces]
-        if unknown:
-            raise ConfigError(f"there is no observation {unknown[0]!r} here; this policy observes {', '.join(spaces)}")
-        return {name: self._row(name, request.get(name), space) for name, space in spaces.items()}
+            return _row(str(name), request.get(name), self._space)
+        for name in request:
+            if name not in spaces:
+                known = ", ".join(spaces)
+                with about(str(name)):
+                    raise ConfigError(f"there is no observation {name!r} here; this policy observes {known}")
+        return {name: _row(name, request.get(name), space) for name, space in spaces.items()}
 
-    def _row(self, name: str, value: Any, space: Any) -> Any:
+
+def _row(name: str, value: Any, space: Any) -> Any:
+    """Take an observation of one environment as a row; errors name it."""
+    with about(name):
+        return _checked_row(name, value, space)
+
+
+def _checked_row(name: str, value: Any, space: Any) -> Any:
+    wanted = f"give {space.dtype} of shape {space.shape}"
+    try:
         found = None if value is None else np.asarray(value)
-        if found is not None and found.shape == (1, *space.shape):
-            found = found[0]
-        if found is None or found.shape != space.shape or found.dtype.kind not in "biuf":
-            given = "missing" if found is None else f"{found.dtype} of shape {found.shape}"
-            raise ConfigError(f"the observation {name!r} is {given}; give {space.dtype} of shape {space.shape}")
-        return np.ascontiguousarray(found, dtype=space.dtype)[None]
+    except (OverflowError, TypeError, ValueError):
+        raise ConfigError(f"the observation {name!r} is {shown(value)}; {wanted}") from None
+    if found is not None and found.shape == (1, *space.shape):
+        found = found[0]
+    if found is None or found.shape != space.shape or found.dtype.kind not in "biuf":
+        given = "missing" if found is None else f"{found.dtype} of shape {found.shape}"
+        raise ConfigError(f"the observation {name!r} is {given}; {wanted}")
+    with np.errstate(all="ignore"):
+        row = np.ascontiguousarray(found, dtype=space.dtype)[None]
+    # What is no longer finite as the type of the space, and what that type cannot tell.
+    if not (np.isfinite(row).all() and (found.dtype == row.dtype or np.isfinite(found).all())):
+        raise ConfigError(f"the observation {name!r} holds numbers that are not finite; give finite {space.dtype}")
+    return row

@@ -11,13 +11,20 @@ from graspbox import _core
 from graspbox._common.arguments import shown
 from graspbox.envs.remote_config import client_token
 from graspbox.errors import ConfigError, ConnectionLostError
+from graspbox.hands import load_hand
 from graspbox.policies import Actions, Policy, Task
 
 __all__ = ["RemotePolicy"]
 
+#: Most object sets from which a policy on a server learned, and longest name of one.
+_MOST_SETS, _LONGEST = 1000, 1000
+
 
 class RemotePolicy(Policy):
     """Asks a server for the actions of each environment, one connection per environment.
+
+    A server of graspbox also tells the hand that its policy knows, the object sets from which it learned, and whether
+    it states a probability of success.
 
     Parameters
     ----------
@@ -71,6 +78,10 @@ class RemotePolicy(Policy):
         self.name = str(self.metadata.get("policy") or url)
         self.env_id = self.metadata.get("environment")
         self.settings = dict(self.metadata.get("settings") or {}) if self._ours else {}
+        self.learned_from = tuple(self.metadata.get("learned_from") or ()) if self._ours else ()
+        self._hand = self.metadata.get("hand") if self._ours else None
+        self._confident = self._ours and bool(self.metadata.get("confidence"))
+        self._stated: list[float | None] = []
         self._clients = [first]
         self._pending: list[list[NDArray[np.float32]]] = []
         self._starts: list[dict[str, Any]] = []
@@ -96,9 +107,28 @@ class RemotePolicy(Policy):
                 f"the server {self._url} names observations {shown(named)}, environment {shown(env_id)} and settings "
                 f"{shown(settings)}; these are names, a name and a map"
             )
+        if metadata.get("server") == "graspbox":
+            self._check_ours(metadata)
         return metadata
 
+    def _check_ours(self, metadata: Mapping[str, Any]) -> None:
+        """Refuse entries of another kind that servers of graspbox send, and more of them than a policy has."""
+        learned, hand, confident = (metadata.get(name) for name in ("learned_from", "hand", "confidence"))
+        several = isinstance(learned, list | None) and all(isinstance(name, str) for name in learned or ())
+        if not several or len(learned or ()) > _MOST_SETS or max(map(len, learned or ()), default=0) > _LONGEST:
+            raise ConfigError(
+                f"the server {self._url} names learned_from {shown(learned)}; this is a list of at most {_MOST_SETS} "
+                f"names of object sets, of {_LONGEST} characters"
+            )
+        if not isinstance(hand, str | None) or len(hand or "") > _LONGEST:
+            raise ConfigError(f"the server {self._url} names the hand {shown(hand)}; this is a name")
+        if not isinstance(confident, bool | None):
+            raise ConfigError(f"the server {self._url} has confidence {shown(confident)}; this is true or false")
+
     def _bind(self, task: Task) -> None:
+        if self._hand is not None and (hand := load_hand(task.hand).name) != self._hand:
+            raise ConfigError(f"the policy {self.name!r} knows the hand {self._hand!r}, not {hand!r}")
+        self._stated = [None] * task.num_envs
         while len(self._clients) < task.num_envs:
             self._clients.append(self._connect())
         self._pending = [[] for _ in range(task.num_envs)]
@@ -119,11 +149,28 @@ class RemotePolicy(Policy):
             self._clients[env].send({**self._extra, **self._starts[env], **self._row(observation, env)})
             self._starts[env] = {}
         for env in asked:
-            self._pending[env] = self._chunk_of(self._clients[env].receive())
+            answer = self._clients[env].receive()
+            self._pending[env] = self._chunk_of(answer)
+            self._stated[env] = self._confidence_in(answer)
         for env in range(self.task.num_envs):
             if self._pending[env]:
                 actions[env] = self._pending[env].pop(0)
         return actions
+
+    def confidence(self, env: int) -> float | None:
+        """Give the probability that the server states; None if it states none."""
+        return self._stated[env]
+
+    def _confidence_in(self, answer: Mapping[str, Any]) -> float | None:
+        if not self._confident:
+            return None
+        stated = answer.get("confidence")
+        number = isinstance(stated, int | float | np.integer | np.floating) and not isinstance(stated, bool)
+        if not number or not 0.0 <= stated <= 1.0:  # type: ignore[operator]
+            raise ConfigError(
+                f"the server {self._url} states the confidence {shown(stated)}; a probability is needed, from 0 to 1"
+            )
+        return float(stated)  # type: ignore[arg-type]
 
     def _row(self, observation: Any, env: int) -> dict[str, Any]:
         if isinstance(observation, Mapping):

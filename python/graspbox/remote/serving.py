@@ -159,7 +159,7 @@ class _WrongField(Exception):  # noqa: N818 (it wraps the error)
 
 @contextmanager
 def _about(field: str) -> Iterator[None]:
-    """Say which field an error is about: the one that it names, or the keyword with which the core's sentence begins."""
+    """Say which field an error is about: the one that it names, or the keyword with which its sentence begins."""
     try:
         yield
     except GraspboxError as error:

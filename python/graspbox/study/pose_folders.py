@@ -4,12 +4,14 @@
 """
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.made_once import MadeOnce
 from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.folders import load
 from graspbox.artifacts.runtimes import Network, onnx_network, output
@@ -76,8 +78,8 @@ class PublishedPoses:
     def __init__(self, folder: Path, num_threads: int | None = None) -> None:
         self.published = load(folder, PosePolicyConfig)
         self.config = self.published.model
-        self._file, self._num_threads = Path(folder) / "pose.onnx", num_threads
-        self._network: Network | None = None
+        self._file = Path(folder) / "pose.onnx"
+        self._network: MadeOnce[Network] = MadeOnce(partial(onnx_network, self._file, num_threads))
 
     def predict(self, inputs: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Predict ``base_from_hand`` (n, 4, 4) for inputs (n, ...) uint8, one by one.
@@ -87,9 +89,7 @@ class PublishedPoses:
         ConfigError
             If the network does not take the inputs, or predicts poses that are not finite.
         """
-        if self._network is None:
-            self._network = onnx_network(self._file, self._num_threads)
-        return predicted(self._network, inputs, str(self._file))
+        return predicted(self._network(), inputs, str(self._file))
 
 
 def predicted(network: Network, inputs: NDArray[np.uint8], called: str) -> NDArray[np.float64]:

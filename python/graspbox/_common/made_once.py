@@ -1,0 +1,41 @@
+"""Values that copies of an object share."""
+
+import threading
+from collections.abc import Callable
+from typing import Any, Generic, Self, TypeVar
+
+__all__ = ["MadeOnce"]
+
+Made = TypeVar("Made")
+
+
+class MadeOnce(Generic[Made]):
+    """Makes a value at its first use, once for all copies of what holds it; threads may share it.
+
+    A pickle holds the function, and makes the value again.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the value; arguments must be hashable, and every combination of them has a value of its own.
+    """
+
+    def __init__(self, make: Callable[..., Made]) -> None:
+        self._make, self._lock = make, threading.Lock()
+        self._made: dict[tuple[Any, ...], Made] = {}
+
+    def __call__(self, *given: Any) -> Made:
+        """Return the value, which the first call makes."""
+        with self._lock:
+            if given not in self._made:
+                self._made[given] = self._make(*given)
+            return self._made[given]
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Callable[..., Made]]]:
+        return type(self), (self._make,)
