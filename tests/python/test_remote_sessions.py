@@ -341,9 +341,9 @@ def test_the_error_of_the_only_server_names_it_and_its_environments() -> None:
         env, alone = begun(3, remote=RemoteConfig((server.url,), grace=0.0)), make_single(remote=server.url)
         alone.reset(seed=0)
         server.stop(patient=False)
-        for call in (lambda: env.step(acting(env, 1)[0]), lambda: env.get_state(1), lambda: env.reset(seed=1)):
+        for name in ("step", "get_state", "reset"):
             with pytest.raises(errors.ConnectionLostError, match=f"{server.url}.*; environments 0 to 2 are on it$"):
-                call()
+                CALLS[name](env)
         with pytest.raises(errors.ConnectionLostError, match=f"{server.url}.*; environment 0 is on it$"):
             alone.reset()
         with pytest.raises(errors.ConnectionLostError, match=r"reached.*; environments 0 to 2 are to be on it$"):
@@ -353,8 +353,9 @@ def test_the_error_of_the_only_server_names_it_and_its_environments() -> None:
 def test_a_mass_that_is_none_is_refused_as_in_this_process() -> None:
     """It was an error of another class, about another rule."""
     with served() as server:
-        for choice in ({"mass": float("nan")}, {"mass": -1.0}, {"scale": float("inf")}, {"scale": 0.0}):
-            here, there = (error_of(partial(make, 1, remote=remote, **choice)) for remote in (None, server.url))
+        for name, value in (("mass", np.nan), ("mass", -1.0), ("scale", np.inf), ("scale", 0.0)):
+            made: list[dict[str, Any]] = [{name: value}, {name: value, "remote": server.url}]
+            here, there = (error_of(partial(make, 1, **choice)) for choice in made)
             assert here == there
             assert here[0] == "ObjectSetError"
 

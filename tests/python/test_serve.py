@@ -11,6 +11,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -173,6 +174,7 @@ def test_the_log_tells_who_came_and_went() -> None:
         assert process.wait(timeout=15) == 0
         assert process.stderr is not None
         lines = [json.loads(line) for line in process.stderr]
+    assert all(datetime.fromisoformat(line["time"]).tzinfo is not None for line in lines)
     for level, words in (
         ("INFO", f"serving at {url}"),
         ("INFO", r"session \d+ begins, of 127.0.0.1:\d+: 2 environments"),

@@ -292,23 +292,37 @@ def test_connections_share_networks_and_nothing_else(folder: Path, monkeypatch: 
     """Each loaded the networks again, and made an environment for its spaces."""
     loaded: list[str] = []
     real = runtimes.onnx_network
-    monkeypatch.setattr(runtimes, "onnx_network", lambda path, *more: loaded.append(path.name) or real(path, *more))
+
+    def counted(path: Path, num_threads: int | None = None) -> runtimes.Network:
+        loaded.append(path.name)
+        return real(path, num_threads)
+
+    monkeypatch.setattr(runtimes, "onnx_network", counted)
     with PolicyServer(folder, SETTINGS) as running:
         before = list(loaded)
         answers = [asked(running, {**seen(running), "reset": True, "seed": 7}) for _ in range(3)]
-        made = [running._actors.of(number) for number in (101, 102)]  # type: ignore[union-attr]
+        actors: Any = running._actors
+        one, other = (actors.of(number)._policy for number in (101, 102))
     assert loaded == before
     assert len({answer["actions"].tobytes() for answer in answers}) == 1
-    one, other = (actor._policy for actor in made)
-    assert one.finder is other.finder  # type: ignore[attr-defined]
-    assert one.executor is not other.executor  # type: ignore[attr-defined]
-    assert one._streams[0].random() != other._streams[0].random()  # type: ignore[attr-defined]
+    assert one.finder is other.finder
+    assert one.executor is not other.executor
+    assert one._streams[0].random() != other._streams[0].random()
 
 
 def test_a_hand_that_the_policy_on_a_server_does_not_know(server: PolicyServer) -> None:
     policy = RemotePolicy(server.url)
     with pytest.raises(ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
         graspbox.evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
+
+
+def test_post_is_named_where_there_are_grasps(folder: Path) -> None:
+    """Policies that find none in images were said to answer POST."""
+    for policy, named in (("random", False), (str(folder), True)):
+        with served(policy, command="serve-policy") as (process, _):
+            process.send_signal(signal.SIGTERM)
+            assert process.stderr is not None
+            assert ("/grasps" in process.stderr.read()) == named
 
 
 def test_a_policy_that_reads_the_state_is_not_served() -> None:

@@ -21,7 +21,8 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"host": 5}, "host is 5"),
     ({"port": "5055"}, "port is '5055'"),
     ({"port": None}, "port is None"),
-    ({"port": 70_000}, "port"),
+    ({"port": 99_999}, "^port is 99999 .*from 0 to 65535"),
+    ({"port": -1}, "^port is -1"),
     ({"token": 5}, "token is of the type int; give a text"),
     ({"token": b"a-secret-of-some-length"}, "token is of the type bytes"),
     ({"token": "a-token-of-some\nlength"}, "token has characters that no header can hold"),
@@ -35,28 +36,52 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"hands": "reflex"}, "hands is 'reflex'"),
     ({"hands": ()}, "hands is empty"),
     ({"origins": "http://x"}, "origins is 'http://x'"),
+    ({"origins": ("foo",)}, "^origins has 'foo', which no browser sends; .* such as 'http://foo'"),
+    ({"origins": ("localhost:8080",)}, "^origins has 'localhost:8080', .* such as 'http://localhost:8080'"),
+    ({"origins": ("http://localhost:8080/",)}, "^origins has .*8080/', .* such as 'http://localhost:8080'"),
+    ({"origins": ("https://page.example:443",)}, "^origins has .* such as 'https://page.example'"),
+    ({"origins": ("http://Page.example",)}, "^origins has .* such as 'http://page.example'"),
+    ({"origins": ("*",)}, "^origins has .* such as 'http://localhost:8080'"),
+    ({"tls_cert": "nope.pem", "tls_key": "nope.key"}, r"No such file or directory: 'nope\.pem'$"),
     ({"insecure": "yes"}, "insecure is 'yes' .*; give True or False"),
     ({"tls_cert": 5}, "tls_cert is 5"),
-    ({"threads": 0}, "num_threads is 0"),
+    ({"threads": 0}, "^threads is 0 .*from 1 to 1024"),
     ({"threads": "all"}, "threads is 'all'"),
     ({"threads": 1.5}, "threads is 1.5"),
     ({"max_envs": -1}, "max_envs is -1"),
-    ({"max_sessions": 0}, "max_sessions. is 0"),
+    ({"max_sessions": 0}, "^max_sessions is 0"),
+    ({"max_message": 100}, "^max_message is 100 .*from 65536 to"),
     ({"max_message": None}, "max_message is None"),
     ({"idle_timeout": float("nan")}, "^idle_timeout is nan"),
     ({"idle_timeout": "long"}, "idle_timeout is 'long'"),
     ({"max_grace": True}, "max_grace is True"),
+    ({"max_grace": -1.0}, "^max_grace is -1.0 .*from 0 to 86400"),
 ]
 
 
 @pytest.mark.parametrize(("settings", "sentence"), WRONG, ids=lambda value: str(value)[:50])
 def test_settings_are_refused_by_name(settings: dict[str, Any], sentence: str) -> None:
-    with pytest.raises((ConfigError, ObjectSetError), match=sentence) as found:
+    kinds = ConfigError, FileError, ObjectSetError
+    with pytest.raises(kinds, match=sentence) as found:
         EnvironmentServer(ServerSettings(**{"port": 0, **settings}))
     assert "secret" not in str(found.value)
+    if "NAME=SET" not in sentence:
+        with pytest.raises(kinds, match=sentence):
+            ServerSettings(**{"port": 0, **settings}).check()
     if next(iter(settings)) in PolicyServerSettings.__dataclass_fields__:
-        with pytest.raises(ConfigError, match=sentence):
+        with pytest.raises(kinds, match=sentence):
             PolicyServer("random", PolicyServerSettings(**{"port": 0, **settings}))
+
+
+def test_origins_that_browsers_send() -> None:
+    origins = (
+        "http://localhost:8080",
+        "https://page.example",
+        "http://127.0.0.1",
+        "http://[::1]:5000",
+        "app://obsidian.md",
+    )
+    ServerSettings(origins=origins).check()
 
 
 @pytest.mark.parametrize("token", ["two\nlines", "ünïcode", "\0", ""])
@@ -85,13 +110,20 @@ CALLS: list[tuple[tuple[str, ...], type[GraspboxError], str]] = [
     (("--max-message", "5"), ConfigError, "^--max-message is 5"),
     (("--host", "0.0.0.0"), ConfigError, "^--host is '0.0.0.0'.*--tls-cert.*--insecure"),
     (("--tls-cert", "CERT"), ConfigError, r"give both .*\(--tls-cert, --tls-key\)"),
-    (("--tls-cert", "NONE", "--tls-key", "KEY"), FileError, "No such file or directory: .*NONE"),
-    (("--tls-cert", "CERT", "--tls-key", "NONE"), FileError, "No such file or directory: .*NONE"),
+    (("--tls-cert", "NONE", "--tls-key", "KEY"), ConfigError, r"^--tls-cert is '\S*NONE', .* \(No such .* in PEM$"),
+    (("--tls-cert", "CERT", "--tls-key", "NONE"), ConfigError, r"^--tls-key is '\S*NONE', .* \(No such .* in PEM$"),
+    (("--tls-cert", ".", "--tls-key", "KEY"), ConfigError, r"^--tls-cert is '.', .* \(Is a directory\); give a cert"),
+    (("--origin", "localhost:8080"), ConfigError, "^--origin has 'localhost:8080', which no browser sends"),
+    (("--objects", "bogus"), ConfigError, "^--objects has 'bogus', which names no object set; choose procedural, ycb"),
+    (("--objects", "procedual:can"), ConfigError, "^--objects has .*; did you mean 'procedural:can'"),
+    (("--objects", "dir:/tmp"), ConfigError, "^--objects has 'dir:/tmp'; clients name no path.*tools=dir:/tmp$"),
+    (("--objects", "tools=dir:/nope"), ObjectSetError, "^--objects has 'tools=dir:/nope': .*/nope"),
+    (("--objects", "procedural:moon"), ObjectSetError, "^--objects has 'procedural:moon': there is no family 'moon'"),
     (("--tls-cert", "EMPTY", "--tls-key", "KEY"), ConfigError, "EMPTY: it holds no certificate in PEM$"),
     (("--tls-cert", "CERT", "--tls-key", "EMPTY"), ConfigError, "EMPTY: it holds no private key in PEM"),
     (("--tls-cert", "KEY", "--tls-key", "CERT"), ConfigError, "key: it holds no certificate in PEM"),
     (("--tls-cert", "OTHER", "--tls-key", "KEY"), ConfigError, "it cannot be used with .*server.key"),
-    (("--token-file", "NONE"), FileError, "No such file or directory: .*NONE"),
+    (("--token-file", "NONE"), ConfigError, r"^--token-file is '\S*NONE', .* \(No such .*'openssl rand"),
     (("--token-file", "EMPTY"), ConfigError, "EMPTY' is empty"),
     (("--token-file", "BINARY"), ConfigError, "BINARY' has characters that no header can hold"),
     (("--token-file", "SHORT"), ConfigError, "the token has 5 characters; give at least 16"),
@@ -113,7 +145,7 @@ def log_as_before() -> Iterator[None]:
 def test_options_are_refused_by_name(
     tmp_path: Path, command: tuple[str, ...], words: tuple[str, ...], kind: type[GraspboxError], sentence: str
 ) -> None:
-    if command[0] == "serve-policy" and words[0] in ("--max-envs", "--idle-timeout"):
+    if command[0] == "serve-policy" and words[0] in ("--max-envs", "--idle-timeout", "--objects"):
         pytest.skip("an option of environments alone")
     files = {"CERT": str(TLS / "server.pem"), "KEY": str(TLS / "server.key"), "OTHER": str(TLS / "ca.pem")}
     for name, content in {"EMPTY": b"", "BINARY": bytes(range(256)), "SHORT": b"short\n"}.items():

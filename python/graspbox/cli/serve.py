@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from datetime import datetime
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Literal
@@ -15,7 +16,7 @@ from typing import Annotated, Literal
 import typer
 
 from graspbox.envs.remote_config import token_in
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand
 from graspbox.remote.running import DRAIN, RunningServer
 from graspbox.remote.serving import EnvironmentServer, available
@@ -23,6 +24,8 @@ from graspbox.remote.settings import ListenerSettings, ServerSettings
 
 _log = logging.getLogger(__name__)
 _DEFAULTS = ServerSettings()
+#: Options whose names are not those of fields.
+_OPTIONS = {"origins": "origin"}
 
 Host = Annotated[str, typer.Option("--host", help="Address to listen at; 0.0.0.0 for all of this machine.")]
 TlsCert = Annotated[str | None, typer.Option("--tls-cert", help="Certificate chain, a PEM file.")]
@@ -39,7 +42,15 @@ MaxMessage = Annotated[int, typer.Option("--max-message", help="Largest message 
 Log = Annotated[Literal["text", "json"], typer.Option("--log", help="Format of log lines on standard error.")]
 
 
-class _JsonLines(logging.Formatter):
+class _Lines(logging.Formatter):
+    """Text; its times have a zone."""
+
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802 (logging's name)
+        del datefmt
+        return datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds")
+
+
+class _JsonLines(_Lines):
     def format(self, record: logging.LogRecord) -> str:
         line = {"time": self.formatTime(record), "level": record.levelname, "message": record.getMessage()}
         return json.dumps(line)
@@ -48,7 +59,7 @@ class _JsonLines(logging.Formatter):
 def log_to_stderr(kind: str) -> None:
     """Write log events of graspbox to standard error, as text or as one JSON object per line."""
     handler = logging.StreamHandler(sys.stderr)
-    text = logging.Formatter("%(asctime)s %(levelname)s %(message)s")
+    text = _Lines("%(asctime)s %(levelname)s %(message)s")
     handler.setFormatter(_JsonLines() if kind == "json" else text)
     logger = logging.getLogger("graspbox")
     logger.addHandler(handler)
@@ -60,12 +71,37 @@ def options_named(kind: type[ListenerSettings]) -> Iterator[None]:
     """Name options instead of the fields of settings: an error of a field begins with its name."""
     try:
         yield
-    except ConfigError as error:
+    except (ConfigError, ObjectSetError) as error:
         word, space, rest = str(error).partition(" ")
         field = word.strip("`:")
         if field not in {one.name for one in fields(kind)}:
             raise
-        raise ConfigError(f"--{field.replace('_', '-')}{space}{rest}") from None
+        option = _OPTIONS.get(field, field.replace("_", "-"))
+        raise type(error)(f"--{option}{space}{rest}") from None
+
+
+def token_of(token_file: Path | None, tls_cert: str | None, tls_key: str | None) -> str | None:
+    """Read the token, if there is a file of one.
+
+    Raises
+    ------
+    ConfigError
+        For a file that cannot be read; the message names its option.
+    """
+    files = {
+        "--tls-cert": (tls_cert, "a certificate chain in PEM"),
+        "--tls-key": (tls_key, "the private key of the certificate in PEM"),
+        "--token-file": (token_file, "a file with the token, such as 'openssl rand -base64 24 > token' writes"),
+    }
+    for option, (file, wanted) in files.items():
+        try:
+            if file is not None:
+                Path(file).open("rb").close()
+        except OSError as error:
+            raise ConfigError(
+                f"{option} is {str(file)!r}, which cannot be read ({error.strerror}); give {wanted}"
+            ) from None
+    return None if token_file is None else token_in(token_file)
 
 
 def serve_until_stopped(server: RunningServer, *said: str) -> None:
@@ -140,7 +176,7 @@ def serve(
         port=port,
         objects=tuple(objects or available()),
         hands=tuple(hands or Hand.names()),
-        token=None if token_file is None else token_in(token_file),
+        token=token_of(token_file, tls_cert, tls_key),
         tls_cert=tls_cert,
         tls_key=tls_key,
         origins=tuple(origins or ()),

@@ -16,9 +16,9 @@ from graspbox.cli.serve import (
     log_to_stderr,
     options_named,
     serve_until_stopped,
+    token_of,
 )
 from graspbox.envs import IDS
-from graspbox.envs.remote_config import token_in
 from graspbox.remote.policy_serving import PolicyServer
 from graspbox.remote.settings import PolicyServerSettings
 
@@ -52,7 +52,7 @@ def serve_policy(
     settings = PolicyServerSettings(
         host=host,
         port=port,
-        token=None if token_file is None else token_in(token_file),
+        token=token_of(token_file, tls_cert, tls_key),
         tls_cert=tls_cert,
         tls_key=tls_key,
         origins=tuple(origins or ()),
@@ -64,5 +64,5 @@ def serve_policy(
     )
     with options_named(PolicyServerSettings):
         server = PolicyServer(policy, settings)
-    grasps = f"{server.url.replace('ws', 'http', 1)}/grasps"
-    serve_until_stopped(server, f"serving {policy} at {server.url}; POST {grasps} for JSON")
+    grasps = f"; POST {server.url.replace('ws', 'http', 1)}/grasps for JSON" if server.finds_grasps else ""
+    serve_until_stopped(server, f"serving {policy} at {server.url}{grasps}")

@@ -5,15 +5,20 @@ A client names an offered set, a part of one, or the name that the server gave t
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 from graspbox import object_sets
 from graspbox._common.arguments import shown
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.object_sets import ObjectSet
+from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
 
 __all__ = ["MAX_OBJECTS", "Offer"]
 
+#: Sets that need no path.
+_SETS = ("procedural", "ycb")
 #: Most objects of the environments of a session.
 MAX_OBJECTS = 100_000
 
@@ -54,23 +59,34 @@ class Offer:
         self._procedural: list[_Procedural] = []
         self._ycb: set[str] = set()
         for text in objects:
-            name, equals, target = text.partition("=")
-            kind, _, rest = text.partition(":")
-            if equals:
-                if not name or name in self._aliases or name.partition(":")[0] in ("procedural", "ycb"):
-                    raise ConfigError(f"objects has {text!r}; write NAME=SET, with a name that no other set has")
-                object_sets.load(target)
-                self._aliases[name] = target
-            elif kind == "procedural":
-                families, seeds = object_sets.families_and_seeds(rest, text)
-                # No family begins with a digit; without a range of seeds every seed may be named.
-                ranged = rest.rpartition(":")[2][:1].isdigit()
-                self._procedural.append(_Procedural(frozenset(families), seeds if ranged else None))
-            elif kind == "ycb":
-                self._ycb |= set(object_sets.load(text).names)
-            else:
-                raise ConfigError(f"objects has {text!r}; clients name no path, so give it a name: tools={text}")
-            self.names.append(name)
+            try:
+                self._add(text)
+            except ObjectSetError as error:
+                raise ObjectSetError(f"objects has {text!r}: {error}") from None
+            self.names.append(text.partition("=")[0])
+
+    def _add(self, text: str) -> None:
+        """Offer one set."""
+        name, equals, target = text.partition("=")
+        kind, _, rest = text.partition(":")
+        if equals:
+            if not name or name in self._aliases or name.partition(":")[0] in _SETS:
+                raise ConfigError(f"objects has {text!r}; write NAME=SET, with a name that no other set has")
+            object_sets.load(target)
+            self._aliases[name] = target
+        elif kind == "procedural":
+            families, seeds = object_sets.families_and_seeds(rest, text)
+            # No family begins with a digit; without a range of seeds every seed may be named.
+            ranged = rest.rpartition(":")[2][:1].isdigit()
+            self._procedural.append(_Procedural(frozenset(families), seeds if ranged else None))
+        elif kind == "ycb":
+            self._ycb |= set(object_sets.load(text).names)
+        elif kind == "dir" or "/" in text or Path(text).suffix.lower() in MESH_SUFFIXES or Path(text).exists():
+            raise ConfigError(f"objects has {text!r}; clients name no path, so give it a name: tools={text}")
+        else:
+            near = get_close_matches(kind.lower(), _SETS, n=1)
+            hint = f"did you mean {near[0] + text[len(kind) :]!r}?" if near else "choose procedural, ycb or NAME=SET"
+            raise ConfigError(f"objects has {text!r}, which names no object set; {hint}")
 
     def find(self, given: Any, scale: float = 1.0, mass: float | None = None) -> ObjectSet:
         """Find the objects that a client names; `scale` and `mass` as of `graspbox.object_sets.load`.

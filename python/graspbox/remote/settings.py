@@ -1,6 +1,7 @@
-"""Settings of servers: types and exposure are checked here, ranges in the core."""
+"""Settings of servers: types, ranges and exposure are checked before anything listens."""
 
 import json
+import re
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -9,9 +10,9 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from graspbox import _core
-from graspbox._common.arguments import natural, plain, shown
+from graspbox._common.arguments import check_range, natural, plain, shown
 from graspbox.envs.remote_config import check_token
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, FileError
 from graspbox.hands import Hand
 
 __all__ = ["ListenerSettings", "PolicyServerSettings", "ServerSettings"]
@@ -22,6 +23,19 @@ FilePath = str | Path
 _PYTHON = ("insecure", "objects", "hands", "env_id")
 #: Fewest characters of a token.
 _MIN_TOKEN = 16
+#: Least and greatest value of numbers.
+_RANGES: dict[str, tuple[float, float]] = {
+    "port": (0, 65_535),
+    "max_sessions": (1, 10_000),
+    "max_message": (65_536, 1_000_000_000),
+    "threads": (1, 1024),
+    "max_envs": (1, 65_536),
+    "idle_timeout": (1.0, 1e6),
+    "max_grace": (0.0, 86_400.0),
+}
+#: An origin as browsers send it, and the ports that they leave out.
+_ORIGIN = re.compile(r"([a-z][a-z0-9+.-]*)://([a-z0-9._-]+|\[[0-9a-f:.]+\])(?::([1-9][0-9]*))?")
+_LEFT_OUT = {("http", "80"), ("https", "443")}
 
 
 @dataclass(frozen=True)
@@ -63,16 +77,25 @@ class ListenerSettings:
         return _core.num_threads(self.threads)
 
     def check(self) -> None:
-        """Refuse values of other types, and what would let in who does not belong.
+        """Refuse wrong types and values, files that cannot be read, and what would let in who does not belong.
 
         Raises
         ------
         ConfigError
             The message begins with the name of the field, where it is one.
+        FileError
+            For a file that cannot be read.
         """
         hints = get_type_hints(type(self))
         for field in fields(self):
             _check_type(field.name, getattr(self, field.name), hints[field.name])
+            if field.name in _RANGES and getattr(self, field.name) is not None:
+                check_range(self, field.name, *_RANGES[field.name])
+        for origin in self.origins:
+            _check_origin(origin)
+        for file in (self.tls_cert, self.tls_key):
+            if file is not None:
+                _check_file(file)
         if self.token is not None:
             check_token(self.token, "token")
             if len(self.token) < _MIN_TOKEN:
@@ -147,6 +170,26 @@ class PolicyServerSettings(ListenerSettings):
     max_sessions: int = 64
     threads: int | None = 2
     env_id: str | None = None
+
+
+def _check_origin(origin: str) -> None:
+    """Refuse what no browser sends as its origin: it would never match."""
+    found = _ORIGIN.fullmatch(origin)
+    if found is None or (found[1], found[3]) in _LEFT_OUT:
+        near = _ORIGIN.match(origin.lower() if "://" in origin else f"http://{origin.lower()}")
+        hint = "http://localhost:8080"
+        if near is not None:
+            hint = f"{near[1]}://{near[2]}" + (f":{near[3]}" if near[3] and (near[1], near[3]) not in _LEFT_OUT else "")
+        raise ConfigError(f"origins has {origin!r}, which no browser sends; write SCHEME://HOST:PORT, such as {hint!r}")
+
+
+def _check_file(file: FilePath) -> None:
+    """Refuse a file that cannot be read."""
+    try:
+        with Path(file).open("rb"):
+            return
+    except OSError as error:
+        raise FileError(error.errno, error.strerror, str(file)) from None
 
 
 def _check_type(name: str, value: Any, hint: Any) -> None:
