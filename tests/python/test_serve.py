@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -186,6 +188,22 @@ def test_the_log_tells_who_came_and_went() -> None:
     ):
         assert any(line["level"] == level and re.match(words, line["message"]) for line in lines), words
     assert len(lines) < 25
+
+
+def test_the_certificates_of_the_guide(tmp_path: Path) -> None:
+    """Its commands make files with which a server and a client understand each other."""
+    if shutil.which("openssl") is None:
+        pytest.skip("there is no openssl")
+    guide = (Path(__file__).parents[2] / "docs/guides/servers.md").read_text()
+    (commands,) = re.findall(r"```\n(openssl req -x509.*?)```", guide, flags=re.DOTALL)
+    subprocess.run(["sh", "-ec", commands], cwd=tmp_path, check=True, capture_output=True)
+    (tmp_path / "token").write_text("a-token-of-some-length\n")
+    files = [f"--{name}={tmp_path / file}" for name, file in (("tls-cert", "server.pem"), ("tls-key", "server.key"))]
+    with served("--objects", "procedural", f"--token-file={tmp_path / 'token'}", *files) as (_, url):
+        trusted = RemoteConfig((url,), token_file=str(tmp_path / "token"), ca_file=str(tmp_path / "ca.pem"))
+        gymnasium.make_vec("graspbox/Grasp-v0", remote=trusted, **CAN).close()
+        with pytest.raises(ConnectionLostError, match="certificate"):
+            gymnasium.make_vec("graspbox/Grasp-v0", remote=replace(trusted, ca_file=None), **CAN)
 
 
 def test_the_counters_are_open_metrics() -> None:
