@@ -303,7 +303,7 @@ def test_a_scorer_that_gives_nan_is_refused(seen: Views, depth: NDArray[np.float
     from graspbox.policies.grasp_image import grasp_image
 
     tiny_policy.make(tmp_path)
-    tiny_policy.give_nan(tmp_path, "scorer", "secure")
+    tiny_policy.give_nan(tmp_path, "scorer", "secure", computed=True)
     with pytest.raises(errors.ConfigError, match=r"scorer\.onnx gives 'secure' with numbers that are not finite"):
         grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tmp_path)
 

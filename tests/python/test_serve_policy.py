@@ -264,7 +264,7 @@ def test_wrong_frames_to_a_policy_that_acts(server: PolicyServer, wrong: dict[st
 
 def test_no_error_tells_a_path_of_the_server(tmp_path: Path) -> None:
     tiny_policy.make_network(tmp_path)
-    tiny_policy.give_nan(tmp_path, "policy", "action")
+    tiny_policy.give_nan(tmp_path, "policy", "action", computed=True)
     with PolicyServer(tmp_path, SETTINGS) as running:
         answer = asked(running, {name: np.zeros(size, np.float32) for name, size in tiny_policy.SEEN.items()})
     assert answer.startswith("tiny/policy.onnx gives 'action' with numbers that are not finite")

@@ -75,9 +75,9 @@ def test_an_attack_leaves_nothing_and_nobody_notices(honest: Honest, name: str) 
 
 
 def test_a_frame_beyond_the_limit_is_answered_with_the_reason() -> None:
-    settings = {"port": 0, "max_message": 1 << 16}
-    policy = PolicyServer("random", PolicyServerSettings(**settings))
-    with EnvironmentServer(ServerSettings(objects=("procedural",), **settings)) as server, policy:
+    most = 1 << 16
+    policy = PolicyServer("random", PolicyServerSettings(port=0, max_message=most))
+    with EnvironmentServer(ServerSettings(port=0, objects=("procedural",), max_message=most)) as server, policy:
         for url in (server.url, policy.url):
             with Peer(url) as peer:
                 peer.send(bytes(1 << 17))

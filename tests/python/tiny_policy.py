@@ -122,15 +122,18 @@ def save_again(folder: Path) -> None:
     save(folder, replace(config, files={name: file_hash(folder / name) for name in config.holds}))
 
 
-def give_nan(folder: Path, network: str, output: str) -> None:
-    """Make an output of a network of a policy NaN."""
+def give_nan(folder: Path, network: str, output: str, computed: bool = False) -> None:
+    """Make an output of a network NaN: by a weight, or `computed` from finite weights."""
     import onnx
 
     path = folder / f"{network}.onnx"
     model = onnx.load(str(path))
     for node in model.graph.node:
         node.output[:] = ["whole" if name == output else name for name in node.output]
-    model.graph.initializer.append(onnx.numpy_helper.from_array(np.array(np.nan, dtype=np.float32), "nan"))
+    weight = np.array(-1.0 if computed else np.nan, dtype=np.float32)
+    model.graph.initializer.append(onnx.numpy_helper.from_array(weight, "root" if computed else "nan"))
+    if computed:
+        model.graph.node.append(onnx.helper.make_node("Sqrt", ["root"], ["nan"]))
     model.graph.node.append(onnx.helper.make_node("Add", ["whole", "nan"], [output]))
     onnx.save(model, str(path))
     save_again(folder)

@@ -39,6 +39,10 @@ Insecure = Annotated[
     bool, typer.Option("--insecure", help="Listen beyond this machine without TLS and token: anybody may connect.")
 ]
 MaxMessage = Annotated[int, typer.Option("--max-message", help="Largest message in either direction, bytes.")]
+IdleTimeout = Annotated[
+    float,
+    typer.Option("--idle-timeout", help="Seconds without a command or request after which a client's session ends."),
+]
 Log = Annotated[Literal["text", "json"], typer.Option("--log", help="Format of log lines on standard error.")]
 
 
@@ -158,9 +162,7 @@ def serve(
     ),
     max_sessions: Annotated[int, typer.Option("--max-sessions", help="Most sessions.")] = _DEFAULTS.max_sessions,
     max_message: MaxMessage = _DEFAULTS.max_message,
-    idle_timeout: Annotated[
-        float, typer.Option("--idle-timeout", help="Seconds without a command after which a session ends.")
-    ] = _DEFAULTS.idle_timeout,
+    idle_timeout: IdleTimeout = _DEFAULTS.idle_timeout,
     threads: Annotated[
         int | None, typer.Option("--threads", min=1, max=1024, help="Threads that step environments; all by default.")
     ] = None,

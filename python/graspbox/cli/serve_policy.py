@@ -6,6 +6,7 @@ import typer
 
 from graspbox.cli.serve import (
     Host,
+    IdleTimeout,
     Insecure,
     Log,
     MaxMessage,
@@ -39,6 +40,7 @@ def serve_policy(
     insecure: Insecure = False,
     max_sessions: Annotated[int, typer.Option("--max-sessions", help="Most clients.")] = _DEFAULTS.max_sessions,
     max_message: MaxMessage = _DEFAULTS.max_message,
+    idle_timeout: IdleTimeout = _DEFAULTS.idle_timeout,
     threads: Annotated[
         int, typer.Option("--threads", min=1, max=64, help="Decisions that are made at once.")
     ] = _DEFAULTS.num_threads,
@@ -59,6 +61,7 @@ def serve_policy(
         insecure=insecure,
         max_sessions=max_sessions,
         max_message=max_message,
+        idle_timeout=idle_timeout,
         env_id=env,
         threads=threads,
     )

@@ -56,6 +56,8 @@ class ListenerSettings:
         Allows an address beyond this machine without TLS and token.
     max_sessions, max_message : int
         Most sessions, largest message in bytes.
+    idle_timeout : float
+        Seconds without a command or request after which a session ends.
     threads : int, optional
         Threads that work for clients; by default ``GRASPBOX_THREADS``, else all.
     """
@@ -69,6 +71,7 @@ class ListenerSettings:
     insecure: bool = False
     max_sessions: int = 256
     max_message: int = 64 << 20
+    idle_timeout: float = 3600.0
     threads: int | None = None
 
     @property
@@ -133,14 +136,13 @@ class ServerSettings(ListenerSettings):
         Hands that clients may name.
     max_envs : int
         Most environments of all sessions.
-    idle_timeout, max_grace : float
-        Seconds without a command after which a session ends; longest time for which it waits for a lost client.
+    max_grace : float
+        Longest time for which a session waits for a lost client, seconds.
     """
 
     objects: Texts = ("procedural", "ycb")
     hands: Texts = tuple(Hand.names())
     max_envs: int = 1024
-    idle_timeout: float = 3600.0
     max_grace: float = 300.0
 
     def check(self) -> None:
