@@ -96,7 +96,8 @@ class Use:
     Attributes
     ----------
     policy : str
-        Its folder, relative to the folder of the policy that needs it; or ``hf://owner/name@revision``.
+        Its folder, relative to the folder of the policy that needs it; the name of an installed policy; or
+        ``hf://owner/name@revision``.
     sha256 : str
         SHA-256 of its ``config.json``, which lists its files with their hashes.
     """

@@ -1,16 +1,19 @@
-"""Policies on the Hugging Face hub, by names like ``hf://owner/name@revision``: size-limited downloads to its cache.
+"""Folders of policies by their names; size-limited downloads of those like ``hf://owner/name@revision``.
 
-Only the configuration, the files that it lists, the card and the licence are downloaded (extra ``hub``).
+Only the configuration, the files that it lists, the card and the licence are downloaded (extra ``hub``), to the cache
+of huggingface_hub.
 """
 
 import os
 import re
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from graspbox._common.extras import imported
 from graspbox._common.files import read_bounded
+from graspbox.artifacts import installed
 from graspbox.artifacts.schema import parse
 from graspbox.errors import ConfigError, ConnectionLostError
 
@@ -42,9 +45,27 @@ def is_name(policy: str) -> bool:
     return policy.startswith(_SCHEME)
 
 
-def folder_of(policy: str | os.PathLike[str]) -> Path:
-    """Return the folder of a policy; downloads one with a hub name. Raises as `download`."""
-    return download(policy) if isinstance(policy, str) and is_name(policy) else Path(policy)
+def folder_of(policy: str | os.PathLike[str], others: Iterable[str] = ()) -> Path:
+    """Return the folder of a policy; downloads one with a hub name, and finds one of an installed package.
+
+    Parameters
+    ----------
+    policy : str or path
+        ``hf://owner/name``, a folder, or, where there is no such folder, the bare name of an installed policy. A path
+        that is no `str` is always a folder.
+    others : iterable of str
+        Names that the caller takes too, for errors.
+
+    Raises
+    ------
+    ConfigError, ConnectionLostError, MissingExtraError
+        As `download` and `graspbox.artifacts.installed.find`.
+    """
+    if isinstance(policy, str) and is_name(policy):
+        return download(policy)
+    if isinstance(policy, str) and installed.is_bare(policy) and not Path(policy).exists():
+        return installed.find(policy, others)
+    return Path(policy)
 
 
 def repository(name: str) -> tuple[str, str | None]:

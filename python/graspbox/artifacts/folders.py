@@ -1,7 +1,7 @@
 """Folders of published policies: ``config.json`` is read, validated and written, and the other files are verified.
 
 The kind of policy determines all file names; a link must stay in the folder. A policy refers to other policies by their
-folders, with a hash of their ``config.json``.
+folders or names, with a hash of their ``config.json``.
 """
 
 import hashlib
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from graspbox._common.files import dumps, read_bounded, write_text
+from graspbox.artifacts import installed
 from graspbox.artifacts.configs import DepthPolicyConfig, PolicyConfig, Use
 from graspbox.artifacts.downloads import CONFIG, LARGEST_CONFIG, folder_of, is_name, root_of
 from graspbox.artifacts.onnx_weights import check_weights
@@ -121,7 +122,9 @@ def policy_of(folder: str | os.PathLike[str]) -> Any:
 
 
 def use_of(folder: Path, used: Path) -> Use:
-    """Build the reference from one folder to a published policy that it needs, as a relative path.
+    """Build the reference from one folder to a published policy that it needs.
+
+    It is the name of an installed policy, which every machine with its package finds, or else a relative path.
 
     Raises
     ------
@@ -129,11 +132,15 @@ def use_of(folder: Path, used: Path) -> Use:
         If `used` holds no published policy.
     """
     load(used)
-    return Use(os.path.relpath(used.resolve(), folder.resolve()), file_hash(used / CONFIG))
+    place = installed.name_of(used) or Path(os.path.relpath(used.resolve(), folder.resolve())).as_posix()
+    return Use(place, file_hash(used / CONFIG))
 
 
 def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str) -> Path:
     """Find the folder of a policy that another one needs.
+
+    A policy on the hub is found there. Another one is found at its relative path or, with the same hash, among the
+    installed policies, by the last part of that path.
 
     Parameters
     ----------
@@ -148,18 +155,24 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
         If it is missing, differs from the policy at the time of publication, or knows another hand.
     """
     use = config.uses[role]
+
+    def same(place: Path) -> bool:
+        return (place / CONFIG).is_file() and file_hash(place / CONFIG) == use.sha256
+
     found = folder_of(use.policy) if is_name(use.policy) else Path(folder) / use.policy
-    if not (found / CONFIG).is_file() or file_hash(found / CONFIG) != use.sha256:
+    named = [] if is_name(use.policy) else installed.folders(Path(use.policy).name)
+    place = next(filter(same, [found, *named]), None)
+    if place is None:
         raise ConfigError(
             f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} holds no policy, or "
-            f"another one than that with which {config.name!r} was published; restore it"
+            f"another one than that with which {config.name!r} was published; restore it, or install its package"
         )
-    if (known := _read(found / CONFIG).hand) != config.hand:
+    if (known := _read(place / CONFIG).hand) != config.hand:
         raise ConfigError(
             f"{Path(folder) / CONFIG}: hand is {config.hand!r}, but the policy of uses.{role}, {use.policy!r}, knows "
             f"the hand {known!r}; name the hand that both were trained with"
         )
-    return found
+    return place
 
 
 def file_hash(path: Path) -> str:

@@ -18,7 +18,10 @@ from graspbox.object_sets.mesh_folders import MASSES
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of all random numbers.")]
 PolicyName = Annotated[
-    str, typer.Argument(help=f"Policy: {', '.join(policies.names())}, or the folder of a trained one.")
+    str,
+    typer.Argument(
+        help=f"Policy: {', '.join(policies.names())}, an installed one such as depth, or the folder of a trained one."
+    ),
 ]
 Threads = Annotated[
     int | None,

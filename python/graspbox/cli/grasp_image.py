@@ -68,7 +68,9 @@ def grasp_image_command(
     image: Annotated[
         Path, typer.Argument(metavar="DEPTH", help="Depth image: .npy (H, W), or .png with 16 bits per pixel.")
     ],
-    policy: Annotated[str, typer.Option("--policy", help="Folder of a published policy, or hf://owner/name.")],
+    policy: Annotated[
+        str, typer.Option("--policy", help="An installed policy such as depth, a folder of one, or hf://owner/name.")
+    ],
     intrinsics: Annotated[
         tuple[float, float, float, float],
         typer.Option("--intrinsics", metavar="FX FY CX CY", help="Focal lengths and principal point, pixels."),

@@ -27,7 +27,10 @@ _DEFAULTS = PolicyServerSettings()
 
 
 def serve_policy(
-    policy: Annotated[str, typer.Argument(help="Folder of a published policy, or a baseline that reads no state.")],
+    policy: Annotated[
+        str,
+        typer.Argument(help="An installed policy such as depth, a folder of one, or a baseline that reads no state."),
+    ],
     host: Host = _DEFAULTS.host,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0: any that is free.")] = _DEFAULTS.port,
     env: Annotated[

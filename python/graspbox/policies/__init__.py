@@ -13,10 +13,11 @@
 | a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.study.regressor`) |
 | a folder    | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
 | ``hf://owner/name`` | | such a folder, downloaded from the Hugging Face hub |
+| ``depth``, ... | | such a folder of an installed package; ``graspbox-policies`` holds the published ones |
 
 ``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.
-`load` makes a policy by its name; `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of
-`Policy`.
+`load` makes a policy by its name, and `available` lists names; `graspbox.evaluation.evaluate` measures one; a policy of
+your own is a subclass of `Policy`.
 
 | module | what it holds |
 |---|---|
@@ -52,10 +53,12 @@ A policy is bound to its environments once, told of every episode that begins, a
 1.0
 """
 
+import os
 from collections.abc import Callable
 from importlib import import_module
 from typing import cast
 
+from graspbox.artifacts import installed
 from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.folders import policy_of
 from graspbox.errors import ConfigError
@@ -90,6 +93,7 @@ __all__ = [
     "Random",
     "Task",
     "Zero",
+    "available",
     "load",
     "names",
 ]
@@ -113,14 +117,25 @@ def names() -> tuple[str, ...]:
     return tuple(_BASELINES)
 
 
-def load(name: str) -> Policy:
+def available() -> tuple[str, ...]:
+    """Names that `load` takes on this machine: the baselines, then the policies of installed packages.
+
+    Packages offer policies by entry points of the group ``graspbox.policies``, such as ``depth =
+    "graspbox_policies.depth"``: the name of a policy, and its folder within an importable package. A baseline hides an
+    installed policy of its name.
+    """
+    return (*_BASELINES, *(name for name in installed.names() if name not in _BASELINES))
+
+
+def load(name: str | os.PathLike[str]) -> Policy:
     """Make a policy by its name.
 
     Parameters
     ----------
-    name : str
-        One of `names`, the folder of a published policy, or ``hf://owner/name``, with ``@revision`` for a branch, a tag
-        or a commit, of one on the Hugging Face hub: the table of the module says what each does.
+    name : str or path
+        One of `available`, the folder of a published policy, or ``hf://owner/name``, with ``@revision`` for a branch, a
+        tag or a commit, of one on the Hugging Face hub: the table of the module says what each does. A folder hides an
+        installed policy of the same name.
 
     Raises
     ------
@@ -130,13 +145,13 @@ def load(name: str) -> Policy:
     ConnectionLostError
         If the hub cannot be reached.
     MissingExtraError
-        If the extra ``onnx`` is not installed, or ``hub`` for a policy of the hub.
+        If the extra ``onnx`` is not installed, ``hub`` for a policy of the hub, or ``graspbox-policies`` for the name
+        of a published one.
     """
-    if (baseline := _FORMER.get(name, name)) in _BASELINES:
+    if isinstance(name, str) and (baseline := _FORMER.get(name, name)) in _BASELINES:
         return _BASELINES[baseline]()
-    folder = folder_of(name)
+    folder = folder_of(name, _BASELINES)
     if not folder.is_dir():
-        raise ConfigError(
-            f"there is no policy {name!r}; choose from {', '.join(_BASELINES)}, or name a folder with config.json"
-        )
+        choices = ", ".join(available())
+        raise ConfigError(f"there is no policy {str(name)!r}; choose from {choices}, or name a folder with config.json")
     return cast(Policy, policy_of(folder))

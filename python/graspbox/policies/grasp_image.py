@@ -112,7 +112,7 @@ class ImageGrasper:
     Parameters
     ----------
     policy : str or PathLike
-        The folder of a published policy of one depth image, or ``hf://owner/name``.
+        The folder of a published policy of one depth image, the name of an installed one, or ``hf://owner/name``.
     backend : {"onnx", "torch"}
         Runs the networks.
     num_threads : int, optional
@@ -121,7 +121,7 @@ class ImageGrasper:
     Raises
     ------
     ConfigError, MissingExtraError
-        If the folder holds no such policy, lacks a file, or onnxruntime is not installed.
+        If the folder holds no such policy, lacks a file, or onnxruntime or the package of the policy is not installed.
     """
 
     def __init__(
@@ -216,7 +216,7 @@ def grasp_image(
         tilt are corrected (`graspbox.perception.leveling.level`). None: the table is the largest plane in the image
         (`graspbox.perception.depth_images.fit_table`).
     policy : str or PathLike
-        The folder of a published policy of one depth image, or ``hf://owner/name``.
+        The folder of a published policy of one depth image, the name of an installed one, or ``hf://owner/name``.
     count : int
         Most grasps; those much like a better one are left out.
     region : (int, int, int, int), optional
@@ -236,7 +236,7 @@ def grasp_image(
         If no object is found, the pose does not fit the image, the networks give numbers that are not finite, an
         argument is wrong, or the policy lacks a file.
     MissingExtraError
-        If onnxruntime is not installed.
+        If onnxruntime or the package of the policy is not installed.
     """
     grasper = ImageGrasper(policy, backend=backend)
     return grasper.find(

@@ -198,8 +198,9 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
     stage_table = times({name: (part["seconds"], "") for name, part in stages.items()})
     return Card(
         summary="Grasps an object on a table from one depth image, closes the fingers, and predicts from touch whether "
-        "the grasp will hold. If not, it opens, looks again and tries one other grasp. The policy in "
-        f"`policies/{settings.policy.name}` looks and chooses the grasps; its folder must stay beside this one.",
+        "the grasp will hold. If not, it opens, looks again and tries one other grasp. The policy "
+        f"`{settings.policy.name}` looks and chooses the grasps: the one that `config.json` names by its hash, in the "
+        "folder given there or installed.",
         commands=(_use(folder),),
         method=f"Trials in `{_GRASP}`. Paired trials run the same scenes with the first attempt alone and with a "
         "second one.",
@@ -207,7 +208,7 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
         details=f"{details}\n\n{table(columns, felt)}\n\n![Success against the threshold, and reliability](feel.png)",
         training=f"{code(command)}\n\n{learned}\n\n{stage_table}",
         limits=(
-            f"Those of the policy that chooses the grasps; see its card, `../{settings.policy.name}/README.md`.",
+            f"Those of the policy that chooses the grasps; see the card of `{settings.policy.name}`.",
             "It feels the measurements of the simulated hand: joint positions, tendon tensions and tactile forces, "
             "without the noise of real sensors.",
             "There is one second attempt, which is lifted in any case.",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from graspbox.artifacts.configs import FeelPolicyConfig
+from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.exports import export_feel_policy
 from graspbox.artifacts.folders import load, read_depth_policy, save
 from graspbox.errors import ConfigError
@@ -42,6 +43,7 @@ def train(settings: FeelSettings, command: str, echo: Callable[[str], None]) -> 
     """
     if settings.quick:
         settings = replace(settings, **FEEL_QUICK)
+    settings = replace(settings, policy=folder_of(str(settings.policy)))
     config = read_depth_policy(settings.policy)
     with settings.run(echo, {**settings.kept(), "policy": dict(config.files), "hand": config.hand}) as run:
         training = _FeelTraining(settings, run)

@@ -269,7 +269,7 @@ class FeelSettings(Options):
     free: ClassVar[tuple[str, ...]] = (*Options.free, "policy", "hours", "publish")
 
     policy: Path
-    """Folder of the policy of one depth image (graspbox train depth)."""
+    """Folder of the policy of one depth image (graspbox train depth), or the name of an installed one."""
     objects: str = "procedural:seen:400-499"
     """Training objects; the policy should not have been trained on them."""
     held_out: str = "procedural:seen:500-549"

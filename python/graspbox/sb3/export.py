@@ -25,14 +25,17 @@ from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 
 from graspbox._common.arguments import plain, shown
 from graspbox.artifacts.configs import ACTING, SETTINGS, Environment, NetworkInput, NetworkPolicyConfig, Use
+from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.exports import Traced, export
 from graspbox.artifacts.folders import CONFIG, load, use_of, used_folder
+from graspbox.artifacts.installed import is_bare
 from graspbox.artifacts.onnx_files import PARITY
 from graspbox.artifacts.runtimes import Network, onnx_network
 from graspbox.artifacts.weight_files import load_weights, restore_weights
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
 from graspbox.errors import ConfigError
 from graspbox.policies import Task
+from graspbox.policies import names as baselines
 from graspbox.sb3.action_graphs import ActionGraph, Scales
 from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy
@@ -149,11 +152,13 @@ def _goal_of(folder: Path, goal: str | None) -> tuple[dict[str, Use], dict[str, 
     """Describe the policy whose grasps are the observation ``goal``, and return the keyword that selects it."""
     if goal is None:
         return {}, {}
-    if not Path(goal).is_dir():
+    # A baseline has no folder, and one on the hub no place that lasts.
+    used = folder_of(goal) if is_bare(goal) and goal not in baselines() else Path(goal)
+    if not used.is_dir():
         raise ConfigError(
             f"goal_from is {goal!r}, which is no folder of a published policy; train with one, such as policies/depth"
         )
-    return {"goal": use_of(folder, Path(goal))}, {"goal_from": goal}
+    return {"goal": use_of(folder, used)}, {"goal_from": goal}
 
 
 def check_parity(

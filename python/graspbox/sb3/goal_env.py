@@ -53,8 +53,8 @@ def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any,
     num_envs : int
         Number of environments.
     **settings
-        Keywords of the environments, ``obs`` with ``"goal"`` among them, and ``goal_from``: the goal policy's folder,
-        as for `graspbox.policies.load`. Without ``goal_from`` these are plain environments.
+        Keywords of the environments, ``obs`` with ``"goal"`` among them, and ``goal_from``: the goal policy's folder
+        or name, as for `graspbox.policies.load`. Without ``goal_from`` these are plain environments.
 
     Raises
     ------
