@@ -16,7 +16,8 @@ export VIRTUAL_ENV := $(VENV)
 export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
 
-.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-all lint fmt bench docs release clean
+.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-all lint fmt bench docs tree wheels sdist release \
+	check-wheels check-source clean
 
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
@@ -30,7 +31,11 @@ help:
 	@echo "make fmt            format Rust and Python"
 	@echo "make bench          the figures of the benchmarks"
 	@echo "make docs           the documentation site and the pages of the Rust API, in out/docs/"
-	@echo "make release        wheel and source distribution for a package index, in out/dist/ (see CONTRIBUTING.md)"
+	@echo "make wheels         wheels of graspbox for Linux and of its policies, checked, in out/dist/ (see CONTRIBUTING.md)"
+	@echo "make sdist          the source distribution, in out/dist/"
+	@echo "make check-wheels   both wheels, installed in a bare Debian (needs root and debootstrap)"
+	@echo "make check-source   the source distribution, built far from the repository"
+	@echo "make release        wheels and source distribution for a package index: make release REPOSITORY=https://HOST/OWNER/NAME"
 
 # --- set-up ----------------------------------------------------------------------------------------------------------
 
@@ -145,12 +150,45 @@ docs: $(STAMPS)/dev
 	RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 	cp -r $${CARGO_TARGET_DIR:-target}/doc out/docs/rust
 
-# The one place that needs the address of the published repository: make release REPOSITORY=https://HOST/OWNER/NAME
-release: $(STAMPS)/dev
-	python scripts/release_tree.py "$(REPOSITORY)" out/release
+# --- releases --------------------------------------------------------------------------------------------------------
+
+# zig links against an older glibc; auditwheel and abi3audit check what the wheels need.
+$(STAMPS)/wheels: $(STAMPS)/venv
+	$(BIN)/python -m pip install --quiet 'maturin[zig]>=1.9,<2' 'hatchling>=1.27,<2' 'auditwheel>=6.2,<7' 'abi3audit>=0.0.26,<0.1'
+	touch $@
+
+# The one place that needs the address of the published repository, for links on a package index.
+REPOSITORY ?=
+tree: $(STAMPS)/venv
+	python scripts/release_tree.py out/release $(if $(REPOSITORY),--url "$(REPOSITORY)")
+
+# Architectures of the wheels for Linux, such as 'x86_64 aarch64'; a target of Rust that is missing is added by rustup.
+ARCHES ?= $(shell uname -m)
+TREE_TARGET := $${CARGO_TARGET_DIR:-$(CURDIR)/target}
+
+wheels: $(STAMPS)/wheels tree
+	rm -f out/dist/*.whl
+	for target in $(ARCHES:%=%-unknown-linux-gnu); do \
+		[ -d "$$(rustc --print target-libdir --target $$target)" ] || rustup target add $$target; \
+		CARGO_TARGET_DIR=$(TREE_TARGET) maturin build --manifest-path out/release/env/py/Cargo.toml --profile dist \
+			--zig --compatibility manylinux_2_28 --target $$target --out out/dist; \
+	done
+	cd out/release/packages/policies && python -m hatchling build -t wheel -d $(CURDIR)/out/dist
+	python scripts/check_wheels.py files out/dist
+
+sdist: $(STAMPS)/venv tree
+	rm -f out/dist/*.tar.gz
 	maturin sdist --manifest-path out/release/env/py/Cargo.toml --out out/dist
-	CARGO_TARGET_DIR=$${CARGO_TARGET_DIR:-$(CURDIR)/target} maturin build --manifest-path out/release/env/py/Cargo.toml \
-		--profile dist --out out/dist $(RELEASE_FLAGS)
+
+check-wheels: $(STAMPS)/wheels
+	python scripts/check_wheels.py install out/dist
+
+check-source: $(STAMPS)/wheels
+	python scripts/check_wheels.py source out/dist
+
+release:
+	$(if $(REPOSITORY),,$(error a release names its repository: make release REPOSITORY=https://HOST/OWNER/NAME))
+	$(MAKE) sdist wheels
 
 clean:
 	rm -rf out .cache $(VENV) $(EXAMPLES) $(LEROBOT) $(ADAPTERS) target

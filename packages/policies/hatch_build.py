@@ -1,7 +1,7 @@
 """Build steps of the wheel graspbox-policies: its metadata, and the files of the policies, from the checkout.
 
-A policy is a folder of ``policies/`` with ``config.json``. The wheel holds its configuration, the files that this names,
-compared with their hashes, its card, the licence and the card's pictures; nothing else of the folder.
+A policy is a folder of ``policies/`` with ``config.json``. The wheel holds its configuration, the files that this
+names, compared with their hashes, its card, the licence and the card's pictures; nothing else of the folder.
 """
 
 import hashlib

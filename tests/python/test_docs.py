@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 
 import graspbox
 from graspbox import cli
+from graspbox.artifacts.installed import PACKAGE, PUBLISHED
+from installing import offer
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,9 +39,16 @@ def run_blocks(page: Path) -> int:
 
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work in a folder that has what pages name of a checkout, and keeps what their code writes."""
+    """Work in a folder that has what pages name of a checkout, and keeps what their code writes.
+
+    The published policies are installed, as pages say.
+    """
     for name in ("env", "policies"):
         (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site/graspbox_policies").symlink_to(ROOT / "policies")
+    offer(tmp_path / "site", PACKAGE, **{name: f"graspbox_policies.{name}" for name in PUBLISHED})
+    monkeypatch.syspath_prepend(tmp_path / "site")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -210,4 +219,4 @@ def test_source_distribution_has_what_the_readme_runs(tmp_path: Path) -> None:
         names = {name.partition("/")[2] for name in packed.getnames()}
     scripts = {words[1] for words in command_lines() if words[0] == "python" and words[1].startswith("scripts/")}
     assert len(scripts) >= 3
-    assert scripts | {"README.md", "CHANGELOG.md", "LICENSE", "docs/reference/hands.md"} <= names
+    assert scripts | {"README.md", "CHANGELOG.md", "LICENSE", "docs/reference/hands.md", "CITATION.cff"} <= names

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import tomllib
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -176,11 +177,16 @@ def test_a_release_has_absolute_links(tmp_path: Path) -> None:
             assert (ROOT / path).exists(), path
             count += 1
     assert count == len(list(links(ROOT / "README.md"))) > 10
-    assert f'Repository = "{url}"' in (tmp_path / "tree/pyproject.toml").read_text()
+    for project in ("pyproject.toml", "packages/policies/pyproject.toml"):
+        urls = tomllib.loads((tmp_path / "tree" / project).read_text())["project"]["urls"]
+        assert urls == {"Repository": url, "Changelog": f"{url}/blob/v1/CHANGELOG.md"}
+    # Without an address the copy is that of the files.
+    program.copy_tree(None, "v1", tmp_path / "tree")
+    assert (tmp_path / "tree/README.md").read_bytes() == (ROOT / "README.md").read_bytes()
 
 
 def test_no_file_names_an_address_of_the_repository() -> None:
-    """The repository has no fixed address: links are relative, and `make release` is told one."""
+    """The repository has no fixed address: links are relative, and recipes are told one as REPOSITORY."""
     command = [
         "git",
         "grep",

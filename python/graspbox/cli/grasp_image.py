@@ -14,6 +14,9 @@ from graspbox.perception.depth_images import camera_over_table, read_depth, read
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasps, grasp_image
 
+PolicyOption = Annotated[
+    str, typer.Option("--policy", help="An installed policy such as depth, the folder of one, or hf://owner/name.")
+]
 HandErrorOption = Annotated[
     tuple[float, float] | None,
     typer.Option(
@@ -68,9 +71,7 @@ def grasp_image_command(
     image: Annotated[
         Path, typer.Argument(metavar="DEPTH", help="Depth image: .npy (H, W), or .png with 16 bits per pixel.")
     ],
-    policy: Annotated[
-        str, typer.Option("--policy", help="An installed policy such as depth, a folder of one, or hf://owner/name.")
-    ],
+    policy: PolicyOption,
     intrinsics: Annotated[
         tuple[float, float, float, float],
         typer.Option("--intrinsics", metavar="FX FY CX CY", help="Focal lengths and principal point, pixels."),
