@@ -156,10 +156,10 @@ class BareDebian:
             run(["debootstrap", "--variant=minbase", f"--include={packages}", suite, str(folder), mirror])
 
     def run(self, *command: str) -> str:
-        """Run a program in it, with /proc but without the variables and the network settings of this machine."""
+        """Run a program in it, with /proc but without the variables and the network of this machine."""
         enter = f"mount -t proc proc {self.folder}/proc && exec chroot {self.folder} env -i "
         enter += 'HOME=/root LANG=C.UTF-8 PATH=/usr/local/bin:/usr/bin:/bin "$@"'
-        return run(["unshare", "--mount", "--propagation", "private", "sh", "-euc", enter, "sh", *command])
+        return run(["unshare", "--mount", "--net", "--propagation", "private", "sh", "-euc", enter, "sh", *command])
 
     def platforms(self) -> tuple[str, list[str]]:
         """Return its version of Python and the tags of wheels that it takes."""

@@ -87,7 +87,7 @@ def find(name: str, others: Iterable[str] = ()) -> Path:
     if name in PUBLISHED and not set(PUBLISHED) & set(known):
         raise MissingExtraError(
             f"the policy {name!r} is in the package {PACKAGE}, which is not installed: pip install "
-            f"{PACKAGE}=={__version__}; in a checkout, name its folder: policies/{name}"
+            f"{PACKAGE}=={__version__}, or, in a checkout, pip install ./packages/policies"
         )
     choices = (*others, *known)
     near = get_close_matches(name, (*choices, *PUBLISHED), n=1)
