@@ -20,6 +20,7 @@ from graspbox.cli import (
     plan,
     prepare,
     record,
+    report,
     serve,
     serve_policy,
     train,
@@ -39,6 +40,7 @@ typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)
 typer_app.add_typer(train.train_app, name="train")
 typer_app.command("evaluate")(evaluate.evaluate)
+typer_app.command("report")(report.report)
 typer_app.command("serve")(serve.serve)
 typer_app.command("serve-policy")(serve_policy.serve_policy)
 typer_app.command("demo")(demo.demo)

@@ -16,6 +16,7 @@ from graspbox.cli.common import (
     Threads,
     end_with,
     find,
+    made,
     print_json,
     print_table,
     progress,
@@ -26,8 +27,10 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.evaluation.conditions import CONDITIONS
+from graspbox.evaluation.replays import ActionLog, failed
+from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MASSES
-from graspbox.policies import Policy
+from graspbox.policies import Policy, load
 from graspbox.remote.remote_policy import RemotePolicy
 
 NumEnvs = Annotated[
@@ -168,13 +171,15 @@ def evaluate(
         _policy(policy, obs, keys, chunk, token_file, ca_file),
         _servers(remote, mass, token_file, ca_file),
     )
+    # A server has names of its own for what it offers.
+    found = None if remote else find(objects, split, scale, mass)
+    log = ActionLog(load(chosen) if isinstance(chosen, str) else chosen)
     with progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
-            chosen,
+            log,
             env,
-            # A server has names of its own for what it offers.
-            (objects or ["procedural"]) if remote else find(objects, split, scale, mass),
+            (objects or ["procedural"]) if found is None else found,
             trials,
             seed,
             scale=scale if remote else 1.0,
@@ -186,16 +191,33 @@ def evaluate(
             remote=servers,
             progress=lambda done: bar.update(task, completed=done),
         )
-    _report(result, out, as_json)
+    _report(result, as_json)
+    if out is not None:
+        _write(out, result, seed, log, found)
     end_with(result.refused)
 
 
-def _report(result: Evaluation, out: Path | None, as_json: bool) -> None:
-    """Print a result, and write it with every trial."""
+def _report(result: Evaluation, as_json: bool) -> None:
+    """Print a result."""
     if as_json:
         print_json(result.to_json())
     else:
         _print(result)
-    if out is not None:
-        rows = [vars(trial) for trial in result.trials]
-        write_text(out, dumps({**result.to_json(), "rows": rows}) + "\n")
+
+
+def _write(out: Path, result: Evaluation, seed: int, log: ActionLog, found: ObjectSet | None) -> None:
+    """Write a result with every trial, with what made it, and with failures that can be replayed."""
+    objects = found or ()
+    names = {trial.object for trial in result.trials}
+    content = {
+        **result.to_json(),
+        "rows": [vars(trial) for trial in result.trials],
+        "made": made(env_id=result.env_id, seed=seed, settings=result.settings),
+        "sources": {
+            spec.name: {"source": spec.source, "scale": spec.scale, "mass": spec.mass}
+            for spec in objects
+            if spec.name in names
+        },
+        "replays": [] if found is None else [replay.to_json() for replay in failed(result, log, found)],
+    }
+    write_text(out, dumps(content) + "\n")

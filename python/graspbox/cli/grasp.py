@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from graspbox._common.arguments import plain
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import (
     HandName,
@@ -18,6 +19,7 @@ from graspbox.cli.common import (
     end_with,
     find,
     find_hand,
+    made,
     print_json,
     print_table,
     progress,
@@ -119,6 +121,7 @@ def grasp(
         print_table(f"{found.name}: {poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
     if out is not None:
-        write_text(out, dumps(result.table(details=True)) + "\n")
+        content = {**result.table(details=True), "made": made(seed=seed, hand=hand, trial=plain(trial, "trial"))}
+        write_text(out, dumps(content) + "\n")
         console.print(f"wrote {out}")
     end_with(table["refused"])
