@@ -21,13 +21,14 @@ from graspbox.cli.common import (
     print_table,
     progress,
 )
+from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_replays
 from graspbox.envs import IDS
 from graspbox.envs.remote_config import RemoteConfig, client_token
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.evaluation.conditions import CONDITIONS
-from graspbox.evaluation.replays import ActionLog, failed
+from graspbox.evaluation.replays import ActionLog, failed, shown
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MASSES
 from graspbox.policies import Policy, load
@@ -156,6 +157,8 @@ def evaluate(
     token_file: ServerToken = None,
     ca_file: CaFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
+    rerun: Rerun = None,
+    rerun_episodes: RerunEpisodes = 10,
     as_json: Json = False,
 ) -> None:
     """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson).
@@ -165,6 +168,9 @@ def evaluate(
     """
     if out is not None:
         check_output(out)
+    if rerun is not None and remote:
+        raise ConfigError("--rerun records environments of this machine; leave out --remote")
+    check_rerun(rerun)
     if (token_file or ca_file) and not remote and not _is_url(policy):
         raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
     chosen, servers = (
@@ -194,6 +200,8 @@ def evaluate(
     _report(result, as_json)
     if out is not None:
         _write(out, result, seed, log, found)
+    if found is not None and rerun is not None:
+        write_replays(rerun, shown(result, log, found, rerun_episodes))
     end_with(result.refused)
 
 

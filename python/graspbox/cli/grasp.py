@@ -24,6 +24,7 @@ from graspbox.cli.common import (
     print_table,
     progress,
 )
+from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_grasps
 from graspbox.configs import ShakeConfig, TrialConfig
 from graspbox.evaluation.planner_trials import ObjectResult, SetResult, try_set
 from graspbox.object_sets import ObjectSet
@@ -100,6 +101,8 @@ def grasp(
     details: Annotated[
         bool, typer.Option("--details", help="Print every grasp and its outcome too, with --json.")
     ] = False,
+    rerun: Rerun = None,
+    rerun_episodes: RerunEpisodes = 10,
     as_json: Json = False,
 ) -> None:
     """Plan grasps for every object of a set and try the best ones in simulation.
@@ -110,6 +113,7 @@ def grasp(
         raise typer.BadParameter("it needs --json; --out always writes the details", param_hint="--details")
     if out is not None:
         check_output(out)
+    check_rerun(rerun)
     found, loaded = find(objects, split, scale, mass), find_hand(hand)
     trial = TrialConfig(legacy=legacy, shake=ShakeConfig() if shake else None)
     result = run(found, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
@@ -124,4 +128,5 @@ def grasp(
         content = {**result.table(details=True), "made": made(seed=seed, hand=hand, trial=plain(trial, "trial"))}
         write_text(out, dumps(content) + "\n")
         console.print(f"wrote {out}")
+    write_grasps(rerun, result, loaded, trial, rerun_episodes)
     end_with(table["refused"])

@@ -20,6 +20,7 @@ from graspbox.cli.common import (
     print_json,
     progress,
 )
+from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_demonstrations
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS
@@ -90,12 +91,15 @@ def record(
     seed: Seed = 0,
     num_envs: Environments = 32,
     threads: Threads = None,
+    rerun: Rerun = None,
+    rerun_episodes: RerunEpisodes = 10,
     as_json: Json = False,
 ) -> None:
     """Record episodes of a policy as Parquet files, to learn from them.
 
     The exit status is 1 if some objects cannot be used.
     """
+    check_rerun(rerun)
     find(objects, split, scale, mass)
     # What is not given is no setting of the environment.
     given: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
@@ -125,6 +129,7 @@ def record(
             f"{out}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
             f"{found['success']} successes, {found['secure']} secure"
         )
+    write_demonstrations(rerun, made, rerun_episodes)
     end_with(made.refused)
 
 

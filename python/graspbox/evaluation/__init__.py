@@ -141,8 +141,8 @@ def evaluate(
         chosen.bind(Task.of(envs))
         result = run_usable(chosen, envs, count, first, progress=progress)
         given = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
-        facts = {"objects_given": given, "objects_left_out": left_out, "settings": _described(settings)}
-        return replace(result, condition=condition, **facts)
+        result = replace(result, condition=condition, objects_given=given, objects_left_out=left_out)
+        return replace(result, settings=_described(settings))
     finally:
         envs.close()
 

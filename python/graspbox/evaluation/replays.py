@@ -106,7 +106,7 @@ class Replay:
     mass : float or None
         Kilograms, where they are not those of the mesh.
     failure : str
-        Kind of the failure; empty for a success.
+        Kind of the failure, ``failure`` where it is unknown; empty for a success.
     actions : (t, k) float32
         The actions, one per step.
     probability : float or None
@@ -155,10 +155,10 @@ class Replay:
             actions = raw.reshape(steps, -1).astype(np.float32)
             mass = None if row["mass"] is None else float(row["mass"])
             stated = row.get("probability")
-            texts = (str(row[name]) for name in ("object", "source"))
+            name, source = str(row["object"]), str(row["source"])
             scale, seed, failure = float(row["scale"]), int(row["seed"]), str(row["failure"])
             probability = None if stated is None else float(stated)
-            return cls(env_id, settings, seed, *texts, scale, mass, failure, actions, probability)
+            return cls(env_id, settings, seed, name, source, scale, mass, failure, actions, probability)
         except (KeyError, TypeError, ValueError, binascii.Error) as error:
             raise ConfigError(f"a replay cannot be read ({error}); evaluate the policy again") from None
 

@@ -1,6 +1,7 @@
 """Charts of a report, made with Vega-Altair as Vega-Lite specifications; the page gives them colours and width."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from graspbox.errors import MissingExtraError
@@ -26,6 +27,7 @@ def _missing(package: str) -> MissingExtraError:
     return MissingExtraError(f"a report needs {package}, from the extra 'report': pip install 'graspbox[report]'")
 
 
+@cache
 def bundle() -> str:
     """Return the program that draws the charts: vega, vega-lite and vega-embed in one, without network.
 
@@ -40,7 +42,8 @@ def bundle() -> str:
         if error.name != "vl_convert":
             raise
         raise _missing("vl-convert-python") from None
-    return str(vl_convert.javascript_bundle(vl_version=".".join(_altair().SCHEMA_VERSION.lstrip("v").split(".")[:2])))
+    bundled: Callable[..., str] = vl_convert.javascript_bundle
+    return bundled(vl_version=".".join(_altair().SCHEMA_VERSION.lstrip("v").split(".")[:2]))
 
 
 def _spec(chart: Any, rows: int | None = None) -> dict[str, Any]:
@@ -186,7 +189,7 @@ def curve_charts(runs: Sequence[ReportRun], names: Sequence[str]) -> Iterator[tu
             values = [{"step": step, "value": float(f"{value:.5g}"), "run": line} for step, value in points]
             measures.setdefault(curve.measure, []).extend(values)
     for measure, values in measures.items():
-        lines = list(dict.fromkeys(value["run"] for value in values))
+        lines = list(dict.fromkeys(str(value["run"]) for value in values))
         chart = (
             alt.Chart(alt.Data(values=values))
             .mark_line(strokeWidth=1.3, point={"size": 12} if len(values) <= 60 * len(lines) else False)

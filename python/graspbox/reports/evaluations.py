@@ -78,8 +78,8 @@ def read_evaluation(path: Path) -> ReportRun:
         for row in item(content, "objects", list, where):
             counts = Counts(item(row, "trials", int, where), item(row, "succeeded", int, where))
             objects[str(item(row, "name", str, where))] = counts
-        sums = (int(item(content, name, int, where)) for name in ("trials", "succeeded", "secure"))
-        total = Counts(*sums, failures=_kinds(item(content, "failures", dict, where), where))
+        count, succeeded, secure = (int(item(content, name, int, where)) for name in ("trials", "succeeded", "secure"))
+        total = Counts(count, succeeded, secure, _kinds(item(content, "failures", dict, where), where))
     else:
         objects, total = trials.by_object(), trials.counts()
     if not total.trials:
@@ -144,9 +144,7 @@ def _renderer(replay: Replay) -> Any:
         picture = PictureConfig(image_size=SIZE, camera=_CAMERA)
         env = replay.make(obs="proprio", render_mode="rgb_array", picture=picture)
         try:
-            info: dict[str, Any] = {}
-            for _, info in replay.run(env):
-                pass
+            *_, (_, info) = replay.run(env)
             return [env.render()], "" if info["is_success"] else str(info["failure"])
         finally:
             env.close()

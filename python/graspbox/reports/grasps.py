@@ -17,7 +17,7 @@ from graspbox.hands import load_hand
 from graspbox.object_sets import ObjectSpec
 from graspbox.outcomes import Trace
 from graspbox.reports.evaluations import SIZE
-from graspbox.reports.runs import MAX_TRIALS, Counts, Picture, ReportRun, Trials
+from graspbox.reports.runs import MAX_TRIALS, Counts, Picture, ReportRun, Trials, pooled
 from graspbox.reports.values import changed, facts_of, item, read_json, text
 from graspbox.simulation import Scene
 
@@ -53,10 +53,9 @@ def read_grasps(path: Path) -> ReportRun:
     rows = [(obj, grasp) for obj in objects for grasp in _grasps(obj, where)]
     counts = {}
     for obj in objects:
-        sums = (int(item(obj, name, int, where)) for name in ("tried", "succeeded", "secure"))
-        counts[str(item(obj, "name", str, where))] = Counts(*sums)
-    sums = (sum(getattr(c, name) or 0 for c in counts.values()) for name in ("trials", "succeeded", "secure"))
-    total, trials = Counts(*sums), None
+        tried, succeeded, secure = (int(item(obj, name, int, where)) for name in ("tried", "succeeded", "secure"))
+        counts[str(item(obj, "name", str, where))] = Counts(tried, succeeded, secure)
+    total, trials = pooled(list(counts.values())), None
     if rows:
         trials = _trials(rows, where)
         counts, total = trials.by_object(), trials.counts()
@@ -163,8 +162,7 @@ class _Trial:
 def _stages(
     scene: Scene, trace: Trace, object_from_hand: NDArray[np.float64], preshape: float
 ) -> list[NDArray[np.uint8]]:
-    from graspbox.pictures import Camera, PosedHand, Solid, View
-    from graspbox.pictures.solids import OBJECT, place
+    from graspbox.pictures import Camera, PosedHand
     from graspbox.pictures.trials import stages
 
     rest = scene.world_from_object
@@ -178,13 +176,18 @@ def _stages(
             for i in samples
         ]
     eye = Camera.across(states[0][0].world_from_hand[:3, 2], elevation=18.0)
-    vertices = scene.mesh.vertices
-    shown = np.concatenate([np.concatenate([posed.corners(), place(vertices, pose)]) for posed, pose in states])
-    size = (SIZE[1], SIZE[0])
-    return [
-        View([Solid(scene.mesh, OBJECT, pose)], eye, shown=shown, size=size, hand=posed, table=shown).image
-        for posed, pose in states
-    ]
+    rows, columns = SIZE
+    size = (columns, rows) if len(states) == 1 else (7 * columns // 10, rows)
+    return [_picture(scene, posed, pose, eye, size) for posed, pose in states]
+
+
+def _picture(scene: Scene, posed: Any, world_from_object: Any, eye: Any, size: tuple[int, int]) -> NDArray[np.uint8]:
+    from graspbox.pictures import Solid, View
+    from graspbox.pictures.solids import OBJECT, place
+
+    shown = np.concatenate([posed.corners(), place(scene.mesh.vertices, world_from_object)])
+    solid = Solid(scene.mesh, OBJECT, world_from_object)
+    return View([solid], eye, shown=shown, size=size, hand=posed, table=shown).image
 
 
 def read_dataset(folder: Path) -> ReportRun:

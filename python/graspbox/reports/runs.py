@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSpec
 
-__all__ = ["MAX_TRIALS", "Counts", "Curve", "Picture", "ReportRun", "Trials"]
+__all__ = ["MAX_TRIALS", "Counts", "Curve", "Picture", "ReportRun", "Trials", "pooled"]
 
 #: Greatest number of trials of a run.
 MAX_TRIALS = 2_000_000
@@ -38,8 +38,18 @@ class Counts:
     def __post_init__(self) -> None:
         if not 0 <= (self.secure or 0) <= self.trials or not 0 <= self.succeeded <= self.trials:
             raise ConfigError(
-                f"{self.succeeded} successes and {self.secure} secure grasps of {self.trials} trials do not fit together"
+                f"{self.succeeded} successes and {self.secure} secure grasps of {self.trials} trials do not fit "
+                "together; make the run again, or leave it out"
             )
+
+
+def pooled(members: Sequence[Counts]) -> Counts:
+    """Add counts up."""
+    failures: Counter[str] = Counter()
+    for counts in members:
+        failures.update(counts.failures)
+    secure = None if any(c.secure is None for c in members) else sum(c.secure or 0 for c in members)
+    return Counts(sum(c.trials for c in members), sum(c.succeeded for c in members), secure, dict(failures))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +80,15 @@ class Trials:
     def __post_init__(self) -> None:
         lengths = {len(column) for column in vars(self).values()}
         if len(lengths) > 1:
-            raise ConfigError(f"columns of trials have {sorted(lengths)} rows; they must have the same number")
+            raise ConfigError(
+                f"columns of trials have {sorted(lengths)} rows; they must have the same number; make the run again"
+            )
         if len(self) > MAX_TRIALS:
             raise ConfigError(f"it has {len(self)} trials; a report reads at most {MAX_TRIALS}")
         stated = self.probability[~np.isnan(self.probability)]
         if ((stated < 0) | (stated > 1)).any():
-            raise ConfigError(f"a predicted probability is {stated.min()} to {stated.max()}; it must be from 0 to 1")
+            low, high = stated.min(), stated.max()
+            raise ConfigError(f"predicted probabilities are {low} to {high}, not within 0 to 1; make the run again")
 
     def __len__(self) -> int:
         return len(self.keys)

@@ -5,7 +5,6 @@ method 10, and the p-value of McNemar's exact test.
 """
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,7 +15,7 @@ from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.results import reliability, wilson
 from graspbox.models.calibration import calibration_error
 from graspbox.object_sets import ObjectSpec
-from graspbox.reports.runs import Counts, ReportRun, Trials
+from graspbox.reports.runs import Counts, ReportRun, Trials, pooled
 
 __all__ = ["classes_of", "comparisons", "difference", "reliability_rows", "summary_rows", "trial_columns"]
 
@@ -55,7 +54,7 @@ def summary_rows(runs: Sequence[ReportRun], classes: Mapping[str, Sequence[str]]
         for name in CLASSES:
             members = [counts for obj, counts in run.objects.items() if name in classes.get(obj, ())]
             if members:
-                rows.append(_row(number, "class", name, _sum(members), (name,)))
+                rows.append(_row(number, "class", name, pooled(members), (name,)))
         rows += [_row(number, "object", obj, counts, classes.get(obj, ())) for obj, counts in run.objects.items()]
     return [row for row in rows if row["trials"]]
 
@@ -72,14 +71,6 @@ def _row(run: int, group: str, name: str, counts: Counts, classes: Sequence[str]
         "secure": rate(counts.secure, n) if n and counts.secure is not None else None,
         "failures": dict(counts.failures),
     }
-
-
-def _sum(members: Sequence[Counts]) -> Counts:
-    failures: Counter[str] = Counter()
-    for counts in members:
-        failures.update(counts.failures)
-    secure = None if any(c.secure is None for c in members) else sum(c.secure or 0 for c in members)
-    return Counts(sum(c.trials for c in members), sum(c.succeeded for c in members), secure, dict(failures))
 
 
 def trial_columns(runs: Sequence[ReportRun], most: int) -> dict[str, Any]:
