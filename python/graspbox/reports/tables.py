@@ -121,15 +121,17 @@ def reliability_rows(runs: Sequence[ReportRun]) -> list[dict[str, Any]]:
 
 
 def comparisons(runs: Sequence[ReportRun]) -> list[dict[str, Any]]:
-    """Compare each run with the first one that has trials in common, on these trials."""
+    """Compare each run with the earlier one that has most trials in common with it, on these trials."""
     found: list[dict[str, Any]] = []
     indexed = [(n, _index(run.trials)) for n, run in enumerate(runs) if run.trials is not None]
-    for i, (second, theirs) in enumerate(indexed):
-        for first, ours in indexed[:i]:
-            common = [key for key in ours if key in theirs]
-            if common and runs[first].kind == runs[second].kind and len(found) < _MOST_PAIRS:
-                found.append(_pair(runs, first, second, [(ours[k], theirs[k]) for k in common]))
-                break
+    for i, (second, theirs) in enumerate(indexed[: _MOST_PAIRS + 1]):
+        earlier = [(n, ours) for n, ours in indexed[:i] if runs[n].kind == runs[second].kind]
+        if not earlier:
+            continue
+        first, ours = max(earlier, key=lambda one: len(one[1].keys() & theirs.keys()))
+        common = [key for key in ours if key in theirs]
+        if common:
+            found.append(_pair(runs, first, second, [(ours[key], theirs[key]) for key in common]))
     return found
 
 
