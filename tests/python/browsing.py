@@ -1,6 +1,7 @@
 """A headless Chromium, driven over the WebDriver protocol; tests that use it are skipped without it.
 
-Needs Chromium and its driver, such as Debian's packages ``chromium`` and ``chromium-driver``.
+Needs Chromium and its driver, such as Debian's packages ``chromium`` and ``chromium-driver``. ``python
+tests/python/browsing.py PAGE.html`` prints how long a page takes to open, five times.
 """
 
 import base64
@@ -8,6 +9,8 @@ import json
 import re
 import shutil
 import subprocess
+import sys
+import tempfile
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -95,3 +98,17 @@ def browsing(profile: Path) -> Iterator[Browser]:
         yield one
         one.close()
         process.terminate()
+
+
+def opening_times(page: Path, times: int = 5) -> list[float]:
+    """Return how long a page takes to open, seconds to the end of its load event, each time in a new browser."""
+    found = []
+    for _ in range(times):
+        with tempfile.TemporaryDirectory() as profile, browsing(Path(profile)) as browser:
+            browser.open(page.resolve().as_uri())
+            found.append(browser.run("return performance.getEntriesByType('navigation')[0].loadEventEnd") / 1000.0)
+    return found
+
+
+if __name__ == "__main__":
+    print("seconds:", *(f"{seconds:.2f}" for seconds in sorted(opening_times(Path(sys.argv[1])))))

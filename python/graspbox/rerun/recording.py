@@ -89,12 +89,37 @@ def recording(path: Path, root: str = "") -> Iterator["Recorder"]:
     rr = sdk()
     with replacing(check_file(path)) as temporary:
         stream = rr.RecordingStream("graspbox")
-        stream.save(str(temporary))
+        stream.save(str(temporary), default_blueprint=_blueprint(root.strip("/")))
         try:
             yield Recorder(stream, root)
         finally:
             stream.flush()
             stream.disconnect()
+
+
+def _blueprint(root: str) -> Any:
+    """Arrange the viewer: the scene, images and log on the left, curves on the right."""
+    import rerun.blueprint as views
+
+    base = f"/{root}" if root else ""
+    curves = {
+        "forces": ("hand_force", "net_force", "tactile_sum"),
+        "tendons": ("tension/**",),
+        "object": ("lift", "distance"),
+        "probability": ("probability", "success", "secure", "choice"),
+    }
+    plots = [
+        views.TimeSeriesView(name=name, origin=f"{base}/plots", contents=[f"$origin/{one}" for one in chosen])
+        for name, chosen in curves.items()
+    ]
+    below = views.Tabs(
+        views.TextLogView(name="log", origin=f"{base}/log"),
+        views.Spatial2DView(name="colour", origin=f"{base}/world/cameras/rgb"),
+        views.Spatial2DView(name="depth", origin=f"{base}/world/cameras/depth"),
+    )
+    scene = views.Spatial3DView(name="scene", origin=f"{base}/world")
+    left = views.Vertical(scene, below, row_shares=[3, 1])
+    return views.Blueprint(views.Horizontal(left, views.Vertical(*plots), column_shares=[3, 2]), collapse_panels=True)
 
 
 class Recorder:
