@@ -43,6 +43,10 @@ NumEnvs = Annotated[
         help="Number of environments stepped together; results do not depend on it.",
     ),
 ]
+EnvId = Annotated[
+    str | None,
+    typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
+]
 Condition = Annotated[str, typer.Option("--condition", help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
 Remote = Annotated[
     list[str] | None,
@@ -132,10 +136,7 @@ def _servers(
 
 def evaluate(
     policy: PolicyName,
-    env: Annotated[
-        str | None,
-        typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
-    ] = None,
+    env: EnvId = None,
     objects: Annotated[
         list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
     ] = None,
@@ -166,26 +167,20 @@ def evaluate(
     The policy may be on a server: ws://HOST:PORT of any server that speaks openpi's protocol. The exit status is 1 if
     some objects cannot be used; other trials replace theirs.
     """
-    if out is not None:
-        check_output(out)
-    if rerun is not None and remote:
-        raise ConfigError("--rerun records environments of this machine; leave out --remote")
-    check_rerun(rerun)
-    if (token_file or ca_file) and not remote and not _is_url(policy):
-        raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
-    chosen, servers = (
-        _policy(policy, obs, keys, chunk, token_file, ca_file),
-        _servers(remote, mass, token_file, ca_file),
-    )
+    _check_outputs(out, rerun, remote)
+    _check_servers(policy, remote, token_file, ca_file)
+    chosen = _policy(policy, obs, keys, chunk, token_file, ca_file)
+    servers = _servers(remote, mass, token_file, ca_file)
     # A server has names of its own for what it offers.
     found = None if remote else find(objects, split, scale, mass)
     log = ActionLog(load(chosen) if isinstance(chosen, str) else chosen)
+    tried = (objects or ["procedural"]) if found is None else found
     with progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
             log,
             env,
-            (objects or ["procedural"]) if found is None else found,
+            tried,
             trials,
             seed,
             scale=scale if remote else 1.0,
@@ -200,9 +195,24 @@ def evaluate(
     _report(result, as_json)
     if out is not None:
         _write(out, result, seed, log, found)
-    if found is not None and rerun is not None:
+    if found is not None:
         write_replays(rerun, shown(result, log, found, rerun_episodes))
     end_with(result.refused)
+
+
+def _check_servers(policy: str, remote: list[str] | None, token_file: str | None, ca_file: str | None) -> None:
+    """Refuse options of servers where there is none."""
+    if (token_file or ca_file) and not remote and not _is_url(policy):
+        raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
+
+
+def _check_outputs(out: Path | None, rerun: Path | None, remote: list[str] | None) -> None:
+    """Refuse files that cannot be written before anything is computed."""
+    if out is not None:
+        check_output(out)
+    if rerun is not None and remote:
+        raise ConfigError("--rerun records environments of this machine; leave out --remote")
+    check_rerun(rerun)
 
 
 def _report(result: Evaluation, as_json: bool) -> None:

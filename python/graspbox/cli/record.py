@@ -66,6 +66,16 @@ def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
     }
 
 
+def _print(found: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print_json(found)
+        return
+    typer.echo(
+        f"{found['folder']}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
+        f"{found['success']} successes, {found['secure']} secure"
+    )
+
+
 def record(
     policy: PolicyName,
     out: Annotated[Path, typer.Option("--out", help="Folder; what it holds already is continued.")],
@@ -121,14 +131,7 @@ def record(
             progress=lambda kept, trials: bar.update(task, completed=kept, description=f"{policy}, {trials} trials"),
             **{"num_threads": threads, **given, **_keywords(settings)},
         )
-    found = _counts(made)
-    if as_json:
-        print_json(found)
-    else:
-        typer.echo(
-            f"{out}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
-            f"{found['success']} successes, {found['secure']} secure"
-        )
+    _print(_counts(made), as_json)
     write_demonstrations(rerun, made, rerun_episodes)
     end_with(made.refused)
 
