@@ -18,6 +18,7 @@ export PATH := $(BIN):$(PATH)
 
 .PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-all lint fmt bench docs tree wheels sdist release \
 	check-wheels check-source clean
+.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-rerun test-all lint fmt bench docs release clean
 
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
@@ -26,6 +27,7 @@ help:
 	@echo "make test-examples  the examples for TorchRL and RLlib, in their own virtual environment (as much again)"
 	@echo "make test-lerobot   exported demonstrations and environments, used by LeRobot, in its own virtual environment (8 GB)"
 	@echo "make test-adapters  the adapters for OpenEnv, vla-eval and openpi, in their own virtual environment (1 GB)"
+	@echo "make test-rerun     recordings, read by the program rerun, in its own virtual environment (1 GB)"
 	@echo "make test-all       all of them, the slow ones too"
 	@echo "make lint           clippy, rustfmt, rustdoc, ruff, import-linter, mypy, stubtest"
 	@echo "make fmt            format Rust and Python"
@@ -116,11 +118,21 @@ test-adapters: $(ADAPTERS)/.stamp $(STAMPS)/core
 	GRASPBOX_REQUIRE_ADAPTERS=1 $(ADAPTERS)/bin/python -m pytest tests/python/test_adapters.py tests/python/test_openpi.py \
 		-k 'openenv or vla_eval or openpi'
 
+# The SDK of rerun takes 500 MB; here too a skipped test is a failure.
+RERUN := $(CURDIR)/.venv-rerun
+$(RERUN)/.stamp: pyproject.toml
+	$(PYTHON) -m venv --clear $(RERUN)
+	$(RERUN)/bin/python -m pip install --quiet onnx pytest -e '.[cli,data,onnx,rerun]'
+	touch $@
+
+test-rerun: $(RERUN)/.stamp $(STAMPS)/core
+	GRASPBOX_REQUIRE_RERUN=1 $(RERUN)/bin/python -m pytest tests/python/test_rerun.py
+
 test-all: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_YCB=$(YCB) cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
 	python -m graspbox.validation mujoco --trials 200 --seed 0
-	$(MAKE) test-examples test-lerobot test-adapters
+	$(MAKE) test-examples test-lerobot test-adapters test-rerun
 
 lint: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all --check
@@ -191,4 +203,4 @@ release:
 	$(MAKE) sdist wheels
 
 clean:
-	rm -rf out .cache $(VENV) $(EXAMPLES) $(LEROBOT) $(ADAPTERS) target
+	rm -rf out .cache $(VENV) $(EXAMPLES) $(LEROBOT) $(ADAPTERS) $(RERUN) target

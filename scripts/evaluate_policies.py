@@ -172,6 +172,9 @@ def measure(
     return job | {
         "milliseconds": found.ms_per_decision,
         "failures": found.failures,
+        "env_id": found.env_id,
+        "seeds": [trial.seed for trial in found.trials],
+        "kinds": [trial.failure for trial in found.trials],
         "trials": [[getattr(trial, column) for column in COLUMNS] for trial in found.trials],
     }
 

@@ -1,19 +1,12 @@
 """The page in ``scripts/examples/browser``, in a headless Chromium: the same bits as an environment of this process.
 
-Needs Chromium and its driver, such as Debian's packages ``chromium`` and ``chromium-driver``; skipped without them.
+Skipped without Chromium: see ``browsing.py``.
 """
 
-import base64
 import functools
-import json
 import os
-import re
-import shutil
-import subprocess
 import threading
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -24,63 +17,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from browsing import Browser, browsing, needs_browser
 from graspbox.configs import PictureConfig
 from graspbox.remote import EnvironmentServer, ServerSettings
 
 PAGE = Path(__file__).parents[2] / "scripts/examples/browser"
-DRIVER = shutil.which("chromedriver")
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = ("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking",
-         "disable-component-update", "disable-sync", "window-size=1100,1150")  # fmt: skip
 TOKEN = "a-token-of-some-length"
 OBJECTS = "procedural:can:0-3"
-pytestmark = pytest.mark.skipif(not (DRIVER and BROWSER), reason="needs chromium and chromedriver")
-
-
-class Browser:
-    """A page, driven over the WebDriver protocol."""
-
-    def __init__(self, driver: str, profile: Path) -> None:
-        self._driver = driver
-        flags = [f"--{flag}" for flag in (*FLAGS, f"user-data-dir={profile}")]
-        options = {"goog:chromeOptions": {"args": flags, "binary": BROWSER}}
-        session = self._call("POST", "/session", {"capabilities": {"alwaysMatch": options}})["sessionId"]
-        self._path = f"/session/{session}"
-        self._call("POST", f"{self._path}/timeouts", {"script": 60_000})
-
-    def _call(self, method: str, path: str, fields: dict[str, Any] | None = None) -> Any:
-        body = None if fields is None else json.dumps(fields).encode()
-        request = urllib.request.Request(self._driver + path, body, {"Content-Type": "application/json"}, method=method)
-        try:
-            with urllib.request.urlopen(request, timeout=90) as response:
-                return json.load(response)["value"]
-        except urllib.error.HTTPError as error:
-            raise AssertionError(json.load(error)["value"]["message"]) from None
-
-    def open(self, url: str) -> None:
-        """Open a page and wait until its program runs."""
-        self._call("POST", f"{self._path}/url", {"url": url})
-        assert self.run("return typeof window.graspbox") == "object"
-
-    def run(self, script: str, *values: Any) -> Any:
-        """Run the body of an asynchronous function; ``values`` are its ``arguments``."""
-        wrapped = (
-            "const done = arguments[arguments.length - 1];"
-            f"(async function() {{ {script} }}).apply(null, arguments)"
-            ".then((value) => done({value}), (error) => done({error: error.message}));"
-        )
-        found = self._call("POST", f"{self._path}/execute/async", {"script": wrapped, "args": list(values)})
-        if "error" in found:
-            raise RuntimeError(found["error"])
-        return found.get("value")
-
-    def picture(self) -> bytes:
-        """Take a picture of the window, PNG."""
-        return base64.b64decode(self._call("GET", f"{self._path}/screenshot"))
-
-    def close(self) -> None:
-        """End the browser."""
-        self._call("DELETE", self._path)
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
@@ -106,22 +50,19 @@ def url(page: str) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    assert DRIVER is not None
-    with subprocess.Popen([DRIVER, "--port=0"], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        for line in process.stdout:
-            if found := re.search(r"started successfully on port (\d+)", line):
-                break
-        assert found is not None
-        one = Browser(f"http://127.0.0.1:{found[1]}", tmp_path_factory.mktemp("profile"))
+    with browsing(tmp_path_factory.mktemp("profile")) as one:
         yield one
-        one.close()
-        process.terminate()
+
+
+def opened(browser: Browser, url: str) -> None:
+    """Open a page and wait until its program runs."""
+    browser.open(url)
+    assert browser.run("return typeof window.graspbox") == "object"
 
 
 @pytest.fixture
 def connected(browser: Browser, page: str, url: str) -> Browser:
-    browser.open(f"{page}/index.html")
+    opened(browser, f"{page}/index.html")
     given = {"url": url, "token": TOKEN, "objects": OBJECTS}
     browser.run("await graspbox.connect(arguments[0])", given)
     return browser
@@ -187,7 +128,7 @@ def test_errors_are_those_of_the_server(connected: Browser) -> None:
 
 
 def test_a_reader_of_the_page_can_press_its_buttons(browser: Browser, page: str, url: str) -> None:
-    browser.open(f"{page}/index.html?url={url}&token={TOKEN}&objects={OBJECTS}&seed=7")
+    opened(browser, f"{page}/index.html?url={url}&token={TOKEN}&objects={OBJECTS}&seed=7")
     browser.run("document.querySelector('#connect button').click()")
     told = "return Object.fromEntries([...document.querySelectorAll('#told tr')].map((row) => "
     told += "[...row.children].map((cell) => cell.textContent)))"
@@ -213,7 +154,7 @@ def wait(condition: Any) -> None:
 
 
 def test_pages_of_other_origins_and_without_token_are_refused(browser: Browser, page: str, url: str) -> None:
-    browser.open(f"{page}/index.html")
+    opened(browser, f"{page}/index.html")
     with EnvironmentServer(ServerSettings(port=0)) as closed:
         for given in ({"url": closed.url}, {"url": url, "token": "another-token-of-length"}):
             with pytest.raises(RuntimeError, match=f"--origin {page}"):
@@ -247,6 +188,6 @@ return [...encode([2n ** 64n - 1n, -1, "a", new Uint8Array(1), 0.5])];
 
 def test_its_codec_reads_what_it_writes(browser: Browser, page: str) -> None:
     """Every form of every type, 64-bit integers, and frames that are cut off."""
-    browser.open(f"{page}/index.html")
+    opened(browser, f"{page}/index.html")
     written = bytes(browser.run(ROUND_TRIP))
     assert written.hex() == "95cfffffffffffffffffd3ffffffffffffffffa161c40100cb3fe0000000000000"

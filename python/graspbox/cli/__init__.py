@@ -20,12 +20,12 @@ from graspbox.cli import (
     plan,
     prepare,
     record,
-    serve,
-    serve_policy,
+    report,
     train,
     voxelize,
 )
 from graspbox.cli.exports.grasps import export_grasps
+from graspbox.cli.serving import environments, policies
 from graspbox.programs import run_program
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -41,8 +41,9 @@ typer_app.command("export")(record.export)
 typer_app.command("export-grasps")(export_grasps)
 typer_app.add_typer(train.train_app, name="train")
 typer_app.command("evaluate")(evaluate.evaluate)
-typer_app.command("serve")(serve.serve)
-typer_app.command("serve-policy")(serve_policy.serve_policy)
+typer_app.command("report")(report.report)
+typer_app.command("serve")(environments.serve)
+typer_app.command("serve-policy")(policies.serve_policy)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)
 

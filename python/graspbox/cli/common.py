@@ -1,7 +1,10 @@
 """Options, tables and progress bars that the commands share."""
 
+import shlex
 import sys
 from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -9,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from graspbox import object_sets, policies
+from graspbox import _core, object_sets, policies
 from graspbox._common.files import dumps
 from graspbox.errors import ObjectSetError
 from graspbox.hands import Hand, load_hand
@@ -61,6 +64,13 @@ def print_table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]
     for row in rows:
         table.add_row(*row)
     Console(file=sys.stdout, markup=False, highlight=False, emoji=False).print(table)
+
+
+def made(**facts: Any) -> dict[str, Any]:
+    """Describe how a result was made: the command, the version of graspbox, the date, and other facts."""
+    words = ["graspbox" if Path(sys.argv[0]).stem in ("graspbox", "__main__") else sys.argv[0], *sys.argv[1:]]
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"command": shlex.join(words), "graspbox": _core.__version__, "date": date, **facts}
 
 
 def find(

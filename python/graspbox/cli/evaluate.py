@@ -7,14 +7,17 @@ import typer
 
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli import common
+from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_replays
 from graspbox.envs import IDS
 from graspbox.envs.remote_config import RemoteConfig, client_token
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.evaluation.conditions import CONDITIONS
+from graspbox.evaluation.replays import ActionLog, failed, shown
+from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MASSES
-from graspbox.policies import Policy
+from graspbox.policies import Policy, load
 from graspbox.remote.remote_policy import RemotePolicy
 
 NumEnvs = Annotated[
@@ -25,6 +28,10 @@ NumEnvs = Annotated[
         max=MAX_ENVS,
         help="Number of environments stepped together; results do not depend on it.",
     ),
+]
+EnvId = Annotated[
+    str | None,
+    typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
 ]
 Condition = Annotated[str, typer.Option("--condition", help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
 Remote = Annotated[
@@ -120,11 +127,10 @@ def _servers(
 
 def evaluate(
     policy: common.PolicyName,
-    env: Annotated[
-        str | None,
-        typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
+    env: EnvId = None,
+    objects: Annotated[
+        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
     ] = None,
-    objects: common.Objects = None,
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
     split: common.Split = None,
     scale: common.Scale = 1.0,
@@ -143,6 +149,8 @@ def evaluate(
     token_file: ServerToken = None,
     ca_file: CaFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
+    rerun: Rerun = None,
+    rerun_episodes: RerunEpisodes = 10,
     as_json: common.Json = False,
 ) -> None:
     """Evaluate a policy on seeded trials: success, secure grasps, 95 % intervals (Wilson).
@@ -150,21 +158,20 @@ def evaluate(
     The policy may be on a server: ws://HOST:PORT of any server that speaks openpi's protocol. The exit status is 1 if
     some objects cannot be used; other trials replace theirs.
     """
-    if out is not None:
-        check_output(out)
-    if (token_file or ca_file) and not remote and not _is_url(policy):
-        raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
-    chosen, servers = (
-        _policy(policy, obs, keys, chunk, token_file, ca_file),
-        _servers(remote, mass, token_file, ca_file),
-    )
+    _check_outputs(out, rerun, remote)
+    _check_servers(policy, remote, token_file, ca_file)
+    chosen = _policy(policy, obs, keys, chunk, token_file, ca_file)
+    servers = _servers(remote, mass, token_file, ca_file)
+    # A server has names of its own for what it offers.
+    found = None if remote else common.find(objects, split, scale, mass)
+    log = ActionLog(load(chosen) if isinstance(chosen, str) else chosen)
+    tried = (objects or ["procedural"]) if found is None else found
     with common.progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
-            chosen,
+            log,
             env,
-            # A server has names of its own for what it offers.
-            (objects or ["procedural"]) if remote else common.find(objects, split, scale, mass),
+            tried,
             trials,
             seed,
             scale=scale if remote else 1.0,
@@ -176,16 +183,50 @@ def evaluate(
             remote=servers,
             progress=lambda done: bar.update(task, completed=done),
         )
-    _report(result, out, as_json)
+    _report(result, as_json)
+    if out is not None:
+        _write(out, result, seed, log, found)
+    if found is not None:
+        write_replays(rerun, shown(result, log, found, rerun_episodes))
     common.end_with(result.refused)
 
 
-def _report(result: Evaluation, out: Path | None, as_json: bool) -> None:
-    """Print a result, and write it with every trial."""
+def _check_servers(policy: str, remote: list[str] | None, token_file: str | None, ca_file: str | None) -> None:
+    """Refuse options of servers where there is none."""
+    if (token_file or ca_file) and not remote and not _is_url(policy):
+        raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
+
+
+def _check_outputs(out: Path | None, rerun: Path | None, remote: list[str] | None) -> None:
+    """Refuse files that cannot be written before anything is computed."""
+    if out is not None:
+        check_output(out)
+    if rerun is not None and remote:
+        raise ConfigError("--rerun records environments of this machine; leave out --remote")
+    check_rerun(rerun)
+
+
+def _report(result: Evaluation, as_json: bool) -> None:
+    """Print a result."""
     if as_json:
         common.print_json(result.to_json())
     else:
         _print(result)
-    if out is not None:
-        rows = [vars(trial) for trial in result.trials]
-        write_text(out, dumps({**result.to_json(), "rows": rows}) + "\n")
+
+
+def _write(out: Path, result: Evaluation, seed: int, log: ActionLog, found: ObjectSet | None) -> None:
+    """Write a result with every trial, with what common.made it, and with failures that can be replayed."""
+    objects = found or ()
+    names = {trial.object for trial in result.trials}
+    content = {
+        **result.to_json(),
+        "rows": [vars(trial) for trial in result.trials],
+        "made": common.made(env_id=result.env_id, seed=seed, settings=result.settings),
+        "sources": {
+            spec.name: {"source": spec.source, "scale": spec.scale, "mass": spec.mass}
+            for spec in objects
+            if spec.name in names
+        },
+        "replays": [] if found is None else [replay.to_json() for replay in failed(result, log, found)],
+    }
+    write_text(out, dumps(content) + "\n")

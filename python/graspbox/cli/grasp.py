@@ -5,15 +5,17 @@ from typing import Annotated, Any
 
 import typer
 
+from graspbox._common.arguments import plain
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli import common
+from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_grasps
 from graspbox.configs import ShakeConfig, TrialConfig
 from graspbox.evaluation.planner_trials import ObjectResult, SetResult, try_set
 from graspbox.object_sets import ObjectSet
 
 
 def run(objects: ObjectSet, **settings: Any) -> SetResult:
-    """Evaluate a set with a progress bar."""
+    """Evaluate a set with a common.progress bar."""
     with common.progress() as bar:
         task = bar.add_task("grasping", total=len(objects))
 
@@ -81,6 +83,8 @@ def grasp(
     details: Annotated[
         bool, typer.Option("--details", help="Print every grasp and its outcome too, with --json.")
     ] = False,
+    rerun: Rerun = None,
+    rerun_episodes: RerunEpisodes = 10,
     as_json: common.Json = False,
 ) -> None:
     """Plan grasps for every object of a set and try the best ones in simulation.
@@ -91,6 +95,7 @@ def grasp(
         raise typer.BadParameter("it needs --json; --out always writes the details", param_hint="--details")
     if out is not None:
         check_output(out)
+    check_rerun(rerun)
     found, loaded = common.find(objects, split, scale, mass), common.find_hand(hand)
     trial = TrialConfig(legacy=legacy, shake=ShakeConfig() if shake else None)
     result = run(found, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
@@ -102,6 +107,8 @@ def grasp(
         common.print_table(f"{found.name}: {poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
     if out is not None:
-        write_text(out, dumps(result.table(details=True)) + "\n")
+        content = {**result.table(details=True), "made": common.made(seed=seed, hand=hand, trial=plain(trial, "trial"))}
+        write_text(out, dumps(content) + "\n")
         common.console.print(f"wrote {out}")
+    write_grasps(rerun, result, loaded, trial, rerun_episodes)
     common.end_with(table["refused"])

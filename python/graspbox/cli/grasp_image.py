@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import Json, Seed, console, print_json, print_table
+from graspbox.cli.recording import Rerun, check_rerun
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import camera_over_table, read_depth, read_pose
 from graspbox.perception.perturbations import PoseNoise
@@ -41,8 +42,24 @@ def _pose(file: Path | None, height: float | None, tilt: float | None) -> NDArra
     return None
 
 
-def _check_outputs(out: Path | None, picture: Path | None) -> None:
+def _write(found: ImageGrasps, out: Path | None, picture: Path | None, rerun: Path | None) -> None:
+    """Write the files that the options name."""
+    if out is not None:
+        write_text(out, dumps(found.to_json()) + "\n")
+    if picture is not None:
+        from graspbox import pictures
+
+        pictures.save_grasp_image(picture, found)
+    if rerun is not None:
+        from graspbox.rerun import log
+
+        log(found, rerun)
+        console.print(f"wrote {rerun}")
+
+
+def _check_outputs(out: Path | None, picture: Path | None, rerun: Path | None) -> None:
     """Refuse files that cannot be written before anything is computed."""
+    check_rerun(rerun)
     if out is not None:
         check_output(out)
     if picture is not None:
@@ -103,6 +120,7 @@ def grasp_image_command(
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option("--out", help="Write the grasps into this JSON file.")] = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="Write a picture into this file.")] = None,
+    rerun: Rerun = None,
     as_json: Json = False,
 ) -> None:
     """Find grasps of the object in a depth image of your own, with a published policy.
@@ -113,18 +131,13 @@ def grasp_image_command(
     depth = read_depth(image, depth_scale)
     fx, fy, cx, cy = intrinsics
     lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    _check_outputs(out, picture)
+    _check_outputs(out, picture, rerun)
     pose = _pose(camera_pose, camera_height, tilt)
     error = None if hand_error is None else PoseNoise.in_millimetres(*hand_error)
     found = grasp_image(depth, lens, pose, policy, count=count, region=region, hand_error=error, seed=seed)
     if pose is None:
         _print_table(found.table_from_camera)
-    if out is not None:
-        write_text(out, dumps(found.to_json()) + "\n")
-    if picture is not None:
-        from graspbox import pictures
-
-        pictures.save_grasp_image(picture, found)
+    _write(found, out, picture, rerun)
     if as_json:
         print_json(found.to_json())
     else:

@@ -8,6 +8,7 @@ import typer
 
 from graspbox import demonstrations
 from graspbox.cli import common
+from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_demonstrations
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS
@@ -53,6 +54,16 @@ def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
     }
 
 
+def _print(found: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        common.print_json(found)
+        return
+    typer.echo(
+        f"{found['folder']}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
+        f"{found['success']} successes, {found['secure']} secure"
+    )
+
+
 def record(
     policy: common.PolicyName,
     out: Annotated[Path, typer.Option("--out", help="Folder; what it holds already is continued.")],
@@ -76,12 +87,15 @@ def record(
     seed: common.Seed = 0,
     num_envs: Environments = 32,
     threads: common.Threads = None,
+    rerun: Rerun = None,
+    rerun_episodes: RerunEpisodes = 10,
     as_json: common.Json = False,
 ) -> None:
     """Record episodes of a policy as Parquet files, to learn from them.
 
     The exit status is 1 if some objects cannot be used.
     """
+    check_rerun(rerun)
     common.find(objects, split, scale, mass)
     # What is not given is no setting of the environment.
     given: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
@@ -103,14 +117,8 @@ def record(
             progress=lambda kept, trials: bar.update(task, completed=kept, description=f"{policy}, {trials} trials"),
             **{"num_threads": threads, **given, **_keywords(settings)},
         )
-    found = _counts(made)
-    if as_json:
-        common.print_json(found)
-    else:
-        typer.echo(
-            f"{out}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
-            f"{found['success']} successes, {found['secure']} secure"
-        )
+    _print(_counts(made), as_json)
+    write_demonstrations(rerun, made, rerun_episodes)
     common.end_with(made.refused)
 
 

@@ -166,6 +166,34 @@ class Codec:
         action: NDArray[np.float32] = np.clip(np.concatenate(values), -1, 1).astype(np.float32)
         return action
 
+    def decode_grasp(self, action: ArrayLike) -> tuple[Pose, float]:
+        """Read the hand's pose (4, 4) and the preshape of an action of ``GraspPose-v0``, as the core decodes it.
+
+        Raises
+        ------
+        ConfigError
+            If this is the codec of another control mode, the action has another size, or its rotation is degenerate.
+        """
+        values = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        size = sum(row["size"] for row in self._actions)
+        if self._control != "grasp_pose" or values.shape != (size,):
+            raise ConfigError(f"the action has shape {values.shape}; give one of control mode 'grasp_pose' ({size},)")
+        pose, preshape, first = np.eye(4), 0.0, 0
+        for row in self._actions:
+            part = values[first : first + row["size"]]
+            first += row["size"]
+            scaled = row["low"] + (part + 1) / 2 * (row["high"] - row["low"])
+            if row["name"] in _AXES:
+                pose[_AXES[row["name"]], 3] = scaled[0]
+            elif row["name"] == "rotation":
+                rotation = rotation_from_columns(part[:3], part[3:])
+                if rotation is None:
+                    raise ConfigError(f"the rotation of the action is {part}; its columns are degenerate")
+                pose[:3, :3] = rotation
+            elif row["name"] == "preshape":
+                preshape = float(scaled[0])
+        return pose, preshape
+
     def _motion(self, name: str, start: Pose | None, goal: Pose, limit: float, frame_skip: int) -> NDArray[np.float64]:
         """Entries of a motion from one pose to another, in the axes of the first, as shares of the limit."""
         if start is None:

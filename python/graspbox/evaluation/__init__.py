@@ -26,7 +26,7 @@ import gymnasium
 from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets, policies
-from graspbox._common.arguments import natural
+from graspbox._common.arguments import natural, plain
 from graspbox.envs import IDS
 from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError, MissingExtraError, ObjectSetError
@@ -140,9 +140,22 @@ def evaluate(
         chosen.bind(Task.of(envs))
         result = run_usable(chosen, envs, count, first, progress=progress)
         given = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
-        return replace(result, condition=condition, objects_given=given, objects_left_out=left_out)
+        result = replace(result, condition=condition, objects_given=given, objects_left_out=left_out)
+        return replace(result, settings=_described(settings))
     finally:
         envs.close()
+
+
+def _described(settings: dict[str, Any]) -> dict[str, Any] | None:
+    """Describe the keywords that determine trials as plain JSON values; None where that is not possible."""
+    if settings.get("remote") is not None:
+        return None
+    # Objects are described one by one, with their scale and mass.
+    others = ("obs", "num_threads", "remote", "scale", "mass", "split", "render_mode", "picture", "info")
+    try:
+        return {name: plain(value, name) for name, value in settings.items() if name not in others}
+    except ConfigError:
+        return None
 
 
 def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_sets.ObjectSet:

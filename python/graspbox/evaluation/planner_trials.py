@@ -38,6 +38,8 @@ class ObjectResult:
         Whether the trials included a shake.
     error : str
         Why the object could not be prepared, planned for or simulated; empty if it could.
+    spec : ObjectSpec or None
+        The object.
     """
 
     name: str
@@ -46,6 +48,7 @@ class ObjectResult:
     seconds: float = 0.0
     shaken: bool = False
     error: str = ""
+    spec: ObjectSpec | None = None
 
     def row(self) -> dict[str, Any]:
         """Return the counts of trials that ``graspbox grasp --json`` prints."""
@@ -66,12 +69,15 @@ class ObjectResult:
     def details(self) -> dict[str, Any]:
         """Return counts, grasps and outcomes, as ``graspbox grasp --out`` writes them.
 
-        In addition to the counts of `row`: ``error`` (empty if none), ``hand``, ``world_from_object`` (4x4) and
+        In addition to the counts of `row`: ``source``, ``scale`` and ``mass`` of the object (`ObjectSpec`), ``error``
+        (empty if none), ``hand``, ``world_from_object`` (4x4) and
         ``grasps``, best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box`` and ``face``
         as in `graspbox.planning.plan_files`, and the fields of `graspbox.Outcome`, null for NaN. Metres, radians,
         seconds.
         """
-        row = {**self.row(), "error": self.error}
+        spec = self.spec or ObjectSpec(self.name)
+        found = {"source": spec.source, "scale": spec.scale, "mass": spec.mass}
+        row = {**self.row(), **found, "error": self.error}
         if self.plan is None or self.outcomes is None:
             return {**row, "hand": None, "world_from_object": None, "grasps": []}
         grasps = [
@@ -149,8 +155,8 @@ def try_object(
     except GraspboxError as error:
         if not is_refusal(error):
             raise
-        return ObjectResult(spec.name, shaken=trial.shake is not None, error=reason(error, spec.path))
-    return ObjectResult(spec.name, best, outcomes, seconds, shaken=trial.shake is not None)
+        return ObjectResult(spec.name, shaken=trial.shake is not None, error=reason(error, spec.path), spec=spec)
+    return ObjectResult(spec.name, best, outcomes, seconds, shaken=trial.shake is not None, spec=spec)
 
 
 def try_set(objects: ObjectSet, *, done: Callable[[ObjectResult], None] = lambda _: None, **settings: Any) -> SetResult:

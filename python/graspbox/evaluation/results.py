@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.models.calibration import calibration_error
 
-__all__ = ["Evaluation", "ObjectCount", "TrialResult", "wilson"]
+__all__ = ["Evaluation", "ObjectCount", "ReliabilityBin", "TrialResult", "reliability", "wilson"]
 
 #: 97.5 % quantile of the normal distribution.
 _Z95 = 1.959963984540054
@@ -44,6 +45,43 @@ def wilson(succeeded: int, trials: int, z: float = _Z95) -> tuple[float, float]:
     low = 0.0 if succeeded == 0 else float(center - half)
     high = 1.0 if succeeded == trials else float(center + half)
     return low, high
+
+
+@dataclass(frozen=True)
+class ReliabilityBin:
+    """Trials whose predicted probabilities are alike.
+
+    Attributes
+    ----------
+    stated : float
+        Mean predicted probability.
+    rate, low, high : float
+        Share that succeeded, and its Wilson 95 % interval.
+    trials : int
+        Number of trials.
+    """
+
+    stated: float
+    rate: float
+    low: float
+    high: float
+    trials: int
+
+
+def reliability(
+    probabilities: NDArray[np.float64], held: NDArray[np.bool_], bins: int = 10, fewest: int = 5
+) -> list[ReliabilityBin]:
+    """Compare predicted probabilities with success rates, over bins of equal width with at least `fewest` trials."""
+    stated = np.asarray(probabilities, dtype=np.float64)
+    bin_of = np.minimum((stated * bins).astype(np.int64), bins - 1)
+    groups = [np.flatnonzero(bin_of == b) for b in range(bins)]
+    return [
+        ReliabilityBin(
+            float(stated[rows].mean()), float(held[rows].mean()), *wilson(int(held[rows].sum()), len(rows)), len(rows)
+        )
+        for rows in groups
+        if len(rows) >= max(fewest, 1)
+    ]
 
 
 @dataclass(frozen=True)
@@ -111,6 +149,9 @@ class Evaluation:
         Reasons why objects cannot be used, by name; no trial has such an object.
     condition : str
         The condition of the trials.
+    settings : mapping or None
+        Keywords of the environment that determine the trials, as JSON holds them, without objects and observations;
+        None for environments on a server, and where a keyword has no such form.
     """
 
     policy: str
@@ -121,6 +162,7 @@ class Evaluation:
     objects_left_out: int = field(default=0, compare=False)
     refused: Mapping[str, str] = field(default_factory=dict, compare=False)
     condition: str = field(default="nominal", compare=False)
+    settings: Mapping[str, Any] | None = field(default=None, compare=False)
 
     @property
     def succeeded(self) -> int:

@@ -4,17 +4,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
-from graspbox.evaluation.results import wilson
+from graspbox.evaluation.results import reliability, wilson
 from graspbox.pictures.files import Figure, PathLike, check_path, write
 
 __all__ = ["save_rates", "save_reliability"]
 
 _SUCCESS, _SECURE = "#0072b2", "#d55e00"
-#: Bins with fewer trials are left out.
-_FEWEST = 5
 
 
 def save_rates(path: PathLike, title: str, panels: Mapping[str, Mapping[str, tuple[int, int, int]]]) -> None:
@@ -97,7 +94,9 @@ def save_reliability(
     for i, (name, (stated, held)) in enumerate(rows.items()):
         probabilities, true = np.asarray(stated, dtype=np.float64), np.asarray(held, dtype=np.bool_)
         color = f"C{i}"
-        x, y, errors = _bins(probabilities, true, bins)
+        found = reliability(probabilities, true, bins)
+        x, y = [b.stated for b in found], [b.rate for b in found]
+        errors = np.array([(b.rate - b.low, b.high - b.rate) for b in found]).reshape(-1, 2).T.clip(0.0)
         above.errorbar(x, y, errors, marker="o", markersize=4, linewidth=1.2, capsize=2, color=color, label=name)
         below.hist(probabilities, bins=bins, range=(0.0, 1.0), histtype="step", color=color)
     above.set(ylabel="share that succeeded", xlim=(0, 1), ylim=(0, 1))
@@ -107,16 +106,3 @@ def save_reliability(
     for axes in (above, below):
         axes.grid(alpha=0.3)
     write(figure, target)
-
-
-def _bins(
-    probabilities: NDArray[np.float64], held: NDArray[np.bool_], bins: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return mean prediction, success rate and the errors of its interval (2, b) for each bin with enough trials."""
-    bin_of = np.minimum((probabilities * bins).astype(np.int64), bins - 1)
-    found = [np.flatnonzero(bin_of == b) for b in range(bins)]
-    found = [rows for rows in found if len(rows) >= _FEWEST]
-    stated = np.array([probabilities[rows].mean() for rows in found])
-    true = np.array([held[rows].mean() for rows in found])
-    bounds = np.array([wilson(int(held[rows].sum()), len(rows)) for rows in found]).reshape(-1, 2).T
-    return stated, true, np.clip(np.stack([true - bounds[0], bounds[1] - true]), 0.0, None)

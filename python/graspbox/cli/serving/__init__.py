@@ -1,0 +1,1 @@
+"""``graspbox serve`` and ``graspbox serve-policy``: servers."""

@@ -1,0 +1,264 @@
+"""Reads trials of hand poses: the JSON of ``graspbox grasp``, and the data sets of ``graspbox dataset``."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import object_sets
+from graspbox._common.arguments import config_of
+from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.errors import ConfigError, GraspboxError
+from graspbox.hands import load_hand
+from graspbox.object_sets import ObjectSpec
+from graspbox.outcomes import Trace
+from graspbox.reports.evaluations import SIZE
+from graspbox.reports.runs import MAX_TRIALS, Counts, Picture, ReportRun, Trials, pooled
+from graspbox.reports.values import changed, facts_of, item, read_json, text
+from graspbox.simulation import Scene
+
+__all__ = ["is_dataset", "is_grasps", "read_dataset", "read_grasps"]
+
+#: Failures of each kind that are kept for pictures.
+_PER_KIND = 6
+
+
+def is_grasps(content: Any) -> bool:
+    """Tell whether JSON is that of ``graspbox grasp``."""
+    return isinstance(content, Mapping) and {"objects", "tried", "first_rate", "objects_with_success"} <= content.keys()
+
+
+def is_dataset(folder: Path) -> bool:
+    """Tell whether a folder is a data set of ``graspbox dataset``."""
+    return (folder / "manifest.json").is_file() and (folder / "trials").is_dir()
+
+
+def read_grasps(path: Path) -> ReportRun:
+    """Read the JSON of ``graspbox grasp``, with its trials if it has the details.
+
+    Raises
+    ------
+    FileError, ConfigError
+        If it cannot be read, or a field is missing or wrong.
+    """
+    content, where = read_json(path), repr(str(path))
+    if not is_grasps(content):
+        raise ConfigError(f"{where} is no result of `graspbox grasp`; give one")
+    made = content.get("made") if isinstance(content.get("made"), Mapping) else {}
+    objects = item(content, "objects", list, where)
+    rows = [(obj, grasp) for obj in objects for grasp in _grasps(obj, where)]
+    counts = {}
+    for obj in objects:
+        tried, succeeded, secure = (int(item(obj, name, int, where)) for name in ("tried", "succeeded", "secure"))
+        counts[str(item(obj, "name", str, where))] = Counts(tried, succeeded, secure)
+    total, trials = pooled(list(counts.values())), None
+    if rows:
+        trials = _trials(rows, where)
+        counts, total = trials.by_object(), trials.counts()
+    if not total.trials:
+        raise ConfigError(f"{where} has no trials; try at least one pose")
+    facts = {
+        **{name: made.get(name) for name in ("command", "graspbox", "date", "hand", "seed")},
+        "first-ranked poses": f"{item(content, 'first_rate', float, where):.1%} succeed",
+        "objects with a success": f"{content['objects_with_success']} of {len(objects)}",
+        "trial": made.get("trial"),
+        "file changed": None if made.get("date") else changed(path),
+    }
+    refused = facts_of(content.get("refused") or {})
+    specs = {str(obj["name"]): spec for obj in objects if (spec := _spec(obj)) is not None}
+    hand = made.get("hand")
+    given = made.get("trial")
+    config = config_of(TrialConfig, given, f"{where}: trial") if isinstance(given, Mapping) else TrialConfig()
+    pictures = _pictures(rows, specs, hand if isinstance(hand, str) else None, config)
+    return ReportRun(
+        path.stem, "grasps", str(path), facts_of(facts), total, counts, trials, specs, (), pictures, refused
+    )
+
+
+def _grasps(obj: Any, where: str) -> list[dict[str, Any]]:
+    if not isinstance(obj, Mapping):
+        raise ConfigError(f"{where}: an entry of objects is not an object of JSON; try the grasps again")
+    grasps = obj.get("grasps") or []
+    if not isinstance(grasps, list) or not all(isinstance(grasp, dict) for grasp in grasps):
+        raise ConfigError(f"{where}: grasps of {text(obj.get('name'))!r} are not a list of grasps; try them again")
+    return grasps
+
+
+def _trials(rows: list[tuple[Mapping[str, Any], dict[str, Any]]], where: str) -> Trials:
+    keys = []
+    for obj, grasp in rows:
+        pose = np.asarray(item(grasp, "object_from_hand", list, where), dtype=np.float64).round(6)
+        facts = f"{obj.get('hand')}/{item(grasp, 'preshape', float, where):.6f}".encode()
+        keys.append(f"{obj['name']}/{hashlib.blake2s(pose.tobytes() + facts, digest_size=5).hexdigest()}")
+    success, secure = (
+        np.array([item(grasp, name, bool, where) for _, grasp in rows], dtype=np.bool_)
+        for name in ("success", "secure")
+    )
+    kinds = tuple(str(item(grasp, "failure", str, where)) for _, grasp in rows)
+    names = tuple(str(obj["name"]) for obj, _ in rows)
+    return Trials(tuple(keys), names, success, secure, kinds, np.full(len(rows), np.nan))
+
+
+def _spec(row: Mapping[str, Any]) -> ObjectSpec | None:
+    """Find an object; None where it is not on this machine."""
+    if not row.get("source"):
+        return None
+    try:
+        return object_sets.load(str(row["source"]), scale=float(row["scale"]), mass=row["mass"])[0]
+    except (GraspboxError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _pictures(
+    rows: list[tuple[Mapping[str, Any], dict[str, Any]]],
+    specs: Mapping[str, ObjectSpec],
+    hand: str | None,
+    config: TrialConfig,
+) -> tuple[Picture, ...]:
+    """Keep the first failures of each kind, of different objects first."""
+    found: dict[str, list[Picture]] = {}
+    seen: set[tuple[str, str]] = set()
+    for again in (False, True):
+        for obj, grasp in rows:
+            kind, name = grasp["failure"], str(obj["name"])
+            kept = found.setdefault(kind, [])
+            if grasp["success"] or name not in specs or len(kept) >= _PER_KIND or ((kind, name) in seen) != again:
+                continue
+            seen.add((kind, name))
+            pose, rest = np.array(grasp["object_from_hand"]), np.array(obj["world_from_object"])
+            told = f"pose {1 + obj['grasps'].index(grasp)} of the ranking"
+            trial = _Trial(specs[name], hand or str(obj["hand"]), rest, pose, float(grasp["preshape"]), config)
+            kept.append(Picture(name, kind, told, trial.render))
+    return tuple(picture for kept in found.values() for picture in kept)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A trial of a hand pose that can be run again; poses are metres, `hand` as the command line names it."""
+
+    spec: ObjectSpec
+    hand: str
+    world_from_object: NDArray[np.float64]
+    object_from_hand: NDArray[np.float64]
+    preshape: float
+    config: TrialConfig
+    physics: PhysicsConfig = PhysicsConfig()  # noqa: RUF009 (frozen)
+    mass: float | None = None
+
+    def render(self) -> tuple[list[NDArray[np.uint8]], str]:
+        """Run and render it: closed, and at the end; or the open hand, if it is infeasible."""
+        urdf, comma, toml = self.hand.partition(",")
+        mesh = (self.spec if self.mass is None else replace(self.spec, mass=self.mass)).load()
+        hand = load_hand((urdf, toml) if comma else self.hand)
+        scene = Scene(mesh, hand=hand, world_from_object=self.world_from_object, physics=self.physics)
+        outcomes, trace = scene.trace(self.object_from_hand, self.preshape, config=self.config)
+        return _stages(scene, trace, self.object_from_hand, self.preshape), str(outcomes.failure[0])
+
+
+def _stages(
+    scene: Scene, trace: Trace, object_from_hand: NDArray[np.float64], preshape: float
+) -> list[NDArray[np.uint8]]:
+    from graspbox.pictures import Camera, PosedHand
+    from graspbox.pictures.trials import stages
+
+    rest = scene.world_from_object
+    if not len(trace.time):
+        states = [(PosedHand.open(scene.hand, rest @ object_from_hand, preshape), rest)]
+    else:
+        chosen = dict(stages(trace))
+        samples = dict.fromkeys((chosen["closed"], len(trace.time) - 1))
+        states = [
+            (PosedHand(scene.hand, trace.world_from_hand[i], trace.joints[i]), trace.world_from_object[i])
+            for i in samples
+        ]
+    eye = Camera.across(states[0][0].world_from_hand[:3, 2], elevation=18.0)
+    rows, columns = SIZE
+    size = (columns, rows) if len(states) == 1 else (7 * columns // 10, rows)
+    return [_picture(scene, posed, pose, eye, size) for posed, pose in states]
+
+
+def _picture(scene: Scene, posed: Any, world_from_object: Any, eye: Any, size: tuple[int, int]) -> NDArray[np.uint8]:
+    from graspbox.pictures import Solid, View
+    from graspbox.pictures.solids import OBJECT, place
+
+    shown = np.concatenate([posed.corners(), place(scene.mesh.vertices, world_from_object)])
+    solid = Solid(scene.mesh, OBJECT, world_from_object)
+    return View([solid], eye, shown=shown, size=size, hand=posed, table=shown).image
+
+
+def read_dataset(folder: Path) -> ReportRun:
+    """Read a data set, even while it is being made.
+
+    Raises
+    ------
+    FileError, ConfigError
+        If it cannot be read, is damaged, or has no trials.
+    MissingExtraError
+        Without pyarrow or pydantic (extra ``data``).
+    """
+    from graspbox.dataset import column, manifest, tables
+
+    made = manifest.read(folder)
+    if made is None:
+        raise ConfigError(f"{str(folder)!r} has no manifest; name the folder of `graspbox dataset`")
+    count = sum(shard["trials"] for shard in made["shards"])
+    if count > MAX_TRIALS:
+        raise ConfigError(f"{str(folder)!r} has {count} trials; a report reads at most {MAX_TRIALS}")
+    names = ["scene", "trial", "seed", "object", "success", "secure", "failure", "split", "candidate"]
+    table = tables.load(folder, columns=names)
+    scene, trial, seed, objects, success, secure, failure = (column(table, name).tolist() for name in names[:7])
+    keys = tuple(f"{s}/{t}/{x}" for s, t, x in zip(scene, trial, seed, strict=True))
+    flags = np.array(success, dtype=np.bool_), np.array(secure, dtype=np.bool_)
+    trials = Trials(keys, tuple(objects), *flags, tuple(failure), np.full(len(keys), np.nan))
+    specs = {row["name"]: spec for row in made["objects"] if (spec := _spec(row)) is not None}
+    splits, sources = (_shares(column(table, name), flags[0]) for name in ("split", "candidate"))
+    facts = {
+        "versions": made["versions"],
+        "hand": made["hand"]["name"],
+        "complete": "yes" if made["complete"] else "no, it is still being made",
+        "splits": splits,
+        "sources of poses": sources,
+        "settings": made["config"],
+        "file changed": changed(folder / manifest.FILE),
+    }
+    pictures = _dataset_pictures(folder, trials, specs, made)
+    total, counts = trials.counts(), trials.by_object()
+    refused = facts_of(made["refused"])
+    name = folder.resolve().name
+    return ReportRun(
+        name, "data set", str(folder), facts_of(facts), total, counts, trials, specs, (), pictures, refused
+    )
+
+
+def _shares(values: NDArray[Any], success: NDArray[np.bool_]) -> str:
+    return ", ".join(f"{v}: {success[values == v].mean():.1%} of {(values == v).sum()}" for v in np.unique(values))
+
+
+def _dataset_pictures(
+    folder: Path, trials: Trials, specs: Mapping[str, ObjectSpec], made: Mapping[str, Any]
+) -> tuple[Picture, ...]:
+    """Keep the first failures of each kind, each of another object, with the poses and factors that were tried."""
+    chosen: dict[tuple[str, str], int] = {}
+    for row, (kind, name) in enumerate(zip(trials.failure, trials.objects, strict=True)):
+        if kind and name in specs and sum(k == kind for k, _ in chosen) < _PER_KIND:
+            chosen.setdefault((kind, name), row)
+    if not chosen:
+        return ()
+    from graspbox.dataset import column, matrices, tables
+
+    names = ["world_from_object", "executed_object_from_hand", "preshape", "friction", "mass", "scene", "trial"]
+    part = tables.load(folder, columns=names).take(list(chosen.values()))
+    rests, poses = matrices(part, "world_from_object"), matrices(part, "executed_object_from_hand")
+    preshapes, frictions, masses, scenes, numbers = (column(part, name).tolist() for name in names[2:])
+    config = config_of(TrialConfig, made["config"]["trial"], "trial")
+    physics = config_of(PhysicsConfig, made["config"]["physics"], "physics")
+    found = []
+    for i, (kind, name) in enumerate(chosen):
+        own = replace(physics, friction=replace(physics.friction, object=frictions[i]))
+        trial = _Trial(specs[name], made["hand"]["name"], rests[i], poses[i], preshapes[i], config, own, masses[i])
+        found.append(Picture(name, kind, f"{scenes[i]}, trial {numbers[i]}", trial.render))
+    return tuple(found)

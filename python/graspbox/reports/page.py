@@ -1,0 +1,38 @@
+"""The page of a report: one HTML file that loads nothing, with data, style and programs in it.
+
+A content security policy in the page allows its own programs alone, by their hashes, and no connection.
+"""
+
+import base64
+import hashlib
+import html
+import json
+from collections.abc import Mapping
+from importlib import resources
+from string import Template
+from typing import Any
+
+from graspbox.reports.charts import bundle
+
+__all__ = ["page"]
+
+#: Starts the drawing of the charts, after the program of Vega.
+_START = "start();"
+
+
+def page(title: str, data: Mapping[str, Any]) -> str:
+    """Assemble the page; `data` is what ``page.js`` shows."""
+    scripts = {"program": _file("page.js"), "bundle": bundle().replace("</script", "<\\/script"), "start": _START}
+    hashes = " ".join(f"'{_hash(script)}'" for script in scripts.values())
+    # In a script, text ends at the next tag of a script or a comment, whatever JSON means by it.
+    text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    fields = {"title": html.escape(title), "style": _file("page.css"), "data": text, "hashes": hashes, **scripts}
+    return Template(_file("page.html")).substitute(fields)
+
+
+def _file(name: str) -> str:
+    return resources.files("graspbox.reports").joinpath(name).read_text(encoding="utf-8")
+
+
+def _hash(script: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

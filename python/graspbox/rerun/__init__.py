@@ -1,0 +1,111 @@
+"""Recordings for the viewer of rerun (extra ``rerun``): hand, object, images, forces and probabilities over time.
+
+>>> import graspbox, graspbox.rerun
+>>> scene = graspbox.Scene(graspbox.object_sets.load("procedural:can:0")[0].load())
+>>> grasp = graspbox.plan(scene.mesh, world_from_object=scene.world_from_object).best()[0]
+>>> path = graspbox.rerun.log((scene, grasp), "can.rrd")  # doctest: +SKIP
+
+`log` writes trials, episodes and grasps of images into a file, which ``rerun can.rrd`` shows; ``--rerun FILE.rrd`` of
+``graspbox grasp``, ``evaluate``, ``record`` and ``grasp-image`` does the same. Episodes follow one another on the
+timeline ``time``; the timeline ``episode`` counts them.
+
+| entity | contents |
+|---|---|
+| ``world/object`` | mesh and pose of the object |
+| ``world/hand``, ``world/hand/LINK`` | pose of the hand; mesh and pose of each link |
+| ``world/contacts`` | forces that the tactile sensors press with on the object, 5 mm per newton |
+| ``world/net_force`` | sum of all contact forces on the object, from its motion |
+| ``world/cameras/NAME`` | images with the poses and intrinsics of their cameras |
+| ``plots/...`` | force of the hand, lift, tension of each tendon, load of each actuator, predicted probability |
+| ``log`` | object, seed and outcome of each episode |
+
+| module | contents |
+|---|---|
+| `motions`, `episodes` | the motion of an episode; episodes of demonstrations |
+| `links`, `touch` | links of a hand; tactile sensors |
+| `recording` | entities and columns of rerun |
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from graspbox.errors import ConfigError
+from graspbox.evaluation.replays import Replay
+from graspbox.planning import Grasp
+from graspbox.policies.grasp_image import ImageGrasps
+from graspbox.rerun.episodes import of_demonstrations
+from graspbox.rerun.motions import Motion, Shot, of_replay, of_trial
+from graspbox.rerun.recording import Recorder, check_file, record_all, recording, sdk
+from graspbox.simulation import Scene
+
+__all__ = [
+    "Motion",
+    "Recorder",
+    "Shot",
+    "check_file",
+    "log",
+    "of_demonstrations",
+    "of_replay",
+    "of_trial",
+    "recording",
+]
+
+
+def log(what: Any, to: str | os.PathLike[str] | Any = None, *, root: str = "") -> Path | None:
+    """Log trials, episodes and grasps of images for rerun.
+
+    Parameters
+    ----------
+    what : (Scene, Grasp), Motion, Replay, ImageGrasps, or a sequence of these
+        A grasp of a plan, simulated in its scene; a motion of `of_trial` or `of_replay`; an episode of an evaluation;
+        the result of `graspbox.policies.grasp_image.grasp_image`.
+    to : str, PathLike or rerun.RecordingStream, optional
+        A file ``.rrd``, which is replaced; or a stream of rerun, by default the one that ``rerun.init`` made.
+    root : str
+        Path above all entities.
+
+    Returns
+    -------
+    Path or None
+        The file; None for a stream.
+
+    Raises
+    ------
+    ConfigError
+        If `what` is something else, or `to` is no ``.rrd`` file and no stream.
+    FileError
+        If the file cannot be written.
+    MissingExtraError
+        Without rerun-sdk.
+    """
+    rr = sdk()
+    things = [_motion(one) for one in _several(what)]
+    if isinstance(to, str | os.PathLike):
+        path = Path(to)
+        with recording(path, root) as recorder:
+            record_all(recorder, things)
+        return path
+    stream = rr.get_global_data_recording() if to is None else to
+    if not isinstance(stream, rr.RecordingStream):
+        raise ConfigError(f"to is {to!r}; name a file that ends in .rrd, or call rerun.init before")
+    record_all(Recorder(stream, root), things)
+    return None
+
+
+def _several(what: Any) -> Sequence[Any]:
+    one = isinstance(what, Motion | Replay | ImageGrasps) or (isinstance(what, tuple) and len(what) == 2)
+    if not one and not isinstance(what, Sequence):
+        raise ConfigError(f"what is a {type(what).__name__}; give (scene, grasp), a Motion, a Replay or ImageGrasps")
+    return [what] if one else what
+
+
+def _motion(what: Any) -> Motion | ImageGrasps:
+    if isinstance(what, Motion | ImageGrasps):
+        return what
+    if isinstance(what, Replay):
+        return of_replay(what)
+    if isinstance(what, tuple) and len(what) == 2 and isinstance(what[0], Scene) and isinstance(what[1], Grasp):
+        return of_trial(what[0], what[1].pose, float(what[1].preshape))
+    raise ConfigError(f"what holds a {type(what).__name__}; give (scene, grasp), a Motion, a Replay or ImageGrasps")

@@ -1,0 +1,312 @@
+"""Recordings for rerun: what the program ``rerun`` reads in them, and the motions that they hold.
+
+Tests of files need rerun-sdk (``make test-rerun``), which is larger than 100 MB; motions need none of it.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import graspbox
+import tiny_policy
+from graspbox import cli, demonstrations, object_sets
+from graspbox._core import Hand
+from graspbox.errors import ConfigError, FileError, MissingExtraError
+from graspbox.evaluation import evaluate
+from graspbox.evaluation.replays import ActionLog, shown
+from graspbox.policies import load
+from graspbox.rerun.episodes import of_demonstrations
+from graspbox.rerun.links import boxes_mesh, link_frames, links
+from graspbox.rerun.motions import Motion, hand_links, of_replay, of_trial
+
+HAS_SDK = find_spec("rerun_bindings") is not None
+REQUIRED = os.environ.get("GRASPBOX_REQUIRE_RERUN", "0") not in ("", "0")
+needs_sdk = pytest.mark.skipif(not HAS_SDK and not REQUIRED, reason="needs rerun-sdk (make test-rerun)")
+CAN = "procedural:can:0"
+
+
+@pytest.fixture(scope="module")
+def scene() -> graspbox.Scene:
+    return graspbox.Scene(object_sets.load(CAN)[0].load())
+
+
+@pytest.fixture(scope="module")
+def grasp(scene: graspbox.Scene) -> graspbox.Grasp:
+    return graspbox.plan(scene.mesh, world_from_object=scene.world_from_object).best(1)[0]
+
+
+@pytest.fixture(scope="module")
+def held(scene: graspbox.Scene, grasp: graspbox.Grasp) -> Motion:
+    return of_trial(scene, grasp.pose, float(grasp.preshape), spec=object_sets.load(CAN)[0], probability=0.75)
+
+
+# --- hands -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", Hand.names())
+def test_links_have_the_collision_shapes_at_every_position(name: str) -> None:
+    hand = Hand.named(name)
+    limits = hand.joint_limits
+    joints = limits[:, 0] + 0.4 * (limits[:, 1] - limits[:, 0])
+    shapes, halves, _, _ = hand.shapes(joints)
+    placed = [
+        (frame @ box, half)
+        for frame, link in zip(hand_links(hand, joints), links(hand), strict=True)
+        for box, half in link.boxes
+    ]
+    assert len(placed) == len(shapes)
+    for shape, half in zip(shapes, halves, strict=True):
+        assert any(np.allclose(shape, pose, atol=1e-12) and np.allclose(half, other) for pose, other in placed)
+
+
+@pytest.mark.parametrize("name", Hand.names())
+def test_frames_of_links_are_those_of_the_urdf(name: str) -> None:
+    """A collision box of the URDF, in the frame of its link, lies where the core has it."""
+    hand = Hand.named(name)
+    element_tree = import_module("xml.etree.ElementTree")
+    rows, offsets = link_frames(hand)
+    assert [link.name for link in links(hand)][1:] == list(dict.fromkeys(n for n, row in rows.items() if row))
+    zero = np.zeros(len(hand.joints))
+    frames = hand_links(hand, zero)
+    centers = hand.shapes(zero)[0][:, :3, 3]
+    count = 0
+    for link in element_tree.fromstring(hand.files[0]).findall("link"):
+        for collision in link.findall("collision"):
+            origin = collision.find("origin")
+            place = [0.0] * 3 if origin is None else [float(v) for v in origin.get("xyz", "0 0 0").split()]
+            found = frames[rows[link.get("name")]] @ offsets[link.get("name")] @ [*place, 1.0]
+            assert np.linalg.norm(centers - found[:3], axis=1).min() < 1e-9
+            count += 1
+    assert count == len(centers)
+
+
+def test_meshes_of_boxes_are_closed_and_face_outwards() -> None:
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 2.0, 3.0
+    half = np.array([0.1, 0.2, 0.3])
+    vertices, faces, normals = boxes_mesh(((pose, half),))
+    corners = vertices[faces]
+    np.testing.assert_allclose(np.abs(vertices - pose[:3, 3]), np.tile(half, (24, 1)))
+    ways = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.einsum("ij,ij->", corners[:, 0] - pose[:3, 3], ways) / 6 == pytest.approx(8 * half.prod())
+    assert (np.einsum("ij,ij->i", ways, normals[faces[:, 0]]) > 0).all()
+
+
+# --- motions ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_motion_is_the_trace_of_its_trial(held: Motion, scene: graspbox.Scene, grasp: graspbox.Grasp) -> None:
+    outcomes, trace = scene.trace(grasp, config=graspbox.TrialConfig())
+    assert outcomes.success[0]
+    assert held.outcome == "success"
+    np.testing.assert_array_equal(held.world_from_object, trace.world_from_object)
+    np.testing.assert_array_equal(held.joints, trace.joints)
+    assert {"hand_force", "lift", "tension/finger_1", "load/preshape"} <= held.scalars.keys()
+
+
+def test_the_force_on_a_held_object_is_its_weight(held: Motion, scene: graspbox.Scene) -> None:
+    points, forces = held.contact_force(scene.center_of_mass)
+    still = slice(-30, None)
+    np.testing.assert_allclose(forces[still].mean(axis=0), [0.0, 0.0, 9.81 * held.mass], atol=0.05 * 9.81 * held.mass)
+    np.testing.assert_allclose(points[0], scene.world_from_object[:3, :3] @ scene.center_of_mass
+                               + scene.world_from_object[:3, 3], atol=1e-3)  # fmt: skip
+    lifted = forces[(held.scalars["lift"] > 0.01) & (held.scalars["lift"] < 0.03)]
+    assert lifted[:, 2].max() > 9.81 * held.mass
+
+
+def test_sensors_press_on_the_object_where_the_hand_touches_it(held: Motion, scene: graspbox.Scene) -> None:
+    """Each sensor that feels a force is within its reach of the surface, and pushes to the inside."""
+    assert len(held.felt_at) > 20
+    felt = list(held.sensor_forces())
+    assert sum(len(points) for points, _ in felt) > 0
+    surface, normals = scene.mesh.sample(20_000, 0)
+    for sample, (points, forces) in zip(held.felt_at, felt, strict=True):
+        inverse = np.linalg.inv(held.world_from_object[sample])
+        for point, force in zip(points, forces, strict=True):
+            place = inverse[:3, :3] @ point + inverse[:3, 3]
+            distances = np.linalg.norm(surface - place, axis=1)
+            nearest = int(distances.argmin())
+            assert distances[nearest] < 0.015
+            assert (inverse[:3, :3] @ force) @ normals[nearest] < 0
+
+
+def test_an_infeasible_pose_shows_the_open_hand(scene: graspbox.Scene) -> None:
+    motion = of_trial(scene, np.eye(4), 0.0)
+    assert motion.outcome == "infeasible"
+    np.testing.assert_array_equal(motion.joints, scene.hand.open(0.0)[None])
+    points, forces = motion.contact_force(scene.center_of_mass)
+    assert points.shape == forces.shape == (1, 3)
+
+
+@pytest.mark.parametrize(("policy", "env_id"), [("planner", "graspbox/GraspPose-v0"), ("expert", "graspbox/Grasp-v0")])
+def test_episodes_run_again_as_they_went(policy: str, env_id: str) -> None:
+    found = object_sets.load("procedural:can:0-1")
+    log = ActionLog(load(policy))
+    result = evaluate(log, env_id, found, 2, 0)
+    replays = shown(result, log, found, 1)
+    assert [replay.seed for replay in replays] == [result.trials[0].seed]
+    motion = of_replay(replays[0], ("rgb", "depth_palm"))
+    assert motion.outcome == (result.trials[0].failure or "success")
+    assert {shot.name for shot in motion.shots} == {"rgb", "depth_palm"}
+    assert motion.shots[0].image.shape[2] == 3
+    closed_loop = env_id.endswith("Grasp-v0")
+    assert len(motion.shots) == (2 * (result.trials[0].steps + 1) if closed_loop else 2)
+    assert motion.scalars["lift"].max() > 0.1
+    assert len(motion.felt_at) > 20
+
+
+def test_demonstrations_run_again_with_their_noise(tmp_path: Path) -> None:
+    few = {"objects": "procedural:can:0-1", "episodes": 1, "num_envs": 1, "keep": "all"}
+    made = demonstrations.record("expert", tmp_path, noise=0.1, obs="state", **few)  # type: ignore[arg-type]
+    (replay,) = of_demonstrations(made, 5)
+    (steps,) = made.read(("state",))
+    env = replay.make(obs="state")
+    states = [seen for seen, _ in replay.run(env)]
+    env.close()
+    # The last action is the recorded one, before the noise; the movement is the same to the bit.
+    np.testing.assert_array_equal(np.stack(states)[:, :40], steps.observations["state"][:, :40])
+
+
+# --- files -----------------------------------------------------------------------------------------------------------
+
+
+def rerun(*words: str) -> str:
+    """Run the program ``rerun``."""
+    program = shutil.which("rerun") or str(Path(sys.executable).parent / "rerun")
+    done = subprocess.run([program, *words], capture_output=True, text=True, env={**os.environ, "RERUN_ANALYTICS": "0"})
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def entities(path: Path) -> dict[str, list[tuple[int, str]]]:
+    """Read a recording with the program ``rerun``: rows and columns of each entity's chunks."""
+    rerun("rrd", "verify", str(path))
+    found: dict[str, list[tuple[int, str]]] = {}
+    pattern = r"with (\d+) rows \(.*?\) - (/\S+) - data columns: \[(.*)\]"
+    for rows, entity, columns in re.findall(pattern, rerun("rrd", "print", str(path))):
+        found.setdefault(entity, []).append((int(rows), columns))
+    return found
+
+
+def rows_with(found: dict[str, list[tuple[int, str]]], entity: str, column: str) -> int:
+    return sum(rows for rows, columns in found[entity] if column in columns)
+
+
+@needs_sdk
+def test_rerun_reads_a_trial(held: Motion, scene: graspbox.Scene, grasp: graspbox.Grasp, tmp_path: Path) -> None:
+    log = import_module("graspbox.rerun").log
+    path = log([held, (scene, grasp)], tmp_path / "trial.rrd", root="here")
+    found = entities(path)
+    count = len(held.time)
+    assert rows_with(found, "/here/world/object", "Transform3D:translation") == 2 * count
+    assert rows_with(found, "/here/world/object", "Mesh3D:vertex_positions") == 2
+    for link in ("proximal_1", "distal_3"):
+        assert rows_with(found, f"/here/world/hand/{link}", "Transform3D:mat3x3") == 2 * count
+        assert rows_with(found, f"/here/world/hand/{link}", "Mesh3D:triangle_indices") == 1
+    assert rows_with(found, "/here/world/contacts", "Arrows3D:vectors") >= len(held.felt_at)
+    assert rows_with(found, "/here/world/net_force", "Arrows3D:vectors") == 2 * count
+    assert rows_with(found, "/here/plots/hand_force", "Scalars:scalars") == 2 * count
+    assert rows_with(found, "/here/plots/probability", "Scalars:scalars") == 1
+    assert rows_with(found, "/here/log", "TextLog:text") == 2
+
+
+@needs_sdk
+@pytest.mark.parametrize("name", ["grasp", "evaluate", "record"])
+def test_commands_write_recordings(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "made.rrd"
+    words = {
+        "grasp": ("grasp", "--objects", "procedural:can:0-2", "--poses", "2"),
+        "evaluate": ("evaluate", "planner", "--objects", "procedural:can:0-2", "--trials", "3"),
+        "record": (
+            "record",
+            "expert",
+            "--objects",
+            "procedural:can:0-2",
+            "--episodes",
+            "3",
+            "--out",
+            str(tmp_path / "x"),
+        ),
+    }[name]
+    more = ("--rerun", str(path), "--rerun-episodes", "2")
+    result = CliRunner().invoke(cli.typer_app, [*words, *more, "--json"], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    json.loads(result.stdout)
+    found = entities(path)
+    assert rows_with(found, "/log", "TextLog:text") == 2
+    assert rows_with(found, "/world/object", "Transform3D:translation") > 40
+    if name != "grasp":
+        assert rows_with(found, "/world/cameras/rgb/image", "EncodedImage:blob") >= 2
+        assert rows_with(found, "/world/cameras/depth/image", "DepthImage:buffer") >= 2
+
+
+@needs_sdk
+def test_the_grasps_of_an_image_are_recorded(tmp_path: Path) -> None:
+    pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    tiny_policy.make(tmp_path / "tiny")
+    mesh = object_sets.load("procedural:mug:3")[0].load()
+    plan = graspbox.ViewPlan("random", axis=(-1.0, 0.0, 1.2), cap=0.2, distance=(0.6, 0.6))
+    seen = graspbox.views(mesh, plan=plan, count=1, seed=2, image_size=(120, 160), images="depth", fov=0.5)
+    np.save(tmp_path / "depth.npy", seen.depth[0])
+    np.save(tmp_path / "pose.npy", seen.world_from_camera[0])
+    lens = [str(seen.intrinsics[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2))]
+    words = ["grasp-image", str(tmp_path / "depth.npy"), "--policy", str(tmp_path / "tiny"), "--intrinsics", *lens]
+    words += [
+        "--camera-pose",
+        str(tmp_path / "pose.npy"),
+        "--count",
+        "2",
+        "--rerun",
+        str(tmp_path / "seen.rrd"),
+        "--json",
+    ]
+    result = CliRunner().invoke(cli.typer_app, words, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    count = len(json.loads(result.stdout)["grasps"])
+    found = entities(tmp_path / "seen.rrd")
+    assert rows_with(found, "/world/camera/image", "DepthImage:buffer") == 1
+    assert rows_with(found, "/world/completion", "Points3D:positions") == 1
+    assert rows_with(found, "/plots/success", "Scalars:scalars") == count
+    assert sum(entity.startswith("/world/grasps/") for entity in found) == count
+
+
+@needs_sdk
+def test_a_failed_recording_leaves_no_file(tmp_path: Path) -> None:
+    module = import_module("graspbox.rerun")
+    with pytest.raises(ConfigError, match=r"name a file that ends in \.rrd"):
+        module.log([], tmp_path / "x.txt")
+    with pytest.raises(ConfigError, match="what holds a int"):
+        module.log([3], tmp_path / "x.rrd")
+    with pytest.raises(FileError):
+        module.log([], tmp_path / "no" / "\0.rrd")
+    with pytest.raises(RuntimeError), module.recording(tmp_path / "y.rrd"):
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_sdk_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingExtraError, match=re.escape("pip install 'graspbox[rerun]'")):
+        import_module("graspbox.rerun").log([], tmp_path / "x.rrd")
+    words = ["grasp", "--objects", CAN, "--poses", "1", "--rerun", str(tmp_path / "x.rrd")]
+    result = CliRunner().invoke(cli.typer_app, words)
+    assert isinstance(result.exception, MissingExtraError)
+
+
+def test_servers_cannot_be_recorded() -> None:
+    words: list[Any] = ["evaluate", "zero", "--remote", "ws://127.0.0.1:1", "--rerun", "x.rrd"]
+    result = CliRunner().invoke(cli.typer_app, words)
+    assert isinstance(result.exception, ConfigError)
+    assert "leave out --remote" in str(result.exception)
