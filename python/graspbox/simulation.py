@@ -125,6 +125,11 @@ class Scene:
         return self._hand
 
     @property
+    def physics(self) -> PhysicsConfig:
+        """Settings of the physics engine."""
+        return self._made_from[3]
+
+    @property
     def world_from_object(self) -> NDArray[np.float64]:
         """Resting pose of the object, (4, 4)."""
         return self._core.world_from_object
