@@ -14,6 +14,7 @@ from graspbox.cli import (
     dataset,
     demo,
     evaluate,
+    export_scene,
     grasp,
     grasp_image,
     objects,
@@ -34,6 +35,7 @@ typer_app.command("plan")(plan.plan)
 typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)
 typer_app.command("grasp-image")(grasp_image.grasp_image_command)
+typer_app.command("export-scene")(export_scene.export_scene)
 typer_app.command("dataset")(dataset.dataset)
 typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)

@@ -6,7 +6,7 @@
 | `description` | reads a hand from the text of its URDF and its ``hand.toml`` |
 | `contents`    | object, hand and start of a trial in plain values |
 | `mjcf`        | the MJCF model, also for `graspbox.validation.mujoco` |
-| `usd`, `usd_hand` | the USD stage (extra ``usd``) |
+| `usd`, `usd_hand`, `usd_prims` | the USD stage (extra ``usd``) |
 | `urdf`        | URDF files of object and table |
 | `mesh_files`  | OBJ files, triangles of convex hulls (extra ``scenes``) |
 | `records`     | ``scene.json`` and ``object.json``: poses, drives, what the format cannot say |

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,7 @@ from graspbox._core import Mesh
 from graspbox.configs import PhysicsConfig
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link
 
-__all__ = ["ObjectData", "SceneData", "Start", "joint_motion", "quaternion", "rotation_about"]
+__all__ = ["ObjectData", "SceneData", "Start", "joint_motion", "number_text", "quaternion", "rotation_about"]
 
 #: Table top: side and thickness, metres, as in the core (``env/sim/src/scenery.rs``). Its upper face is at z = 0.
 TABLE_SIDE, TABLE_THICKNESS = 1.2, 0.1
@@ -93,6 +93,11 @@ class SceneData:
     def hand(self) -> HandDescription:
         """The hand."""
         return self.start.hand
+
+
+def number_text(values: Iterable[float]) -> str:
+    """Write numbers for an XML attribute; they are read back bit for bit."""
+    return " ".join(repr(float(value)).removesuffix(".0") for value in values)
 
 
 def quaternion(rotation: Array) -> Array:

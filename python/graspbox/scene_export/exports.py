@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from graspbox import _core, object_sets
 from graspbox._common.arguments import floats, shown
 from graspbox._common.files import dumps
 from graspbox._common.refusals import errors_of, is_refusal, reason
-from graspbox.errors import ConfigError, GraspboxError
+from graspbox.errors import ConfigError, GraspboxError, MissingExtraError
 from graspbox.planning import Grasp
 from graspbox.scene_export.contents import ObjectData, SceneData, Start
 from graspbox.scene_export.description import Array, read_hand
@@ -84,6 +85,17 @@ def _format(to: str) -> Format:
     raise ConfigError(f"the format is {shown(to)}; choose from {', '.join(FORMATS)}")
 
 
+def _usd() -> ModuleType:
+    """Import what writes USD."""
+    try:
+        from graspbox.scene_export import usd
+    except ModuleNotFoundError as error:
+        if error.name != "pxr":
+            raise
+        raise MissingExtraError("USD needs usd-core, from the extra 'usd': pip install 'graspbox[usd]'") from None
+    return usd
+
+
 def _object(scene: Scene) -> ObjectData:
     body = scene.body
     rest = np.array(scene.world_from_object)
@@ -95,8 +107,9 @@ def _pose(pose: ArrayLike | Grasp, preshape: float | None, scene: Scene) -> tupl
     if isinstance(pose, Grasp):
         if preshape is not None:
             raise ConfigError("preshape is given twice; leave it out, since a grasp includes it")
-        pose, preshape = pose.pose, pose.preshape
-    given = floats(pose, "pose")
+        given, preshape = pose.pose, pose.preshape
+    else:
+        given = floats(pose, "pose")
     if given.shape != (4, 4) or not bool(_core.is_rigid(given[None])[0]):
         raise ConfigError(f"pose has shape {list(given.shape)} or is not a rigid motion; give a 4x4 object_from_hand")
     if preshape is None:
@@ -144,9 +157,7 @@ def _scene_files(data: SceneData, scene: Scene, to: Format) -> dict[str, str]:
         main = {"scene.xml": scene_model(item, data.start, names, data.physics, comments)}
         roles = {"scene": "scene.xml", **roles}
     elif to == "usd":
-        from graspbox.scene_export.usd import scene_stage
-
-        main = {"scene.usda": scene_stage(data, comments)}
+        main = {"scene.usda": _usd().scene_stage(data, comments)}
         roles = {"scene": "scene.usda", **roles}
     else:
         main = {
@@ -174,9 +185,9 @@ def export_scene(
     folder : str or PathLike
         Folder to make; it may exist if it is empty.
     to : {"mjcf", "usd", "urdf"}
-        The format. ``mjcf`` writes ``scene.xml`` with its meshes, ``usd`` ``scene.usda``, and ``urdf`` one file each for
-        object, table and hand. Every format has ``scene.json`` (see `graspbox.scene_export.records`) and the hand's two
-        files.
+        The format. ``mjcf`` writes ``scene.xml`` with its meshes, ``usd`` ``scene.usda``, and ``urdf`` a file each for
+        object, table and hand. Every format has ``scene.json`` (see `graspbox.scene_export.records`) and the hand's
+        two files.
     pose : (4, 4) array_like, or Grasp
         ``object_from_hand``, metres; a grasp of a plan includes its preshape. It is not tested for collisions.
     preshape : float, optional
@@ -212,9 +223,7 @@ def _single_files(scene: Scene, to: Format) -> dict[str, str]:
     if to == "mjcf":
         text = object_model(item, names, scene.physics, comments)
     elif to == "usd":
-        from graspbox.scene_export.usd import object_stage
-
-        text = object_stage(item, scene.physics, comments)
+        text = _usd().object_stage(item, scene.physics, comments)
     else:
         text = object_urdf(item, list(names.parts), names.visual, scene.physics)
     record = dumps(object_record(item, scene.physics, to, {"object": main})) + "\n"

@@ -22,8 +22,8 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "A slack tendon does not pull; MuJoCo's can pull for a moment, by its damping, while a joint opens.",
         _LOCKED,
         "The table is an infinite plane; that of graspbox has sides of 1.2 m.",
-        "MuJoCo's friction is the larger coefficient of two geoms: the object has 0, so that the other surface's, which "
-        "holds the product of both factors, applies; objects that you add need explicit pairs.",
+        "MuJoCo's friction is the larger coefficient of two geoms: the object has 0, so that the other surface's "
+        "applies, which holds the product of both factors; objects that you add need explicit pairs.",
         _SENSORS,
     ),
     "usd": (
@@ -40,11 +40,11 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         _SENSORS,
     ),
     "urdf": (
-        "A URDF holds one articulated body: object, table and hand are files of their own, with their poses in scene.json.",
+        "A URDF holds one articulated body: object, table and hand are files of their own; scene.json has their poses.",
         "hand.urdf is the hand's own file: tendons, springs, damping, armature, soft stops, servos and friction are in "
         "hand.toml beside it.",
-        "Friction of object and table is the element contact, which Bullet reads (and multiplies with the other body's); "
-        "other readers ignore it.",
+        "Friction of object and table is the element contact, which Bullet reads (and multiplies with the other "
+        "body's); other readers ignore it.",
         "Self-locking drives are ordinary joints: hold them at the positions in scene.json.",
         "URDF does not say which links of the hand may collide with each other.",
         _SENSORS,

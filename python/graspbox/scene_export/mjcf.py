@@ -17,13 +17,13 @@ from __future__ import annotations
 
 import itertools
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from graspbox.configs import PhysicsConfig
-from graspbox.scene_export.contents import ObjectData, Start, joint_motion, quaternion
+from graspbox.scene_export.contents import ObjectData, Start, joint_motion, number_text, quaternion
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link
 
 #: Inertia of the carriage, kg: 100 N of contact force change its speed by 1e-5 m/s in a step.
@@ -67,19 +67,15 @@ class MeshFiles:
     visual: str | None = None
 
 
-def _text(values: Iterable[float]) -> str:
-    return " ".join(f"{float(x):.17g}" for x in values)
-
-
 def _add_pose(element: ET.Element, pose: Array) -> None:
-    element.set("pos", _text(pose[:3, 3]))
-    element.set("quat", _text(quaternion(pose[:3, :3])))
+    element.set("pos", number_text(pose[:3, 3]))
+    element.set("quat", number_text(quaternion(pose[:3, :3])))
 
 
 def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) -> None:
     i = inertia
     full = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
-    ET.SubElement(body, "inertial", pos=_text(center), mass=_text([mass]), fullinertia=_text(full))
+    ET.SubElement(body, "inertial", pos=number_text(center), mass=number_text([mass]), fullinertia=number_text(full))
 
 
 class _Builder:
@@ -90,13 +86,15 @@ class _Builder:
         self.root = ET.Element("mujoco", model=name)
         ET.SubElement(self.root, "compiler", angle="radian", autolimits="false", boundmass="0")
         option = ET.SubElement(self.root, "option", integrator="implicitfast", cone="elliptic", solver="Newton")
-        option.set("timestep", _text([numerics.timestep]))
-        option.set("gravity", _text([0, 0, -physics.gravity]))
-        option.set("impratio", _text([numerics.impratio]))
+        option.set("timestep", number_text([numerics.timestep]))
+        option.set("gravity", number_text([0, 0, -physics.gravity]))
+        option.set("impratio", number_text([numerics.impratio]))
         option.set("noslip_iterations", str(numerics.noslip_iterations))
         option.set("iterations", str(numerics.iterations))
         default = ET.SubElement(self.root, "default")
-        ET.SubElement(default, "geom", condim="3", solref=_text(numerics.solref), solimp=_text(numerics.solimp))
+        ET.SubElement(
+            default, "geom", condim="3", solref=number_text(numerics.solref), solimp=number_text(numerics.solimp)
+        )
         self.world = ET.SubElement(self.root, "worldbody")
 
     def text(self, comments: Sequence[str] = ()) -> str:
@@ -112,8 +110,8 @@ class _Builder:
 
     def add_table(self) -> None:
         geom = ET.SubElement(self.world, "geom", name="table", type="plane", contype="0", conaffinity="1")
-        geom.set("size", _text([1, 1, 1]))
-        geom.set("friction", _text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
+        geom.set("size", number_text([1, 1, 1]))
+        geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
         if self.start is not None:
             geom.set("rgba", "0.75 0.77 0.8 1")
 
@@ -131,9 +129,9 @@ class _Builder:
             geom = ET.SubElement(body, "geom", name=f"object_{i}", type="mesh", mesh=f"part_{i}")
             geom.set("contype", "1")
             geom.set("conaffinity", "0")
-            geom.set("friction", _text([friction, 0, 0]))
+            geom.set("friction", number_text([friction, 0, 0]))
             if files is None:
-                mesh.set("vertex", _text(np.ravel(points)))
+                mesh.set("vertex", number_text(np.ravel(points)))
             else:
                 mesh.set("file", files.parts[i])
                 geom.set("group", _SHOWN if files.visual is None else _HIDDEN)
@@ -149,7 +147,7 @@ class _Builder:
         carriage = ET.SubElement(self.world, "body", name="carriage")
         _add_inertial(carriage, 1.0, np.zeros(3), np.eye(3))
         joint = ET.SubElement(carriage, "joint", name="carriage", type="slide", axis="0 0 1")
-        joint.set("armature", _text([CARRIAGE_INERTIA]))
+        joint.set("armature", number_text([CARRIAGE_INERTIA]))
         self._add_link(carriage, hand, BASE, hand.free())
         self._add_pairs(hand)
         self._add_actuators(hand)
@@ -170,16 +168,18 @@ class _Builder:
         _add_inertial(body, link.mass, link.center, link.inertia)
         if index in free:
             kind = "slide" if link.kind == "prismatic" else "hinge"
-            joint = ET.SubElement(body, "joint", name=link.joint, type=kind, axis=_text(link.axis), limited="false")
+            joint = ET.SubElement(
+                body, "joint", name=link.joint, type=kind, axis=number_text(link.axis), limited="false"
+            )
             # The range is information: the stops are soft.
-            joint.set("range", _text(link.limits))
-            joint.set("damping", _text([link.spring.damping]))
-            joint.set("armature", _text([link.spring.armature]))
-            joint.set("stiffness", _text([link.spring.stiffness]))
-            joint.set("springref", _text([link.spring.reference]))
+            joint.set("range", number_text(link.limits))
+            joint.set("damping", number_text([link.spring.damping]))
+            joint.set("armature", number_text([link.spring.armature]))
+            joint.set("stiffness", number_text([link.spring.stiffness]))
+            joint.set("springref", number_text([link.spring.reference]))
         for shape in link.shapes:
-            geom = ET.SubElement(body, "geom", name=shape.name, type=shape.kind, size=_text(shape.size))
-            geom.set("friction", _text([shape.friction * self.physics.friction.object, 0, 0]))
+            geom = ET.SubElement(body, "geom", name=shape.name, type=shape.kind, size=number_text(shape.size))
+            geom.set("friction", number_text([shape.friction * self.physics.friction.object, 0, 0]))
             geom.set("contype", "0")
             geom.set("conaffinity", "1")
             if self.start is not None:
@@ -194,9 +194,9 @@ class _Builder:
 
         def pair(one: str, two: str, friction: float) -> None:
             element = ET.SubElement(contact, "pair", geom1=one, geom2=two, condim="3")
-            element.set("friction", _text([friction, friction, 0, 0, 0]))
-            element.set("solref", _text(numerics.solref))
-            element.set("solimp", _text(numerics.solimp))
+            element.set("friction", number_text([friction, friction, 0, 0, 0]))
+            element.set("solref", number_text(numerics.solref))
+            element.set("solimp", number_text(numerics.solimp))
 
         for shape in shape_groups(hand):
             if shape.part != "palm":
@@ -209,7 +209,7 @@ class _Builder:
         for tendon in hand.tendons:
             fixed = ET.SubElement(tendons, "fixed", name=tendon.name)
             for link, arm in tendon.arms:
-                ET.SubElement(fixed, "joint", joint=hand.links[link].joint, coef=_text([arm]))
+                ET.SubElement(fixed, "joint", joint=hand.links[link].joint, coef=number_text([arm]))
         for actuator in hand.actuators:
             names = mujoco_actuators(hand, hand.actuators.index(actuator))
             if actuator.spool is not None:
@@ -228,8 +228,8 @@ class _Builder:
         for link in (hand.links[index] for index in hand.free()):
             if link.spring.stop_stiffness > 0.0:
                 stop = ET.SubElement(tendons, "fixed", name=f"{link.joint} stop")
-                stop.set("stiffness", _text([link.spring.stop_stiffness]))
-                stop.set("springlength", _text(link.limits))
+                stop.set("stiffness", number_text([link.spring.stop_stiffness]))
+                stop.set("springlength", number_text(link.limits))
                 ET.SubElement(stop, "joint", joint=link.joint, coef="1")
 
     def _add_mimics(self, hand: HandDescription) -> None:
@@ -239,10 +239,10 @@ class _Builder:
             if follows is not None:
                 leader, ratio, offset = follows
                 constraint = ET.SubElement(equality, "joint", joint1=hand.links[link].joint, joint2=leader)
-                constraint.set("polycoef", _text([offset, ratio, 0, 0, 0]))
+                constraint.set("polycoef", number_text([offset, ratio, 0, 0, 0]))
                 # As stiff as the step allows: MuJoCo scales a constraint's stiffness by the small inertia of a link.
-                constraint.set("solref", _text([2.0 * self.numerics.timestep, 1.0]))
-                constraint.set("solimp", _text([0.99, 0.999, 0.001]))
+                constraint.set("solref", number_text([2.0 * self.numerics.timestep, 1.0]))
+                constraint.set("solimp", number_text([0.99, 0.999, 0.001]))
 
     def add_lift(self) -> None:
         """Add a position actuator for the carriage; ctrl is the hand's height above its start, metres."""
@@ -265,8 +265,8 @@ class _Builder:
             elif actuator.servo is not None:
                 controls += [ratio * position + offset for _, ratio, offset in actuator.joints]
         frames = ET.SubElement(self.root, "keyframe")
-        qpos = _text([*object_qpos, 0.0, *(joints[index] for index in order)])
-        ET.SubElement(frames, "key", name=KEYFRAME, qpos=qpos, ctrl=_text([*controls, 0.0]))
+        qpos = number_text([*object_qpos, 0.0, *(joints[index] for index in order)])
+        ET.SubElement(frames, "key", name=KEYFRAME, qpos=qpos, ctrl=number_text([*controls, 0.0]))
 
 
 @dataclass(frozen=True)
@@ -336,11 +336,11 @@ def _add_actuator(
     """Add an actuator with force = k ctrl - k length - d length', clamped to an interval if there is one."""
     stiffness, damping = law
     found = ET.SubElement(actuators, "general", {"name": name, **target}, biastype="affine")
-    found.set("gainprm", _text([stiffness]))
-    found.set("biasprm", _text([0, -stiffness, -damping]))
+    found.set("gainprm", number_text([stiffness]))
+    found.set("biasprm", number_text([0, -stiffness, -damping]))
     if force is not None:
         found.set("forcelimited", "true")
-        found.set("forcerange", _text(force))
+        found.set("forcerange", number_text(force))
     return found
 
 

@@ -4,7 +4,7 @@ Version 1; lengths in metres, angles in radians, matrices as lists of rows.
 
 | key | value |
 |---|---|
-| ``format``, ``version``, ``graspbox`` | ``"graspbox.scene"`` or ``"graspbox.object"``, 1, and the version of the package |
+| ``format``, ``version``, ``graspbox`` | ``"graspbox.scene"`` or ``"graspbox.object"``, 1, version of the package |
 | ``to``, ``files`` | format of the export, and its files by their parts in it |
 | ``object`` | name, mass, ``center_of_mass``, ``inertia`` about it, number of convex parts, friction factor |
 | ``world_from_object`` | 4x4: pose of the object at rest; the table is the plane z = 0 |
@@ -17,7 +17,7 @@ A scene has these as well:
 | ``hand`` | name, preshape, base link |
 | ``world_from_hand``, ``world_from_base``, ``object_from_hand`` | 4x4: poses of the grasp frame and of the base |
 | ``joints`` | position of every joint at the start, by name |
-| ``actuators`` | per actuator: ``kind`` (tendon, servo, rigid), ``speed`` while closing, ``travel``, ``load_limit``, the law |
+| ``actuators`` | each with ``kind`` (tendon, servo, rigid), ``speed`` while closing, ``travel``, ``load_limit``, law |
 | ``table`` | side, thickness, friction factor |
 | ``gravity`` | m/s2 |
 | ``trial`` | ``close_time``, ``lift_height``, ``lift_time``, ``hold_time`` of a trial |

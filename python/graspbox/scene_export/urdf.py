@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
 
 from graspbox.configs import PhysicsConfig
-from graspbox.scene_export.contents import TABLE_SIDE, TABLE_THICKNESS, ObjectData
+from graspbox.scene_export.contents import TABLE_SIDE, TABLE_THICKNESS, ObjectData, number_text
 
 __all__ = ["object_urdf", "table_urdf"]
-
-
-def _text(values: Iterable[float]) -> str:
-    return " ".join(f"{float(x):.17g}" for x in values)
 
 
 def _add_friction(link: ET.Element, friction: float) -> None:
     """Add Bullet's element for friction; Bullet multiplies the coefficients of two bodies."""
     contact = ET.SubElement(link, "contact")
-    ET.SubElement(contact, "lateral_friction", value=_text([friction]))
+    ET.SubElement(contact, "lateral_friction", value=number_text([friction]))
 
 
 def _written(robot: ET.Element) -> str:
@@ -43,10 +38,10 @@ def object_urdf(item: ObjectData, parts: list[str], visual: str | None, physics:
     robot = ET.Element("robot", name=item.name)
     link = ET.SubElement(robot, "link", name="object")
     inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_text(item.center), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=_text([item.mass]))
+    ET.SubElement(inertial, "origin", xyz=number_text(item.center), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=number_text([item.mass]))
     moments = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    ET.SubElement(inertial, "inertia", {name: _text([item.inertia[at]]) for name, at in moments.items()})
+    ET.SubElement(inertial, "inertia", {name: number_text([item.inertia[at]]) for name, at in moments.items()})
     shapes = [("collision", f"part_{i}", file) for i, file in enumerate(parts)]
     for kind, name, file in ([("visual", "visual", visual)] if visual else []) + shapes:
         element = ET.SubElement(link, kind, name=name)
@@ -62,8 +57,8 @@ def table_urdf(physics: PhysicsConfig) -> str:
     link = ET.SubElement(robot, "link", name="table")
     for kind in ("visual", "collision"):
         element = ET.SubElement(link, kind, name=f"table_{kind}")
-        ET.SubElement(element, "origin", xyz=_text([0, 0, -TABLE_THICKNESS / 2]), rpy="0 0 0")
-        size = _text([TABLE_SIDE, TABLE_SIDE, TABLE_THICKNESS])
+        ET.SubElement(element, "origin", xyz=number_text([0, 0, -TABLE_THICKNESS / 2]), rpy="0 0 0")
+        size = number_text([TABLE_SIDE, TABLE_SIDE, TABLE_THICKNESS])
         ET.SubElement(ET.SubElement(element, "geometry"), "box", size=size)
     _add_friction(link, physics.friction.table)
     return _written(robot)

@@ -23,7 +23,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, Vt
 from graspbox.scene_export.contents import Start, joint_motion
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link, Shape
 from graspbox.scene_export.mjcf import colliding_shapes
-from graspbox.scene_export.usd import Materials, add_collision, add_mass, quat, set_pose
+from graspbox.scene_export.usd_prims import Materials, add_collision, add_mass, quat, set_pose
 
 #: Stiffness (N/m) and damping (N s/m) of the drive that carries the hand: an arm that yields 0.1 mm to 10 N.
 LIFT_DRIVE = (1e5, 1e3)
@@ -57,7 +57,7 @@ class _Paths:
     actuators: list[str]
 
     @classmethod
-    def of(cls, hand: HandDescription, root: str) -> "_Paths":
+    def of(cls, hand: HandDescription, root: str) -> _Paths:
         def paths(folder: str, names: Iterable[str]) -> list[str]:
             return [f"{root}/{folder}/{name}" for name in identifiers(names)]
 
