@@ -58,10 +58,11 @@ def _grasp(
 ) -> tuple[Any, float | None]:
     """Return the pose and the preshape that the options name: given, of a saved plan, or of a new one."""
     if pose is not None:
+        found = read_pose(pose)
         low, high = scene.hand.preshape_limits
         if preshape is None and low != high:
             raise ConfigError(f"--preshape is missing; give the preshape of --pose, {low:g} to {high:g}")
-        return read_pose(pose), low if preshape is None else preshape
+        return found, low if preshape is None else preshape
     if plan is not None:
         path, saved = plan
         scene.check_plan(saved)

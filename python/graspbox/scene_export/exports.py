@@ -90,7 +90,7 @@ def _usd() -> ModuleType:
     try:
         from graspbox.scene_export import usd
     except ModuleNotFoundError as error:
-        if error.name != "pxr":
+        if (error.name or "").partition(".")[0] != "pxr":
             raise
         raise MissingExtraError("USD needs usd-core, from the extra 'usd': pip install 'graspbox[usd]'") from None
     return usd

@@ -8,7 +8,7 @@ __all__ = ["FORMATS", "NOT_EXPRESSED", "Format"]
 Format: TypeAlias = Literal["mjcf", "usd", "urdf"]
 FORMATS: tuple[Format, ...] = ("mjcf", "usd", "urdf")
 
-_LOCKED = "Self-locking drives (the swivels of the ReFlex) are fixed at the preshape of this export; export again for another."
+_LOCKED = "Self-locking drives (the swivels of the ReFlex) are fixed; export again for another preshape."
 _SENSORS = "Tactile sensors and joint encoders of the hand are left out."
 
 #: What a file of each format leaves to its reader.

@@ -43,7 +43,7 @@ def hull_faces(points: NDArray[np.float64]) -> NDArray[np.int64]:
     try:
         from scipy.spatial import ConvexHull, QhullError
     except ModuleNotFoundError as error:
-        if error.name != "scipy":
+        if (error.name or "").partition(".")[0] != "scipy":
             raise
         raise MissingExtraError(
             "exported scenes need scipy, from the extra 'scenes': pip install 'graspbox[scenes]'"

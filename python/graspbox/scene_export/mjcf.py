@@ -25,6 +25,7 @@ import numpy as np
 from graspbox.configs import PhysicsConfig
 from graspbox.scene_export.contents import ObjectData, Start, joint_motion, number_text, quaternion
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link
+from graspbox.scene_export.mesh_files import hull_faces
 
 #: Inertia of the carriage, kg: 100 N of contact force change its speed by 1e-5 m/s in a step.
 CARRIAGE_INERTIA = 1e4
@@ -119,19 +120,20 @@ class _Builder:
         """Add a free body: its parts collide, its visual mesh does not."""
         assets = ET.SubElement(self.root, "asset")
         body = ET.SubElement(self.world, "body", name="object")
-        if files is not None:
-            _add_pose(body, item.start)
+        _add_pose(body, item.start)
         ET.SubElement(body, "freejoint", name="object")
         _add_inertial(body, item.mass, item.center, item.inertia)
         for i, points in enumerate(item.parts):
-            # The inertia of a part is not used; "convex" computes it from the hull, which any point cloud has.
+            # The inertia of a part is not used, but it defines the frame of the geom.
             mesh = ET.SubElement(assets, "mesh", name=f"part_{i}", inertia="convex")
             geom = ET.SubElement(body, "geom", name=f"object_{i}", type="mesh", mesh=f"part_{i}")
             geom.set("contype", "1")
             geom.set("conaffinity", "0")
             geom.set("friction", number_text([friction, 0, 0]))
             if files is None:
-                mesh.set("vertex", number_text(np.ravel(points)))
+                # The same vertices and faces as in a file, so that both models step with the same bits.
+                mesh.set("vertex", number_text(np.ravel(np.asarray(points, dtype=np.float32))))
+                mesh.set("face", number_text(np.ravel(hull_faces(np.asarray(points)))))
             else:
                 mesh.set("file", files.parts[i])
                 geom.set("group", _SHOWN if files.visual is None else _HIDDEN)

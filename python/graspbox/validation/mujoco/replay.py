@@ -16,7 +16,7 @@ from graspbox._core import CLEAR_OF_TABLE, REST_TIME
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
-from graspbox.scene_export.contents import quaternion
+from graspbox.scene_export.contents import joint_motion, quaternion
 from graspbox.scene_export.description import Array
 from graspbox.scene_export.mjcf import CARRIAGE_INERTIA
 from graspbox.validation.mujoco.drive import Drive
@@ -111,18 +111,13 @@ class Replay:
         world_from_base = world_from_hand @ np.linalg.inv(scene.hand.base_from_hand)
         model.body_pos[scene.base_body] = world_from_base[:3, 3]
         model.body_quat[scene.base_body] = quaternion(world_from_base[:3, :3])
-        hand, turn, pose = scene.hand, np.empty(4), np.empty(4)
+        hand = scene.hand
         for index, link in enumerate(hand.links):
             position = hand.rigid_position(index, list(self.drive.positions)) if link.joint else None
             if position is None:
                 continue
-            body, frame = model.body(link.name).id, link.parent_from_link
-            if link.kind == "prismatic":
-                model.body_pos[body] = frame[:3, 3] + frame[:3, :3] @ link.axis * position
-            else:
-                mujoco.mju_axisAngle2Quat(turn, link.axis, position)
-                mujoco.mju_mulQuat(pose, quaternion(frame[:3, :3]), turn)
-                model.body_quat[body] = pose
+            body, frame = model.body(link.name).id, link.parent_from_link @ joint_motion(link, position)
+            model.body_pos[body], model.body_quat[body] = frame[:3, 3], quaternion(frame[:3, :3])
         mujoco.mj_setConst(model, data)
         mujoco.mj_resetData(model, data)
         rest = scene.object.start
