@@ -1,6 +1,7 @@
 """Exported scenes: MJCF in MuJoCo, URDF as XML, folders, records and errors. `test_scene_export_usd` reads USD."""
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -101,9 +102,8 @@ def test_tendons_stops_and_friction_are_the_hand_s(mug: graspbox.Scene, tmp_path
         data.joint("proximal_joint_1").qpos = position
         mujoco.mj_forward(model, data)
         spring = 0.01 * (-5.0 - position)
-        assert data.qfrc_spring[model.joint("proximal_joint_1").dofadr[0]] == pytest.approx(
-            20.0 * beyond + spring, rel=1e-9
-        )
+        dof = model.joint("proximal_joint_1").dofadr[0]
+        assert data.qfrc_spring[dof] == pytest.approx(20.0 * beyond + spring, rel=1e-9)
     assert model.geom("proximal_1_pad").friction[0] == 1.0
     assert model.geom("proximal_1_body").friction[0] == 0.4
     assert model.geom("table").friction[0] == 0.5
@@ -375,3 +375,10 @@ def test_wrong_calls_are_one_sentence(words: list[str], message: str, tmp_path: 
     assert status != 0
     assert message in " ".join(text.replace("│", " ").split())
     assert not (tmp_path / "out").exists()
+
+
+def test_the_guide_repeats_what_formats_cannot_say() -> None:
+    guide = (Path(__file__).parents[2] / "docs/guides/scenes.md").read_text().partition("## What the formats")[2]
+    points = re.findall(r"^- (.+?)(?=\n- |\n\n|\Z)", guide, flags=re.DOTALL | re.MULTILINE)
+    found = [" ".join(point.split()) for point in points]
+    assert found == [point for form in scene_export.FORMATS for point in scene_export.NOT_EXPRESSED[form]]

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspbox.configs import PhysicsConfig
-from graspbox.scene_export.contents import ObjectData, Start, joint_motion, number_text, quaternion
+from graspbox.scene_export.contents import TABLE_SIDE, ObjectData, Start, joint_motion, number_text, quaternion
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link
 from graspbox.scene_export.mesh_files import hull_faces
 
@@ -35,8 +35,9 @@ KEYFRAME, LIFT = "start", "lift"
 LIFT_GROUP = 1
 #: Natural frequency of the carriage's critically damped position actuator, rad/s.
 _LIFT_FREQUENCY = 50.0
-#: Colour of the object.
-_OBJECT_RGBA = "0.85 0.55 0.25 1"
+#: Colours of the object, the table, the hand's pads and its other shapes.
+_OBJECT_RGBA, _TABLE_RGBA = "0.85 0.55 0.25 1", "0.9 0.87 0.8 1"
+_PAD_RGBA, _BARE_RGBA = "0.1 0.33 0.4 1", "0.78 0.8 0.84 1"
 #: MuJoCo's groups of geoms: visible and hidden by default.
 _SHOWN, _HIDDEN = "1", "3"
 
@@ -105,16 +106,23 @@ class _Builder:
         text = ET.tostring(self.root, encoding="unicode")
         return "".join(f"<!-- {comment.replace('--', '- -')} -->\n" for comment in comments) + text
 
-    def add_light(self) -> None:
-        """Add a light and the colours of an exported scene."""
-        ET.SubElement(self.world, "light", pos="0.4 -0.4 1.5", dir="-0.25 0.25 -1", diffuse="0.8 0.8 0.8")
+    def add_looks(self) -> None:
+        """Add lights and a sky to an exported scene."""
+        visual = ET.SubElement(self.root, "visual")
+        ET.SubElement(visual, "headlight", ambient="0.35 0.35 0.35", diffuse="0.3 0.3 0.3", specular="0 0 0")
+        sky = ET.SubElement(ET.SubElement(self.root, "asset"), "texture", type="skybox", builtin="gradient")
+        for name, value in (("rgb1", "1 1 1"), ("rgb2", "0.85 0.88 0.92"), ("width", "64"), ("height", "64")):
+            sky.set(name, value)
+        light = ET.SubElement(self.world, "light", pos="-0.5 -0.5 1.5", dir="0.33 0.33 -1", diffuse="0.6 0.6 0.6")
+        light.set("specular", "0.1 0.1 0.1")
 
     def add_table(self) -> None:
         geom = ET.SubElement(self.world, "geom", name="table", type="plane", contype="0", conaffinity="1")
         geom.set("size", number_text([1, 1, 1]))
         geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
         if self.start is not None:
-            geom.set("rgba", "0.75 0.77 0.8 1")
+            geom.set("rgba", _TABLE_RGBA)
+            geom.set("size", number_text([TABLE_SIDE / 2, TABLE_SIDE / 2, 1]))
 
     def add_object(self, item: ObjectData, files: MeshFiles | None, friction: float = 0.0) -> None:
         """Add a free body: its parts collide, its visual mesh does not."""
@@ -185,7 +193,7 @@ class _Builder:
             geom.set("contype", "0")
             geom.set("conaffinity", "1")
             if self.start is not None:
-                geom.set("rgba", "0.3 0.33 0.4 1" if shape.friction < 1.0 else "0.15 0.4 0.7 1")
+                geom.set("rgba", _BARE_RGBA if shape.friction < 1.0 else _PAD_RGBA)
             _add_pose(geom, shape.link_from_shape)
         for child, below in enumerate(hand.links):
             if child != BASE and below.parent == index:
@@ -365,7 +373,7 @@ def scene_model(
 ) -> str:
     """Return the model of one trial: its meshes are files, its start is a keyframe, and an actuator lifts the hand."""
     builder = _Builder(f"{start.hand.name} and {item.name}", physics, numerics or Numerics(), start)
-    builder.add_light()
+    builder.add_looks()
     builder.add_table()
     builder.add_object(item, files)
     builder.add_hand(start.hand)

@@ -31,7 +31,7 @@ __all__ = ["object_stage", "scene_stage"]
 
 #: Root of a scene.
 WORLD = "/World"
-_OBJECT_COLOR, _TABLE_COLOR = (0.85, 0.55, 0.25), (0.75, 0.77, 0.8)
+_OBJECT_COLOR, _TABLE_COLOR = (0.85, 0.55, 0.25), (0.9, 0.87, 0.8)
 
 
 def _add_mesh(stage: Usd.Stage, path: str, points: NDArray[Any], faces: NDArray[Any]) -> UsdGeom.Mesh:

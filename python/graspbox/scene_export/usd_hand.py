@@ -29,7 +29,7 @@ from graspbox.scene_export.usd_prims import Materials, add_collision, add_mass, 
 LIFT_DRIVE = (1e5, 1e3)
 #: How far the hand can be lifted, metres.
 LIFT_RANGE = 1.0
-_PAD_COLOR, _BARE_COLOR = (0.15, 0.4, 0.7), (0.3, 0.33, 0.4)
+_PAD_COLOR, _BARE_COLOR = (0.1, 0.33, 0.4), (0.78, 0.8, 0.84)
 _Types = Sdf.ValueTypeNames
 
 
