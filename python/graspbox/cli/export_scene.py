@@ -107,7 +107,7 @@ def export_scene(
     ] = None,
     preshape: Annotated[float | None, typer.Option("--preshape", help="Preshape of the hand, with --pose.")] = None,
     plan: Annotated[
-        Path | None, typer.Option("--plan", help="Take the grasp of this plan (graspbox plan --out).")
+        Path | None, typer.Option("--plan", help="Take the grasp from this file of graspbox plan --out.")
     ] = None,
     grasp: Annotated[
         int | None, typer.Option("--grasp", min=1, help="Rank of the plan's grasp, 1 for the best. [1]")
