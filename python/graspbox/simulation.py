@@ -125,6 +125,11 @@ class Scene:
         return self._hand
 
     @property
+    def physics(self) -> PhysicsConfig:
+        """Settings of the physics engine."""
+        return self._made_from[3]
+
+    @property
     def world_from_object(self) -> NDArray[np.float64]:
         """Resting pose of the object, (4, 4)."""
         return self._core.world_from_object
@@ -160,7 +165,7 @@ class Scene:
             Factors on the object's friction and mass, per trial or for all, 0.01 to 100.
         """
         if isinstance(poses, Plan):
-            self._check_plan(poses)
+            self.check_plan(poses)
             given, preshape = poses.poses, _own(preshape, poses.preshape)
         elif isinstance(poses, Grasp):
             given, preshape = poses.pose[None], _own(preshape, poses.preshape)
@@ -213,8 +218,14 @@ class Scene:
         given, values = floats(poses, "poses"), floats(preshape, "preshape")
         return self._core.check(given, values, clearance, standoff, num_threads)
 
-    def _check_plan(self, plan: Plan) -> None:
-        """Refuse a plan for another object or hand; plans made without names are accepted."""
+    def check_plan(self, plan: Plan) -> None:
+        """Refuse a plan for another object or hand; plans made without names are accepted.
+
+        Raises
+        ------
+        ConfigError
+            Names what differs.
+        """
         way_out = "give its poses and preshape to try them anyway"
         if plan.hand_name and plan.hand_name != self.hand.name:
             raise ConfigError(f"the plan is for the hand {plan.hand_name!r}, not {self.hand.name!r}; {way_out}")

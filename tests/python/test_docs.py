@@ -82,6 +82,7 @@ def test_readme_runs(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None
         ("guides/evaluate", 3),
         ("guides/data", 3),
         ("guides/grasps", 2),
+        ("guides/scenes", 2),
         ("reference/hands", 1),
     ],
 )

@@ -25,6 +25,7 @@ from graspbox.cli import (
     voxelize,
 )
 from graspbox.cli.exports.grasps import export_grasps
+from graspbox.cli.exports.scenes import export_scene
 from graspbox.cli.serving import environments, policies
 from graspbox.programs import run_program
 
@@ -35,6 +36,7 @@ typer_app.command("plan")(plan.plan)
 typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)
 typer_app.command("grasp-image")(grasp_image.grasp_image_command)
+typer_app.command("export-scene")(export_scene)
 typer_app.command("dataset")(dataset.dataset)
 typer_app.command("record")(record.record)
 typer_app.command("export")(record.export)

@@ -4,6 +4,7 @@
 |---|---|
 | ``mujoco``  | the share of random grasps with equal labels in MuJoCo and in the core |
 | ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its time step |
+| ``export``  | the share of trials with equal labels in exported MJCF scenes and in the MuJoCo replay of ``mujoco`` |
 | ``robust``  | the success rate of perturbed copies of grasps, in MuJoCo and in the core |
 | ``engines`` | labels and speed of the engines `newton` and `rapier` |
 | ``speed``   | trials and simulated seconds per second of CPU time: ours, rapier, MuJoCo |
@@ -18,7 +19,7 @@ import sys
 from graspbox.errors import GraspboxError
 from graspbox.programs import run_program
 
-CHECKS = ("mujoco", "planner", "robust", "engines", "speed", "study")
+CHECKS = ("mujoco", "planner", "export", "robust", "engines", "speed", "study")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -39,6 +40,10 @@ def main(arguments: list[str] | None = None) -> int:
             from graspbox.validation.mujoco.command import main as compare_with_mujoco
 
             return compare_with_mujoco(given[1:], PLANNER)
+        if check == "export":
+            from graspbox.validation.mujoco.export_command import main as compare_exports
+
+            return compare_exports(given[1:])
         if check == "robust":
             from graspbox.validation.mujoco.robust_command import main as compare_robust
 

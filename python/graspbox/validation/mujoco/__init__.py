@@ -1,19 +1,20 @@
 """Replay of trials in an independent simulator, MuJoCo.
 
 The replay and the core share the hand's two files, the object's convex parts and the definition of success, but no
-code. It needs ``mujoco`` (extra ``dev``).
+code. The model is that of exported scenes (`graspbox.scene_export`: ``description`` reads the hand, ``mjcf`` makes the
+model). It needs ``mujoco`` (extra ``dev``).
 
 | module | contents |
 |---|---|
-| `description` | reads a hand from the text of its URDF and its ``hand.toml`` |
-| `scene`       | hand, object, table and friction as an MJCF model |
+| `scene`       | the compiled model of hand, object, table and friction |
 | `drive`       | actuators and soft stops between MuJoCo's steps |
 | `replay`      | one trial: close, lift, hold, label |
 | `sampling`    | poses: random, from the planner, perturbed |
 | `compare`     | many trials in both engines: equal labels, differences, speed |
 | `report`      | results of the comparison |
 | `robust`      | success of perturbed copies of grasps in both engines |
-| `command`, `robust_command` | the commands ``mujoco`` and ``planner``, and ``robust`` |
+| `exported`    | trials replayed in exported scenes, from their files alone |
+| `command`, `export_command`, `robust_command` | the commands ``mujoco`` and ``planner``, ``export`` and ``robust`` |
 
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 """
@@ -29,13 +30,13 @@ except ModuleNotFoundError as error:
         "graspbox.validation.mujoco needs the package mujoco, from the extra 'dev': pip install 'graspbox[dev]'"
     ) from None
 
+from graspbox.scene_export.description import HandDescription, read_hand
 from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, PLANNER_OBJECTS, compare, describe, object_data
-from graspbox.validation.mujoco.description import HandDescription, read_hand
 from graspbox.validation.mujoco.replay import Outcome, TrialTimes, replay
 from graspbox.validation.mujoco.report import Report, Row
 from graspbox.validation.mujoco.robust import Perturbation, RobustReport, RobustRow, compare_robust
 from graspbox.validation.mujoco.sampling import perturbed, random_pose, sample_trials
-from graspbox.validation.mujoco.scene import Numerics, ObjectData, Scene, build, mjcf
+from graspbox.validation.mujoco.scene import Numerics, ObjectData, Scene, build
 
 __all__ = [
     "DEFAULT_OBJECTS",
@@ -55,7 +56,6 @@ __all__ = [
     "compare",
     "compare_robust",
     "describe",
-    "mjcf",
     "object_data",
     "perturbed",
     "random_pose",

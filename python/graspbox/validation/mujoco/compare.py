@@ -23,7 +23,7 @@ from graspbox import _core
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
-from graspbox.validation.mujoco.description import Array, HandDescription, read_hand
+from graspbox.scene_export.description import Array, HandDescription, read_hand
 from graspbox.validation.mujoco.replay import Outcome, replay
 from graspbox.validation.mujoco.report import Report, Row
 from graspbox.validation.mujoco.sampling import Source, sample_trials

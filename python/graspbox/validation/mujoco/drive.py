@@ -1,4 +1,4 @@
-"""Forces on the hand's joints that MuJoCo does not compute: actuators, soft stops, tendons at their force limit.
+"""What MuJoCo does not compute of the hand's actuators: their motion, and tendons at their force limit.
 
 All quantities are arrays over the dynamic joints (in the order of `Scene.joints`), over the actuators of the hand, or
 over MuJoCo's actuators ("drives": one per tendon or driven joint).
@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.validation.mujoco.description import Array
+from graspbox.scene_export.description import Array
 from graspbox.validation.mujoco.scene import Scene
 
 #: Share of its damping that still acts on the joints while a tendon or servo is at its force limit: the friction of
@@ -32,8 +32,6 @@ class Drive:
         self.addresses = np.array([address for address, _ in joints.values()], dtype=np.intp)
         self.dofs = np.array([dof for _, dof in joints.values()], dtype=np.intp)
         springs = [hand.links[link].spring for link in joints]
-        self._low, self._high = np.array([hand.links[link].limits for link in joints]).reshape(-1, 2).T
-        self._stop = np.array([spring.stop_stiffness for spring in springs])
         self._damping = np.array([spring.damping for spring in springs])
         self._speed = np.array([a.speed if a.closes else 0.0 for a in hand.actuators])
         self._travel = np.array([a.travel[1] for a in hand.actuators])
@@ -84,13 +82,12 @@ class Drive:
         return loads
 
     def apply(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Move the actuators by a time step, and set MuJoCo's commands, stop forces and dampings."""
+        """Move the actuators by a time step, and set MuJoCo's commands and dampings."""
         before = self.positions
         pulls = self.loads(data) < self._limit
         after = np.where(pulls, np.minimum(before + self._speed * self.dt, np.maximum(self._travel, before)), before)
         self.positions = after
         q = data.qpos[self.addresses]
-        data.qfrc_applied[self.dofs] = self._stop * (np.clip(q, self._low, self._high) - q)
         taken, start = self._wound * after[self._owner], self._wound * before[self._owner]
         length = self._arms @ q
         # The damper acts between drive and joints; MuJoCo's acts on the joints only, so add the drive's speed.

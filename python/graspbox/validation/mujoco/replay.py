@@ -16,9 +16,11 @@ from graspbox._core import CLEAR_OF_TABLE, REST_TIME
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
-from graspbox.validation.mujoco.description import Array
+from graspbox.scene_export.contents import joint_motion, quaternion
+from graspbox.scene_export.description import Array
+from graspbox.scene_export.mjcf import CARRIAGE_INERTIA
 from graspbox.validation.mujoco.drive import Drive
-from graspbox.validation.mujoco.scene import CARRIAGE_INERTIA, Scene, quaternion
+from graspbox.validation.mujoco.scene import Scene
 
 #: Criterion of success: rise of the centre of mass (m), speed in the hand's frame (m/s), and hold time (s).
 LIFT_HEIGHT, REST_SPEED, HOLD_TIME = (
@@ -109,27 +111,22 @@ class Replay:
         world_from_base = world_from_hand @ np.linalg.inv(scene.hand.base_from_hand)
         model.body_pos[scene.base_body] = world_from_base[:3, 3]
         model.body_quat[scene.base_body] = quaternion(world_from_base[:3, :3])
-        hand, turn, pose = scene.hand, np.empty(4), np.empty(4)
+        hand = scene.hand
         for index, link in enumerate(hand.links):
             position = hand.rigid_position(index, list(self.drive.positions)) if link.joint else None
             if position is None:
                 continue
-            body, frame = model.body(link.name).id, link.parent_from_link
-            if link.kind == "prismatic":
-                model.body_pos[body] = frame[:3, 3] + frame[:3, :3] @ link.axis * position
-            else:
-                mujoco.mju_axisAngle2Quat(turn, link.axis, position)
-                mujoco.mju_mulQuat(pose, quaternion(frame[:3, :3]), turn)
-                model.body_quat[body] = pose
+            body, frame = model.body(link.name).id, link.parent_from_link @ joint_motion(link, position)
+            model.body_pos[body], model.body_quat[body] = frame[:3, 3], quaternion(frame[:3, :3])
         mujoco.mj_setConst(model, data)
         mujoco.mj_resetData(model, data)
-        rest = scene.object.world_from_object
-        lowest = min(float((points @ rest[2, :3]).min()) for points in scene.object.parts) + rest[2, 3]
+        rest = scene.object.start
         start = model.joint("object").qposadr[0]
-        # In the core a resting object is up to half a millimetre deep in the table, which would push it upwards here.
-        data.qpos[start : start + 3] = rest[:3, 3] - [0.0, 0.0, min(lowest, 0.0)]
+        data.qpos[start : start + 3] = rest[:3, 3]
         data.qpos[start + 3 : start + 7] = quaternion(rest[:3, :3])
-        self._open_joints()
+        # Servo-driven joints and mimic joints of the open hand.
+        for index, (address, _) in scene.joints.items():
+            data.qpos[address] = hand.start_position(index, list(self.drive.positions))
         self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
 
     def contacts(self) -> tuple[bool, int, float]:
@@ -153,18 +150,6 @@ class Replay:
         hand = self.scene.is_hand[contact.geom]
         mixed = hand[:, 0] != hand[:, 1]
         return not bool((contact.dist[mixed] < -_START_DEPTH).any())
-
-    def _open_joints(self) -> None:
-        """Set servo-driven joints and mimic joints to their positions in the open hand."""
-        hand, q = self.scene.hand, self.data.qpos
-        for actuator, position in zip(hand.actuators, self.drive.positions, strict=True):
-            for link, ratio, offset in actuator.joints:
-                if link in self.scene.joints:
-                    q[self.scene.joints[link][0]] = ratio * position + offset
-        for link, (address, _) in self.scene.joints.items():
-            follows = hand.links[link].mimic
-            if follows is not None:
-                q[address] = follows[1] * q[self.scene.joints[hand.index(follows[0])][0]] + follows[2]
 
     def joint(self, link: int) -> tuple[float, float]:
         """Return position (rad or m) and speed of the joint of a link."""
@@ -231,10 +216,14 @@ def replay(
     early_stop : bool
         Whether to stop, as failed, when the object is so far below the hand that the lift cannot raise it high enough.
     """
-    run = Replay(scene, world_from_hand, preshape, times)
+    return run_trial(Replay(scene, world_from_hand, preshape, times), trace=trace, early_stop=early_stop)
+
+
+def run_trial(run: Replay, *, trace: bool = False, early_stop: bool = False) -> Outcome:
+    """Run a trial from its start; the options are those of `replay`."""
     if not run.is_feasible():
         return Outcome(False, "infeasible", 0.0, np.inf, (0, 0), 0.0, 0.0)
-    times, dt = run.times, run.dt
+    scene, times, dt = run.scene, run.times, run.dt
     close, end, hold = (round(t / dt) for t in (times.close_time, times.end, HOLD_TIME))
     look, rows = max(1, round(_LOOK_EVERY / dt)), max(1, round(0.01 / dt))
     samples = [run.sample()] if trace else []

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.scene_export.description import Array
 from graspbox.validation.agreement import kappa
-from graspbox.validation.mujoco.description import Array
 from graspbox.validation.mujoco.replay import Outcome
 
 Why = Literal["core undecided", "mujoco undecided", "both undecided", "engines disagree"]

@@ -23,6 +23,7 @@ from graspbox import _core
 from graspbox._common.files import read_bounded, write_text
 from graspbox.errors import ConfigError, FileError
 from graspbox.hands import HandLike, load_hand
+from graspbox.scene_export.description import Array, HandDescription
 from graspbox.training.runs import refuse_changes
 from graspbox.validation.agreement import kappa, spearman
 from graspbox.validation.mujoco.compare import (
@@ -34,7 +35,6 @@ from graspbox.validation.mujoco.compare import (
     replay_all,
     scenes,
 )
-from graspbox.validation.mujoco.description import Array, HandDescription
 from graspbox.validation.mujoco.sampling import Source, perturbed, sample_trials
 from graspbox.validation.mujoco.scene import Numerics
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox.configs import TrialConfig
-from graspbox.validation.mujoco.description import Array
+from graspbox.scene_export.description import Array
 
 #: Source of poses: random ones around the object, the planner's best, or a random choice of the planner's.
 Source = Literal["random", "planner", "planner-any"]

@@ -1,14 +1,15 @@
 """Reader for the two files of a hand, independent of the core.
 
 The URDF (links, joints, collision shapes, masses) and the ``hand.toml`` (springs, tendons, actuators, preshapes,
-friction) are converted to plain values. The core checks the files; this module does not repeat its checks.
+friction) are converted to plain values, for exported scenes and for the replay of trials in MuJoCo. The core checks the
+files; this module does not repeat its checks.
 """
 
 from __future__ import annotations
 
 import tomllib
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,23 @@ class HandDescription:
                         return min(max(ratio * position + offset, low), high)
         return None
 
+    def start_position(self, link: int, positions: list[float]) -> float:
+        """Return the position of a link's joint where a trial begins, rad or m.
+
+        Driven joints are where their actuators' `positions` put them, mimic joints follow, and all others are at 0.
+        """
+        rigid = self.rigid_position(link, positions)
+        if rigid is not None:
+            return rigid
+        mimic = self.links[link].mimic
+        if mimic is not None:
+            return mimic[1] * self.start_position(self.index(mimic[0]), positions) + mimic[2]
+        for actuator, position in zip(self.actuators, positions, strict=True):
+            for driven, ratio, offset in actuator.joints:
+                if driven == link:
+                    return ratio * position + offset
+        return 0.0
+
     def index(self, joint: str) -> int:
         """Return the index of the child link of a joint."""
         (found,) = [i for i, link in enumerate(self.links) if link.joint == joint]
@@ -197,6 +215,12 @@ def _shape(element: ET.Element, pads: set[str], friction: dict[str, float]) -> S
     return Shape(name, shape.tag, size, _pose(element.find("origin")), friction["pad" if name in pads else "bare"])
 
 
+def _shapes(link: ET.Element, pads: set[str], friction: dict[str, float]) -> tuple[Shape, ...]:
+    """Read a link's shapes; one without a name is named after the link."""
+    shapes = (_shape(element, pads, friction) for element in link.findall("collision"))
+    return tuple(s if s.name else replace(s, name=f"{link.attrib['name']}_collision_{i}") for i, s in enumerate(shapes))
+
+
 def _inertial(element: ET.Element) -> tuple[float, Array, Array]:
     inertial = element.find("inertial")
     mass = None if inertial is None else inertial.find("mass")
@@ -234,7 +258,7 @@ def _links(
 
     def visit(name: str, parent: int, joint: ET.Element | None) -> None:
         mass, center, inertia = _inertial(elements[name])
-        shapes = tuple(_shape(e, pads, friction) for e in elements[name].findall("collision"))
+        shapes = _shapes(elements[name], pads, friction)
         pose, axis, limits, joint_name = np.eye(4), np.array([1.0, 0.0, 0.0]), (0.0, 0.0), ""
         kind, follows = "fixed", None
         if joint is not None:

@@ -1,0 +1,389 @@
+"""An MJCF model of the core's hand, object, table and friction.
+
+* The hand is mounted on a carriage that slides along the world's z; contact forces do not move it, because its armature
+  is very large. A replay prescribes its position and velocity at every step; an exported scene has an actuator for it.
+* The base and rigidly driven links are bodies without joints; their poses are those of one start, or set later.
+* The table is an infinite plane: an object that falls off the edge of the core's table fails in both engines, and a box
+  would cost collision tests at every step.
+* A tendon is a fixed tendon with the moment arms, pulled by an actuator with the affine law ``k stretch + d rate``,
+  clamped to ``[0, max_tension]``. A servo is a position actuator with limited force, and a mimic joint an equality
+  constraint. A soft stop is a tendon of one joint with a spring that has the joint's range as its dead band.
+* The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose geoms have 0,
+  MuJoCo's maximum of the two is the other surface's, which holds the product. All others are explicit pairs, which also
+  define the self-collisions of the hand: links of different chains, and the palm with links not adjacent to it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspbox.configs import PhysicsConfig
+from graspbox.scene_export.contents import TABLE_SIDE, ObjectData, Start, joint_motion, number_text, quaternion
+from graspbox.scene_export.description import BASE, Array, HandDescription, Link
+from graspbox.scene_export.mesh_files import hull_faces
+
+#: Inertia of the carriage, kg: 100 N of contact force change its speed by 1e-5 m/s in a step.
+CARRIAGE_INERTIA = 1e4
+#: Name of the keyframe at which a trial begins, and of the actuator that lifts the carriage.
+KEYFRAME, LIFT = "start", "lift"
+#: MuJoCo's group of the actuator that lifts, apart from the hand's (0), so that a replay can disable it.
+LIFT_GROUP = 1
+#: Natural frequency of the carriage's critically damped position actuator, rad/s.
+_LIFT_FREQUENCY = 50.0
+#: Colours of the object, the table, the hand's pads and its other shapes.
+_OBJECT_RGBA, _TABLE_RGBA = "0.85 0.55 0.25 1", "0.9 0.87 0.8 1"
+_PAD_RGBA, _BARE_RGBA = "0.1 0.33 0.4 1", "0.78 0.8 0.84 1"
+#: MuJoCo's groups of geoms: visible and hidden by default.
+_SHOWN, _HIDDEN = "1", "3"
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """MuJoCo's numerical settings, as opposed to physical ones.
+
+    They are chosen so that a firmly held object creeps by less than 0.1 mm/s.
+    """
+
+    #: Time step, s. At 1 ms some objects that are held firmly at 0.5 and 0.25 ms wobble faster than success allows.
+    timestep: float = 0.0005
+    #: Ratio of the impedances of friction and normal constraints; prevents creep of MuJoCo's regularized friction.
+    impratio: float = 10.0
+    #: Time constant (s) and damping ratio of contacts; MuJoCo needs a time constant of at least two steps.
+    solref: tuple[float, float] = (0.004, 1.0)
+    #: Impedance at zero and at full depth, and that depth (m).
+    solimp: tuple[float, float, float] = (0.95, 0.99, 0.0005)
+    noslip_iterations: int = 5
+    iterations: int = 100
+
+
+@dataclass(frozen=True)
+class MeshFiles:
+    """Names of the mesh files that a model refers to, beside it; a model without them contains its meshes."""
+
+    parts: Sequence[str]
+    visual: str | None = None
+
+
+def _add_pose(element: ET.Element, pose: Array) -> None:
+    element.set("pos", number_text(pose[:3, 3]))
+    element.set("quat", number_text(quaternion(pose[:3, :3])))
+
+
+def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) -> None:
+    i = inertia
+    full = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+    ET.SubElement(body, "inertial", pos=number_text(center), mass=number_text([mass]), fullinertia=number_text(full))
+
+
+class _Builder:
+    """One model in the making."""
+
+    def __init__(self, name: str, physics: PhysicsConfig, numerics: Numerics, start: Start | None):
+        self.physics, self.numerics, self.start = physics, numerics, start
+        self.root = ET.Element("mujoco", model=name)
+        ET.SubElement(self.root, "compiler", angle="radian", autolimits="false", boundmass="0")
+        option = ET.SubElement(self.root, "option", integrator="implicitfast", cone="elliptic", solver="Newton")
+        option.set("timestep", number_text([numerics.timestep]))
+        option.set("gravity", number_text([0, 0, -physics.gravity]))
+        option.set("impratio", number_text([numerics.impratio]))
+        option.set("noslip_iterations", str(numerics.noslip_iterations))
+        option.set("iterations", str(numerics.iterations))
+        default = ET.SubElement(self.root, "default")
+        ET.SubElement(
+            default, "geom", condim="3", solref=number_text(numerics.solref), solimp=number_text(numerics.solimp)
+        )
+        self.world = ET.SubElement(self.root, "worldbody")
+
+    def text(self, comments: Sequence[str] = ()) -> str:
+        """Return the model; an exported one is indented, with comments at its top."""
+        if comments:
+            ET.indent(self.root)
+        text = ET.tostring(self.root, encoding="unicode")
+        return "".join(f"<!-- {comment.replace('--', '- -')} -->\n" for comment in comments) + text
+
+    def add_looks(self) -> None:
+        """Add lights and a sky to an exported scene."""
+        visual = ET.SubElement(self.root, "visual")
+        ET.SubElement(visual, "headlight", ambient="0.35 0.35 0.35", diffuse="0.3 0.3 0.3", specular="0 0 0")
+        sky = ET.SubElement(ET.SubElement(self.root, "asset"), "texture", type="skybox", builtin="gradient")
+        for name, value in (("rgb1", "1 1 1"), ("rgb2", "0.85 0.88 0.92"), ("width", "64"), ("height", "64")):
+            sky.set(name, value)
+        light = ET.SubElement(self.world, "light", pos="-0.5 -0.5 1.5", dir="0.33 0.33 -1", diffuse="0.6 0.6 0.6")
+        light.set("specular", "0.1 0.1 0.1")
+
+    def add_table(self) -> None:
+        geom = ET.SubElement(self.world, "geom", name="table", type="plane", contype="0", conaffinity="1")
+        geom.set("size", number_text([1, 1, 1]))
+        geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
+        if self.start is not None:
+            geom.set("rgba", _TABLE_RGBA)
+            geom.set("size", number_text([TABLE_SIDE / 2, TABLE_SIDE / 2, 1]))
+
+    def add_object(self, item: ObjectData, files: MeshFiles | None, friction: float = 0.0) -> None:
+        """Add a free body: its parts collide, its visual mesh does not."""
+        assets = ET.SubElement(self.root, "asset")
+        body = ET.SubElement(self.world, "body", name="object")
+        _add_pose(body, item.start)
+        ET.SubElement(body, "freejoint", name="object")
+        _add_inertial(body, item.mass, item.center, item.inertia)
+        for i, points in enumerate(item.parts):
+            # The inertia of a part is not used, but it defines the frame of the geom.
+            mesh = ET.SubElement(assets, "mesh", name=f"part_{i}", inertia="convex")
+            geom = ET.SubElement(body, "geom", name=f"object_{i}", type="mesh", mesh=f"part_{i}")
+            geom.set("contype", "1")
+            geom.set("conaffinity", "0")
+            geom.set("friction", number_text([friction, 0, 0]))
+            if files is None:
+                # The same vertices and faces as in a file, so that both models step with the same bits.
+                mesh.set("vertex", number_text(np.ravel(np.asarray(points, dtype=np.float32))))
+                mesh.set("face", number_text(np.ravel(hull_faces(np.asarray(points)))))
+            else:
+                mesh.set("file", files.parts[i])
+                geom.set("group", _SHOWN if files.visual is None else _HIDDEN)
+                geom.set("rgba", _OBJECT_RGBA)
+        if files is not None and files.visual is not None:
+            # The mesh may enclose no volume.
+            ET.SubElement(assets, "mesh", name="visual", file=files.visual, inertia="shell")
+            geom = ET.SubElement(body, "geom", name="object_visual", type="mesh", mesh="visual", rgba=_OBJECT_RGBA)
+            for name, value in (("contype", "0"), ("conaffinity", "0"), ("mass", "0"), ("group", _SHOWN)):
+                geom.set(name, value)
+
+    def add_hand(self, hand: HandDescription) -> None:
+        carriage = ET.SubElement(self.world, "body", name="carriage")
+        _add_inertial(carriage, 1.0, np.zeros(3), np.eye(3))
+        joint = ET.SubElement(carriage, "joint", name="carriage", type="slide", axis="0 0 1")
+        joint.set("armature", number_text([CARRIAGE_INERTIA]))
+        self._add_link(carriage, hand, BASE, hand.free())
+        self._add_pairs(hand)
+        self._add_actuators(hand)
+
+    def _link_pose(self, link: Link, index: int, free: Sequence[int]) -> Array:
+        """Return ``parent_from_link``; for a link without a joint of its own, at the position of the start."""
+        if self.start is None:
+            return link.parent_from_link
+        if index == BASE:
+            return self.start.world_from_base
+        position = 0.0 if index in free else self.start.joints.get(index, 0.0)
+        return np.asarray(link.parent_from_link @ joint_motion(link, position))
+
+    def _add_link(self, parent: ET.Element, hand: HandDescription, index: int, free: Sequence[int]) -> None:
+        link = hand.links[index]
+        body = ET.SubElement(parent, "body", name=link.name)
+        _add_pose(body, self._link_pose(link, index, free))
+        _add_inertial(body, link.mass, link.center, link.inertia)
+        if index in free:
+            kind = "slide" if link.kind == "prismatic" else "hinge"
+            joint = ET.SubElement(
+                body, "joint", name=link.joint, type=kind, axis=number_text(link.axis), limited="false"
+            )
+            # The range is information: the stops are soft.
+            joint.set("range", number_text(link.limits))
+            joint.set("damping", number_text([link.spring.damping]))
+            joint.set("armature", number_text([link.spring.armature]))
+            joint.set("stiffness", number_text([link.spring.stiffness]))
+            joint.set("springref", number_text([link.spring.reference]))
+        for shape in link.shapes:
+            geom = ET.SubElement(body, "geom", name=shape.name, type=shape.kind, size=number_text(shape.size))
+            geom.set("friction", number_text([shape.friction * self.physics.friction.object, 0, 0]))
+            geom.set("contype", "0")
+            geom.set("conaffinity", "1")
+            if self.start is not None:
+                geom.set("rgba", _BARE_RGBA if shape.friction < 1.0 else _PAD_RGBA)
+            _add_pose(geom, shape.link_from_shape)
+        for child, below in enumerate(hand.links):
+            if child != BASE and below.parent == index:
+                self._add_link(body, hand, child, free)
+
+    def _add_pairs(self, hand: HandDescription) -> None:
+        contact, physics, numerics = ET.SubElement(self.root, "contact"), self.physics, self.numerics
+
+        def pair(one: str, two: str, friction: float) -> None:
+            element = ET.SubElement(contact, "pair", geom1=one, geom2=two, condim="3")
+            element.set("friction", number_text([friction, friction, 0, 0, 0]))
+            element.set("solref", number_text(numerics.solref))
+            element.set("solimp", number_text(numerics.solimp))
+
+        for shape in shape_groups(hand):
+            if shape.part != "palm":
+                pair(shape.name, "table", shape.friction * physics.friction.table)
+        for one, two in colliding_shapes(hand):
+            pair(one.name, two.name, one.friction * two.friction)
+
+    def _add_actuators(self, hand: HandDescription) -> None:
+        tendons, actuators = ET.SubElement(self.root, "tendon"), ET.SubElement(self.root, "actuator")
+        for tendon in hand.tendons:
+            fixed = ET.SubElement(tendons, "fixed", name=tendon.name)
+            for link, arm in tendon.arms:
+                ET.SubElement(fixed, "joint", joint=hand.links[link].joint, coef=number_text([arm]))
+        for actuator in hand.actuators:
+            names = mujoco_actuators(hand, hand.actuators.index(actuator))
+            if actuator.spool is not None:
+                # ctrl is the length of tendon wound onto the spool.
+                tendon = hand.tendons[actuator.spool[0]]
+                law, force = (tendon.stiffness, tendon.damping), (0.0, tendon.max_tension)
+                _add_actuator(actuators, names[0], {"tendon": tendon.name}, law, force)
+            elif actuator.servo is not None:
+                limit = (-actuator.load_limit, actuator.load_limit)
+                for name, (link, _, _) in zip(names, actuator.joints, strict=True):
+                    _add_actuator(actuators, name, {"joint": hand.links[link].joint}, actuator.servo, limit)
+        self._add_stops(tendons, hand)
+        self._add_mimics(hand)
+
+    def _add_stops(self, tendons: ET.Element, hand: HandDescription) -> None:
+        for link in (hand.links[index] for index in hand.free()):
+            if link.spring.stop_stiffness > 0.0:
+                stop = ET.SubElement(tendons, "fixed", name=f"{link.joint} stop")
+                stop.set("stiffness", number_text([link.spring.stop_stiffness]))
+                stop.set("springlength", number_text(link.limits))
+                ET.SubElement(stop, "joint", joint=link.joint, coef="1")
+
+    def _add_mimics(self, hand: HandDescription) -> None:
+        equality = ET.SubElement(self.root, "equality")
+        for link in hand.free():
+            follows = hand.links[link].mimic
+            if follows is not None:
+                leader, ratio, offset = follows
+                constraint = ET.SubElement(equality, "joint", joint1=hand.links[link].joint, joint2=leader)
+                constraint.set("polycoef", number_text([offset, ratio, 0, 0, 0]))
+                # As stiff as the step allows: MuJoCo scales a constraint's stiffness by the small inertia of a link.
+                constraint.set("solref", number_text([2.0 * self.numerics.timestep, 1.0]))
+                constraint.set("solimp", number_text([0.99, 0.999, 0.001]))
+
+    def add_lift(self) -> None:
+        """Add a position actuator for the carriage; ctrl is the hand's height above its start, metres."""
+        actuators = self.root.find("actuator")
+        if actuators is not None:
+            law = (CARRIAGE_INERTIA * _LIFT_FREQUENCY**2, 2.0 * CARRIAGE_INERTIA * _LIFT_FREQUENCY)
+            _add_actuator(actuators, LIFT, {"joint": "carriage"}, law, None).set("group", str(LIFT_GROUP))
+
+    def add_keyframe(self, item: ObjectData, start: Start) -> None:
+        """Add the state at which a trial begins: MuJoCo orders the joints as their bodies are in the file."""
+        hand, joints = start.hand, start.joints
+        free = hand.free()
+        order = [index for index in depth_first(hand) if index in free]
+        pose = item.start
+        object_qpos = [*pose[:3, 3], *quaternion(pose[:3, :3])]
+        positions, controls = hand.open_positions(start.preshape), []
+        for actuator, position in zip(hand.actuators, positions, strict=True):
+            if actuator.spool is not None:
+                controls.append(actuator.spool[1] * position)
+            elif actuator.servo is not None:
+                controls += [ratio * position + offset for _, ratio, offset in actuator.joints]
+        frames = ET.SubElement(self.root, "keyframe")
+        qpos = number_text([*object_qpos, 0.0, *(joints[index] for index in order)])
+        ET.SubElement(frames, "key", name=KEYFRAME, qpos=qpos, ctrl=number_text([*controls, 0.0]))
+
+
+@dataclass(frozen=True)
+class ShapeGroup:
+    """A shape of the hand and where it belongs."""
+
+    #: ``palm``, ``near`` (adjacent to the palm) or ``far``.
+    part: str
+    #: Index of the chain of joints, -1 for the palm.
+    chain: int
+    name: str
+    friction: float
+    #: Index of its link.
+    link: int
+
+
+def shape_groups(hand: HandDescription) -> list[ShapeGroup]:
+    """List the hand's shapes with the parts and chains that they belong to."""
+    free = hand.free()
+    part_of, chain_of, shaped, chains = {BASE: "palm"}, {BASE: -1}, {BASE: False}, 0
+    found: list[ShapeGroup] = []
+    for index, link in enumerate(hand.links):
+        if index != BASE:
+            above = link.parent
+            part_of[index], chain_of[index], shaped[index] = part_of[above], chain_of[above], shaped[above]
+            if index in free:
+                if chain_of[above] < 0:
+                    chain_of[index], chains = chains, chains + 1
+                part_of[index] = "far" if shaped[above] else "near"
+            shaped[index] = shaped[index] or (part_of[index] != "palm" and bool(link.shapes))
+        found += [ShapeGroup(part_of[index], chain_of[index], s.name, s.friction, index) for s in link.shapes]
+    return found
+
+
+def colliding_shapes(hand: HandDescription) -> list[tuple[ShapeGroup, ShapeGroup]]:
+    """List the pairs of the hand's own shapes that collide."""
+    pairs = []
+    for one, two in itertools.combinations(shape_groups(hand), 2):
+        crosses = one.chain != two.chain and "palm" not in (one.part, two.part)
+        if crosses or {one.part, two.part} == {"palm", "far"}:
+            pairs.append((one, two))
+    return pairs
+
+
+def depth_first(hand: HandDescription, index: int = BASE) -> list[int]:
+    """List the links in the order of the bodies of a model: each link, then its children's."""
+    below = [i for i, link in enumerate(hand.links) if i != BASE and link.parent == index]
+    return [index, *(i for child in below for i in depth_first(hand, child))]
+
+
+def mujoco_actuators(hand: HandDescription, index: int) -> list[str]:
+    """Name MuJoCo's actuators for one of the hand's: one per tendon or driven joint, none for a rigid drive."""
+    actuator = hand.actuators[index]
+    if actuator.spool is not None:
+        return [actuator.name]
+    driven = actuator.joints if actuator.servo else ()
+    return [f"{actuator.name} {hand.links[link].joint}" for link, _, _ in driven]
+
+
+def _add_actuator(
+    actuators: ET.Element,
+    name: str,
+    target: dict[str, str],
+    law: tuple[float, float],
+    force: tuple[float, float] | None,
+) -> ET.Element:
+    """Add an actuator with force = k ctrl - k length - d length', clamped to an interval if there is one."""
+    stiffness, damping = law
+    found = ET.SubElement(actuators, "general", {"name": name, **target}, biastype="affine")
+    found.set("gainprm", number_text([stiffness]))
+    found.set("biasprm", number_text([0, -stiffness, -damping]))
+    if force is not None:
+        found.set("forcelimited", "true")
+        found.set("forcerange", number_text(force))
+    return found
+
+
+def trial_model(hand: HandDescription, item: ObjectData, physics: PhysicsConfig, numerics: Numerics) -> str:
+    """Return the model of one object and the hand for trials at any pose; it contains its meshes."""
+    builder = _Builder(f"{hand.name} and {item.name}", physics, numerics, None)
+    builder.add_table()
+    builder.add_object(item, None)
+    builder.add_hand(hand)
+    return builder.text()
+
+
+def scene_model(
+    item: ObjectData,
+    start: Start,
+    files: MeshFiles,
+    physics: PhysicsConfig,
+    comments: Sequence[str],
+    numerics: Numerics | None = None,
+) -> str:
+    """Return the model of one trial: its meshes are files, its start is a keyframe, and an actuator lifts the hand."""
+    builder = _Builder(f"{start.hand.name} and {item.name}", physics, numerics or Numerics(), start)
+    builder.add_looks()
+    builder.add_table()
+    builder.add_object(item, files)
+    builder.add_hand(start.hand)
+    builder.add_lift()
+    builder.add_keyframe(item, start)
+    return builder.text(comments)
+
+
+def object_model(item: ObjectData, files: MeshFiles, physics: PhysicsConfig, comments: Sequence[str]) -> str:
+    """Return the model of an object alone; its friction is that of the object on the table."""
+    builder = _Builder(item.name, physics, Numerics(), None)
+    builder.add_object(item, files, physics.friction.table * physics.friction.object)
+    return builder.text(comments)

@@ -1,0 +1,112 @@
+"""USD stages of scenes and objects: metres, kilograms, z up, with the physics of UsdPhysics (extra ``usd``).
+
+| prim | contents |
+|---|---|
+| ``/World/physics`` | gravity |
+| ``/World/table`` | static collider, its upper face at z = 0 |
+| ``/World/object`` | rigid body: mass properties, visual mesh, convex parts as colliders |
+| ``/World/hand`` | articulation: see `usd_hand` |
+| ``/World/materials`` | one physics material per friction factor |
+
+A stage of an object alone has the same prim, with its materials below it, as default prim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, Vt
+
+from graspbox.configs import PhysicsConfig
+from graspbox.scene_export.contents import TABLE_SIDE, TABLE_THICKNESS, ObjectData, SceneData
+from graspbox.scene_export.description import Array
+from graspbox.scene_export.mesh_files import hull_faces
+from graspbox.scene_export.usd_hand import add_hand
+from graspbox.scene_export.usd_prims import Materials, add_collision, add_mass, set_pose
+
+__all__ = ["object_stage", "scene_stage"]
+
+#: Root of a scene.
+WORLD = "/World"
+_OBJECT_COLOR, _TABLE_COLOR = (0.85, 0.55, 0.25), (0.9, 0.87, 0.8)
+
+
+def _add_mesh(stage: Usd.Stage, path: str, points: NDArray[Any], faces: NDArray[Any]) -> UsdGeom.Mesh:
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    corners = np.ascontiguousarray(points, dtype=np.float32)
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(corners))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, dtype=np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(faces, dtype=np.int32).ravel()))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([corners.min(axis=0), corners.max(axis=0)])))
+    return mesh
+
+
+def _new_stage(comments: Sequence[str]) -> Usd.Stage:
+    stage = Usd.Stage.CreateInMemory(".usda")
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
+    stage.GetRootLayer().documentation = "\n".join(comments)
+    return stage
+
+
+def _add_object(stage: Usd.Stage, path: str, item: ObjectData, pose: Array, friction: float, materials: str) -> None:
+    """Add the object: a rigid body with its visual mesh, and its convex parts as hidden colliders."""
+    body = UsdGeom.Xform.Define(stage, path)
+    set_pose(body, pose)
+    body.GetPrim().SetDisplayName(item.name)
+    add_mass(body.GetPrim(), item.mass, item.center, item.inertia)
+    made = Materials(stage, materials)
+    if item.visual is not None:
+        visual = _add_mesh(stage, f"{path}/visual", item.visual.vertices, item.visual.faces)
+        visual.CreateDisplayColorAttr(Vt.Vec3fArray([Gf.Vec3f(*_OBJECT_COLOR)]))
+    UsdGeom.Scope.Define(stage, f"{path}/parts")
+    for index, points in enumerate(item.parts):
+        part = _add_mesh(stage, f"{path}/parts/part_{index}", points, hull_faces(np.asarray(points)))
+        if item.visual is not None:
+            part.CreatePurposeAttr(UsdGeom.Tokens.guide)
+        add_collision(part.GetPrim(), made, friction)
+        UsdPhysics.MeshCollisionAPI.Apply(part.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
+
+
+def _add_table(stage: Usd.Stage, path: str, friction: float, materials: Materials) -> None:
+    table = UsdGeom.Cube.Define(stage, path)
+    table.CreateSizeAttr(1.0)
+    table.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)]))
+    pose = np.eye(4)
+    pose[2, 3] = -TABLE_THICKNESS / 2
+    set_pose(table, pose, (TABLE_SIDE, TABLE_SIDE, TABLE_THICKNESS))
+    table.CreateDisplayColorAttr(Vt.Vec3fArray([Gf.Vec3f(*_TABLE_COLOR)]))
+    add_collision(table.GetPrim(), materials, friction)
+
+
+def _add_physics(stage: Usd.Stage, path: str, gravity: float) -> None:
+    scene = UsdPhysics.Scene.Define(stage, path)
+    scene.CreateGravityDirectionAttr(Gf.Vec3f(0.0, 0.0, -1.0))
+    scene.CreateGravityMagnitudeAttr(float(gravity))
+
+
+def scene_stage(data: SceneData, comments: Sequence[str]) -> str:
+    """Return a scene as a USD text layer (``.usda``)."""
+    stage = _new_stage(comments)
+    world = UsdGeom.Xform.Define(stage, WORLD)
+    stage.SetDefaultPrim(world.GetPrim())
+    _add_physics(stage, f"{WORLD}/physics", data.physics.gravity)
+    materials = Materials(stage, f"{WORLD}/materials")
+    _add_table(stage, f"{WORLD}/table", data.physics.friction.table, materials)
+    item = data.object
+    _add_object(stage, f"{WORLD}/object", item, item.start, data.physics.friction.object, f"{WORLD}/object/materials")
+    add_hand(stage, f"{WORLD}/hand", data.start, materials)
+    return str(stage.GetRootLayer().ExportToString())
+
+
+def object_stage(item: ObjectData, physics: PhysicsConfig, comments: Sequence[str]) -> str:
+    """Return an object alone as a USD text layer (``.usda``), to be referenced at any pose."""
+    stage = _new_stage(comments)
+    _add_object(stage, "/object", item, np.eye(4), physics.friction.object, "/object/materials")
+    stage.SetDefaultPrim(stage.GetPrimAtPath("/object"))
+    return str(stage.GetRootLayer().ExportToString())

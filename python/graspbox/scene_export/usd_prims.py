@@ -1,0 +1,76 @@
+"""Prims of USD that object, table and hand have in common: transforms, mass properties, colliders with friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
+
+from graspbox.scene_export.contents import quaternion
+from graspbox.scene_export.description import Array
+
+__all__ = ["Materials", "add_collision", "add_mass", "quat", "set_pose"]
+
+
+def quat(rotation: Array, kind: Any = None) -> Any:
+    """Return a rotation (3, 3) as Gf.Quatf, or as another type of quaternion."""
+    w, x, y, z = (float(v) for v in quaternion(rotation))
+    return (kind or Gf.Quatf)(w, x, y, z)
+
+
+def set_pose(prim: UsdGeom.Xformable, pose: Array, scale: Sequence[float] | None = None) -> None:
+    """Set the transform of a prim: translation, orientation and scale, in double precision."""
+    prim.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*map(float, pose[:3, 3])))
+    prim.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(quat(pose[:3, :3], Gf.Quatd))
+    if scale is not None:
+        prim.AddScaleOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*map(float, scale)))
+
+
+def add_mass(prim: Usd.Prim, mass: float, center: Array, inertia: Array) -> None:
+    """Make a prim a rigid body with its mass, centre of mass and principal moments of inertia."""
+    UsdPhysics.RigidBodyAPI.Apply(prim)
+    api = UsdPhysics.MassAPI.Apply(prim)
+    moments, axes = np.linalg.eigh(inertia)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 2] = -axes[:, 2]
+    api.CreateMassAttr(float(mass))
+    api.CreateCenterOfMassAttr(Gf.Vec3f(*map(float, center)))
+    api.CreateDiagonalInertiaAttr(Gf.Vec3f(*map(float, moments)))
+    api.CreatePrincipalAxesAttr(quat(axes))
+
+
+class Materials:
+    """Physics materials of a stage, one per friction factor."""
+
+    def __init__(self, stage: Usd.Stage, path: str):
+        self._stage, self._path = stage, path
+        self._made: dict[float, UsdShade.Material] = {}
+        UsdGeom.Scope.Define(stage, path)
+
+    def bind(self, prim: Usd.Prim, friction: float) -> None:
+        """Give a collider the physics material of a friction factor."""
+        if friction not in self._made:
+            self._made[friction] = self._make(friction)
+        api = UsdShade.MaterialBindingAPI.Apply(prim)
+        api.Bind(self._made[friction], UsdShade.Tokens.weakerThanDescendants, "physics")
+
+    def _make(self, friction: float) -> UsdShade.Material:
+        material = UsdShade.Material.Define(self._stage, f"{self._path}/friction_{len(self._made)}")
+        prim = material.GetPrim()
+        api = UsdPhysics.MaterialAPI.Apply(prim)
+        api.CreateStaticFrictionAttr(float(friction))
+        api.CreateDynamicFrictionAttr(float(friction))
+        api.CreateRestitutionAttr(0.0)
+        # Read by PhysX: the coefficient of a pair is the product of both factors.
+        prim.AddAppliedSchema("PhysxMaterialAPI")
+        combine = prim.CreateAttribute("physxMaterial:frictionCombineMode", Sdf.ValueTypeNames.Token, custom=False)
+        combine.Set("multiply")
+        return material
+
+
+def add_collision(prim: Usd.Prim, materials: Materials, friction: float) -> None:
+    """Make a prim a collider with a friction factor."""
+    UsdPhysics.CollisionAPI.Apply(prim)
+    materials.bind(prim, friction)

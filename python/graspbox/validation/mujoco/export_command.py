@@ -1,0 +1,73 @@
+"""``python -m graspbox.validation export``: the labels of exported MJCF scenes and of the judge's own replay.
+
+Each trial is exported as MJCF, loaded from its files by MuJoCo, and replayed with the drives of the judge. It fails if
+less than 99 % of the labels are equal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from graspbox.validation.mujoco.exported import EXPORT_OBJECTS, ExportReport, compare_exports
+
+#: Least share of equal labels for exit status 0.
+GOAL = 0.99
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m graspbox.validation export", description=__doc__)
+    parser.add_argument("--trials", type=int, default=200, help="trials (200)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the poses (0)")
+    parser.add_argument("--objects", nargs="+", default=list(EXPORT_OBJECTS), metavar="SET", help="object sets")
+    parser.add_argument("--hand", default="reflex", help="name of the hand (reflex)")
+    parser.add_argument(
+        "--source",
+        choices=("random", "planner", "planner-any"),
+        default="planner-any",
+        help="poses: random, the planner's best, or a random choice of the planner's (planner-any)",
+    )
+    parser.add_argument("--threads", type=int, default=None, help="threads; all by default")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    return parser
+
+
+def _print(console: Console, report: ExportReport) -> None:
+    facts = report.to_json()
+    if facts["different"]:
+        table = Table("object", "judge", "exported", "judge lift", "exported lift", "core", title="differences")
+        for row in facts["different"]:
+            lifts = (f"{row['judge_lift']:.3f}", f"{row['exported_lift']:.3f}")
+            table.add_row(row["object"], row["judge"], row["exported"], *lifts, "success" if row["core"] else "failure")
+        console.print(table)
+    counts = ", ".join(f"{name} {count}" for name, count in facts["successes"].items())
+    console.print(f"equal labels: {report.equal} of {len(report.rows)} ({report.share:.1%}); successes: {counts}")
+    console.print(f"greatest difference of lifts: {1e3 * facts['greatest_lift_difference']:.3f} mm")
+    if report.left_out:
+        console.print(f"without enough feasible poses: {', '.join(report.left_out)}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the comparison; returns exit status 0 if it meets its goal, else 1."""
+    args = _parser().parse_args(arguments)
+    with Progress(console=Console(stderr=True), disable=args.json and not sys.stderr.isatty()) as bar:
+        task = bar.add_task("trials", total=args.trials)
+        report = compare_exports(
+            args.objects,
+            args.trials,
+            args.seed,
+            source=args.source,
+            hand=args.hand,
+            threads=args.threads,
+            progress=lambda done: bar.update(task, completed=done),
+        )
+    if args.json:
+        print(json.dumps(report.to_json()))
+    else:
+        _print(Console(), report)
+    return 0 if report.rows and report.share >= GOAL else 1

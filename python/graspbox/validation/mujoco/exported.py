@@ -1,0 +1,230 @@
+"""Replay of trials in exported scenes: everything but the law of the drives comes from the files of the export.
+
+`compare_exports` runs the same trials in the judge's own model, too, and counts equal labels.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import graspbox
+from graspbox import _core
+from graspbox._common.files import read_bounded
+from graspbox.errors import ConfigError, FileError
+from graspbox.hands import HandLike, load_hand
+from graspbox.scene_export import export_scene
+from graspbox.scene_export.contents import ObjectData
+from graspbox.scene_export.description import Array, read_hand
+from graspbox.scene_export.mjcf import KEYFRAME, LIFT_GROUP
+from graspbox.scene_export.records import SCENE_FORMAT
+from graspbox.validation.mujoco.compare import check_settings, describe, object_data, scenes
+from graspbox.validation.mujoco.replay import Outcome, Replay, TrialTimes, replay, run_trial
+from graspbox.validation.mujoco.sampling import Source, sample_trials
+from graspbox.validation.mujoco.scene import Numerics, Scene, build, indexed
+
+#: Objects of several families: upright and flat, round and square, hollow and solid, light and heavy.
+EXPORT_OBJECTS = tuple(
+    f"procedural:{family}:2"
+    for family in ("ball", "banana", "bottle", "bowl", "box", "can", "hammer", "kettle", "mug", "wine_glass")
+)
+#: Largest file of an export to read, bytes.
+_MAX_BYTES = 16 << 20
+
+
+@dataclass(frozen=True)
+class ExportedScene:
+    """An exported scene as it is loaded: the model, and the preshape that its files name."""
+
+    scene: Scene
+    preshape: float
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    path = folder / "scene.json"
+    try:
+        record = json.loads(read_bounded(path, _MAX_BYTES))
+    except (ValueError, RecursionError):
+        raise ConfigError(f"{str(path)!r} is not JSON; export the scene again") from None
+    if not isinstance(record, dict) or record.get("format") != SCENE_FORMAT or record.get("to") != "mjcf":
+        raise ConfigError(f"{str(path)!r} is not the record of a scene in MJCF; use graspbox export-scene --to mjcf")
+    return record
+
+
+def load_export(folder: str | os.PathLike[str]) -> ExportedScene:
+    """Load an exported MJCF scene from its files alone.
+
+    Raises
+    ------
+    FileError
+        If a file is missing or cannot be read.
+    ConfigError
+        If they are not those of an export, or MuJoCo does not accept them.
+    """
+    folder = Path(folder)
+    record = _record(folder)
+    urdf, toml = (read_bounded(folder / name, _MAX_BYTES).decode() for name in ("hand.urdf", "hand.toml"))
+    hand = read_hand(urdf, toml)
+    path = folder / "scene.xml"
+    if not path.is_file():
+        raise FileError(2, "No such file", str(path))
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise ConfigError(f"MuJoCo does not accept {str(path)!r}: {' '.join(str(error).split())}") from None
+    # The start is the file's keyframe: these facts are for reports alone.
+    body = model.body("object")
+    item = ObjectData(
+        str(record["object"]["name"]), (), float(body.mass[0]), body.ipos, np.diag(body.inertia), np.eye(4)
+    )
+    numerics = replace(Numerics(), timestep=float(model.opt.timestep))
+    return ExportedScene(indexed(model, hand, item, numerics), float(record["hand"]["preshape"]))
+
+
+class ExportedReplay(Replay):
+    """A trial in an exported scene: it begins at the keyframe of the file."""
+
+    def __init__(self, exported: ExportedScene, times: TrialTimes | None = None):
+        super().__init__(exported.scene, np.eye(4), exported.preshape, times)
+
+    def _place(self, world_from_hand: Array) -> None:
+        model = self.model
+        # The trial prescribes the carriage, as in the judge's own model.
+        model.opt.disableactuator |= 1 << LIFT_GROUP
+        mujoco.mj_resetDataKeyframe(model, self.data, model.key(KEYFRAME).id)
+        self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
+
+
+def replay_export(folder: str | os.PathLike[str], times: TrialTimes | None = None) -> Outcome:
+    """Run the trial of an exported MJCF scene in MuJoCo; raises as `load_export`."""
+    return run_trial(ExportedReplay(load_export(folder), times))
+
+
+@dataclass(frozen=True)
+class ExportRow:
+    """One trial: the labels of the judge's model, of the exported file and of the core."""
+
+    object: str
+    judge: Outcome
+    exported: Outcome
+    core: bool
+
+    @property
+    def equal(self) -> bool:
+        """Whether judge and file have the same label."""
+        return self.judge.success == self.exported.success
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the row as JSON types."""
+        labels = {"judge": self.judge, "exported": self.exported}
+        return {
+            "object": self.object,
+            "core": self.core,
+            **{name: outcome.failure or "success" for name, outcome in labels.items()},
+            **{f"{name}_lift": outcome.lift for name, outcome in labels.items()},
+        }
+
+
+@dataclass
+class ExportReport:
+    """Results of `compare_exports`."""
+
+    rows: list[ExportRow] = field(default_factory=list)
+    #: Objects with too few feasible poses.
+    left_out: list[str] = field(default_factory=list)
+
+    @property
+    def equal(self) -> int:
+        """Number of trials with equal labels."""
+        return sum(row.equal for row in self.rows)
+
+    @property
+    def share(self) -> float:
+        """Share of equal labels."""
+        return self.equal / len(self.rows) if self.rows else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as JSON types."""
+        return {
+            "trials": len(self.rows),
+            "equal": self.equal,
+            "share": self.share,
+            "same_failure": sum(row.judge.failure == row.exported.failure for row in self.rows),
+            "greatest_lift_difference": max((abs(r.judge.lift - r.exported.lift) for r in self.rows), default=0.0),
+            "successes": {
+                "judge": sum(row.judge.success for row in self.rows),
+                "exported": sum(row.exported.success for row in self.rows),
+                "core": sum(row.core for row in self.rows),
+            },
+            "left_out": self.left_out,
+            "different": [row.to_json() for row in self.rows if not row.equal],
+        }
+
+
+def compare_exports(
+    objects: Sequence[str] = EXPORT_OBJECTS,
+    trials: int = 200,
+    seed: int = 0,
+    *,
+    source: Source = "planner-any",
+    hand: HandLike = "reflex",
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> ExportReport:
+    """Export the scene of each trial, replay it from its files, and compare with the judge's own replay.
+
+    Parameters
+    ----------
+    objects : sequence of str
+        Object sets; the trials are distributed evenly over their objects.
+    trials, seed : int
+        Number of trials, at least 1, and seed of the poses.
+    source : str
+        Source of the poses; see `sampling.Source`.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    threads : int, optional
+        Number of threads; by default that of the core.
+    progress : callable, optional
+        Called after each trial with the number of finished ones.
+
+    Raises
+    ------
+    ConfigError
+        If there are no trials.
+    """
+    check_settings(trials, Numerics())
+    loaded = load_hand(hand)
+    described, report = describe(loaded), ExportReport()
+    with ThreadPoolExecutor(threads or _core.num_threads()) as pool:
+        for scene, count, random in scenes(objects, trials, seed, loaded):
+            sampled = sample_trials(scene, count, random, source)
+            if sampled is None:
+                report.left_out.append(scene.name)
+                continue
+            own = build(described, object_data(scene))
+            core = scene.simulate(*sampled, num_threads=threads).success
+
+            def run(
+                number: int, scene: graspbox.Scene = scene, own: Scene = own, sampled: tuple[Array, Array] = sampled
+            ) -> tuple[Outcome, Outcome]:
+                pose, preshape = sampled[0][number], float(sampled[1][number])
+                judge = replay(own, own.object.world_from_object @ pose, preshape)
+                with tempfile.TemporaryDirectory() as folder:
+                    export_scene(scene, Path(folder) / "scene", "mjcf", pose, preshape)
+                    return judge, replay_export(Path(folder) / "scene")
+
+            for number, (judge, exported) in enumerate(pool.map(run, range(count))):
+                report.rows.append(ExportRow(scene.name, judge, exported, bool(core[number])))
+                if progress is not None:
+                    progress(len(report.rows))
+    return report
