@@ -1,0 +1,142 @@
+"""`Canvas`: a viser server as pages use it: guarded callbacks, background work, a line for messages, common parts.
+
+Callbacks of controls run one at a time, under `Canvas.lock`. An error in one is shown in the page; it ends neither
+the page nor the server.
+"""
+
+import functools
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from graspbox.errors import GraspboxError
+from graspbox.meshes import Mesh
+from graspbox.viewer.geometry import BOX_EDGES, FREE, OBJECT, Color, Floats, rows, split
+
+__all__ = ["Canvas"]
+
+_log = logging.getLogger(__name__)
+#: Side of the cells of the table's grid, and of the table, metres.
+_CELL, _TABLE = 0.1, 1.0
+
+
+class Canvas:
+    """What pages draw on.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+        The server.
+    """
+
+    def __init__(self, server: Any) -> None:
+        self.server, self.scene, self.gui = server, server.scene, server.gui
+        self.lock = threading.RLock()
+        self.closed = threading.Event()
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="graspbox-viewer")
+        self.status = self.gui.add_markdown("")
+        self.problem = self.gui.add_markdown("", visible=False)
+
+    def say(self, text: str) -> None:
+        """Show a line of text (Markdown) at the top of the panel."""
+        self.status.content = text
+
+    def complain(self, text: str) -> None:
+        """Show an error at the top of the panel; an empty text removes it."""
+        self.problem.visible = bool(text)
+        self.problem.content = f"**Error.** {text}" if text else ""
+
+    def guarded(self, work: Callable[..., Any]) -> Callable[..., Any]:
+        """Show errors of a function in the page instead of raising them."""
+
+        @functools.wraps(work)
+        def run(*given: Any) -> Any:
+            try:
+                return work(*given)
+            except GraspboxError as error:
+                self.complain(str(error))
+            except Exception as error:  # a bug must not end the thread of the page
+                if not self.closed.is_set():
+                    _log.exception("a page failed")
+                    self.complain(f"this is a bug in graspbox, please report it: {type(error).__name__}: {error}")
+            return None
+
+        return run
+
+    def on(self, *controls: Any, call: Callable[[], object]) -> None:
+        """Call a function when one of the controls changes or is pressed."""
+
+        def changed(_: Any) -> None:
+            with self.lock:
+                if not self.closed.is_set():
+                    self.complain("")
+                    self.guarded(call)()
+
+        for control in controls:
+            (control.on_click if hasattr(control, "on_click") else control.on_update)(changed)
+
+    def background(self, work: Callable[[], object]) -> "Future[Any]":
+        """Run work in the background, after earlier work; errors are shown in the page."""
+        return self._worker.submit(self.guarded(work))
+
+    def thread(self, work: Callable[[], object], name: str) -> threading.Thread:
+        """Run a loop that ends with `closed` in a thread of its own."""
+        thread = threading.Thread(target=self.guarded(work), name=f"graspbox-viewer-{name}", daemon=True)
+        thread.start()
+        return thread
+
+    def close(self) -> None:
+        """End the background work; what waits is dropped."""
+        self.closed.set()
+        self._worker.shutdown(wait=True, cancel_futures=True)
+
+    def look(self, target: Sequence[float], distance: float, direction: Sequence[float] = (0.75, -1.0, 0.6)) -> None:
+        """Place the camera of pages that open later."""
+        way = np.asarray(direction, dtype=np.float64)
+        camera = self.server.initial_camera
+        camera.look_at = tuple(float(x) for x in target)
+        camera.position = tuple(float(x) for x in target + distance * way / np.linalg.norm(way))
+        camera.near = 0.005
+
+    def table(self, height: float = 0.0) -> None:
+        """Draw the table as a grid at a height, metres."""
+        sides = {"width": _TABLE, "height": _TABLE, "cell_size": _CELL / 2, "section_size": _CELL}
+        self.scene.add_grid("/table", plane="xy", position=(0.0, 0.0, height), **sides)
+
+    def mesh(
+        self, name: str, mesh: Mesh, pose: Floats | None = None, *, color: Color = OBJECT, opacity: float | None = None
+    ) -> Any:
+        """Draw a mesh at a pose (4, 4); returns its node."""
+        wxyz, position = split(np.eye(4) if pose is None else pose)
+        return self.scene.add_mesh_simple(
+            name,
+            mesh.vertices,
+            mesh.faces,
+            color=color,
+            opacity=opacity,
+            flat_shading=True,
+            side="double",
+            wxyz=wxyz,
+            position=position,
+        )
+
+    def boxes(self, name: str, corners: Floats, colors: Sequence[Color], pose: Floats) -> Any:
+        """Draw the edges of boxes with corners (n, 8, 3), as `Box.corners` orders them, in one node at a pose."""
+        edges = corners[:, BOX_EDGES].reshape(-1, 2, 3)
+        shade = np.repeat(np.array(colors, dtype=np.uint8), 12, axis=0)[:, None].repeat(2, axis=1)
+        wxyz, position = split(pose)
+        return self.scene.add_line_segments(
+            name, edges, shade, thickness=2.0, thickness_units="screen", wxyz=wxyz, position=position
+        )
+
+    def lines(self, name: str, segments: Floats, color: Color = FREE, width: float = 2.0) -> Any:
+        """Draw segments (n, 2, 3), world frame, metres."""
+        return self.scene.add_line_segments(name, rows(segments), color, thickness=width, thickness_units="screen")
+
+    def move(self, node: Any, pose: Floats) -> None:
+        """Move a node to a pose (4, 4)."""
+        node.wxyz, node.position = split(pose)

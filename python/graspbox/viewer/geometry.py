@@ -1,0 +1,165 @@
+"""Colours, poses in viser's notation, and meshes of which nodes draw many instances. No viser here."""
+
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox._common.rotations import quaternion_from_rotation
+from graspbox.hands import Hand
+
+__all__ = [
+    "BOX",
+    "BOX_EDGES",
+    "COLORS",
+    "CYLINDER",
+    "FAILURE",
+    "FREE",
+    "OBJECT",
+    "SUCCESS",
+    "UNTRIED",
+    "Color",
+    "Floats",
+    "place",
+    "ramp",
+    "rows",
+    "sphere",
+    "split",
+    "split_all",
+    "sticks",
+    "wire_hand",
+]
+
+Floats: TypeAlias = NDArray[np.float64]
+Color: TypeAlias = tuple[int, int, int]
+Solid: TypeAlias = tuple[NDArray[np.float32], NDArray[np.uint32]]
+
+# The colours of `graspbox.pictures`, which readers with any colour vision can tell apart.
+OBJECT: Color = (216, 183, 140)
+SUCCESS: Color = (0, 158, 115)
+FAILURE: Color = (213, 94, 0)
+UNTRIED: Color = (120, 120, 120)
+FREE: Color = (68, 68, 68)
+COLORS: tuple[Color, ...] = (
+    (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0), (140, 108, 31),
+)  # fmt: skip
+#: Indices of the corners of a box (`Box.corners`) at its edges.
+BOX_EDGES = np.array(
+    [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)]
+)
+#: Facets of cylinders, and of sticks.
+_FACETS = 12
+#: Size of a wire hand relative to the hand, length of its stem in metres, and the share by which its fingers close.
+_WIRE_SCALE, _STEM, _CLOSED = 0.36, 0.03, 0.3
+
+
+def split(pose: ArrayLike) -> tuple[Floats, Floats]:
+    """Split a pose (4, 4) into a quaternion (w, x, y, z) and a position."""
+    given = np.asarray(pose, dtype=np.float64)
+    return quaternion_from_rotation(given[None, :3, :3])[0], given[:3, 3]
+
+
+def split_all(poses: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Split poses (n, 4, 4) into quaternions (n, 4) and positions (n, 3), as instances take them."""
+    given = np.asarray(poses, dtype=np.float64)
+    return quaternion_from_rotation(given[:, :3, :3]).astype(np.float32), given[:, :3, 3].astype(np.float32)
+
+
+def rows(segments: ArrayLike) -> Floats:
+    """Return segments as (n, 2, 3)."""
+    found: Floats = np.asarray(segments, dtype=np.float64).reshape(-1, 2, 3)
+    return found
+
+
+def place(points: Floats, pose: Floats) -> Floats:
+    """Transform points (..., 3) by a pose (4, 4)."""
+    moved: Floats = points @ pose[:3, :3].T + pose[:3, 3]
+    return moved
+
+
+def ramp(values: ArrayLike) -> NDArray[np.uint8]:
+    """Map shares (n,) to colours (n, 3): blue at 0, grey, orange at 1; NaN becomes grey."""
+    shares = np.clip(np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.5), 0.0, 1.0)
+    stops = np.array([(0, 114, 178), (150, 150, 150), (230, 159, 0)], dtype=np.float64)
+    mixed = [np.interp(shares, (0.0, 0.5, 1.0), stops[:, channel]) for channel in range(3)]
+    return np.stack(mixed, axis=-1).astype(np.uint8)
+
+
+def _box() -> Solid:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)
+    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    return corners, np.array(faces, dtype=np.uint32)
+
+
+def _cylinder() -> Solid:
+    turns = 2 * np.pi * np.arange(_FACETS) / _FACETS
+    ring = np.stack([np.zeros(_FACETS), np.cos(turns), np.sin(turns)], axis=1)
+    vertices = np.concatenate([ring - (1, 0, 0), ring + (1, 0, 0), [(-1, 0, 0), (1, 0, 0)]])
+    n, faces = _FACETS, []
+    for i in range(n):
+        j = (i + 1) % n
+        faces += [(i, j, n + j), (i, n + j, n + i), (2 * n, j, i), (2 * n + 1, n + i, n + j)]
+    return vertices.astype(np.float32), np.array(faces, dtype=np.uint32)
+
+
+#: A box with half sides 1, and a cylinder of radius 1 and half length 1 about x; instances scale them.
+BOX, CYLINDER = _box(), _cylinder()
+
+
+def sphere(radius: float) -> Solid:
+    """Return a sphere of few faces: an octahedron divided once."""
+    corners = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], dtype=np.float64)
+    faces = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
+    vertices, triangles = list(corners), []
+    for a, b, c in faces:
+        first = len(vertices)
+        vertices += [vertices[a] + vertices[b], vertices[b] + vertices[c], vertices[c] + vertices[a]]
+        ab, bc, ca = first, first + 1, first + 2
+        triangles += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    found = np.array(vertices)
+    found *= radius / np.linalg.norm(found, axis=1, keepdims=True)
+    return found.astype(np.float32), np.array(triangles, dtype=np.uint32)
+
+
+def sticks(segments: ArrayLike, radius: float) -> Solid:
+    """Return segments (n, 2, 3) as thin prisms with three sides."""
+    vertices, faces = [], []
+    for start, end in rows(segments):
+        along = end - start
+        side = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        side *= radius / max(float(np.linalg.norm(side)), 1e-12)
+        up = np.cross(along, side)
+        up *= radius / max(float(np.linalg.norm(up)), 1e-12)
+        first = 6 * len(vertices)
+        turns = 2 * np.pi * np.arange(3) / 3
+        ring = np.cos(turns)[:, None] * side + np.sin(turns)[:, None] * up
+        vertices.append(np.concatenate([start + ring, end + ring]))
+        for i in range(3):
+            j = (i + 1) % 3
+            faces += [(first + i, first + j, first + 3 + j), (first + i, first + 3 + j, first + 3 + i)]
+    return np.concatenate(vertices).astype(np.float32), np.array(faces, dtype=np.uint32)
+
+
+def wire_hand(hand: Hand, preshape: float) -> Floats:
+    """Return a small hand with half-closed fingers as segments (s, 2, 3), hand frame, metres.
+
+    A stem along the approach ends at the palm's centre; from there, lines along the joints of each finger to its tip
+    show roll and preshape.
+    """
+    positions = hand.closed(preshape, _CLOSED)
+    shapes, halves, _, carriers = hand.shapes(positions)
+    joints, chains, _ = hand.joint_frames(positions)
+    palm = np.zeros(3)
+    segments = [(np.array([0.0, 0.0, -_STEM]) / _WIRE_SCALE, palm)]
+    for chain in range(len(hand.chains)):
+        found = [row for row in np.flatnonzero(chains == chain) if (carriers == row).any()]
+        if not found:
+            continue
+        last = int(np.where(carriers == found[-1], halves.prod(axis=1), -1.0).argmax())
+        center = shapes[last, :3, 3]
+        points = [joints[row, :3, 3] for row in found]
+        points.append(2 * center - points[-1])
+        segments += pairwise([palm, *points])
+    return _WIRE_SCALE * np.array(segments)

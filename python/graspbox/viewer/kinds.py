@@ -1,0 +1,83 @@
+"""What can be viewed: one row per kind, with the function that recognises it and the page that shows it.
+
+The first row whose recogniser returns something has the thing; a recogniser returns None for things of other kinds.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from graspbox import object_sets
+from graspbox.errors import ConfigError, ObjectSetError
+from graspbox.meshes import Mesh, as_mesh
+from graspbox.object_sets import ObjectSet
+from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
+from graspbox.planning import Plan
+from graspbox.viewer.page import Options, Page
+from graspbox.viewer.pages.objects import ObjectPage, PlannedObject
+
+__all__ = ["KINDS", "Kind", "find"]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of thing.
+
+    Attributes
+    ----------
+    name : str
+        Its name, in errors.
+    recognise : callable
+        Takes a thing and `Options`; returns what the page shows, or None.
+    page : type of Page
+        Shows it.
+    """
+
+    name: str
+    recognise: Callable[[Any, Options], Any]
+    page: type[Page]
+
+
+def _object(what: Any, options: Options) -> PlannedObject | None:
+    if isinstance(what, PlannedObject):
+        return what
+    if isinstance(what, Mesh):
+        return PlannedObject(what)
+    if isinstance(what, tuple) and len(what) == 2 and isinstance(what[1], Plan):
+        return PlannedObject(as_mesh(what[0]), what[1])
+    found = _set(what, options)
+    return PlannedObject(found[0].load()) if found is not None and len(found) == 1 else None
+
+
+def _set(what: Any, options: Options) -> ObjectSet | None:
+    if isinstance(what, ObjectSet):
+        return what
+    if not isinstance(what, str | Path):
+        return None
+    name = str(what)
+    if name.partition(":")[0] in ("procedural", "ycb", "dir") or Path(name).suffix.lower() in MESH_SUFFIXES:
+        return object_sets.load(what, scale=options.scale)
+    return None
+
+
+KINDS: tuple[Kind, ...] = (
+    Kind("object or mesh file", _object, ObjectPage),
+)
+
+
+def find(what: Any, options: Options) -> tuple[type[Page], Any]:
+    """Find the page for a thing; returns its class and what it shows.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError
+        If no kind has it, or it is of a kind but cannot be read.
+    """
+    for kind in KINDS:
+        if (found := kind.recognise(what, options)) is not None:
+            return kind.page, found
+    known = "; ".join(kind.name for kind in KINDS)
+    if isinstance(what, str | Path):
+        raise ObjectSetError(f"{str(what)!r} names nothing that can be viewed; give one of: {known}")
+    raise ConfigError(f"what is of the type {type(what).__name__}; give one of: {known}")
